@@ -1,0 +1,39 @@
+"""Static forces in repulsive lattices: stiffness D0 + D*, bands, waves; on ASE and phonopy (arXiv:1911.10410)."""
+
+from importlib import import_module
+
+__version__ = '0.1.0'
+
+# The public names and where they live.  They are imported when first used, so that `import magphonon` stays light.
+_HOME = {
+    'InversePower': 'potentials',
+    'Yukawa': 'potentials',
+    'Tabulated': 'potentials',
+    'find_bonds': 'bonds',
+    'explicit_bonds': 'bonds',
+    'bond_stiffness': 'stiffness',
+    'MagneticRepulsion': 'calculator',
+    'Bands': 'bands',
+    'analytic_bands': 'bands',
+    'group_velocities': 'bands',
+    'sound_speeds': 'bands',
+    'finite_displacements': 'phonons',
+    'phonopy_bands': 'phonons',
+    'plot_bands': 'plotting',
+    'read_scene': 'scenes',
+}
+_MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'plotting', 'scenes')
+
+__all__ = sorted([*_HOME, *_MODULES])
+
+
+def __getattr__(name):
+    if name in _HOME:
+        return getattr(import_module(f'.{_HOME[name]}', __name__), name)
+    if name in _MODULES:
+        return import_module(f'.{name}', __name__)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__():
+    return sorted([*globals(), *__all__])

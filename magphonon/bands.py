@@ -1,0 +1,272 @@
+"""Bands of a periodic lattice from its Bloch matrix: frequencies, modes, group velocities, sound speeds."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from ase.cell import Cell
+from ase.dft.kpoints import BandPath
+
+from . import units
+from .calculator import MagneticRepulsion
+from .errors import finite
+from .files import whole_file
+from .stiffness import bloch_gradient, bloch_matrix, bloch_series, mass_weighted, model_stiffness, signed_root
+
+BATCH_BYTES = 2**26  # of Bloch matrices diagonalised at a time; the whole of a large zone need not fit in memory
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Frequencies along a path through the Brillouin zone.
+
+    Attributes
+    ----------
+    path : ase.dft.kpoints.BandPath
+        Wavevectors `path.kpts` in fractions of the reciprocal vectors, and the names of special points.
+    omega : ndarray, shape (wavevectors, modes)
+        Angular frequencies in rad/ms, ascending; an unstable mode is negative, the square root of -omega^2 with its sign.
+    vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), optional
+        Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
+    """
+
+    path: BandPath
+    omega: np.ndarray
+    vectors: np.ndarray | None = None
+
+    @property
+    def frequencies_Hz(self):
+        """Frequencies in Hz, shape (wavevectors, modes)."""
+        return self.omega / (2 * np.pi) / units.Hz
+
+    @cached_property
+    def longitudinal(self):
+        """Share of each mode's motion along the wavevector, 0 to 1, shape (wavevectors, modes); NaN at k = 0."""
+        if self.vectors is None:
+            raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+        k = self.path.kpts @ self.path.cell.reciprocal().array
+        with np.errstate(invalid='ignore'):
+            direction = (k / np.linalg.norm(k, axis=1)[:, None])[:, : self.vectors.shape[-1]]
+        return (abs(np.einsum('qmix,qx->qmi', self.vectors, direction)) ** 2).sum(axis=2)
+
+    @property
+    def polarisations(self):
+        """Label of each mode, shape (wavevectors, modes): 'longitudinal', 'transverse' (over 90 %), 'mixed', or '' at k = 0."""
+        share = self.longitudinal
+        return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
+
+    def to_ase(self):
+        """The same as an `ase.spectrum.band_structure.BandStructure`; its energies are frequencies in Hz."""
+        from ase.spectrum.band_structure import BandStructure
+
+        return BandStructure(self.path, self.frequencies_Hz[None])
+
+    def save(self, path):
+        """Write to a .npz file, whole or not at all."""
+        special = self.path.special_points
+        arrays = {'cell': self.path.cell.array, 'kpts': self.path.kpts, 'path': self.path.path, 'omega': self.omega,
+                  'names': np.array(list(special)), 'points': np.array(list(special.values())).reshape(-1, 3)}
+        if self.vectors is not None:
+            arrays['vectors'] = self.vectors
+        with whole_file(path, 'wb') as file:
+            np.savez(file, **arrays)
+
+    @classmethod
+    def load(cls, path):
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is truncated or holds something else.
+        """
+        try:
+            with np.load(path) as data:
+                special = dict(zip(data['names'].tolist(), data['points'], strict=True))
+                band_path = BandPath(Cell(data['cell']), data['kpts'], special, str(data['path']))
+                return cls(band_path, data['omega'], data.get('vectors'))
+        except FileNotFoundError:
+            raise
+        except Exception as error:
+            raise ValueError(f'{path} is no complete file of bands ({error}); compute them again and save()') from error
+
+
+def repulsion_of(atoms):
+    """The MagneticRepulsion attached to `atoms`.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    if not isinstance(atoms.calc, MagneticRepulsion):
+        raise ValueError(f'the atoms carry {atoms.calc!r} as calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
+    return atoms.calc
+
+
+def bloch_modes(atoms, q, model='complete', vectors=False):
+    """Squared frequencies of a periodic structure at any wavevectors.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    q : array_like, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors.
+    model : {'complete', 'conventional'}
+    vectors : bool
+        Compute the modes too.
+
+    Returns
+    -------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms, unstable modes negative.
+    vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
+
+    Raises
+    ------
+    ValueError
+        For an unknown model, a wavevector that is not finite, or atoms without MagneticRepulsion.
+    """
+    calc = repulsion_of(atoms)
+    q = finite('q', np.reshape(q, (-1, 3)))
+    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+    omega, modes = [], []
+    for part in np.array_split(q, _batches(len(q), len(atoms) * calc.dim)):
+        D = mass_weighted(bloch_matrix(calc.bonds, K, part, calc.parameters.foundation), atoms.get_masses())
+        if vectors:
+            squares, columns = np.linalg.eigh(D)
+            modes.append(columns.swapaxes(1, 2).reshape(*squares.shape, len(atoms), calc.dim))
+        else:
+            squares = np.linalg.eigvalsh(D)
+        omega.append(signed_root(squares))
+    return np.concatenate(omega), np.concatenate(modes) if vectors else None
+
+
+def _batches(wavevectors, size):
+    return max(1, -(-wavevectors * size**2 * 16 // BATCH_BYTES))
+
+
+def analytic_bands(atoms, path, model='complete', vectors=False):
+    """Bands along a path from the analytic Bloch matrix (Eq. 18).
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    path : ase.dft.kpoints.BandPath
+        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`.
+    model : {'complete', 'conventional'}
+        D0 + D*, or D0 alone.
+    vectors : bool
+        Keep the modes too.
+
+    Returns
+    -------
+    Bands
+
+    Raises
+    ------
+    ValueError
+        For an unknown model, a path of another cell, or atoms without MagneticRepulsion.
+    """
+    path = path_of(atoms, path)
+    return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors))
+
+
+def path_of(atoms, path):
+    """The same path on the very cell of `atoms`; ASE's `bandpath` returns it on a rotated copy of the cell.
+
+    Raises
+    ------
+    ValueError
+        If `path` is no BandPath or belongs to a cell of another shape.
+    """
+    if not isinstance(path, BandPath):
+        raise ValueError(f'the path must be a BandPath, not {type(path).__name__}; get one from atoms.cell.bandpath(...)')
+    periodic = np.ix_(atoms.pbc, atoms.pbc)
+    ours, theirs = ((cell.array @ cell.array.T)[periodic] for cell in (atoms.cell, path.cell))
+    if abs(ours - theirs).max(initial=0) > 1e-9 * abs(ours).max(initial=0):
+        raise ValueError('the path belongs to a cell of another shape; get it with atoms.cell.bandpath(..., pbc=atoms.pbc)')
+    return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
+
+
+def group_velocities(atoms, q, model='complete'):
+    """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
+
+    For a mode v of frequency w, `2 w dw/dk = v^+ (dD/dk) v`.  At degenerate points the velocity depends on the
+    direction of approach; there the mean of the crossing branches is returned for each.
+
+    Parameters
+    ----------
+    atoms, q, model
+        As for `bloch_modes`.
+
+    Returns
+    -------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms.
+    velocity : ndarray, shape (wavevectors, modes, dim)
+        In mm/ms = m/s; NaN where the frequency is zero or imaginary.
+    """
+    calc = repulsion_of(atoms)
+    q = finite('q', np.reshape(q, (-1, 3)))
+    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
+    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+    v = vectors.reshape(*omega.shape, -1)
+    gradient = mass_weighted(bloch_gradient(calc.bonds, K, q, atoms.cell.array), atoms.get_masses())
+    slope = np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real
+    slope = _mean_over_crossings(omega, slope)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        velocity = slope / (2 * omega[..., None])
+    velocity[omega <= 1e-6 * abs(omega).max()] = np.nan  # the root of a square's round-off
+    return omega, velocity
+
+
+def _mean_over_crossings(omega, slope):
+    """Average `slope` over the modes of equal frequency, whose eigenvectors are arbitrary."""
+    same = abs(omega[:, :, None] - omega[:, None, :]) <= 1e-9 * abs(omega).max()
+    return np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), slope)
+
+
+def sound_speeds(atoms, direction=(1, 0), model='complete'):
+    """Speeds of sound along a direction, from the Bloch matrix to second order in k.
+
+    A foundation opens a gap and leaves no sound: the speeds are those of the lattice without it.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    direction : array_like, shape (dim,)
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    ndarray, shape (dim,)
+        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.
+
+    Raises
+    ------
+    ValueError
+        For a direction of zero length or of another dimension.
+    """
+    calc = repulsion_of(atoms)
+    direction = finite('direction', direction, (calc.dim,))
+    if not direction.any():
+        raise ValueError(f'the direction must not be zero, not {direction}')
+    along = direction / np.linalg.norm(direction)
+    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+    masses = atoms.get_masses()
+    n, dim = len(atoms), calc.dim
+    R = (calc.bonds.shift @ atoms.cell.array)[:, :dim] @ along
+    A, B, C = (mass_weighted(term, masses) for term in bloch_series(calc.bonds, K, R))
+
+    # the internal modes follow the translations u: second-order perturbation theory
+    u = np.kron(np.sqrt(masses)[:, None], np.eye(dim)) / np.sqrt(masses.sum())
+    internal = np.linalg.svd(u)[0][:, dim:]
+    coupling = internal.T @ B @ u
+    squares = u.T @ C @ u
+    if n > 1:
+        squares = squares - coupling.conj().T @ np.linalg.pinv(internal.T @ A @ internal, 1e-12, hermitian=True) @ coupling
+    return signed_root(np.linalg.eigvalsh(squares))

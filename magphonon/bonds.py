@@ -1,0 +1,259 @@
+"""Bonds: which particles repel each other, each pair once, also across the border of a periodic cell.
+
+One list serves the calculator, the Hessian and the bands.  A bond runs from particle i to the image of
+particle j in the cell `shift`; with the incidence matrix C(q), whose row for a bond holds -1 at i and
+e^{2 pi i q.shift} at j,
+
+    forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from .errors import positive, whole
+
+SHELL_WIDTH = 1e-6
+"""Distances that differ by less than this fraction belong to one shell of neighbours."""
+
+
+@dataclass(frozen=True)
+class Bonds:
+    """The bonds of one structure.
+
+    Attributes
+    ----------
+    i, j : ndarray of int, shape (bonds,)
+        The particles that each bond joins; equal for a bond between a particle and its own periodic image.
+    shift : ndarray of int, shape (bonds, 3)
+        The periodic cell that holds j.
+    vectors : ndarray, shape (bonds, 3)
+        From i to j at rest, in mm.
+    particles : int
+        Number of particles in the structure.
+    cutoff : float or None
+        Distance in mm within which the bonds were found; None for an explicit list.
+    """
+
+    i: np.ndarray
+    j: np.ndarray
+    shift: np.ndarray
+    vectors: np.ndarray
+    particles: int
+    cutoff: float | None = None
+
+    def __len__(self):
+        return len(self.i)
+
+    @property
+    def lengths(self):
+        """Bond lengths at rest in mm, shape (bonds,)."""
+        return np.linalg.norm(self.vectors, axis=1)
+
+    @property
+    def coordination(self):
+        """Number of bonds that end at each particle, shape (particles,)."""
+        return np.bincount(np.concatenate([self.i, self.j]), minlength=self.particles)
+
+    @cached_property
+    def incidence(self):
+        """Incidence matrix C at q = 0, sparse, shape (bonds, particles); a self-image bond has an empty row."""
+        return self.incidence_at((0, 0, 0)).real
+
+    def incidence_at(self, q):
+        """Incidence matrix C(q) at the wavevector `q` in fractions of the reciprocal vectors; sparse, complex."""
+        from scipy.sparse import csr_array
+
+        row = np.arange(len(self))
+        phase = np.exp(2j * np.pi * self.shift @ np.asarray(q, dtype=float))
+        entries = np.concatenate([-np.ones(len(self)), phase])
+        matrix = csr_array((entries, (np.tile(row, 2), np.concatenate([self.i, self.j]))),
+                           shape=(len(self), self.particles))
+        matrix.eliminate_zeros()
+        return matrix
+
+
+def find_bonds(atoms, shells=1, cutoff=None):
+    """Bonds between all particles up to the given shell of neighbours, or within `cutoff`.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        The rest configuration; its periodic directions are honoured.
+    shells : int
+        Number of neighbour shells (distinct distances in the structure); ignored when `cutoff` is given.
+    cutoff : float, optional
+        Distance in mm.
+
+    Returns
+    -------
+    Bonds
+
+    Raises
+    ------
+    ValueError
+        If particles coincide, none lies within reach, or the cutoff falls on a shell of neighbours, where the
+        smallest displacement would make and break bonds and corrupt every finite difference.
+    """
+    if cutoff is None:
+        cutoff = _shell_cutoff(atoms, whole('shells', shells))
+    else:
+        cutoff = positive('cutoff', cutoff, 'mm')
+        distances = _distances(atoms, cutoff * (1 + 2 * SHELL_WIDTH))
+        if not len(distances):
+            raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it')
+        near = distances[np.argmin(abs(distances - cutoff))]
+        if abs(near - cutoff) <= SHELL_WIDTH * cutoff:
+            raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
+                             'move it between two shells, or give shells=')
+    return _bonds_within(atoms, cutoff)
+
+
+def _bonds_within(atoms, cutoff):
+    i, j, shift, lengths = _pairs(atoms, cutoff)
+    _refuse_coincident(i, j, lengths)
+    # every pair is found from both ends: keep i < j, and of a self-image pair the one whose first non-zero shift is positive
+    first = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
+    once = (i < j) | ((i == j) & (first > 0))
+    i, j, shift = i[once], j[once], shift[once]
+    vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
+    return Bonds(i, j, shift, vectors, len(atoms), cutoff)
+
+
+def _distances(atoms, cutoff):
+    return np.unique(_pairs(atoms, cutoff)[3])
+
+
+def _pairs(atoms, cutoff):
+    """All pairs i, j, shift, distance within `cutoff`, each from both ends.
+
+    A k-d tree over the periodic images: ASE 3.29's neighbour list puts all particles of a flat structure without
+    periodic borders into one bin and asks for the square of their number in memory.
+    """
+    from scipy.spatial import cKDTree
+
+    if not np.isfinite(atoms.positions).all():
+        raise ValueError(f'particle {np.argwhere(~np.isfinite(atoms.positions))[0, 0]} has a position that is not a finite number')
+    rows = np.linalg.norm(np.linalg.pinv(atoms.cell.array), axis=0)  # inverse distances between lattice planes
+    reach = np.where(atoms.pbc, np.ceil(cutoff * rows).astype(int) + 1, 0)
+    shifts = np.array(list(product(*(range(-n, n + 1) for n in reach))))
+    images = (atoms.positions + (shifts @ atoms.cell.array)[:, None]).reshape(-1, 3)
+    found = cKDTree(atoms.positions).sparse_distance_matrix(cKDTree(images), cutoff, output_type='ndarray')
+    image, j = np.divmod(found['j'], len(atoms))
+    other = (found['i'] != j) | shifts[image].any(axis=1)
+    return found['i'][other], j[other], shifts[image][other], found['v'][other]
+
+
+def _shell_cutoff(atoms, shells):
+    """Distance midway between the last shell wanted and the next one."""
+    if len(atoms) < 2 and not atoms.pbc.any():
+        raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
+    extent = 2 * np.linalg.norm(np.ptp(atoms.positions, axis=0)) + atoms.cell.lengths()[atoms.pbc].max(initial=0)
+    reach = extent / np.sqrt(len(atoms))
+    while True:
+        distances = _distances(atoms, reach)
+        last = np.flatnonzero(np.diff(distances) > SHELL_WIDTH * distances[1:])  # of each shell that another one follows
+        if len(last) >= shells:
+            return distances[last[shells - 1] : last[shells - 1] + 2].mean()
+        if reach > extent and not atoms.pbc.any():
+            if len(last) + 1 == shells:
+                return reach
+            raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
+        reach *= 1.5
+
+
+def _refuse_coincident(i, j, lengths):
+    if not np.isfinite(lengths).all():
+        raise ValueError('a particle position is not a finite number')
+    if len(lengths) and lengths.min() <= 1e-12 * max(lengths.max(), 1e-300):
+        k = lengths.argmin()
+        raise ValueError(f'particles {i[k]} and {j[k]} coincide; move one of them, or list the bonds explicitly (bonds=)')
+
+
+def explicit_bonds(atoms, pairs):
+    """Bonds between the listed pairs of particles, for structures that no cutoff describes.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        The rest configuration.
+    pairs : sequence of (i, j) or (i, j, shift)
+        Particle indices, and the periodic cell of j (three integers, default 0 0 0).
+
+    Returns
+    -------
+    Bonds
+
+    Raises
+    ------
+    ValueError
+        If an index is out of range, a pair is listed twice or joins a particle to itself, or two bonded particles coincide.
+    """
+    n = len(atoms)
+    listed = {}
+    for pair in pairs:
+        i, j, shift = (*pair, (0, 0, 0)) if len(pair) == 2 else pair
+        i, j, shift = int(i), int(j), tuple(int(k) for k in shift)
+        if not (0 <= i < n and 0 <= j < n):
+            raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}')
+        if i == j and shift == (0, 0, 0):
+            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself')
+        if any(shift[k] and not atoms.pbc[k] for k in range(3)):
+            raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic')
+        reverse = (j, i, tuple(-k for k in shift))
+        if (i, j, shift) in listed or reverse in listed:
+            raise ValueError(f'bond {tuple(pair)} is listed twice; each pair counts once')
+        listed[i, j, shift] = None
+    if not listed:
+        raise ValueError('the list of bonds is empty')
+    i, j, shift = (np.array(column) for column in zip(*listed, strict=True))
+    vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
+    _refuse_coincident(i, j, np.linalg.norm(vectors, axis=1))
+    return Bonds(i, j, shift, vectors, n)
+
+
+def repeat_bonds(bonds, atoms, supercell):
+    """The same bonds in a supercell of `atoms`, whatever the order of its particles.
+
+    Parameters
+    ----------
+    bonds : Bonds
+        Bonds of `atoms`.
+    atoms, supercell : ase.Atoms
+        The periodic cell, and a structure of whole cells of it (phonopy's or `repeat`'s).
+
+    Returns
+    -------
+    Bonds
+
+    Raises
+    ------
+    ValueError
+        If the supercell does not consist of images of the cell's particles.
+    """
+    from scipy.spatial import cKDTree
+
+    to_cell, to_super = np.linalg.inv(atoms.cell.array), np.linalg.inv(supercell.cell.array)
+
+    def site_of(points, inverse, tree):
+        wrapped = np.mod(points @ inverse, 1.0) % 1.0  # twice: mod of -1e-17 is 1.0
+        distance, index = tree.query(wrapped)
+        if distance.size and distance.max() > 1e-6:
+            raise ValueError('the supercell does not consist of images of the cell; build it with repeat() or phonopy')
+        return index
+
+    def tree_of(structure, inverse):
+        return cKDTree(np.mod(structure.positions @ inverse, 1.0) % 1.0, boxsize=1.0)
+
+    # the particle of the cell of which each particle of the supercell is an image
+    origin = site_of(supercell.positions, to_cell, tree_of(atoms, to_cell))
+    images = [np.flatnonzero(origin == k) for k in range(len(atoms))]
+    counts = [len(images[k]) for k in bonds.i]
+    i = np.concatenate([images[k] for k in bonds.i])
+    vectors = np.repeat(bonds.vectors, counts, axis=0)
+    ends = supercell.positions[i] + vectors
+    j = site_of(ends, to_super, tree_of(supercell, to_super))
+    shift = np.round((ends - supercell.positions[j]) @ to_super).astype(int)
+    return Bonds(i, j, shift, vectors, len(supercell), bonds.cutoff)

@@ -1,0 +1,221 @@
+"""ASE calculator of particles that repel each other and stand on an elastic foundation."""
+
+from functools import cached_property
+
+import numpy as np
+from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
+from scipy import sparse
+
+from .bonds import Bonds, explicit_bonds, find_bonds, repeat_bonds
+from .errors import not_negative, one_of, positive
+from .stiffness import bond_stiffness, hessian
+
+CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
+HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
+
+
+class MagneticRepulsion(Calculator):
+    """Pair repulsion between particles about their rest positions, with foundation springs.
+
+    With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
+    the displacement u of each particle from rest, the energy is
+
+        complete      E = sum_bonds [phi(|R + du|) - phi(r0)] + sum_particles k u^2 / 2
+        conventional  E = sum_bonds [phi(r0 + n.du) - phi(r0)] + sum_particles k u^2 / 2
+
+    The conventional model freezes the bond directions.  The paper's own words, "only the magnitude is updated",
+    can also mean the force -phi'(|R + du|) n: `model='literal'`.  That force is not conservative, so it has
+    neither energy nor Hessian; it is here to be compared with.
+
+    Particles in a structure that is not periodic in all three directions are planar: they must share one z, and
+    neither forces nor foundation act along it.  (Magnets are in truth unstable out of the plane; supports hold them.)
+
+    Parameters
+    ----------
+    reference : ase.Atoms
+        The rest configuration.  Positions are anchors of the foundation and, modulo periodic images, the origin of
+        displacements; the energy is zero there.
+    potential : object with phi, dphi and d2phi
+        Pair law in mm, mJ (`magphonon.potentials`).
+    foundation : float
+        Stiffness of the spring between each particle and its rest position, N/mm.
+    model : {'complete', 'conventional', 'literal'}
+    shells : int
+        Number of neighbour shells that interact.
+    cutoff : float, optional
+        Instead of `shells`: the distance in mm within which particles interact.
+    bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
+        Instead of either: the interacting pairs.
+
+    Raises
+    ------
+    ValueError
+        For a reference that is not planar, coincident particles, a mass or parameter that is not positive, a cutoff
+        on a shell of neighbours, an unknown model.
+    """
+
+    implemented_properties = ['energy', 'free_energy', 'energies', 'forces', 'hessian']
+    default_parameters = {'foundation': 0.0, 'model': 'complete'}
+
+    def __init__(self, reference, potential, *, foundation=0.0, model='complete', shells=1, cutoff=None, bonds=None):
+        missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(potential, name, None))]
+        if missing:
+            raise ValueError(f'the potential {potential!r} lacks the method {missing[0]}(r); see magphonon.potentials')
+        masses = reference.get_masses()
+        for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
+            positive(f'mass of particle {k}', masses[k], 'g')
+        self.reference = reference.copy()
+        self.reference.calc = None
+        self.potential = potential
+        self.dim = 3 if reference.pbc.all() else 2
+        if self.dim == 2 and np.ptp(reference.positions[:, 2]) > 0:
+            raise ValueError('planar particles must share one z, but z ranges over '
+                             f'{np.ptp(reference.positions[:, 2]):g} mm; a structure in space is periodic along all three vectors')
+        if bonds is None:
+            bonds = find_bonds(self.reference, shells, cutoff)
+        elif not isinstance(bonds, Bonds):
+            bonds = explicit_bonds(self.reference, bonds)
+        self.bonds = bonds
+        super().__init__(foundation=foundation, model=model)
+
+    def set(self, **parameters):
+        """Change `foundation` or `model`; whatever was computed before is forgotten.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name or an impossible value.
+        """
+        for name in parameters:
+            one_of('parameter', name, tuple(self.default_parameters))
+        if 'foundation' in parameters:
+            parameters['foundation'] = not_negative('foundation', parameters['foundation'], 'N/mm')
+        if 'model' in parameters:
+            one_of('model', parameters['model'], CALCULATOR_MODELS)
+        changed = super().set(**parameters)
+        self.reset()
+        return changed
+
+    def on(self, supercell):
+        """The same calculator on a supercell of its reference, whatever the order of the particles there."""
+        bonds = repeat_bonds(self.bonds, self.reference, supercell)
+        return MagneticRepulsion(supercell, self.potential, bonds=bonds, **self.parameters)
+
+    # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.
+    def check_state(self, atoms, tol=0.0):
+        if self.atoms is None:
+            return all_changes
+        changes = []
+        if not np.array_equal(self.atoms.positions, atoms.positions):
+            changes.append('positions')
+        if not np.array_equal(self.atoms.cell.array, atoms.cell.array):
+            changes.append('cell')
+        if not np.array_equal(self.atoms.pbc, atoms.pbc):
+            changes.append('pbc')
+        if not np.array_equal(self.atoms.numbers, atoms.numbers):
+            changes.append('numbers')
+        return changes
+
+    def get_property(self, name, atoms=None, allow_calculation=True):
+        if name == 'hessian':  # dear, and no part of a trajectory: never cached
+            return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
+        if self.parameters.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
+            raise PropertyNotImplementedError("the literal conventional force has no energy: it does work around a closed loop; "
+                                              "use model='conventional'")
+        return super().get_property(name, atoms, allow_calculation)
+
+    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+        super().calculate(atoms, properties, system_changes)
+        u = self.displacements(self.atoms)
+        self.results = {'forces': np.zeros((len(u), 3))}
+        self.results['forces'][:, : self.dim] = self._forces(u)
+        if self.parameters.model != 'literal':
+            energies = self._energies(u)
+            self.results.update(energies=energies, energy=energies.sum(), free_energy=energies.sum())
+
+    def displacements(self, atoms):
+        """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions.
+
+        Raises
+        ------
+        ValueError
+            If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
+        """
+        if len(atoms) != len(self.reference):
+            raise ValueError(f'the calculator was made for {len(self.reference)} particles, not {len(atoms)}; '
+                             'make one for this structure, or use calculator.on(supercell)')
+        if not (np.array_equal(atoms.cell.array, self.reference.cell.array) and np.array_equal(atoms.pbc, self.reference.pbc)):
+            raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; '
+                             'make a calculator for this cell')
+        u = atoms.positions - self.reference.positions
+        if not np.isfinite(u).all():
+            raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
+        if atoms.pbc.any():
+            cells = np.round(u @ self._inverse_cell) * atoms.pbc
+            u = u - cells @ atoms.cell.array
+        return u[:, : self.dim]
+
+    @cached_property
+    def _inverse_cell(self):
+        return np.linalg.pinv(self.reference.cell.array)
+
+    @cached_property
+    def _rest(self):
+        """Bond vectors R, lengths r0 and directions n at rest, and phi(r0)."""
+        R = self.bonds.vectors[:, : self.dim]
+        r0 = np.linalg.norm(R, axis=1)
+        return R, r0, R / r0[:, None], self.potential.phi(r0)
+
+    def _geometry(self, u):
+        """Bond lengths that enter the law, and the directions along which the force acts."""
+        R, r0, n, _ = self._rest
+        du = self.bonds.incidence @ u
+        if self.parameters.model == 'conventional':
+            return self._separated(r0 + np.einsum('bx,bx->b', n, du)), n
+        bond = R + du
+        length = self._separated(np.sqrt(np.einsum('bx,bx->b', bond, bond)))
+        return length, bond / length[:, None] if self.parameters.model == 'complete' else n
+
+    def _separated(self, length):
+        if length.size and not length.min() > 0:
+            b = length.argmin()
+            raise ValueError(f'particles {self.bonds.i[b]} and {self.bonds.j[b]} coincide or have passed through each other '
+                             f'(distance {length[b]:g} mm along their bond); start from smaller displacements')
+        return length
+
+    def _forces(self, u):
+        length, n = self._geometry(u)
+        return -(self.bonds.incidence.T @ (self.potential.dphi(length)[:, None] * n)) - self.parameters.foundation * u
+
+    def _energies(self, u):
+        length, _ = self._geometry(u)
+        shared = self.potential.phi(length) - self._rest[3]  # half to each end of the bond
+        bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
+        return bonds + 0.5 * self.parameters.foundation * np.einsum('ix,ix->i', u, u)
+
+    def get_hessian(self, atoms, part='all'):
+        """Second derivatives of the energy at the present positions, or one part of them.
+
+        Parameters
+        ----------
+        atoms : ase.Atoms
+        part : {'all', 'D0', 'Dstar', 'foundation'}
+            'all' is their sum in the complete model; the conventional model has no 'Dstar'.
+
+        Returns
+        -------
+        scipy.sparse.csr_array, shape (3 * particles, 3 * particles)
+            In N/mm; ASE's order of components.  Rows along z are empty for planar particles.
+        """
+        one_of('part', part, HESSIAN_PARTS)
+        if self.parameters.model == 'literal':
+            raise PropertyNotImplementedError("the literal conventional force has no energy and so no Hessian; use model='conventional'")
+        length, n = self._geometry(self.displacements(atoms))
+        D0, Dstar = bond_stiffness(length[:, None] * n, self.potential)
+        if self.parameters.model == 'conventional':
+            Dstar = np.zeros_like(Dstar)
+        K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
+        k = self.parameters.foundation if part in ('all', 'foundation') else 0.0
+        H = hessian(self.bonds, K, k)
+        to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
+        return sparse.csr_array(to_space @ H @ to_space.T)

@@ -1,0 +1,177 @@
+"""Pair laws of repulsion: `phi(r)`, its slope `dphi` and its curvature `d2phi`.
+
+Any object with these three vectorised methods is a potential; nothing has to be inherited.  The force with
+which two particles repel each other is `f(r) = -phi'(r)`.  (The paper writes `f = phi_r`; with the usual sign
+of an energy it is the negative slope, and the bond stiffness is `phi'' nn + (phi'/r)(I - nn)`.)
+
+The methods accept complex distances, so that derivatives can be checked by the complex step.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import units
+from .errors import positive
+
+
+def repulsion(potential, r):
+    """Repulsive force `f(r) = -phi'(r)` in N at the distances `r` in mm."""
+    return -potential.dphi(r)
+
+
+@dataclass(frozen=True)
+class InversePower:
+    """Inverse-power repulsion `f(r) = b r**-a`, the paper's law for magnets.
+
+    Parameters
+    ----------
+    b : float
+        Strength in N mm^a; write `b = 1.6209e-10 * N * m**a`.
+    a : float
+        Exponent of the force, positive.  Side-by-side dipoles have a = 4.
+
+    Raises
+    ------
+    ValueError
+        If `b` or `a` is not a positive number.
+    """
+
+    b: float
+    a: float
+
+    def __post_init__(self):
+        positive('b', self.b, 'N mm^a')
+        positive('a', self.a)
+
+    @classmethod
+    def dipoles(cls, moment):
+        """Point dipoles `moment` (A mm^2), normal to the plane: `f = b r^-4`, `b = 3 mu0 m^2/(4 pi)`."""
+        positive('moment', moment, 'A mm^2')
+        return cls(b=3 * units.mu0 * moment**2 / (4 * np.pi), a=4.0)
+
+    def phi(self, r):
+        if self.a == 1:
+            return -self.b * np.log(r)
+        return self.b * r ** (1 - self.a) / (self.a - 1)
+
+    def dphi(self, r):
+        return -self.b * r**-self.a
+
+    def d2phi(self, r):
+        return self.a * self.b * r ** (-self.a - 1)
+
+
+@dataclass(frozen=True)
+class Yukawa:
+    """Screened Coulomb repulsion `phi(r) = c exp(-kappa r)/r`, of dust grains in a plasma.
+
+    Parameters
+    ----------
+    c : float
+        Strength in mJ mm, positive.
+    kappa : float
+        Inverse screening length in 1/mm, positive.
+
+    Raises
+    ------
+    ValueError
+        If `c` or `kappa` is not a positive number.
+    """
+
+    c: float
+    kappa: float
+
+    def __post_init__(self):
+        positive('c', self.c, 'mJ mm')
+        positive('kappa', self.kappa, '1/mm')
+
+    def phi(self, r):
+        return self.c * np.exp(-self.kappa * r) / r
+
+    def dphi(self, r):
+        return -self.phi(r) * (self.kappa + 1 / r)
+
+    def d2phi(self, r):
+        return self.phi(r) * (self.kappa**2 + 2 * self.kappa / r + 2 / r**2)
+
+
+# Gauss-Legendre on [0, 1]: the energy between two table points to round-off, also for a law as steep as r^-12
+# sampled twice per octave.
+_NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(16), (1, 0), strict=True))
+
+
+@dataclass(frozen=True)
+class Tabulated:
+    """A smooth law through measured force-distance data: cubic spline of `log f` over `log r`.
+
+    On logarithmic axes an inverse power is a straight line, which the spline reproduces exactly; between
+    measured points the force stays positive and has a continuous slope and curvature.  The energy is the
+    integral of the force, zero at the last point.
+
+    Parameters
+    ----------
+    r : array_like, shape (n,)
+        Distances in mm, increasing, n >= 4.
+    f : array_like, shape (n,)
+        Repulsive forces in N, positive.
+
+    Raises
+    ------
+    ValueError
+        If the table is malformed, or when the law is asked for a distance outside it.
+    """
+
+    r: np.ndarray
+    f: np.ndarray
+    _slopes: np.ndarray = field(init=False, repr=False, compare=False)
+    _energies: np.ndarray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self):
+        from scipy.interpolate import CubicSpline
+
+        r, f = (np.array(values, dtype=float) for values in (self.r, self.f))
+        if r.ndim != 1 or r.shape != f.shape or len(r) < 4:
+            raise ValueError(f'a table needs two columns of at least 4 points, not r {r.shape} and f {f.shape}')
+        if not (np.isfinite(r).all() and r[0] > 0 and (np.diff(r) > 0).all()):
+            raise ValueError(f'table distances must be positive and increasing, not {r}; sort them and drop repeats')
+        if not (np.isfinite(f).all() and (f > 0).all()):
+            raise ValueError(f'table forces must be positive (repulsive), not {f.min():g} N; drop the points at the noise floor')
+        spline = CubicSpline(np.log(r), np.log(f))
+        for name, value in (('r', r), ('f', f), ('_slopes', spline.c), ('_energies', np.zeros(len(r)))):
+            object.__setattr__(self, name, value)
+        # phi at each point from the integral over the interval beyond it
+        steps = [self._force_integral(k, r[k + 1]) for k in range(len(r) - 1)]
+        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0))
+
+    def _interval(self, r):
+        """Index k of the table interval that holds each distance."""
+        real = np.real(r)
+        if not ((real >= self.r[0]) & (real <= self.r[-1])).all():
+            bad = np.asarray(real)[~((real >= self.r[0]) & (real <= self.r[-1]))].flat[0]
+            raise ValueError(f'distance {bad:g} mm is outside the table ({self.r[0]:g} to {self.r[-1]:g} mm); '
+                             'extend the measurement, a table is not extrapolated')
+        return np.clip(np.searchsorted(self.r, real, side='right') - 1, 0, len(self.r) - 2)
+
+    def _force(self, k, r):
+        """Force, and d log f/d log r, on the spline piece k."""
+        x = np.log(r) - np.log(self.r[k])
+        c3, c2, c1, c0 = self._slopes[:, k]
+        return np.exp(c0 + x * (c1 + x * (c2 + x * c3))), c1 + x * (2 * c2 + x * 3 * c3)
+
+    def _force_integral(self, k, r):
+        """Integral of the force from the point k of the table to `r`."""
+        start = self.r[k]
+        span = r - start
+        return span * sum(w * self._force(k, start + node * span)[0] for node, w in zip(_NODES, _WEIGHTS, strict=True))
+
+    def phi(self, r):
+        k = self._interval(r)
+        return self._energies[k] - self._force_integral(k, r)
+
+    def dphi(self, r):
+        return -self._force(self._interval(r), r)[0]
+
+    def d2phi(self, r):
+        f, slope = self._force(self._interval(r), r)
+        return -f * slope / r

@@ -1,0 +1,27 @@
+"""Millimetre, gram, millisecond: the units inside magphonon, in the manner of `ase.units`.
+
+With them 1 g mm/ms^2 = 1 N and 1 N mm = 1 mJ, so that a lattice of magnets has numbers near one and no
+formula carries a factor.  Multiply on the way in, divide on the way out::
+
+    spacing = 10 * mm            law = InversePower(b=1.6209e-10 * N * m**4.5824, a=4.5824)
+    frequency / Hz               stiffness / (N / m)
+
+Angular frequencies are in rad/ms, frequencies in kHz = 1/ms, speeds in mm/ms = m/s.
+"""
+
+from math import pi
+
+mm = g = ms = rad = A = 1.0
+m = kg = s = 1e3
+N = kg * m / s**2
+J = N * m
+mJ = N * mm
+Pa = N / m**2
+GPa = 1e9 * Pa
+Hz = 1 / s
+kHz = 1e3 * Hz
+T = N / (A * m)
+deg = pi / 180
+
+mu0 = 1.25663706127e-6 * N / A**2
+"""Magnetic constant, CODATA 2022."""
