@@ -1,6 +1,8 @@
 """Writing files whole: under a temporary name first, renamed when complete."""
 
 import os
+import shutil
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,3 +26,41 @@ def whole_file(path, mode='w'):
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_directory(path):
+    """A directory to write into, whose files appear in `path` together, when all are complete.
+
+    Parameters
+    ----------
+    path : path-like
+        Made if it does not exist, but its parent must; files of the same names there are replaced.
+
+    Yields
+    ------
+    pathlib.Path
+
+    Raises
+    ------
+    OSError
+        At once if `path` is no directory, its parent does not exist, or either cannot be written.  Nothing is left
+        behind, whatever goes wrong later.
+    """
+    path = Path(path)
+    if os.path.lexists(path) and not path.is_dir():
+        raise NotADirectoryError(f'{path} is a file; name a directory for the results')
+    home = path if path.is_dir() else path.parent
+    if not home.is_dir():
+        raise FileNotFoundError(f'{path} cannot be made, as {home} is no directory; make that first, or choose another place')
+    try:
+        partial = Path(tempfile.mkdtemp(prefix='.partial-', dir=home))
+    except OSError as error:
+        raise type(error)(f'{home} cannot be written ({error.strerror}); choose another place for the results') from None
+    try:
+        yield partial
+        path.mkdir(exist_ok=True)
+        for file in sorted(partial.iterdir()):
+            os.replace(file, path / file.name)
+    finally:
+        shutil.rmtree(partial)
