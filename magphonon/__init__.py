@@ -19,6 +19,11 @@ _HOME = {
     'sound_speeds': 'bands',
     'finite_displacements': 'phonons',
     'phonopy_bands': 'phonons',
+    'extracted_dstar': 'phonons',
+    'foundation_recovered': 'phonons',
+    'displacement_errors': 'phonons',
+    'write_band_yaml': 'bandfiles',
+    'write_phonopy_params': 'bandfiles',
     'plot_bands': 'plotting',
     'read_scene': 'scenes',
 }
