@@ -1,4 +1,4 @@
-"""phonopy's finite displacements against the analytic Hessian and bands, and two independent codes against both."""
+"""phonopy's finite displacements against the analytic Hessian and bands and against the numbers of the paper."""
 
 import functools
 import os
@@ -17,7 +17,6 @@ from magphonon import (
     analytic_bands,
     displacement_errors,
     extracted_dstar,
-    find_bonds,
     finite_displacements,
     foundation_recovered,
     lattices,
@@ -420,62 +419,3 @@ def test_unsuitable_phonons_and_paths_are_refused():
         phonopy_bands(phonon, [[0, 0, 0]])
     with pytest.raises(ValueError, match='another shape'):
         phonopy_bands(phonon, at(prototype('square'), 'G'))
-
-
-# --- independent codes -----------------------------------------------------------------------------------------------
-
-
-def ase_frequencies(cell, kpts, directory, acoustic):
-    from ase import units as ase_units
-    from ase.phonons import Phonons
-
-    supercell = (3, 3, 1)
-    ours = cell.repeat(supercell)
-    phonons = Phonons(cell, cell.calc.on(ours), supercell=supercell, delta=1e-4, name=str(directory / 'ase'))
-    phonons.run()
-    phonons.read(method='standard', acoustic=acoustic)
-    energies = phonons.band_structure(kpts, verbose=False)
-    phonons.clean()
-    root = energies / (ase_units._hbar * 1e10 / np.sqrt(ase_units._e * ase_units._amu))  # of N/(mm g): rad/ms
-    return np.sort(root, axis=1)[:, -2 * len(cell) :]
-
-
-def test_ase_phonons_agree(tmp_path):
-    # the same displacement, 1e-5 L0, and so the same share of the law's curvature
-    cell = prototype()
-    path = path_through(cell, 'GMKG')
-    exact = analytic_bands(cell, path).omega
-    assert abs(ase_frequencies(cell, path.kpts, tmp_path, acoustic=False) - exact).max() < PROMISE * exact.max()
-
-
-def test_ase_phonons_with_the_sum_rule_lose_the_foundation(tmp_path):
-    cell = prototype()
-    omega = ase_frequencies(cell, at(cell, 'G').kpts, tmp_path, acoustic=True)
-    assert abs(omega / (2 * np.pi) / u.Hz).max() < 1e-3  # 26.55 Hz without the rule; the root of round-off
-
-
-@pytest.mark.peer
-@pytest.mark.parametrize('cell', [*map(prototype, PATHS), fcc()], ids=[*PATHS, 'fcc'])
-def test_matscipys_exact_hessian_agrees(cell):
-    pair = pytest.importorskip('matscipy.calculators.pair_potential')
-    a, b = 4.5824, 1.6209e-10 * 1e3 ** 4.5824  # N mm^a
-
-    class Repulsion(pair.calculator.CutoffInteraction):
-        def __call__(self, r, *args):
-            return b / (a - 1) * r ** (1 - a)
-
-        def first_derivative(self, r, *args):
-            return -b * r**-a
-
-        def second_derivative(self, r, *args):
-            return a * b * r ** (-a - 1)
-
-    phonon = finite_displacements(cell)
-    peer = pair.PairPotential({(60, 60): Repulsion(1.2 * find_bonds(cell).lengths[0])})
-    H = from_the_cell(phonon, peer.get_hessian(supercell_atoms(phonon, cell.pbc)))
-    FC = phonon.force_constants.copy()
-    dim = 3 if cell.pbc.all() else 2
-    for i, own in enumerate(phonon.primitive.p2s_map):
-        FC[i, own, :dim, :dim] -= PILLAR * np.eye(dim)  # matscipy has no foundation
-    difference = abs(FC - H)[:, :, :dim, :dim]  # and lets planar particles move along z
-    assert difference.max() < PROMISE * abs(H).max()
