@@ -24,7 +24,14 @@ _HOME = {
     'displacement_errors': 'phonons',
     'write_band_yaml': 'bandfiles',
     'write_phonopy_params': 'bandfiles',
+    'first_zone': 'zone',
+    'zone_map': 'zone',
+    'frequency_ratio': 'zone',
     'plot_bands': 'plotting',
+    'plot_mode': 'plotting',
+    'plot_zone': 'zoneplots',
+    'plot_isofrequency': 'zoneplots',
+    'plot_ratio': 'zoneplots',
     'read_scene': 'scenes',
 }
 _MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'plotting', 'scenes')

@@ -64,6 +64,9 @@ def plot_bands(bands, ax=None, label=None, **line):
     ValueError
         If the axes show bands along another path.
     """
+    from matplotlib.cbook import normalize_kwargs
+    from matplotlib.lines import Line2D
+
     ax = new_axes() if ax is None else ax
     x, ticks, names = bands.path.get_linear_kpoint_axis()
     at, names = _joined(ticks, [point_name(name) for name in names])
@@ -78,9 +81,9 @@ def plot_bands(bands, ax=None, label=None, **line):
         raise ValueError(f'these bands run along another path ({bands.path.path}, {x[-1]:g}/mm long) than those on the axes; '
                          'compute both on the same path')
     x, f = _broken(x, bands.frequencies_Hz, bands.path.kpts)
-    line.setdefault('markevery', max(1, len(x) // MARKERS))
-    (first,) = ax.plot(x, f[:, 0], label=label, **line)
-    ax.plot(x, f[:, 1:], **{'color': first.get_color()} | line)  # unlabelled: one entry in the legend
+    look = {'markevery': max(1, len(x) // MARKERS)} | normalize_kwargs(line, Line2D)
+    (first,) = ax.plot(x, f[:, 0], label=label, **look)
+    ax.plot(x, f[:, 1:], **{'color': first.get_color()} | look)  # unlabelled: one entry in the legend
     _from_zero(ax)
     if label is not None:
         legend_above(ax)
@@ -90,7 +93,7 @@ def plot_bands(bands, ax=None, label=None, **line):
 def _joined(ticks, names):
     """Ticks and names with one tick, 'X,M', where the path jumps."""
     at = np.unique(ticks)
-    return at, [','.join(name for tick, name in zip(ticks, names, strict=True) if tick == here) for here in at]
+    return at, [','.join(dict.fromkeys(name for tick, name in zip(ticks, names, strict=True) if tick == here)) for here in at]
 
 
 def _broken(x, f, kpts):

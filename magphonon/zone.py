@@ -10,7 +10,7 @@ from ase.geometry import minkowski_reduce
 from . import units
 from .bands import group_velocities
 from .errors import whole
-from .files import whole_file
+from .files import saved_arrays, whole_file
 
 PLANAR = (True, True, False)
 ROUND_OFF = 1e-6
@@ -87,13 +87,8 @@ class ZoneMap:
         ValueError
             If the file is truncated or holds something else.
         """
-        try:
-            with np.load(path) as data:
-                return cls(data['cell'], data['q'], data['omega'], data['velocity'])
-        except FileNotFoundError:
-            raise
-        except Exception as error:
-            raise ValueError(f'{path} is no complete file of a zone map ({error}); compute it again and save()') from error
+        with saved_arrays(path, 'frequencies over the zone') as data:
+            return cls(data['cell'], data['q'], data['omega'], data['velocity'])
 
 
 def zone_map(atoms, steps=96, model='complete'):

@@ -116,7 +116,6 @@ def plot_ratio(complete, conventional, branch, ax=None):
     if not (ratio > 0).any():
         raise ValueError(f'{_branch_name(complete, branch)} is nowhere stable in both models: it has no ratio to draw; '
                          'add a foundation')
-    ratio = np.round(ratio, 9)  # a ratio that lies on a contour for a closed-form reason, not on either side by round-off
     ax, zone = _zone_axes(ax, complete.cell)
     levels = MaxNLocator(8, steps=ROUND).tick_values(max(np.nanmin(ratio), 0), np.nanmax(ratio))
     filled = ax.contourf(*_mesh(complete), ratio, levels=levels, cmap='cividis')
