@@ -10,7 +10,7 @@ from ase.dft.kpoints import BandPath
 from . import units
 from .calculator import MagneticRepulsion
 from .errors import finite
-from .files import whole_file
+from .files import saved_arrays, whole_file
 from .stiffness import bloch_gradient, bloch_matrix, bloch_series, mass_weighted, model_stiffness, signed_root
 
 BATCH_BYTES = 2**26  # of Bloch matrices diagonalised at a time; the whole of a large zone need not fit in memory
@@ -80,15 +80,10 @@ class Bands:
         ValueError
             If the file is truncated or holds something else.
         """
-        try:
-            with np.load(path) as data:
-                special = dict(zip(data['names'].tolist(), data['points'], strict=True))
-                band_path = BandPath(Cell(data['cell']), data['kpts'], special, str(data['path']))
-                return cls(band_path, data['omega'], data.get('vectors'))
-        except FileNotFoundError:
-            raise
-        except Exception as error:
-            raise ValueError(f'{path} is no complete file of bands ({error}); compute them again and save()') from error
+        with saved_arrays(path, 'bands') as data:
+            special = dict(zip(data['names'].tolist(), data['points'], strict=True))
+            band_path = BandPath(Cell(data['cell']), data['kpts'], special, str(data['path']))
+            return cls(band_path, data['omega'], data.get('vectors'))
 
 
 def repulsion_of(atoms):
@@ -100,7 +95,8 @@ def repulsion_of(atoms):
         If there is none.
     """
     if not isinstance(atoms.calc, MagneticRepulsion):
-        raise ValueError(f'the atoms carry {atoms.calc!r} as calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
+        raise ValueError(f'the atoms carry {atoms.calc!r} as calculator; '
+                         'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
     return atoms.calc
 
 
@@ -129,7 +125,7 @@ def bloch_modes(atoms, q, model='complete', vectors=False):
         For an unknown model, a wavevector that is not finite, or atoms without MagneticRepulsion.
     """
     calc = repulsion_of(atoms)
-    q = finite('q', np.reshape(q, (-1, 3)))
+    q = _wavevectors(q)
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     omega, modes = [], []
     for part in np.array_split(q, _batches(len(q), len(atoms) * calc.dim)):
@@ -141,6 +137,13 @@ def bloch_modes(atoms, q, model='complete', vectors=False):
             squares = np.linalg.eigvalsh(D)
         omega.append(signed_root(squares))
     return np.concatenate(omega), np.concatenate(modes) if vectors else None
+
+
+def _wavevectors(q):
+    q = finite('q', q)
+    if q.shape[-1:] != (3,):
+        raise ValueError(f'q must be wavevectors of three fractions, of the shape (wavevectors, 3), not {q.shape}')
+    return q.reshape(-1, 3)
 
 
 def _batches(wavevectors, size):
@@ -180,8 +183,10 @@ def path_of(atoms, path):
     Raises
     ------
     ValueError
-        If `path` is no BandPath or belongs to a cell of another shape.
+        If `path` is no BandPath or belongs to a cell of another shape, or the atoms are not periodic.
     """
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
     if not isinstance(path, BandPath):
         raise ValueError(f'the path must be a BandPath, not {type(path).__name__}; get one from atoms.cell.bandpath(...)')
     periodic = np.ix_(atoms.pbc, atoms.pbc)
@@ -210,7 +215,7 @@ def group_velocities(atoms, q, model='complete'):
         In mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """
     calc = repulsion_of(atoms)
-    q = finite('q', np.reshape(q, (-1, 3)))
+    q = _wavevectors(q)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     v = vectors.reshape(*omega.shape, -1)

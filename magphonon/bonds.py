@@ -7,6 +7,7 @@ e^{2 pi i q.shift} at j,
     forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
 """
 
+import operator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -108,10 +109,11 @@ def find_bonds(atoms, shells=1, cutoff=None):
         if abs(near - cutoff) <= SHELL_WIDTH * cutoff:
             raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
                              'move it between two shells, or give shells=')
-    return _bonds_within(atoms, cutoff)
+    return bonds_within(atoms, cutoff)
 
 
-def _bonds_within(atoms, cutoff):
+def bonds_within(atoms, cutoff):
+    """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more."""
     i, j, shift, lengths = _pairs(atoms, cutoff)
     _refuse_coincident(i, j, lengths)
     # every pair is found from both ends: keep i < j, and of a self-image pair the one whose first non-zero shift is positive
@@ -135,7 +137,8 @@ def _pairs(atoms, cutoff):
     from scipy.spatial import cKDTree
 
     if not np.isfinite(atoms.positions).all():
-        raise ValueError(f'particle {np.argwhere(~np.isfinite(atoms.positions))[0, 0]} has a position that is not a finite number')
+        k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
+        raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
     rows = np.linalg.norm(np.linalg.pinv(atoms.cell.array), axis=0)  # inverse distances between lattice planes
     reach = np.where(atoms.pbc, np.ceil(cutoff * rows).astype(int) + 1, 0)
     shifts = np.array(list(product(*(range(-n, n + 1) for n in reach))))
@@ -194,20 +197,24 @@ def explicit_bonds(atoms, pairs):
     n = len(atoms)
     listed = {}
     for pair in pairs:
-        i, j, shift = (*pair, (0, 0, 0)) if len(pair) == 2 else pair
-        i, j, shift = int(i), int(j), tuple(int(k) for k in shift)
+        try:
+            i, j, shift = (*pair, (0, 0, 0)) if len(pair) == 2 else pair
+            i, j, sx, sy, sz = map(operator.index, (i, j, *shift))
+        except (TypeError, ValueError):
+            raise ValueError(f'a bond is (i, j) or (i, j, shift) in whole numbers, as (0, 1, (1, 0, 0)), not {pair!r}') from None
+        shift = sx, sy, sz
         if not (0 <= i < n and 0 <= j < n):
-            raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}')
+            raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}; particles are counted from 0')
         if i == j and shift == (0, 0, 0):
-            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself')
+            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another one, or the shift of its image')
         if any(shift[k] and not atoms.pbc[k] for k in range(3)):
-            raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic')
+            raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic; keep its shift 0 there')
         reverse = (j, i, tuple(-k for k in shift))
         if (i, j, shift) in listed or reverse in listed:
-            raise ValueError(f'bond {tuple(pair)} is listed twice; each pair counts once')
+            raise ValueError(f'bond {tuple(pair)} is listed twice; list each pair once, from either end')
         listed[i, j, shift] = None
     if not listed:
-        raise ValueError('the list of bonds is empty')
+        raise ValueError(f'the list of bonds is empty, {pairs!r}; list at least one pair (i, j)')
     i, j, shift = (np.array(column) for column in zip(*listed, strict=True))
     vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
     _refuse_coincident(i, j, np.linalg.norm(vectors, axis=1))

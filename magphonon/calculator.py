@@ -1,6 +1,7 @@
 """ASE calculator of particles that repel each other and stand on an elastic foundation."""
 
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
@@ -12,6 +13,7 @@ from .stiffness import bond_stiffness, hessian
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
+NO_ENERGY = "the literal conventional force does work around a closed loop: it has no energy or Hessian; use model='conventional'"
 
 
 class MagneticRepulsion(Calculator):
@@ -54,8 +56,8 @@ class MagneticRepulsion(Calculator):
         on a shell of neighbours, an unknown model.
     """
 
-    implemented_properties = ['energy', 'free_energy', 'energies', 'forces', 'hessian']
-    default_parameters = {'foundation': 0.0, 'model': 'complete'}
+    implemented_properties = ('energy', 'free_energy', 'energies', 'forces', 'hessian')
+    default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
 
     def __init__(self, reference, potential, *, foundation=0.0, model='complete', shells=1, cutoff=None, bonds=None):
         missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(potential, name, None))]
@@ -70,12 +72,16 @@ class MagneticRepulsion(Calculator):
         self.dim = 3 if reference.pbc.all() else 2
         if self.dim == 2 and np.ptp(reference.positions[:, 2]) > 0:
             raise ValueError('planar particles must share one z, but z ranges over '
-                             f'{np.ptp(reference.positions[:, 2]):g} mm; a structure in space is periodic along all three vectors')
+                             f'{np.ptp(reference.positions[:, 2]):g} mm; a structure in space is periodic along three vectors')
         if bonds is None:
             bonds = find_bonds(self.reference, shells, cutoff)
         elif not isinstance(bonds, Bonds):
             bonds = explicit_bonds(self.reference, bonds)
         self.bonds = bonds
+        force = np.asarray(potential.dphi(bonds.lengths))
+        for b in np.flatnonzero(~np.isfinite(force))[:1]:
+            raise ValueError(f'the potential {potential!r} gives the force {-force[b]} N at the distance {bonds.lengths[b]:g} mm '
+                             f'of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters and their units (mm, N)')
         super().__init__(foundation=foundation, model=model)
 
     def set(self, **parameters):
@@ -120,8 +126,7 @@ class MagneticRepulsion(Calculator):
         if name == 'hessian':  # dear, and no part of a trajectory: never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
         if self.parameters.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
-            raise PropertyNotImplementedError("the literal conventional force has no energy: it does work around a closed loop; "
-                                              "use model='conventional'")
+            raise PropertyNotImplementedError(NO_ENERGY)
         return super().get_property(name, atoms, allow_calculation)
 
     def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
@@ -209,7 +214,7 @@ class MagneticRepulsion(Calculator):
         """
         one_of('part', part, HESSIAN_PARTS)
         if self.parameters.model == 'literal':
-            raise PropertyNotImplementedError("the literal conventional force has no energy and so no Hessian; use model='conventional'")
+            raise PropertyNotImplementedError(NO_ENERGY)
         length, n = self._geometry(self.displacements(atoms))
         D0, Dstar = bond_stiffness(length[:, None] * n, self.potential)
         if self.parameters.model == 'conventional':

@@ -37,7 +37,10 @@ def one_of(name, value, choices):
 
 def finite(name, values, shape=None):
     """Return `values` as a float array, or raise ValueError if an entry is NaN or infinite or the shape is another."""
-    array = np.asarray(values, dtype=float)
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f'{name} must hold numbers in rows of equal length, not {values!r}') from None
     if shape is not None and array.shape != shape:
         raise ValueError(f'{name} must have the shape {shape}, not {array.shape}')
     if not np.isfinite(array).all():

@@ -6,6 +6,8 @@ import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 
 @contextmanager
 def whole_file(path, mode='w'):
@@ -19,13 +21,37 @@ def whole_file(path, mode='w'):
     path = Path(path)
     partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
     try:
-        with open(partial, mode) as file:
+        out = open(partial, mode)  # noqa: SIM115, the next line closes it
+    except OSError as error:
+        raise type(error)(f'{path} cannot be written ({error.strerror}); choose another place') from None
+    try:
+        with out as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def saved_arrays(path, kind):
+    """The arrays of a .npz file of `kind`, such as 'bands', for reading.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it is truncated or holds something else: whatever goes wrong while its arrays are used.
+    """
+    try:
+        with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
+            yield data
+    except FileNotFoundError:
+        raise FileNotFoundError(f'there is no file {path}; compute {kind} and save() them there') from None
+    except Exception as error:
+        raise ValueError(f'{path} is no complete file of {kind} ({error}); compute them again and save()') from error
 
 
 @contextmanager

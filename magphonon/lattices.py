@@ -5,11 +5,13 @@ vectors only; the third vector, `2 * spacing` long, is the vacuum above the plan
 'Nd' (phonopy refuses 'X') and their own mass.  `spacing` is always the nearest-neighbour distance.
 """
 
+from numbers import Real
+
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
 
-from .bonds import find_bonds
+from .bonds import bonds_within, find_bonds
 from .errors import positive, whole
 
 SYMBOL = 'Nd'
@@ -129,7 +131,7 @@ def _patch(cell, n1, n2, beyond):
     coordination = np.tile(shell.coordination, n1 * n2)[inside]
     patch = patch[inside]
     patch.pbc, patch.cell = False, None
-    rim = find_bonds(patch, cutoff=shell.cutoff).coordination < coordination if len(patch) else np.array([True])
+    rim = bonds_within(patch, shell.cutoff).coordination < coordination if len(patch) else np.array([True])
     if rim.all():
         raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
     patch.set_tags(np.where(rim, RIM, 0))
@@ -162,7 +164,7 @@ def oscillator(theta0, spacing, mass):
         If `theta0` is outside 0 to pi/2, or spacing or mass is not positive.
     """
     spacing, mass = positive('spacing', spacing, 'mm'), positive('mass', mass, 'g')
-    if not 0 <= theta0 <= np.pi / 2:
+    if not isinstance(theta0, Real) or not 0 <= theta0 <= np.pi / 2:
         raise ValueError(f'theta0 must lie between 0 and pi/2 rad, not {theta0!r}; degrees are given as 30 * units.deg')
     c, s = np.cos(theta0), np.sin(theta0)
     atoms = Atoms([SYMBOL] * 4, positions=spacing * np.array([[-c, -s, 0], [c, -s, 0], [0, -1, 0], [0, 0, 0]]),

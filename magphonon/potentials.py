@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import units
-from .errors import positive
+from .errors import finite, positive
 
 
 def repulsion(potential, r):
@@ -130,12 +130,12 @@ class Tabulated:
     def __post_init__(self):
         from scipy.interpolate import CubicSpline
 
-        r, f = (np.array(values, dtype=float) for values in (self.r, self.f))
+        r, f = finite('r', self.r).copy(), finite('f', self.f).copy()
         if r.ndim != 1 or r.shape != f.shape or len(r) < 4:
             raise ValueError(f'a table needs two columns of at least 4 points, not r {r.shape} and f {f.shape}')
-        if not (np.isfinite(r).all() and r[0] > 0 and (np.diff(r) > 0).all()):
+        if not (r[0] > 0 and (np.diff(r) > 0).all()):
             raise ValueError(f'table distances must be positive and increasing, not {r}; sort them and drop repeats')
-        if not (np.isfinite(f).all() and (f > 0).all()):
+        if not (f > 0).all():
             raise ValueError(f'table forces must be positive (repulsive), not {f.min():g} N; drop the points at the noise floor')
         spline = CubicSpline(np.log(r), np.log(f))
         for name, value in (('r', r), ('f', f), ('_slopes', spline.c), ('_energies', np.zeros(len(r)))):

@@ -131,6 +131,8 @@ class TableLaw(Table):
     def _columns(cls, table, info: ValidationInfo):
         if not isinstance(table, dict) or 'file' not in table:
             return table
+        if not isinstance(table['file'], str):
+            raise ValueError(f'.file must be the name of a file in quotes, not {table["file"]!r}')
         for key in table.keys() & {'distances_m', 'forces_N'}:
             raise ValueError(f' has both file and {key}; keep one of them')
         return table | _read_columns(info.context['folder'], table['file'])
@@ -150,16 +152,17 @@ class TableLaw(Table):
 def _read_columns(folder, name):
     """Distances and forces from a CSV file with the header r_m,f_N."""
     try:
-        with open(folder / _text(name), newline='') as file:
-            header, *rows = csv.reader(file)
-        if [name.strip() for name in header] != ['r_m', 'f_N']:
+        with open(folder / name, newline='') as file:
+            header, *rows = list(csv.reader(file)) or [[]]
+        if [title.strip() for title in header] != ['r_m', 'f_N']:
             raise ValueError(f'its header is {",".join(header)!r}')
-        r, f = zip(*((float(r), float(f)) for r, f in rows), strict=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise ValueError(f'.file = {name!r} cannot be used ({reason}); '
-                         'it needs the header r_m,f_N and two columns of numbers, beside the scene') from None
-    return {'distances_m': list(r), 'forces_N': list(f)}
+        return {'distances_m': [float(r) for r, _ in rows], 'forces_N': [float(f) for _, f in rows]}
+    except OSError as error:
+        reason = error.strerror
+    except ValueError as error:
+        reason = error
+    raise ValueError(f'.file = {name!r} cannot be used ({reason}); '
+                     'it needs the header r_m,f_N and two columns of numbers, beside the scene')
 
 
 LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'yukawa': YukawaLaw, 'table': TableLaw}

@@ -28,8 +28,15 @@ def bond_stiffness(vectors, potential):
     -------
     D0, Dstar : ndarray, shape (bonds, dim, dim)
         In N/mm.
+
+    Raises
+    ------
+    ValueError
+        If a vector has no length.
     """
     r = np.linalg.norm(vectors, axis=1)[:, None, None]
+    for k in np.flatnonzero(~((r > 0) & (r < np.inf)))[:1]:
+        raise ValueError(f'bond {k} has the vector {vectors[k]} mm; a bond joins two particles at a finite distance')
     n = vectors / r[:, 0]
     nn = n[:, :, None] * n[:, None, :]
     D0 = potential.d2phi(r) * nn
