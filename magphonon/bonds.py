@@ -115,11 +115,12 @@ def find_bonds(atoms, shells=1, cutoff=None):
 def bonds_within(atoms, cutoff):
     """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more."""
     i, j, shift, lengths = _pairs(atoms, cutoff)
-    _refuse_coincident(i, j, lengths)
-    # every pair is found from both ends: keep i < j, and of a self-image pair the one whose first non-zero shift is positive
-    first = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
-    once = (i < j) | ((i == j) & (first > 0))
-    i, j, shift = i[once], j[once], shift[once]
+    _refuse_coincident(i, j, lengths, cutoff)
+    backwards = i > j
+    i, j = np.where(backwards, j, i), np.where(backwards, i, j)
+    shift[backwards] *= -1
+    order = np.lexsort((*shift.T[::-1], j, i))  # whatever order the tree found them in
+    i, j, shift = i[order], j[order], shift[order]
     vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
     return Bonds(i, j, shift, vectors, len(atoms), cutoff)
 
@@ -129,9 +130,9 @@ def _distances(atoms, cutoff):
 
 
 def _pairs(atoms, cutoff):
-    """All pairs i, j, shift, distance within `cutoff`, each from both ends.
+    """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
 
-    A k-d tree over the periodic images: ASE 3.29's neighbour list puts all particles of a flat structure without
+    A k-d tree over the images near the cell: ASE 3.29's neighbour list puts all particles of a flat structure without
     periodic borders into one bin and asks for the square of their number in memory.
     """
     from scipy.spatial import cKDTree
@@ -139,38 +140,52 @@ def _pairs(atoms, cutoff):
     if not np.isfinite(atoms.positions).all():
         k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
         raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
-    rows = np.linalg.norm(np.linalg.pinv(atoms.cell.array), axis=0)  # inverse distances between lattice planes
-    reach = np.where(atoms.pbc, np.ceil(cutoff * rows).astype(int) + 1, 0)
-    shifts = np.array(list(product(*(range(-n, n + 1) for n in reach))))
-    images = (atoms.positions + (shifts @ atoms.cell.array)[:, None]).reshape(-1, 3)
-    found = cKDTree(atoms.positions).sparse_distance_matrix(cKDTree(images), cutoff, output_type='ndarray')
-    image, j = np.divmod(found['j'], len(atoms))
-    other = (found['i'] != j) | shifts[image].any(axis=1)
-    return found['i'][other], j[other], shifts[image][other], found['v'][other]
+    periods = atoms.cell.array[atoms.pbc]
+    if np.linalg.matrix_rank(periods) < len(periods):
+        raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
+                         'set its cell, or its pbc to False')
+    inverse = np.linalg.pinv(periods)
+    home = np.floor(atoms.positions @ inverse).astype(int)
+    fraction = atoms.positions @ inverse - home
+    points = atoms.positions - home @ periods
+
+    # Shift zero and half of the others; the other half would find every pair again, from its far end.
+    reach = cutoff * np.linalg.norm(inverse, axis=0)
+    shifts = np.array(list(product(*(range(-k, k + 1) for k in np.floor(reach + 1).astype(int)))), dtype=int)
+    shifts = shifts[len(shifts) // 2 :]
+    near = [np.flatnonzero(((fraction + s > -reach) & (fraction + s < 1 + reach)).all(axis=1)) for s in shifts]
+    particle, cell = np.concatenate(near), np.repeat(shifts, [len(k) for k in near], axis=0)
+
+    images = cKDTree(points[particle] + cell @ periods)
+    found = cKDTree(points).sparse_distance_matrix(images, cutoff, output_type='ndarray')
+    found = found[(found['i'] < found['j']) | (found['j'] >= len(atoms))]
+    i, j = found['i'], particle[found['j']]
+    shift = np.zeros((len(found), 3), dtype=int)
+    shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
+    return i, j, shift, found['v']
 
 
 def _shell_cutoff(atoms, shells):
     """Distance midway between the last shell wanted and the next one."""
     if len(atoms) < 2 and not atoms.pbc.any():
         raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
-    extent = 2 * np.linalg.norm(np.ptp(atoms.positions, axis=0)) + atoms.cell.lengths()[atoms.pbc].max(initial=0)
-    reach = extent / np.sqrt(len(atoms))
+    others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
+    extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
+    reach = 1.8 * np.linalg.norm(others, axis=1).min()  # the two first shells of the common lattices: 1 and sqrt(2) or sqrt(3)
     while True:
         distances = _distances(atoms, reach)
         last = np.flatnonzero(np.diff(distances) > SHELL_WIDTH * distances[1:])  # of each shell that another one follows
         if len(last) >= shells:
             return distances[last[shells - 1] : last[shells - 1] + 2].mean()
-        if reach > extent and not atoms.pbc.any():
+        if reach >= extent and not atoms.pbc.any():
             if len(last) + 1 == shells:
                 return reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
-        reach *= 1.5
+        reach = 1.5 * reach + 1e-6 * extent  # the sum: where particle 0 coincides with another, the reach starts from zero
 
 
-def _refuse_coincident(i, j, lengths):
-    if not np.isfinite(lengths).all():
-        raise ValueError('a particle position is not a finite number')
-    if len(lengths) and lengths.min() <= 1e-12 * max(lengths.max(), 1e-300):
+def _refuse_coincident(i, j, lengths, scale):
+    if len(lengths) and lengths.min() <= 1e-12 * scale:
         k = lengths.argmin()
         raise ValueError(f'particles {i[k]} and {j[k]} coincide; move one of them, or list the bonds explicitly (bonds=)')
 
@@ -217,7 +232,8 @@ def explicit_bonds(atoms, pairs):
         raise ValueError(f'the list of bonds is empty, {pairs!r}; list at least one pair (i, j)')
     i, j, shift = (np.array(column) for column in zip(*listed, strict=True))
     vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
-    _refuse_coincident(i, j, np.linalg.norm(vectors, axis=1))
+    lengths = np.linalg.norm(vectors, axis=1)
+    _refuse_coincident(i, j, lengths, lengths.max())
     return Bonds(i, j, shift, vectors, n)
 
 
