@@ -70,13 +70,17 @@ class MagneticRepulsion(Calculator):
         self.reference.calc = None
         self.potential = potential
         self.dim = 3 if reference.pbc.all() else 2
-        if self.dim == 2 and np.ptp(reference.positions[:, 2]) > 0:
-            raise ValueError('planar particles must share one z, but z ranges over '
-                             f'{np.ptp(reference.positions[:, 2]):g} mm; a structure in space is periodic along three vectors')
         if bonds is None:
             bonds = find_bonds(self.reference, shells, cutoff)
         elif not isinstance(bonds, Bonds):
             bonds = explicit_bonds(self.reference, bonds)
+        if bonds.particles != len(reference):
+            raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(reference)}; '
+                             'find them in this structure, or use repeat_bonds')
+        height = max(np.ptp(reference.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
+        if self.dim == 2 and height > 1e-9 * bonds.lengths.min():
+            raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
+                             'a structure in space is periodic along three vectors')
         self.bonds = bonds
         force = np.asarray(potential.dphi(bonds.lengths))
         for b in np.flatnonzero(~np.isfinite(force))[:1]:
@@ -155,14 +159,19 @@ class MagneticRepulsion(Calculator):
         u = atoms.positions - self.reference.positions
         if not np.isfinite(u).all():
             raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
-        if atoms.pbc.any():
-            cells = np.round(u @ self._inverse_cell) * atoms.pbc
-            u = u - cells @ atoms.cell.array
+        if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
+            from ase.geometry import find_mic
+
+            u = find_mic(u, atoms.cell, atoms.pbc)[0]
         return u[:, : self.dim]
 
     @cached_property
-    def _inverse_cell(self):
-        return np.linalg.pinv(self.reference.cell.array)
+    def _shortest_period(self):
+        """Length of the shortest lattice vector in mm."""
+        from ase.geometry import minkowski_reduce
+
+        periodic = self.reference.pbc
+        return np.linalg.norm(minkowski_reduce(self.reference.cell, periodic)[0][periodic], axis=1).min(initial=np.inf)
 
     @cached_property
     def _rest(self):
