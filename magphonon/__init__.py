@@ -32,7 +32,9 @@ _HOME = {
     'plot_zone': 'zoneplots',
     'plot_isofrequency': 'zoneplots',
     'plot_ratio': 'zoneplots',
+    'foundation_needed': 'stability',
     'read_scene': 'scenes',
+    'ready_scene': 'scenes',
 }
 _MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'plotting', 'scenes')
 

@@ -153,7 +153,7 @@ def _report(scene, atoms, bands, phonon):
     lines += ['', f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
               f'phonopy differs from complete by at most {difference:.1e} of the highest squared frequency']
     if given >= needed:
-        return '\n'.join([*lines, f'stable in its plane: it needs a foundation of {needed:.6g} N/m'])
+        return '\n'.join([*lines, f'stable in its plane: the static forces ask for a foundation of {needed:.6g} N/m'])
     where = ', '.join(f'{x:.3g}' for x in softest)
     return '\n'.join([*lines, '', f'UNSTABLE: the static forces buckle this lattice, most of all at q = ({where}).',
                       f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',

@@ -1,7 +1,7 @@
 """Scene files: somebody's lattice in TOML, SI units in the keys, read, checked and built as ASE Atoms.
 
-This is the border: metres, kilograms and newtons become mm, g and ms in `Scene.atoms`, and nowhere else.  Every table
-of a scene is a frozen model with the same name; a new table is a new class and one line in `Scene`.
+This is the border: fields are in SI, what the methods return is in mm, g and ms.  Every table of a scene is a frozen
+model; a new table is a new class and one line in `Scene`.
 """
 
 import csv
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from ase.dft.kpoints import parse_path_string
+from ase.dft.kpoints import BandPath, parse_path_string
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
 from . import lattices
@@ -23,6 +23,10 @@ from .errors import not_negative, one_of, positive, whole
 from .potentials import InversePower, Tabulated, Yukawa
 
 LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
+SPACINGS_m = 1e-6, 1e6
+"""Sizes of a lattice: phonopy takes particles closer than 1e-5 mm for one, and writes ten decimals."""
+FREQUENCIES_Hz = 1e-9, 1e12
+"""Beyond these a unit or an exponent is wrong, and squares and powers soon leave the range of numbers."""
 
 
 # A check says what is wrong with a value, from its name on; `_fault` knows the tables that hold it and puts the name in front.
@@ -38,10 +42,18 @@ def _list(value):
     return value
 
 
+def _spacing(value):
+    spacing, (least, most) = positive('', value), SPACINGS_m
+    if not least <= spacing <= most:
+        raise ValueError(f' must lie between {least:g} and {most:g}, not {value!r}; it is in metres')
+    return spacing
+
+
 Positive = Annotated[float, BeforeValidator(partial(positive, ''))]
 NotNegative = Annotated[float, BeforeValidator(partial(not_negative, ''))]
 Count = Annotated[int, BeforeValidator(partial(whole, ''))]
 AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2))]
+Spacing = Annotated[float, BeforeValidator(_spacing)]
 Text = Annotated[str, BeforeValidator(_text)]
 Numbers = Annotated[tuple[Positive, ...], BeforeValidator(_list)]
 Counts = Annotated[tuple[Count, ...], BeforeValidator(_list)]
@@ -74,12 +86,19 @@ class Lattice(Table):
     """Geometry and mass, equal particles at the nearest-neighbour distance `spacing_m`."""
 
     kind: LatticeKind = Field(description='one of ' + ', '.join(LATTICES))
-    spacing_m: Positive = Field(description='the distance between nearest neighbours in m')
+    spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
     mass_kg: Positive = Field(description='the mass of a particle in kg')
 
     def cell(self):
         """The unit cell, `ase.Atoms` in mm and g."""
         return getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
+
+    def path(self, points, npoints):
+        """Path through special points, `ase.dft.kpoints.BandPath`."""
+        # drawn on a cell of 1 mm, where fractions are the same: ASE 3.29 recognises no lattice below some 0.01 of its units
+        like = getattr(lattices, self.kind)(1.0, 1.0)
+        path = like.cell.bandpath(points, npoints=npoints, pbc=like.pbc)
+        return BandPath(self.cell().cell, path.kpts, path.special_points, path.path)
 
 
 class InversePowerLaw(Table):
@@ -231,15 +250,24 @@ class Scene(Table):
     @model_validator(mode='after')
     def _consistent(self):
         atoms, kind = self.atoms(), self.lattice.kind
+        self._check_scale(atoms)
         wanted, periodic = list(self.bands.supercell), int(atoms.pbc.sum())
         if len(wanted) != periodic:
             raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {wanted}')
-        known = atoms.cell.bandpath(npoints=0, pbc=atoms.pbc).special_points
+        known = self.lattice.path(None, npoints=0).special_points
         legs = parse_path_string(self.bands.path)
         if not all(len(leg) > 1 and set(leg) <= set(known) for leg in legs):
             raise ValueError(f'bands.path of the {kind} lattice must join points out of {", ".join(known)}, '
                              f'not {self.bands.path!r}')
         return self
+
+    def _check_scale(self, atoms):
+        calc = atoms.calc
+        stiffness = abs(calc.potential.d2phi(calc.bonds.lengths)).max() + calc.parameters.foundation
+        f = np.sqrt(stiffness / atoms.get_masses()[0]) / (2 * np.pi) / u.Hz
+        if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
+            raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of some {f:.1g} Hz; '
+                             f'check their units and exponents')
 
     def atoms(self):
         """One unit cell with its MagneticRepulsion, `ase.Atoms` in mm, g and ms."""
@@ -250,8 +278,7 @@ class Scene(Table):
 
     def band_path(self):
         """The path of [bands], `ase.dft.kpoints.BandPath`."""
-        cell = self.lattice.cell()
-        return cell.cell.bandpath(self.bands.path, npoints=self.bands.points, pbc=cell.pbc)
+        return self.lattice.path(self.bands.path, self.bands.points)
 
     def supercell(self):
         """Phonopy's supercell in three dimensions."""
@@ -285,7 +312,11 @@ def read_scene(path):
     except ValueError as error:  # also bytes that are not UTF-8
         raise ValueError(f'{path} is not TOML ({error}); "magphonon scene prototype" prints a scene to start from') from None
     try:
-        return Scene.model_validate(data, context={'folder': path.parent})
+        with np.errstate(over='raise', divide='raise', invalid='raise'):
+            return Scene.model_validate(data, context={'folder': path.parent})
+    except ArithmeticError as error:
+        raise ValueError(f'{path}: its numbers are too large or too small to compute with ({error.args[-1]}); '
+                         'check their units and exponents') from None
     except ValidationError as error:
         faults = [_fault(fault['loc'], fault['ctx']['error'], data) for fault in error.errors()]
         raise ValueError('\n'.join(f'{path}: {fault}' for fault in faults)) from None

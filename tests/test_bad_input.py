@@ -24,19 +24,19 @@ from magphonon import (
     explicit_bonds,
     find_bonds,
     finite_displacements,
+    foundation_needed,
     foundation_recovered,
     group_velocities,
     lattices,
     phonopy_bands,
     plot_bands,
     read_scene,
+    ready_scene,
     sound_speeds,
 )
 from magphonon.bandfiles import write_band_yaml, write_phonopy_params
 from magphonon.files import whole_directory, whole_file
 from magphonon.plotting import plot_mode
-from magphonon.scenes import ready_scene
-from magphonon.stability import foundation_needed
 from magphonon.zone import ZoneMap, frequency_ratio, zone_map
 from magphonon.zoneplots import plot_isofrequency, plot_ratio, plot_zone
 

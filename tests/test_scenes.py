@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands, sound_speeds
+from magphonon import analytic_bands, finite_displacements, phonopy_bands, sound_speeds
 from magphonon import units as u
-from magphonon.potentials import InversePower, repulsion
+from magphonon.potentials import repulsion
 from magphonon.scenes import read_scene, ready_scene, ready_scenes, reference
 from magphonon.stability import foundation_needed
 
@@ -127,35 +127,6 @@ def test_reference_is_what_the_formulas_give():
     assert files('magphonon.data').joinpath('reference.toml').read_text().count('arXiv:1911.10410')
 
 
-# --- how large a foundation the static forces ask for ----------------------------------------------------------------
-
-@pytest.mark.parametrize(('lattice', 'a', 'needed'), [
-    # in units f(L0)/L0, nearest neighbours; triangular max(0, 2 (3 - a)), square and chain 4 whatever a
-    ('triangular', 2.0, 2.0), ('triangular', 2.5, 1.0), ('triangular', 3.0, 0.0), ('triangular', 4.0, 0.0),
-    ('square', 2.0, 4.0), ('square', 4.0, 4.0), ('chain', 4.0, 4.0),
-])
-def test_foundation_needed(lattice, a, needed):
-    atoms = getattr(lattices, lattice)(2.0, 0.7)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(b=3.0, a=a), foundation=0.1)
-    unit = 3.0 * 2.0**-a / 2.0
-    assert_allclose(foundation_needed(atoms)[0], needed * unit, atol=1e-10 * unit)  # round-off is 1e-12 of the largest stiffness
-    assert foundation_needed(atoms, model='conventional')[0] == 0.0  # the control: it hides every instability
-
-
-@pytest.mark.parametrize('lattice', ['square', 'honeycomb', 'kagome'])
-def test_foundation_needed_is_where_the_bands_touch_zero(lattice):
-    atoms = getattr(lattices, lattice)(1.0, 1.0)
-    law = InversePower(b=1.0, a=4.0)
-    atoms.calc = MagneticRepulsion(atoms, law)
-    needed, _ = foundation_needed(atoms)
-    path = atoms.cell.bandpath('GMG' if lattice == 'kagome' else None, npoints=60, pbc=atoms.pbc)
-    lowest = {}
-    for share in (0.999, 1.001):
-        atoms.calc = MagneticRepulsion(atoms, law, foundation=share * needed)
-        lowest[share] = analytic_bands(atoms, path).omega.min()
-    assert lowest[0.999] < 0 < lowest[1.001]
-
-
 # --- what a file turns into ------------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('kind', LAWS)
@@ -241,6 +212,39 @@ NUMBERS = ['lattice.spacing_m', 'lattice.mass_kg', 'law.b_N_m_a', 'law.a', 'law.
 def test_impossible_number(key, value, scene_file):
     assert refusal(scene_file({key: value})).startswith(f'{key} must be a ')
     assert refusal(scene_file({key: value})).endswith(f'not {value!r}')
+
+
+@pytest.mark.parametrize('key', [key for key in NUMBERS if key not in ('law.shells', 'bands.points')])
+@pytest.mark.parametrize('value', [1e308, 1e100, 1e-100, 5e-324])
+def test_absurd_number_is_refused_or_computed_with(key, value, scene_file):
+    """A wrong unit or exponent overflows somewhere; that is said in words, and what is accepted stays finite."""
+    file = scene_file({key: value})
+    try:
+        scene = read_scene(file)
+    except ValueError:
+        message = refusal(file)
+        assert any(mend in message for mend in ('check their units', 'must be a', 'must lie between'))
+    else:
+        assert np.isfinite(analytic_bands(scene.atoms(), scene.band_path()).omega).all()
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'lattice.spacing_m': 1e-7}, 'lattice.spacing_m must lie between 1e-06 and 1e+06, not 1e-07; it is in metres'),
+    ({'law.b_N_m_a': 1e30}, 'law, foundation and lattice.mass_kg give frequencies of some 5e+21 Hz; check their units'),
+    ({'law.a': 1e3}, 'its numbers are too large or too small to compute with (')])
+def test_absurd_scale(changes, message, scene_file):
+    assert refusal(scene_file(changes)).startswith(message)
+
+
+@pytest.mark.parametrize('spacing', [2e-6, 3e-4, 5e5])
+def test_lattices_of_every_size(spacing, scene_file):
+    """Frequencies depend on b r^-(a+1) alone; ASE knows no lattice of 2 um, and the path is made for it all the same."""
+    small = {'lattice.spacing_m': spacing, 'law.b_N_m_a': 1.6209e-10 * (spacing / 0.01) ** 5.5824}
+    expected = analytic_bands(read_scene(ready_scene('prototype')).atoms(), read_scene(ready_scene('prototype')).band_path())
+    scene = read_scene(scene_file(small))
+    numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path())
+    assert_allclose(analytic_bands(scene.atoms(), scene.band_path()).omega, expected.omega, rtol=1e-10)
+    assert_allclose(numerical.omega, expected.omega, atol=1e-8 * expected.omega.max())  # phonopy's promise
 
 
 @pytest.mark.parametrize('kind', LAWS)
