@@ -1,0 +1,275 @@
+"""Frequency response: the linear closed form, lock-in on a recorded signal, steady state, one impulse for all frequencies.
+
+Amplitudes are complex, `u = Re(U e^{i omega t})`; a force F cos(omega t) has the amplitude F, so a response that lags
+has a negative phase.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .bands import repulsion_of
+from .errors import finite, not_negative, positive
+from .files import saved_arrays, whole_file
+
+LEAST_PERIODS = 3
+"""Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Displacement per force over frequency.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (frequencies,)
+        In rad/ms.
+    response : ndarray of complex, shape (frequencies, ...)
+        In mm/N.
+    transient : float
+        Largest relative error that what had not yet decayed can have left; zero in closed form.
+    """
+
+    omega: np.ndarray
+    response: np.ndarray
+    transient: float = 0.0
+
+    @property
+    def peak(self):
+        """Frequency of the largest amplitude in rad/ms, shape (...)."""
+        return self.omega[abs(self.response).argmax(axis=0)]
+
+    def save(self, path):
+        """Write to a .npz file, whole or not at all."""
+        with whole_file(path, 'wb') as file:
+            np.savez(file, **vars(self))
+
+    @classmethod
+    def load(cls, path):
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is truncated or holds something else.
+        """
+        with saved_arrays(path, 'frequency responses') as data:
+            return cls(data['omega'], data['response'], float(data['transient']))
+
+
+def harmonic_response(atoms, force, omega, damping):
+    """Steady displacements under a harmonic force, by direct solution of the linear equations of motion.
+
+        (H - omega^2 M + i omega gamma M) u = F
+
+    within the directions that the constraints leave free (P projects on them; outside it, u = 0).
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
+    force : array_like of complex, shape (particles, 3)
+        Amplitudes in N.
+    omega : array_like, shape (frequencies,)
+        In rad/ms.
+    damping : float or array_like, shape (particles,)
+        Force per momentum gamma in 1/ms; a mode of the frequency w has the damping ratio gamma/(2 w).
+
+    Returns
+    -------
+    ndarray of complex, shape (frequencies, particles, 3)
+        In mm.
+
+    Raises
+    ------
+    ValueError
+        For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, or
+        an undamped resonance.
+    """
+    from scipy import sparse
+    from scipy.sparse.linalg import splu
+
+    n = len(atoms)
+    force = np.asarray(force, dtype=complex)
+    finite('force', abs(force), (n, 3))
+    omega = finite('omega', np.atleast_1d(omega))
+    gamma = finite('damping', damping)
+    if gamma.shape not in ((), (n,)):
+        raise ValueError(f'damping must be one number or one for each of the {n} particles, not {gamma.shape}')
+    not_negative('damping', float(gamma.min()), '1/ms')
+    M = np.repeat(atoms.get_masses(), 3)
+    H = repulsion_of(atoms).get_hessian(atoms)
+    P = _free_directions(atoms)
+    outside = sparse.eye_array(3 * n) - P
+    u = np.empty((len(omega), n, 3), dtype=complex)
+    for k, w in enumerate(omega):
+        dynamic = H + sparse.diags_array(-(w**2) * M + 1j * w * np.repeat(np.broadcast_to(gamma, n), 3) * M)
+        try:
+            u[k] = splu(sparse.csc_array(P @ dynamic @ P + outside)).solve(P @ force.ravel()).reshape(n, 3)
+        except RuntimeError as error:
+            raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
+                             'damp it or move the frequency') from error
+    return u
+
+
+def _free_directions(atoms):
+    """Projector on the displacements that the constraints allow, sparse, shape (3 particles, 3 particles)."""
+    from scipy import sparse
+
+    n = len(atoms)
+    P = np.zeros((n, 3, 3))
+    for axis in range(repulsion_of(atoms).dim):
+        field = np.zeros((n, 3))
+        field[:, axis] = 1
+        for constraint in atoms.constraints:
+            constraint.adjust_forces(atoms, field)
+        P[:, :, axis] = field
+    if not np.allclose(P @ P, P, atol=1e-9) or not np.allclose(P, P.swapaxes(1, 2), atol=1e-9):
+        raise ValueError(f'the constraints {atoms.constraints} do more than fix directions of single particles; '
+                         'use FixAtoms, FixedLine or FixedPlane within the plane')
+    return sparse.csr_array(sparse.bsr_array((P, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)))
+
+
+def lock_in(signal, dt, omega, start=0.0):
+    """Complex amplitude of a recorded signal at a frequency, `signal = Re(U e^{i omega t})` plus a constant.
+
+    Least squares under a Hann window: a steady oscillation is returned exactly, whatever part of a period the window
+    ends with, and what oscillates elsewhere is suppressed.
+
+    Parameters
+    ----------
+    signal : array_like, shape (frames, ...)
+        One window of the record.
+    dt : float
+        Time between frames in ms.
+    omega : float or array_like, shape (...)
+        In rad/ms, one for each signal.
+    start : float
+        Time of the first frame in ms, which sets the origin of the phase.
+
+    Returns
+    -------
+    ndarray of complex, shape (...)
+        In the unit of the signal.
+
+    Raises
+    ------
+    ValueError
+        If the window holds less than three periods, or less than two frames per period.
+    """
+    signal = finite('signal', signal)
+    dt = positive('dt', dt, 'ms')
+    frames = len(signal)
+    omega = np.broadcast_to(finite('omega', omega), signal.shape[1:])
+    if omega.size and not omega.min() * frames * dt >= LEAST_PERIODS * 2 * np.pi:
+        raise ValueError(f'the window of {frames * dt:g} ms is shorter than {LEAST_PERIODS} periods of '
+                         f'omega = {omega.min():g} rad/ms; record longer')
+    if omega.size and not omega.max() * dt < np.pi:
+        raise ValueError(f'dt = {dt:g} ms leaves less than two frames to a period of '
+                         f'omega = {omega.max():g} rad/ms; record more often')
+    phase = np.multiply.outer(start + dt * np.arange(frames), omega)
+    basis = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)])
+    window = np.sin(np.pi * (np.arange(frames) + 0.5) / frames) ** 2
+    normal = np.einsum('t,at...,bt...->...ab', window, basis, basis)
+    moment = np.einsum('t,at...,t...->...a', window, basis, signal)
+    _, c, s = np.moveaxis(np.linalg.solve(normal, moment[..., None])[..., 0], -1, 0)
+    return c - 1j * s
+
+
+def remaining_transient(amplitudes, decay):
+    """What the transient still adds to the last of several successive lock-in amplitudes, as a share of it.
+
+    From window to window a free vibration changes by a complex factor z of modulus `decay`, so the way left is the last
+    step times z/(1 - z), at most |step| decay/(1 - decay); at resonance, where it takes longest, exactly that.  A mere
+    comparison of two amplitudes would take slow change for none.
+
+    Parameters
+    ----------
+    amplitudes : array_like of complex, shape (windows, ...)
+        Of windows of equal length, at least three.
+    decay : float
+        Free vibration left after the length T of one window, e^{-gamma T/2}.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Steady state is reached where this is below the tolerance.
+
+    Raises
+    ------
+    ValueError
+        For fewer than three windows, or a decay that is not between 0 and 1: without damping there is no steady state.
+    """
+    amplitudes = np.asarray(amplitudes)
+    if len(amplitudes) < 3:
+        raise ValueError(f'steady state is judged by at least 3 windows, not {len(amplitudes)}')
+    if not 0 < decay < 1:
+        raise ValueError(f'the decay per window must lie between 0 and 1, not {decay!r}; '
+                         'without damping there is no steady state')
+    before, last = abs(np.diff(amplitudes[-3:], axis=0))
+    step = np.maximum(last, decay * before)  # two free vibrations may cancel in one step, hardly in two
+    return step * decay / (1 - decay) / abs(amplitudes[-1])
+
+
+def fourier(signal, dt, omega):
+    """Fourier integral of a record that starts and ends at rest, `integral of signal e^{-i omega t} dt`, t = 0 in frame 0.
+
+    Parameters
+    ----------
+    signal : array_like, shape (frames, ...)
+    dt : float
+        Time between frames in ms.
+    omega : array_like, shape (frequencies,)
+        In rad/ms; any, not only those of the fast Fourier transform.
+
+    Returns
+    -------
+    ndarray of complex, shape (frequencies, ...)
+        In the unit of the signal times ms.
+    """
+    t = dt * np.arange(len(signal))
+    return np.array([dt * np.tensordot(np.exp(-1j * w * t), signal, 1) for w in omega])
+
+
+def impulse_response(signal, dt, impulse, omega):
+    """Frequency response from the free decay after one impulse at t = 0.
+
+    The Fourier integral of the record, with the trapezoidal rule's end correction for the kink at t = 0: the error is of
+    fourth order in omega dt.  The record ends where the vibration has not quite died: a mode has by then the
+    share e^{-gamma T/2} left, which is the relative error at its peak and, to a factor of about 2, elsewhere.
+
+    Parameters
+    ----------
+    signal : array_like, shape (frames, ...)
+        Displacements in mm, from rest; the first frame is that of the impulse.
+    dt : float
+        Time between frames in ms.
+    impulse : float
+        Momentum given to the driven particle, N ms.
+    omega : array_like, shape (frequencies,)
+        In rad/ms.
+
+    Returns
+    -------
+    FrequencyResponse
+        Its `transient` is the largest displacement of the last tenth of the record over that of the first.
+
+    Raises
+    ------
+    ValueError
+        If the record starts with a displacement, stays at rest, or is shorter than 20 frames.
+    """
+    u = finite('signal', signal)
+    dt, impulse = positive('dt', dt, 'ms'), positive('impulse', impulse, 'N ms')
+    omega = finite('omega', omega)
+    if len(u) < 20:
+        raise ValueError(f'the record holds {len(u)} frames; an impulse response needs at least 20')
+    if u[0].any():
+        raise ValueError(f'the record starts with a displacement of {abs(u[0]).max():g} mm; '
+                         'it must start at the impulse, before the particle has moved')
+    if not u.any():
+        raise ValueError('the particle stays at rest throughout the record; look at another particle or direction')
+    kink = dt * u[1] / 12  # Euler-Maclaurin: dt^2/12 times the initial velocity
+    response = (fourier(u, dt, omega) + kink) / impulse
+    tenth = len(u) // 10
+    return FrequencyResponse(omega, response, float(abs(u[-tenth:]).max() / abs(u[:tenth]).max()))
