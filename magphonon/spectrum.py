@@ -158,9 +158,12 @@ class Ridge:
 def ridge(spectrum):
     """Crest of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
 
-    With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity
-    uncertain by one bin times sqrt(B/(6 P)); B is taken from the median over the frequency line, so that leakage and
-    other waves count as noise too.
+    With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity, d
+    bins away from its cell, uncertain by sqrt((1/3 + d^2) B/(2 P)) bins.  B is taken from the median over the frequency
+    line, so that leakage and other waves count as noise too.
+
+    Without noise the curvature of the branch within the width of the window remains: 0.01 bins for a five-cycle burst
+    over 60 particles.
 
     Parameters
     ----------
@@ -188,9 +191,11 @@ def ridge(spectrum):
     if not keep.any():
         raise ValueError('no wave along the row rises above the background of the map; '
                          'average or record longer, reverse the row, or drive harder')
-    share = np.sqrt(background[keep] / (6 * height[keep]))
-    return Ridge(spectrum.xi_centre[lines][at][keep], spectrum.omega_centre[lines][at][keep],
-                 share * spectrum.bin_xi, share * spectrum.bin_omega, height[keep], spectrum.bin_xi, spectrum.bin_omega)
+    xi, omega = spectrum.xi_centre[lines][at][keep], spectrum.omega_centre[lines][at][keep]
+    noise = np.sqrt(background[keep] / (2 * height[keep]))
+    sigma_xi = noise * np.hypot(spectrum.bin_xi / np.sqrt(3), xi - spectrum.xi[peak[keep]])
+    sigma_omega = noise * np.hypot(spectrum.bin_omega / np.sqrt(3), omega - spectrum.omega[lines][keep])
+    return Ridge(xi, omega, sigma_xi, sigma_omega, height[keep], spectrum.bin_xi, spectrum.bin_omega)
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def measure(t, u, particles, rate, noise=0.0, seed=0):
     if samples < 2:
         raise ValueError(f'the record lasts {t[-1] - t[0]:g} ms, less than one step of the sampling rate {rate:g} kHz')
     times = t[0] + np.arange(samples) / rate
-    sampled = CubicSpline(t, u)(np.minimum(times, t[-1]))
+    sampled = CubicSpline(t, u)(times)
     return Displacements(times, particles, sampled + noise * np.random.default_rng(seed).normal(size=sampled.shape))
 
 

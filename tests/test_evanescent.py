@@ -93,15 +93,12 @@ def test_complex_wavenumbers_solve_the_equations_of_motion_bond_by_bond(lattice,
     for xi, v in zip(waves.xi[0], waves.vectors[0], strict=True):
         if not np.isfinite(xi) or xi.imag > 4:
             continue  # falls below 2 % in a step: exponentials of both signs leave no digits
-        residuals = []
-        for z in (xi, -xi.conjugate()):  # the family holds either; v belongs to one of them
-            phase = np.exp(1j * z * (b.shift @ direction))
-            force = (0.3 - m * omega**2) * v
-            for i, j, p, k in zip(b.i, b.j, phase, K, strict=True):
-                force[i] += k @ (v[i] - p * v[j])
-                force[j] += k @ (v[j] - v[i] / p)
-            residuals.append(abs(force).max() / abs(K).max())
-        assert min(residuals) < 1e-9
+        phase = np.exp(1j * xi * (b.shift @ direction))
+        force = (0.3 - m * omega**2) * v
+        for i, j, p, k in zip(b.i, b.j, phase, K, strict=True):
+            force[i] += k @ (v[i] - p * v[j])
+            force[j] += k @ (v[j] - v[i] / p)
+        assert abs(force).max() < 1e-9 * abs(K).max()
         assert xi.imag > 0
         seen += 1
     assert seen >= n
@@ -145,12 +142,13 @@ def test_around_a_point_source_the_slowest_wave_is_measured():
 
 
 def test_measured_decay_states_its_uncertainty():
-    n = np.arange(3, 23)
+    n = np.arange(3, 9)
     rng = np.random.default_rng(5)
-    found = np.array([measured_decay(np.exp(-0.3 * n + 0.05 * rng.normal(size=20)), n, 'row') for _ in range(200)])
+    found = np.array([measured_decay(np.exp(-0.3 * n + 0.05 * rng.normal(size=6)), n, 'row') for _ in range(1000)])
     assert measured_decay(np.exp((-0.3 + 1.1j) * n), n, 'row') == pytest.approx((0.3, 0), abs=1e-12)
-    assert found[:, 0].std() == pytest.approx(0.05 / np.sqrt((n - n.mean()) @ (n - n.mean())), rel=0.15)  # 200 samples: 5 %
-    assert found[:, 1].mean() == pytest.approx(found[:, 0].std(), rel=0.15)
+    expected = 0.05 / np.sqrt((n - n.mean()) @ (n - n.mean()))  # of a slope
+    assert found[:, 0].std() == pytest.approx(expected, rel=0.08)  # 1000 samples scatter by 2 %
+    assert np.sqrt((found[:, 1] ** 2).mean()) == pytest.approx(expected, rel=0.08)
 
 
 def test_waves_are_sorted_counted_and_say_how_far_they_reach():
@@ -163,6 +161,21 @@ def test_waves_are_sorted_counted_and_say_how_far_they_reach():
     assert waves.decay_steps[0, 0] == pytest.approx(1 / waves.xi[0, 0].imag)
     along = np.array([1, np.sqrt(3)]) / 2
     assert abs(waves.vectors[0, 0, 0] @ along) == pytest.approx(1)  # the slowest is longitudinal
+
+
+def test_an_unstable_band_is_met_at_its_negative_frequency():
+    chain = prototype(lattices.chain, foundation=0.0)  # buckles: transverse omega^2 = 2 phi'/(m r) (1 - cos xi) < 0
+    omega = bloch_modes(chain, [0.2, 0, 0])[0][0]
+    assert omega[0] < 0
+    assert abs(complex_bands(chain, (1, 0, 0), [omega[0]]).xi[0] - 0.4 * np.pi).min() < 1e-9
+    assert abs(complex_bands(chain, (1, 0, 0), [-omega[0]]).xi[0] - 0.4 * np.pi).min() > 0.1
+
+
+def test_waves_that_end_at_once_are_infinite_and_not_round_off():
+    kagome = prototype(lattices.kagome, foundation=0.3)
+    decay = complex_bands(kagome, GAMMA_K, [0.5, 0.7]).xi.imag
+    assert np.isinf(decay).sum() == 2 * 8  # the outermost bonds couple few of the six components
+    assert decay[np.isfinite(decay)].max() < 10
 
 
 @pytest.mark.parametrize(('change', 'message'), [

@@ -175,6 +175,17 @@ def test_remaining_transient_bounds_the_error_of_the_whole_curve():
     assert remaining_transient(amplitudes[:8], decay).max() > 1e-3 > remaining_transient(amplitudes, decay).max()
 
 
+def test_two_free_vibrations_that_cancel_in_one_step_do_not_hide():
+    omega_0, dt, frames = np.sqrt(0.045), 1.0, 333
+    omega = np.array([0.11820328892])  # found by a scan: the third step is three times too short
+    signal, U = from_rest(np.arange(4.0 * frames), omega, omega_0)
+    amplitudes = [lock_in(signal[k : k + frames], dt, omega, k * dt) for k in range(0, 4 * frames, frames)]
+    decay = np.exp(-GAMMA * frames * dt / 2)
+    error = abs(1 - U / amplitudes[-1])
+    assert error < 1.1 * remaining_transient(amplitudes, decay)
+    assert error > 2 * abs(1 - amplitudes[-2] / amplitudes[-1]) * decay / (1 - decay)
+
+
 def test_comparing_two_windows_takes_slow_change_for_none():
     omega_0, gamma = 0.2, 2e-4
     t = np.arange(1000.0)

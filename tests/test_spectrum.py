@@ -112,12 +112,12 @@ def test_stated_uncertainty_is_the_scatter_under_noise(noise):
     u = driven_row(omega_m, CARRIER['shear'], points=60, duration=1200, dt=2.0)
     rng = np.random.default_rng(3)
     scores = []
-    for _ in range(12):
+    for _ in range(30):
         r = ridge(wavenumber_frequency(u + noise * rng.normal(size=u.shape), 2.0))
         sigma = np.hypot(r.sigma_omega, omega_m / 2 * np.cos(r.xi / 2) * r.sigma_xi)
         scores.extend((r.omega - omega_m * np.sin(r.xi / 2)) / sigma)
-    # some 130 points, of which neighbours share part of their noise: the rms scatters by 10 %, the background by as much
-    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1, abs=0.3)
+    # 350 points, of which neighbours share part of their noise, scatter by 5 %; the theory is first order in the noise
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1, abs=0.2)
 
 
 def test_uncertainty_grows_with_the_noise():
@@ -177,6 +177,25 @@ def test_a_reversed_row_and_plain_noise_have_no_ridge():
     for seed in range(5):
         with pytest.raises(ValueError, match='no wave along the row'):
             ridge(wavenumber_frequency(np.random.default_rng(seed).normal(size=(600, 60)), 2.0))
+
+
+def test_motion_that_stands_or_decays_has_no_ridge():
+    t = np.arange(400.0)
+    burst = np.sin(0.1 * t) * np.sin(np.pi * t / 400) ** 2
+    with pytest.raises(ValueError, match='no wave along the row'):
+        ridge(wavenumber_frequency(burst[:, None] * np.exp(-0.2 * np.arange(40)), 1.0))
+
+
+def test_beside_a_stronger_wave_that_runs_backwards_a_weak_one_is_dropped():
+    n, t = np.arange(64), np.arange(256.0)[:, None]
+    for amplitude in (0.05, 0.2):  # -26 and -14 dB; the limit is -20
+        u = np.cos(0.5 * t + 0.8 * n) + amplitude * np.cos(1.1 * t - 1.3 * n)
+        s = wavenumber_frequency(u, 1.0)
+        if amplitude < 0.1:
+            with pytest.raises(ValueError, match='no wave along the row'):
+                ridge(s)
+        else:
+            np.testing.assert_allclose(ridge(s).xi, 1.3, rtol=1e-3)
 
 
 @pytest.mark.parametrize(('u', 'dt', 'message'), [

@@ -35,7 +35,7 @@ def test_table_is_si_and_comes_back_to_round_off(tmp_path, lines):
     d = table()
     assert lines[0] == HEADER
     first = [float(value) for value in lines[1].split(',')]
-    assert first == pytest.approx([2e-3, 3, d.u[0, 0, 0] * 1e-3, d.u[0, 0, 1] * 1e-3], rel=1e-15)
+    assert first == pytest.approx([2e-3, 3, d.u[0, 0, 0] * 1e-3, d.u[0, 0, 1] * 1e-3], rel=1e-15)  # ms, mm
     again = read(tmp_path, lines, particles=(3, 1, 7))
     np.testing.assert_allclose(again.t, d.t, rtol=1e-14)
     np.testing.assert_allclose(again.u, d.u, rtol=1e-15)
