@@ -1,0 +1,36 @@
+"""The paper's two systems and its numbers."""
+
+import tomllib
+from importlib.resources import files
+
+import pytest
+
+from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon import units as u
+
+PAPER = tomllib.loads(files('magphonon.data').joinpath('reference.toml').read_text(encoding='utf-8'))
+
+
+@pytest.fixture(scope='session')
+def paper():
+    """Numbers of arXiv:1911.10410 in SI, stated there or recomputed in 50-digit arithmetic from its formulas."""
+    return PAPER
+
+
+@pytest.fixture
+def ideal():
+    """The paper's ideal law and lattice (Secs. III and IV): f = 1e4 N m^4 r^-4, 1 m, 1 kg."""
+    law = InversePower(b=1e4 * u.N * u.m**4, a=4.0)
+    cell = lattices.triangular(1 * u.m, 1 * u.kg)
+    cell.calc = MagneticRepulsion(cell, law)
+    return cell
+
+
+@pytest.fixture
+def prototype():
+    """The paper's prototype (Supplement): magnets on pillars."""
+    p = PAPER['prototype']
+    law = InversePower(b=p['b'] * u.N * u.m ** p['a'], a=p['a'])
+    cell = lattices.triangular(p['spacing'] * u.m, p['mass'] * u.kg)
+    cell.calc = MagneticRepulsion(cell, law, foundation=p['k_eq'] * u.N / u.m)
+    return cell

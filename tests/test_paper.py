@@ -1,0 +1,178 @@
+"""The numbers of arXiv:1911.10410, Secs. III and IV and Supplement, from `data/reference.toml`."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, sound_speeds
+from magphonon import units as u
+from magphonon.bands import bloch_modes
+from magphonon.potentials import repulsion
+from magphonon.stiffness import condense, signed_root
+
+# The numbers are given to ten digits or more.
+PRINTED = 1e-9
+
+
+def special(cell, name, model='complete'):
+    """Angular frequencies at a special point of the zone, in rad/ms."""
+    return bloch_modes(cell, cell.cell.bandpath(name, pbc=cell.pbc, npoints=1).kpts[:1], model)[0][0]
+
+
+def degenerate(omega):
+    return omega[1] - omega[0] < 1e-12 * omega[1]
+
+
+# Sec. III: the oscillator
+
+def oscillator(theta0, model='complete'):
+    atoms = lattices.oscillator(theta0, 1 * u.m, 1 * u.kg)
+    law = InversePower(b=1e4 * u.N * u.m**4, a=4.0)
+    atoms.calc = MagneticRepulsion(atoms, law, model=model, bonds=lattices.OSCILLATOR_BONDS)
+    return atoms
+
+
+def oscillator_stiffness(theta0, part='all'):
+    """Stiffness of the free particle in its plane, N/m."""
+    atoms = oscillator(theta0)
+    free = np.arange(4) == 3
+    return condense(atoms.calc.get_hessian(atoms, part), free).toarray()[:2, :2] / (u.N / u.m)
+
+
+@pytest.mark.parametrize('k', range(4))
+def test_oscillator_stiffness(paper, k):
+    numbers = paper['oscillator']
+    theta0 = np.pi * numbers['theta0_over_pi'][k]
+    complete = np.diag([numbers['D_xx'][k], numbers['D_yy'][k]])
+    conventional = np.diag([numbers['D0_xx'][k], numbers['D0_yy'][k]])
+    # an entry may be zero: relative to the largest; cos(pi/2) is 6e-17, not 0
+    tolerance = {'rtol': 0, 'atol': PRINTED * 120000}
+    np.testing.assert_allclose(oscillator_stiffness(theta0), complete, **tolerance)
+    np.testing.assert_allclose(oscillator_stiffness(theta0, 'D0'), conventional, **tolerance)
+    np.testing.assert_allclose(oscillator_stiffness(theta0, 'Dstar'), complete - conventional, **tolerance)
+    # the control: the conventional stiffness is not the complete one, at any theta0
+    assert abs(complete - conventional).max() > 0.05 * 120000
+
+
+@pytest.mark.parametrize('k', range(4))
+def test_oscillator_frequencies(paper, k):
+    numbers = paper['oscillator']
+    theta0 = np.pi * numbers['theta0_over_pi'][k]
+    for part, expected in (('all', numbers['omega_y'][k]), ('D0', numbers['omega_y_D0'][k])):
+        omega_y = signed_root(oscillator_stiffness(theta0, part)[1, 1] * (u.N / u.m) / (1 * u.kg)) / (u.rad / u.s)
+        assert omega_y == pytest.approx(expected, rel=PRINTED)
+
+
+@pytest.mark.parametrize('k', range(4))
+def test_oscillator_balancing_force(paper, k):
+    numbers = paper['oscillator']
+    atoms = oscillator(np.pi * numbers['theta0_over_pi'][k])
+    pushed = atoms.get_forces(apply_constraint=False)[3] / u.N
+    assert -pushed[1] == pytest.approx(numbers['balancing_force_y'][k], rel=PRINTED)
+    assert abs(pushed[[0, 2]]).max() < 1e-12 * abs(pushed[1])  # the two side magnets cancel but for round-off
+    assert not atoms.get_forces()[:3].any()  # the fixed ones are held
+
+
+def test_oscillator_conventional_model_hides_the_instability(paper):
+    assert oscillator_stiffness(np.pi / 2)[0, 0] < 0
+    assert oscillator_stiffness(np.pi / 2, 'D0')[0, 0] == pytest.approx(0, abs=1e-9)
+
+
+def test_oscillator_critical_angle(paper):
+    critical = brentq(lambda theta0: oscillator_stiffness(theta0)[0, 0], 0.1, 1.5, xtol=1e-14, rtol=1e-14)
+    assert critical / u.deg == pytest.approx(paper['oscillator']['theta_critical_deg'], rel=PRINTED)
+    assert np.cos(critical) ** 2 == pytest.approx(3 / (2 * (4 + 1)), rel=1e-12)
+
+
+def test_oscillator_growth_rate(paper):
+    horizontal = signed_root(oscillator_stiffness(np.pi / 2)[0, 0] * (u.N / u.m) / (1 * u.kg)) / (1 / u.s)
+    assert -horizontal == pytest.approx(paper['oscillator']['growth_rate_at_pi_over_2'], rel=PRINTED)
+
+
+# Sec. IV: the triangular lattice
+
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
+def test_triangular_at_the_special_points(paper, ideal, model):
+    numbers = paper['triangular']
+    np.testing.assert_allclose(special(ideal, 'M', model) / (u.rad / u.s), numbers[f'M_{model}'], rtol=PRINTED)
+    K = special(ideal, 'K', model)
+    np.testing.assert_allclose(K / (u.rad / u.s), numbers[f'K_{model}'], rtol=PRINTED)
+    assert degenerate(K)
+    # the control: K of the paper's basis, (2/3, 1/3); what is K in a 120 degree cell is none here
+    assert not degenerate(bloch_modes(ideal, [1 / 3, 1 / 3, 0], model)[0][0])
+
+
+def test_triangular_conventional_numbers_are_others(ideal):
+    shear, longitudinal = special(ideal, 'M', 'conventional') / special(ideal, 'M')
+    assert shear == pytest.approx(2, rel=1e-12)  # sqrt(2a/(2a - 6)) for a = 4
+    assert 1.04 < longitudinal < 1.05
+
+
+@pytest.mark.parametrize(('model', 'transverse', 'longitudinal'), [('complete', 4 - 3, 3 * 4 - 1), ('conventional', 4, 3 * 4)])
+def test_triangular_along_gamma_m(ideal, model, transverse, longitudinal):
+    # omega = sqrt(2 (a - 3) f/(L M)) sin(xi/2) and sqrt(2 (3a - 1) f/(L M)) sin(xi/2) with xi = k.R2
+    xi = np.linspace(0, np.pi, 50)
+    q = np.stack([0 * xi, xi / (2 * np.pi), 0 * xi], axis=1)
+    scale = np.sqrt(2 * 1e4 * u.N / (1 * u.m * 1 * u.kg))
+    expected = scale * np.sqrt([transverse, longitudinal]) * np.sin(xi / 2)[:, None]
+    omega = bloch_modes(ideal, q, model)[0]
+    # squares carry the round-off: relative to the highest of them
+    np.testing.assert_allclose(omega**2, expected**2, rtol=0, atol=1e-14 * expected.max() ** 2)
+
+
+@pytest.mark.parametrize('angle', [0.0, 0.3, 1.0, 2.5])
+@pytest.mark.parametrize(('model', 'suffix'), [('complete', ''), ('conventional', '_conventional')])
+def test_triangular_sound_is_isotropic(paper, ideal, angle, model, suffix):
+    expected = [paper['triangular'][name + suffix] for name in ('c_T', 'c_L')]
+    speeds = sound_speeds(ideal, (np.cos(angle), np.sin(angle)), model)
+    np.testing.assert_allclose(speeds / (u.m / u.s), expected, rtol=PRINTED)
+
+
+def test_triangular_limit_of_the_time_step(paper, ideal):
+    path = ideal.cell.bandpath('GMKG', npoints=100, pbc=ideal.pbc)
+    assert 2 / analytic_bands(ideal, path).omega.max() / u.s == pytest.approx(paper['triangular']['dt_limit'], rel=PRINTED)
+
+
+# Supplement: the prototype
+
+def test_prototype_law(paper, prototype):
+    numbers = paper['prototype']
+    r = numbers['spacing'] * u.m
+    law = prototype.calc.potential
+    assert repulsion(law, r) / u.N == pytest.approx(numbers['f_at_spacing'], rel=PRINTED)
+    assert -law.d2phi(r) / (u.N / u.m) == pytest.approx(numbers['df_dr_at_spacing'], rel=PRINTED)
+
+
+def test_prototype_pillar(paper):
+    numbers = paper['prototype']
+    I = np.pi * (numbers['pillar_radius'] * u.m) ** 4 / 4
+    k = 3 * numbers['youngs_modulus'] * u.Pa * I / (numbers['pillar_height'] * u.m) ** 3
+    assert k / (u.N / u.m) == pytest.approx(numbers['k_eq'], rel=PRINTED)
+    # the control: with the printed word, diameter, the pillar would be sixteen times softer
+    assert k / 16 / (u.N / u.m) < 2
+
+
+def test_prototype_gap(paper, prototype):
+    np.testing.assert_allclose(special(prototype, 'G') / (2 * np.pi) / u.Hz, paper['prototype']['gamma_Hz'], rtol=PRINTED)
+
+
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
+def test_prototype_at_the_special_points(paper, prototype, model):
+    numbers = paper['prototype']
+    np.testing.assert_allclose(special(prototype, 'M', model) / (2 * np.pi) / u.Hz, numbers[f'M_{model}_Hz'], rtol=PRINTED)
+    K = special(prototype, 'K', model)
+    np.testing.assert_allclose(K / (2 * np.pi) / u.Hz, numbers[f'K_{model}_Hz'], rtol=PRINTED)
+    assert degenerate(K)
+
+
+def test_prototype_without_its_pillars(paper, prototype):
+    prototype.calc.set(foundation=0.0)
+    M = special(prototype, 'M') / (2 * np.pi) / u.Hz
+    np.testing.assert_allclose(M, paper['prototype']['M_no_foundation_Hz'], rtol=PRINTED)
+    assert abs(special(prototype, 'G')).max() / (2 * np.pi) / u.Hz < 1e-6 * M.max()  # the root of round-off
+
+
+def test_prototype_shear_is_missed_without_the_static_forces(prototype):
+    complete, conventional = special(prototype, 'M'), special(prototype, 'M', 'conventional')
+    assert conventional[0] / complete[0] > 1.5
+    assert 1.03 < conventional[1] / complete[1] < 1.05
