@@ -83,25 +83,25 @@ def test_every_band_is_among_the_complex_bands(lattice, direction, bonds, xi):
 
 
 @pytest.mark.parametrize(('lattice', 'direction', 'bonds'), CASES)
-def test_complex_wavenumbers_solve_the_equations_of_motion_bond_by_bond(lattice, direction, bonds):
+@pytest.mark.parametrize('omega', [0.3, 0.8, 1.3])  # in the gap, among the bands (kagome: complex quadruples), above
+def test_complex_wavenumbers_solve_the_equations_of_motion_bond_by_bond(lattice, direction, bonds, omega):
     cell = prototype(lattice, foundation=0.3, **bonds)
-    omega = 0.8 * bloch_modes(cell, np.zeros(3))[0].min()  # in the gap
     waves = complex_bands(cell, direction, [omega])
-    b, m, n = cell.calc.bonds, 0.707, len(cell)
+    b, m = cell.calc.bonds, 0.707
     K = model_stiffness(b.vectors[:, :2], LAW)
-    seen = 0
     for xi, v in zip(waves.xi[0], waves.vectors[0], strict=True):
-        if not np.isfinite(xi) or xi.imag > 4:
-            continue  # falls below 2 % in a step: exponentials of both signs leave no digits
+        if xi.imag > 6:
+            continue  # falls below 0.3 % in a step: exponentials of both signs leave few digits
         phase = np.exp(1j * xi * (b.shift @ direction))
         force = (0.3 - m * omega**2) * v
         for i, j, p, k in zip(b.i, b.j, phase, K, strict=True):
             force[i] += k @ (v[i] - p * v[j])
             force[j] += k @ (v[j] - v[i] / p)
         assert abs(force).max() < 1e-9 * abs(K).max()
-        assert xi.imag > 0
-        seen += 1
-    assert seen >= n
+        assert xi.imag >= 0
+    if omega == 0.3:
+        assert (waves.xi.imag > 0).all()
+        assert (waves.xi.imag < 6).sum() >= len(cell)
 
 
 def test_a_driven_row_decays_as_the_complex_wavenumber_says():
