@@ -33,10 +33,16 @@ _HOME = {
     'plot_isofrequency': 'zoneplots',
     'plot_ratio': 'zoneplots',
     'foundation_needed': 'stability',
+    'DrivenVerlet': 'dynamics',
+    'Constant': 'drives',
+    'Harmonic': 'drives',
+    'ToneBurst': 'drives',
+    'Recorder': 'recorder',
     'read_scene': 'scenes',
     'ready_scene': 'scenes',
 }
-_MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'plotting', 'scenes')
+_MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'drives', 'dynamics',
+            'plotting', 'scenes')
 
 __all__ = sorted([*_HOME, *_MODULES])
 

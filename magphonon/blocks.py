@@ -1,0 +1,263 @@
+"""The exact state of a run between two looks at it: displacements and velocities, moved on by a kernel."""
+
+import numpy as np
+from ase.constraints import FixAtoms, FixedLine, FixedPlane
+
+from .calculator import MagneticRepulsion
+from .drives import Constant, Drives
+from .increments import RANGES, Increments
+from .kernels import Kernel, Motion
+from .layout import arrange
+
+CONTACT = 0.1
+"""Bonded particles closer than this fraction of their rest distance have collided."""
+FLOWN = 1e3
+"""Bonded particles farther apart than this multiple of their rest distance have left."""
+BALANCED = 1e-11
+"""A static force below this fraction of the forces that cancel in it is round-off."""
+
+
+class Diverged(RuntimeError):
+    """A run went wrong; the atoms are left in the last good state.
+
+    Attributes
+    ----------
+    particle : int
+        The particle concerned.
+    time : float
+        When it was noticed, in ms.
+    atoms : ase.Atoms
+        The last good state, at `last_good` ms.
+    last_good : float
+    """
+
+    def __init__(self, particle, time, what):
+        super().__init__(f'at {time:g} ms particle {particle} {what}; the atoms keep the last good state. '
+                         'Take a shorter time step, less drive, or a start nearer to rest')
+        self.particle, self.time, self.atoms, self.last_good = particle, time, None, None
+
+
+def inspect(calc, u, time):
+    """Raise Diverged unless the displacements `u`, shape (particles, dim), are finite and no bonded particles collide."""
+    lost = np.flatnonzero(~np.isfinite(u).all(axis=1))
+    if len(lost):
+        raise Diverged(lost[0], time, 'has left for infinity')
+    R = calc.bonds.vectors[:, : calc.dim]
+    r0 = np.linalg.norm(R, axis=1)
+    bond = R + u[calc.bonds.j] - u[calc.bonds.i]
+    r = np.linalg.norm(bond, axis=1)
+    if calc.parameters.model == 'conventional':
+        r = np.einsum('bx,bx->b', bond, R) / r0
+    for b in np.flatnonzero((r < CONTACT * r0) | (r > FLOWN * r0))[:1]:
+        raise Diverged(calc.bonds.i[b], time, f'is {r[b]:g} mm from its neighbour {calc.bonds.j[b]} instead of {r0[b]:g} mm')
+
+
+def freedom(atoms):
+    """What the constraints leave free in the plane.
+
+    Returns
+    -------
+    mobile : ndarray of bool, shape (particles,)
+        False where FixAtoms holds the particle.
+    guided : ndarray of int
+        Particles that FixedLine or FixedPlane guides.
+    barred : ndarray, shape (guided, 2, 2)
+        Projector on the direction barred to each of them.
+
+    Raises
+    ------
+    ValueError
+        For other constraints.
+    """
+    mobile = np.ones(len(atoms), bool)
+    barred = {}
+    for constraint in atoms.constraints:
+        if type(constraint) not in (FixAtoms, FixedLine, FixedPlane):
+            raise ValueError(f'blocks of steps know FixAtoms, FixedLine and FixedPlane, not {constraint!r}')
+        if isinstance(constraint, FixAtoms):
+            mobile[constraint.index] = False
+            continue
+        d = constraint.dir[:2]
+        if isinstance(constraint, FixedLine) and not d.any():
+            mobile[constraint.index] = False
+            continue
+        if (d.any() and constraint.dir[2]) or set(constraint.index) & set(barred):
+            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that is guided already')
+        dd = np.outer(d, d)
+        barred |= dict.fromkeys(constraint.index.tolist(), np.eye(2) - dd if isinstance(constraint, FixedLine) else dd)
+    guided = np.array([k for k in sorted(barred) if mobile[k] and barred[k].any()], int)
+    return mobile, guided, np.array([barred[k] for k in guided]).reshape(-1, 2, 2)
+
+
+def refusal(atoms):
+    """Why blocks of steps cannot integrate `atoms`, or None if they can."""
+    if type(atoms.calc) is not MagneticRepulsion:
+        return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
+    if atoms.calc.dim != 2:
+        return 'the structure is not planar'
+    try:
+        freedom(atoms)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+class Blocks:
+    """Displacements, velocities and accelerations of a planar structure, exact where positions would round them.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With its MagneticRepulsion; `refusal(atoms)` is None.
+    dt : float
+        Time step in ms.
+    drives : sequence of drives
+    damping : ndarray, shape (particles,)
+        gamma in 1/ms.
+    """
+
+    def __init__(self, atoms, dt, drives, damping):
+        calc, masses = atoms.calc, atoms.get_masses()
+        self.atoms, self.calc, self.dt = atoms, calc, dt
+        self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
+        mobile, guided, barred = freedom(atoms)
+        static = _static_forces(calc, Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms)))
+        driven = np.flatnonzero(mobile & static.any(axis=1))
+        driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
+        _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
+        self._static = static[driven]
+
+        self.layout = layout = arrange(calc.reference, calc.bonds, mobile)
+        self._increments = Increments(calc.potential, calc.parameters.model, layout.r0)
+        self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
+                              calc.parameters.foundation, layout.slot[driven], layout.slot[guided], barred)
+        self._mobile, self._masses = mobile[:, None], masses[:, None]
+        self._kernel_class, self._level, self._kernel = Kernel, 0, None
+        self._read()
+
+    @property
+    def engine(self):
+        return self._kernel.engine
+
+    @property
+    def displacements(self):
+        """In mm, shape (particles, 2)."""
+        return self.layout.gather(self._u)
+
+    @property
+    def velocities(self):
+        """In mm/ms, shape (particles, 2)."""
+        return self.layout.gather(self._v)
+
+    def use(self, engine):
+        """Choose the kernel: 'numpy' or 'compiled'."""
+        if engine == 'compiled':
+            from .compiled import CompiledKernel as kernel_class
+        else:
+            kernel_class = Kernel
+        if kernel_class is not self._kernel_class or self._kernel is None:
+            self._kernel_class = kernel_class
+            self._fit(self._level)
+
+    def _fit(self, level):
+        """Make the kernel for increments up to RANGES[level], or with the law itself beyond or where it is not smooth."""
+        fit = self._increments.polynomial(RANGES[level]) if level < len(RANGES) else None
+        self._level, self._reach = (len(RANGES), np.inf) if fit is None else (level, RANGES[level])
+        kernel_class, coefficients = (Kernel, None) if fit is None else (self._kernel_class, fit[0])
+        self._kernel = kernel_class(self.layout, self._increments, self._motion, coefficients)
+
+    def advance(self, first, steps):
+        """Move on by a block of `steps`, from the step number `first`.
+
+        Raises
+        ------
+        Diverged
+            And nothing has moved.
+        """
+        times = self.dt * np.arange(first, first + steps + 1)
+        forces = self._external(times)
+        if not self.current:
+            self._read()
+        with np.errstate(over='ignore', invalid='ignore'):
+            while not self._within_reach(self._u, times[0]):
+                self._fit(self._level + 1)
+            while True:
+                if self._a is None:
+                    self._a = self._kernel.accelerations(self._u, forces[0])
+                u, v, a = self._kernel.advance(self._u, self._v, self._a, forces[1:])
+                if self._within_reach(u, times[-1]):
+                    break
+                self._fit(self._level + 1)
+                self._a = None
+        self._u, self._v, self._a = u, v, a
+
+    def _external(self, times):
+        """Static and external forces on the driven slots, shape (times, driven, 2)."""
+        varying = self._varying.forces(times)
+        if varying[..., 2].any():
+            raise ValueError('a drive has a component along z, but the structure is planar')
+        total = np.repeat(self._static[None], len(times), axis=0)
+        total[:, self._to] += varying[:, self._from, :2]
+        return total
+
+    def _within_reach(self, u, time):
+        """Whether the present polynomials hold for all increments; Diverged if the state is no good at all."""
+        s = 2 * np.sqrt(2) * max(u.max(), -u.min()) / self.layout.r0.min()  # no bond is strained more
+        if 2 * s + s**2 < min(self._reach, 1 / 2):
+            return True
+        least, largest = self._kernel.extremes(u)
+        if not (least > -1 + CONTACT and largest < FLOWN):
+            inspect(self.calc, np.where(self._mobile, self.layout.gather(u), 0), time)
+        return max(-least, largest) < self._reach
+
+    @property
+    def current(self):
+        """Whether the atoms are as they were left; observers may change them."""
+        return all(np.array_equal(self.atoms.arrays[name], value) for name, value in self._written.items())
+
+    def _read(self):
+        """Take the state from the atoms."""
+        u, v = self.calc.displacements(self.atoms), self.atoms.get_momenta()[:, :2] / self._masses
+        self._anchors = self.atoms.positions[:, :2] - u
+        self.take(u, v * self._mobile)
+        self._v[:, self._motion.guided] -= self._motion.barred_part(self._v)
+        self._remember()
+
+    def take(self, u, v):
+        """Set displacements and velocities, shape (particles, 2), to more digits than the positions have."""
+        self._u, self._v, self._a = self.layout.scatter(u), self.layout.scatter(v), None
+
+    def write(self):
+        """Put the state into the atoms, rounded to positions."""
+        arrays = self.atoms.arrays
+        np.add(self._anchors, self.displacements, out=arrays['positions'][:, :2])
+        np.multiply(self._masses, self.velocities, out=arrays['momenta'][:, :2])
+        self._remember()
+
+    def _remember(self):
+        self._written = {name: self.atoms.arrays[name].copy() for name in ('positions', 'momenta')}
+
+    def state(self):
+        """Arrays from which `restore` continues to the same bits."""
+        return {'u': self._u, 'v': self._v, 'a': self._a, 'level': self._level}
+
+    def restore(self, state):
+        """Go on from a `state`; the atoms have their positions and momenta already."""
+        self._fit(int(state['level']))
+        self._u, self._v, self._a = (state[name].copy() for name in 'uva')
+        self._remember()
+
+
+def _static_forces(calc, constant):
+    """Forces at rest of the bonds and of constant drives in N, shape (particles, 2); zero where they balance."""
+    bonds, R = calc.bonds, calc.bonds.vectors[:, :2]
+    r0 = np.linalg.norm(R, axis=1)
+    pull = -(calc.potential.dphi(r0) / r0)[:, None] * R
+    total = np.zeros((bonds.particles, 2))
+    total[constant.particles] = constant.forces([0.0])[0, :, :2]
+    size = abs(total).max(axis=1)
+    for end, sign in ((bonds.j, 1), (bonds.i, -1)):
+        total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)
+        size += np.bincount(end, np.linalg.norm(pull, axis=1), bonds.particles)
+    total[abs(total) <= BALANCED * size[:, None]] = 0
+    return total

@@ -1,0 +1,133 @@
+"""Where particles and bonds lie in memory for blocks of time steps: on a grid of constant offsets, or in a table.
+
+In a patch made by `repeat` the bonds fall into a few groups of equal j - i and equal rest vector.  Such a group is
+a pair of shifted slices, and no index needs to be looked up.  A patch that was cut from a parallelogram is put back
+onto it (the array 'site'), with empty slots where particles are missing.  Everything else goes into a table of bonds,
+with the particles renumbered so that neighbours lie close in memory.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+GRID_COST = 6
+"""A grid may have this many times more slots for bonds than bonds, so much cheaper is a slot."""
+SAME = 1e-9
+"""Rest vectors that differ by less than this fraction of the length form one group."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Slots of particles, and bonds between slots.
+
+    Attributes
+    ----------
+    slot : ndarray of int, shape (particles,)
+        The slot of each particle.
+    length : int
+        Number of slots, including the empty ones behind the last particle that shifted slices reach.
+    i, j : ndarray of int, shape (bonds,)
+        Slots that each bond joins.
+    R : ndarray, shape (bonds, 2)
+        Rest vectors in mm.
+    kind : ndarray of int, shape (bonds,)
+        The increment law of each bond; ascending in a table.
+    r0 : ndarray, shape (kinds,)
+        Rest length of each kind in mm.
+    offset : ndarray of int, shape (kinds,), or None
+        On a grid, j - i of each kind; None for a table.
+    strength : ndarray, shape (kinds, length), or None
+        On a grid, 1 where slot i starts a bond and 0 elsewhere; None if this never matters because both its ends
+        are held, as at a fixed rim.
+    """
+
+    slot: np.ndarray
+    length: int
+    i: np.ndarray
+    j: np.ndarray
+    R: np.ndarray
+    kind: np.ndarray
+    r0: np.ndarray
+    offset: np.ndarray | None = None
+    strength: np.ndarray | None = None
+
+    @property
+    def kind_R(self):
+        """Rest vector of each kind on a grid, shape (kinds, 2)."""
+        return self.R[np.unique(self.kind, return_index=True)[1]]
+
+    def runs(self, gap, longest):
+        """First and last + 1 slot of stretches of particles, shape (runs, 2).
+
+        Holes up to `gap` slots are included; stretches are cut into pieces of at most `longest`.
+        """
+        occupied = np.sort(self.slot)
+        breaks = np.flatnonzero(np.diff(occupied) > gap)
+        first = occupied[np.append(0, breaks + 1)]
+        last = occupied[np.append(breaks, len(occupied) - 1)] + 1
+        return np.array([(s, min(s + longest, b)) for a, b in zip(first, last, strict=True) for s in range(a, b, longest)])
+
+    def gather(self, values):
+        """Values of the particles, shape (particles, 2), from those of the slots, shape (2, length)."""
+        return values[:, self.slot].T.copy()
+
+    def scatter(self, values):
+        """Values of the slots, zero in the empty ones, from those of the particles, shape (particles, ...)."""
+        slots = np.zeros((self.length, *values.shape[1:]))
+        slots[self.slot] = values
+        return np.ascontiguousarray(slots.T)
+
+
+def arrange(atoms, bonds, mobile):
+    """The layout of a planar structure.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    bonds : Bonds
+    mobile : ndarray of bool, shape (particles,)
+        Particles that are not held.
+    """
+    other = bonds.i != bonds.j  # a bond to one's own image never changes
+    i, j, R = bonds.i[other], bonds.j[other], bonds.vectors[other, :2]
+    return _grid(atoms, i, j, R, mobile) or _table(len(atoms), i, j, R)
+
+
+def _grid(atoms, i, j, R, mobile):
+    slot = atoms.arrays.get('site', np.arange(len(atoms)))
+    if len(np.unique(slot)) < len(slot) or not len(i):  # as after joining two patches
+        return None
+    slot = slot - slot.min()
+    i, j = slot[i], slot[j]
+    backward = j < i
+    i, j = np.where(backward, j, i), np.where(backward, i, j)
+    R = np.where(backward[:, None], -R, R)
+    r0 = np.linalg.norm(R, axis=1)
+    groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME * r0.min()))]),
+                                    axis=0, return_index=True, return_inverse=True)
+    slots = slot.max() + 1
+    if len(groups) * slots > GRID_COST * len(i):
+        return None
+    kind = kind.ravel()
+    offset = groups[:, 0].astype(int)
+    length = slots + offset.max()
+    free = np.zeros(length, bool)
+    free[slot] = mobile
+    bonded = np.zeros((len(groups), length))
+    bonded[kind, i] = 1
+    matters = [(free[:slots] | free[o : o + slots]) & (b[:slots] == 0) for o, b in zip(offset, bonded, strict=True)]
+    return Layout(slot, length, i, j, R[first][kind], kind, r0[first], offset, bonded if np.any(matters) else None)
+
+
+def _table(count, i, j, R):
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    graph = csr_array((np.ones(2 * len(i)), (np.append(i, j), np.append(j, i))), shape=(count, count))
+    slot = np.empty(count, int)
+    slot[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(count)
+    i, j = slot[i], slot[j]
+    r0 = np.linalg.norm(R, axis=1)
+    _, first, kind = np.unique(np.round(np.log(r0) / SAME), return_index=True, return_inverse=True)
+    order = np.lexsort([np.maximum(i, j), np.minimum(i, j), kind])
+    return Layout(slot, count, i[order], j[order], R[order], kind[order], r0[first])

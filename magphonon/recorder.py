@@ -1,0 +1,97 @@
+"""Displacements of a run, frame by frame, in bounded memory."""
+
+import os
+from tempfile import SpooledTemporaryFile
+from weakref import finalize
+
+import numpy as np
+
+from .errors import whole
+from .files import whole_file
+
+MEMORY = 2**26
+"""Bytes of frames kept in memory; more go to a temporary file."""
+
+
+class Recorder:
+    """Observer that keeps the displacements of particles, in float64, as exact as the engine has them.
+
+    Parameters
+    ----------
+    dyn : DrivenVerlet
+        The recorder attaches itself.
+    particles : array_like of int, optional
+        All of them if not given.
+    interval : int
+        Steps between two frames.
+    """
+
+    def __init__(self, dyn, particles=None, interval=10):
+        self._dyn, self.interval = dyn, whole('interval', interval)
+        count = len(dyn.atoms)
+        self.particles = np.arange(count) if particles is None else np.atleast_1d(particles)
+        if not (np.issubdtype(self.particles.dtype, np.integer) and self.particles.min(initial=0) >= 0
+                and self.particles.max(initial=0) < count):
+            raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
+        self._frames = []  # their times
+        self._shape = len(self.particles), dyn.displacements.shape[1]
+        self._open(SpooledTemporaryFile(MEMORY))  # noqa: SIM115  open as long as the recorder
+        dyn.recorders.append(self)
+        dyn.attach(self, self.interval)
+
+    def _open(self, file):
+        self._file = file
+        finalize(self, file.close)
+
+    def __call__(self):
+        self._file.write(self._dyn.displacements[self.particles].tobytes())
+        self._frames.append(self._dyn.get_time())
+
+    @property
+    def times(self):
+        """Times of the frames in ms, shape (frames,)."""
+        return np.array(self._frames)
+
+    @property
+    def displacements(self):
+        """Displacements from rest in mm, shape (frames, particles, dim); a read-only map of the file if they are many."""
+        shape = len(self._frames), *self._shape
+        if not np.prod(shape):
+            return np.zeros(shape)
+        self._file.flush()
+        if 8 * np.prod(shape) > MEMORY:
+            return np.memmap(self._file, mode='r', shape=shape)
+        self._file.seek(0)
+        return np.frombuffer(self._file.read()).reshape(shape)
+
+    def save(self, path):
+        """Write `times` (ms), `displacements` (mm) and `particles` to a .npz file, whole or not at all."""
+        with whole_file(path, 'wb') as file:
+            np.savez(file, times=self.times, displacements=self.displacements, particles=self.particles)
+
+    def keep_at(self, path, times=None):
+        """Keep the frames in a file from now on; with `times`, go on after that many frames which are there already.
+
+        Raises
+        ------
+        ValueError
+            If the file is shorter than that.
+        """
+        if times is None:
+            frames = self.displacements
+            self._open(open(path, 'w+b'))  # noqa: SIM115
+            self._file.write(frames.tobytes())
+            return
+        size = 8 * int(np.prod(self._shape)) * len(times)
+        if not os.path.exists(path) or os.path.getsize(path) < size:
+            raise ValueError(f'{path} does not hold the {len(times)} frames of its checkpoint; delete both and start again')
+        self._open(open(path, 'r+b'))  # noqa: SIM115
+        self._file.truncate(size)
+        self._file.seek(size)
+        self._frames = list(times)
+
+    def keep(self):
+        """Make sure that the frames are on the disk; returns their times."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        return self.times
