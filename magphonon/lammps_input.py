@@ -14,6 +14,7 @@ import numpy as np
 from ase.constraints import FixAtoms
 
 from .calculator import MagneticRepulsion
+from .drives import Drives, ToneBurst
 from .errors import not_negative, one_of, positive, whole
 from .files import whole_file
 
@@ -84,7 +85,7 @@ def write_lammps_input(directory, atoms, timestep, steps, *, drives=(), damping=
     ------
     ValueError
         If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, bonds
-        that no cutoff describes.
+        that no cutoff describes, other drives than tone bursts of one amplitude.
     OSError
         If the directory cannot be written.
     """
@@ -104,6 +105,7 @@ def write_lammps_input(directory, atoms, timestep, steps, *, drives=(), damping=
     if damping:
         scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(kinds[:free_types, 1]))
         fixes.append(f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}')
+    Drives(drives, len(atoms))  # refuses particles that are not there; LAMMPS would leave them out
     for n, drive in enumerate(drives):
         fixes += _burst(n, drive)
 
@@ -142,12 +144,15 @@ def _scene(atoms):
 
 
 def _burst(n, drive):
-    """A Hann-windowed tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
-    w, end = drive.omega, 2 * np.pi * drive.cycles / drive.omega
-    ids = ' '.join(str(i + 1) for i in np.atleast_1d(drive.particles))
-    fx, fy, _ = (f'{component:.17g}*v_burst{n}' for component in drive.amplitude * np.asarray(drive.direction))
+    """A tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
+    if not isinstance(drive, ToneBurst) or np.ptp(drive.amplitude) or drive.start < 0:
+        raise ValueError(f'LAMMPS is given tone bursts of one amplitude that start at t >= 0 only, not {drive!r}')
+    ids = ' '.join(str(i + 1) for i in drive.particles)
+    s, w = f'(time-{drive.start:.17g})', drive.omega
+    window = f'(time>={drive.start:.17g})*(time<={drive.end:.17g})*0.5*(1-cos({w / drive.cycles:.17g}*{s}))'
+    fx, fy, _ = (f'{component:.17g}*v_burst{n}' for component in drive.amplitude[0] * drive.direction)
     return [f'group driven{n} id {ids}',
-            f'variable burst{n} equal "(time<{end:.17g})*0.5*(1-cos({w / drive.cycles:.17g}*time))*sin({w:.17g}*time)"',
+            f'variable burst{n} equal "{window}*sin({w:.17g}*{s})"',
             f'variable fx{n} equal {fx}', f'variable fy{n} equal {fy}',
             f'fix drive{n} driven{n} addforce v_fx{n} v_fy{n} 0.0']
 
