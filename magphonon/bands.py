@@ -41,13 +41,17 @@ class Bands:
 
     @cached_property
     def longitudinal(self):
-        """Share of each mode's motion along the wavevector, 0 to 1, shape (wavevectors, modes); NaN at k = 0."""
+        """Share of each mode's motion along the wavevector, 0 to 1, shape (wavevectors, modes); NaN at k = 0.
+
+        Where branches cross, the mean of them: their modes are arbitrary there.
+        """
         if self.vectors is None:
             raise ValueError('these bands were computed without modes; ask for them with vectors=True')
         k = self.path.kpts @ self.path.cell.reciprocal().array
         with np.errstate(invalid='ignore'):
             direction = (k / np.linalg.norm(k, axis=1)[:, None])[:, : self.vectors.shape[-1]]
-        return (abs(np.einsum('qmix,qx->qmi', self.vectors, direction)) ** 2).sum(axis=2)
+        share = (abs(np.einsum('qmix,qx->qmi', self.vectors, direction)) ** 2).sum(axis=2)
+        return _mean_over_crossings(self.omega, share[..., None])[..., 0]
 
     @property
     def polarisations(self):
@@ -228,10 +232,10 @@ def group_velocities(atoms, q, model='complete'):
     return omega, velocity
 
 
-def _mean_over_crossings(omega, slope):
-    """Average `slope` over the modes of equal frequency, whose eigenvectors are arbitrary."""
+def _mean_over_crossings(omega, values):
+    """Average `values`, shape (wavevectors, modes, any), over the modes of equal frequency, whose eigenvectors are arbitrary."""
     same = abs(omega[:, :, None] - omega[:, None, :]) <= 1e-9 * abs(omega).max()
-    return np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), slope)
+    return np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), values)
 
 
 def sound_speeds(atoms, direction=(1, 0), model='complete'):
@@ -249,7 +253,8 @@ def sound_speeds(atoms, direction=(1, 0), model='complete'):
     Returns
     -------
     ndarray, shape (dim,)
-        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.
+        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  NaN where
+        a mechanism of the cell, a mode without stiffness at k = 0, mixes with sound (the conventional kagome lattice).
 
     Raises
     ------
@@ -263,15 +268,19 @@ def sound_speeds(atoms, direction=(1, 0), model='complete'):
     along = direction / np.linalg.norm(direction)
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     masses = atoms.get_masses()
-    n, dim = len(atoms), calc.dim
+    dim = calc.dim
     R = (calc.bonds.shift @ atoms.cell.array)[:, :dim] @ along
     A, B, C = (mass_weighted(term, masses) for term in bloch_series(calc.bonds, K, R))
 
     # the internal modes follow the translations u: second-order perturbation theory
     u = np.kron(np.sqrt(masses)[:, None], np.eye(dim)) / np.sqrt(masses.sum())
     internal = np.linalg.svd(u)[0][:, dim:]
-    coupling = internal.T @ B @ u
-    squares = u.T @ C @ u
-    if n > 1:
-        squares = squares - coupling.conj().T @ np.linalg.pinv(internal.T @ A @ internal, 1e-12, hermitian=True) @ coupling
+    stiffness, modes = np.linalg.eigh(internal.T @ A @ internal)
+    floppy = abs(stiffness) <= 1e-12 * abs(A).max()
+    modes = internal @ modes
+    follow = -modes[:, ~floppy] / stiffness[~floppy] @ modes[:, ~floppy].conj().T @ B @ u
+    squares = u.T @ (C @ u + B @ follow)
+    mechanism = modes[:, floppy].conj().T @ (C @ u + B @ follow)
+    if abs(mechanism).max(initial=0) > 1e-9 * abs(squares).max():
+        return np.full(dim, np.nan)
     return signed_root(np.linalg.eigvalsh(squares))

@@ -128,7 +128,7 @@ def _report(scene, atoms, bands, phonon):
     from .stability import foundation_needed
 
     def rows(label, columns, highest):
-        table = np.where(abs(np.transpose(columns)) > SHOWN * highest, np.transpose(columns), 0.0)
+        table = np.where(abs(np.transpose(columns)) < SHOWN * highest, 0.0, np.transpose(columns))
         return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{value:>14.7g}' for value in row)
                 for branch, row in enumerate(table)]
 
@@ -143,7 +143,7 @@ def _report(scene, atoms, bands, phonon):
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
     speeds = [sound_speeds(atoms, model=model) for model in ('complete', 'conventional')]
     lines += ['speed of sound along x (m/s; without the foundation, negative where the lattice would buckle)',
-              *rows('', speeds, np.max(speeds))]
+              *rows('', speeds, np.nanmax(speeds))]
 
     needed, softest = foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import LATTICES, LAWS, lattice, neighbour_vectors, second_derivatives
+from oracles import LATTICES, LAWS, Energy, displaced, in_plane, lattice, length, neighbour_vectors, second_derivatives
 from scipy import sparse
 
 from magphonon import MagneticRepulsion, bond_stiffness
@@ -10,11 +10,6 @@ from magphonon.stiffness import bloch_gradient, bloch_matrix, bloch_series, cond
 
 # Of the largest entry: round-off of the energy over its curvature, see second_derivatives.
 TOLERANCE = 1e-12
-
-
-def length(d):
-    """|d| of complex vectors, analytic: no absolute values."""
-    return np.sqrt((d * d).sum(axis=-1))
 
 
 def bonds_of(name):
@@ -42,58 +37,6 @@ def test_bond_stiffness_is_the_second_derivative_of_its_energy(name, law):
         assert abs(static - constant_force).max() < TOLERANCE * largest
         # the control: without D* the second derivatives are missed by phi'/r across the bond
         assert abs(conventional - energy).max() > 0.05 * largest
-
-
-class Energy:
-    """Energy of a structure from brute-force neighbours, analytic in the displacements u, shape (..., particles * dim)."""
-
-    def __init__(self, atoms, law, reach=10.1, k=0.0):
-        self.dim = 3 if atoms.pbc.all() else 2
-        pairs = [(i, j, v) for i, j, _, v in neighbour_vectors(atoms, reach)]  # each bond twice, from both ends
-        self.i, self.j = np.array([p[:2] for p in pairs]).T
-        self.R = np.array([p[2][: self.dim] for p in pairs])
-        self.law, self.k, self.shape = law, k, (len(atoms), self.dim)
-
-    def _bonds(self, u):
-        u = u.reshape(*u.shape[:-1], *self.shape)
-        return u[..., self.j, :] - u[..., self.i, :]
-
-    def _foundation(self, u):
-        return self.k * (u * u).sum(axis=-1) / 2
-
-    def complete(self, u):
-        r0 = np.linalg.norm(self.R, axis=1)
-        phi = self.law.phi(length(self.R + self._bonds(u))) - self.law.phi(r0)
-        return phi.sum(axis=-1) / 2 + self._foundation(u)
-
-    def frozen(self, u, about):
-        """With bond directions frozen as they are at the displacement `about`."""
-        R = self.R + self._bonds(about)
-        r = np.linalg.norm(R, axis=1)
-        elongation = ((R / r[:, None]) * self._bonds(u - about)).sum(axis=-1)
-        return (self.law.phi(r + elongation) - self.law.phi(r)).sum(axis=-1) / 2
-
-    def constant_force(self, u, about):
-        """With bond forces frozen as they are at the displacement `about`."""
-        R = self.R + self._bonds(about)
-        r = np.linalg.norm(R, axis=1)
-        return (self.law.dphi(r) * (length(R + self._bonds(u - about)) - r)).sum(axis=-1) / 2
-
-
-def displaced(name, seed=3, amplitude=0.3):
-    """A small supercell and displacements of 3 % of the spacing from its rest positions, in the plane if it is planar."""
-    cell = lattice(name)
-    rest = cell.repeat(np.where(cell.pbc, 2, 1))
-    u = np.random.default_rng(seed).uniform(-amplitude, amplitude, (len(rest), 3 if cell.pbc.all() else 2))
-    atoms = rest.copy()
-    atoms.positions[:, : u.shape[1]] += u
-    return rest, atoms, u.ravel()
-
-
-def in_plane(H, dim):
-    """The entries of a Hessian of 3 components per particle that belong to the first `dim`."""
-    keep = np.flatnonzero(np.tile(np.arange(3) < dim, H.shape[0] // 3))
-    return H.toarray()[np.ix_(keep, keep)]
 
 
 @pytest.mark.parametrize(('name', 'law'), [*((name, 'magnets') for name in LATTICES), *(('triangular', law) for law in LAWS)])
