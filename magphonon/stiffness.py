@@ -104,7 +104,7 @@ def bloch_matrix(bonds, K, q, foundation=0.0):
     ndarray of complex, shape (wavevectors, particles * dim, particles * dim)
         In N/mm.  The displacement of the cell `shift` carries the phase e^{2 pi i q.shift}.
     """
-    D = _scatter(bonds, K, np.exp(2j * np.pi * q @ bonds.shift.T), onsite=1.0)
+    D = _scatter(bonds, K, _phase(bonds, q), onsite=1.0)
     onsite = np.arange(D.shape[1])
     D[:, onsite, onsite] += foundation
     return D
@@ -126,7 +126,7 @@ def bloch_gradient(bonds, K, q, cell):
         In N.
     """
     R = bonds.shift @ cell
-    phase = np.exp(2j * np.pi * q @ bonds.shift.T)
+    phase = _phase(bonds, q)
     return np.array([_scatter(bonds, K, 1j * R[:, axis] * phase, onsite=0.0) for axis in range(K.shape[1])])
 
 
@@ -149,16 +149,22 @@ def bloch_series(bonds, K, R):
     return tuple(_scatter(bonds, K, phase[None], onsite)[0] for phase, onsite in orders)
 
 
+def _phase(bonds, q):
+    """Phase e^{2 pi i q.shift} of each bond, shape (wavevectors, bonds)."""
+    return np.exp(2j * np.pi * (q @ bonds.shift.T))
+
+
 def _scatter(bonds, K, phase, onsite):
     """Sum over bonds of `-K phase` between i and j with its adjoint between j and i, and of `onsite K` on i and j."""
     n, dim = bonds.particles, K.shape[1]
     D = np.zeros((len(phase), n, dim, n, dim), dtype=complex)
-    for b, (i, j) in enumerate(zip(bonds.i, bonds.j, strict=True)):
-        coupling = phase[:, b, None, None] * K[b]
+    for i, j in sorted(set(zip(bonds.i.tolist(), bonds.j.tolist(), strict=True))):
+        both = (bonds.i == i) & (bonds.j == j)
+        coupling = np.tensordot(phase[:, both], K[both], axes=1)
         D[:, i, :, j] -= coupling
         D[:, j, :, i] -= coupling.conj()
-        D[:, i, :, i] += onsite * K[b]
-        D[:, j, :, j] += onsite * K[b]
+        D[:, i, :, i] += onsite * K[both].sum(axis=0)
+        D[:, j, :, j] += onsite * K[both].sum(axis=0)
     return D.reshape(len(phase), n * dim, n * dim)
 
 
