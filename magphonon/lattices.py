@@ -123,7 +123,6 @@ def _patch(cell, n1, n2, beyond):
         raise ValueError(f'a patch is cut from a planar cell with pbc (1, 1, 0), not {tuple(map(int, cell.pbc))}')
     shell = find_bonds(cell)
     patch = cell.repeat((n1, n2, 1))
-    patch.calc = None
     patch.positions -= cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
     patch.set_array('site', np.arange(len(patch)))
     x, y = patch.positions[:, :2].T

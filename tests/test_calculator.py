@@ -103,7 +103,7 @@ def test_the_plane_may_lie_at_any_height(z):
     rest = lattice('kagome')
     raised = rest.copy()
     raised.positions[:, 2] = z
-    raised.set_scaled_positions(raised.get_scaled_positions(wrap=False))  # with the round-off of a cell's fractions
+    raised.positions[1, 2] = np.nextafter(z, np.inf)  # the round-off of fractions of a tall cell
     raised.calc = MagneticRepulsion(raised, LAW)
     rest.calc = MagneticRepulsion(rest, LAW)
     for atoms in (rest, raised):
