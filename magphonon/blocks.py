@@ -128,10 +128,11 @@ class Blocks:
         self._static = static[driven]
 
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile)
+        self._shortest = layout.r0.min()
         self._increments = Increments(calc.potential, calc.parameters.model, layout.r0)
         self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
                               calc.parameters.foundation, layout.slot[driven], layout.slot[guided], barred)
-        self._mobile, self._masses = mobile[:, None], masses[:, None]
+        self._mobile, self._masses, self._guided = mobile[:, None], masses[:, None], guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
         self._read()
 
@@ -142,12 +143,12 @@ class Blocks:
     @property
     def displacements(self):
         """In mm, shape (particles, 2)."""
-        return self.layout.gather(self._u)
+        return self.layout.gather(self._state[0]).copy()
 
     @property
     def velocities(self):
         """In mm/ms, shape (particles, 2)."""
-        return self.layout.gather(self._v)
+        return self.layout.gather(self._state[1]).copy()
 
     def use(self, engine):
         """Choose the kernel: 'numpy' or 'compiled'."""
@@ -179,20 +180,25 @@ class Blocks:
         if not self.current:
             self._read()
         with np.errstate(over='ignore', invalid='ignore'):
-            while not self._within_reach(self._u, times[0]):
-                self._fit(self._level + 1)
+            np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
             while True:
-                if self._a is None:
-                    self._a = self._kernel.accelerations(self._u, forces[0])
-                u, v, a = self._kernel.advance(self._u, self._v, self._a, forces[1:])
-                if self._within_reach(u, times[-1]):
+                if self._stale:
+                    u, _, a = self._state
+                    while not self._within_reach(u, times[0]):
+                        self._fit(self._level + 1)
+                    self._kernel.accelerate(u, a, forces[0])
+                    self._stale = False
+                self._kernel.advance(self._state, forces[1:], out=self._spare)
+                if self._within_reach(self._spare[0], times[-1]):
                     break
                 self._fit(self._level + 1)
-                self._a = None
-        self._u, self._v, self._a = u, v, a
+                self._stale = True
+        self._state, self._spare = self._spare, self._state
 
     def _external(self, times):
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
+        if not len(self._static):
+            return np.zeros((len(times), 0, 2))
         varying = self._varying.forces(times)
         if varying[..., 2].any():
             raise ValueError('a drive has a component along z, but the structure is planar')
@@ -201,51 +207,54 @@ class Blocks:
         return total
 
     def _within_reach(self, u, time):
-        """Whether the present polynomials hold for all increments; Diverged if the state is no good at all."""
-        s = 2 * np.sqrt(2) * max(u.max(), -u.min()) / self.layout.r0.min()  # no bond is strained more
+        """Whether the present polynomials hold for all increments; Diverged if the exact law led to no good state."""
+        s = 2 * np.sqrt(2) * self._kernel.peak(u) / self._shortest  # no bond is strained more
         if 2 * s + s**2 < min(self._reach, 1 / 2):
             return True
-        least, largest = self._kernel.extremes(u)
-        if not (least > -1 + CONTACT and largest < FLOWN):
+        if self._level == len(RANGES):
             inspect(self.calc, np.where(self._mobile, self.layout.gather(u), 0), time)
+            return True
+        least, largest = self._kernel.extremes(u)
         return max(-least, largest) < self._reach
+
+    def _arrays(self):
+        atoms = self.atoms.arrays
+        return *self._state[:2], self._anchors, self._masses, atoms['positions'], atoms['momenta']
 
     @property
     def current(self):
-        """Whether the atoms are as they were left; observers may change them."""
-        return all(np.array_equal(self.atoms.arrays[name], value) for name, value in self._written.items())
-
-    def _read(self):
-        """Take the state from the atoms."""
-        u, v = self.calc.displacements(self.atoms), self.atoms.get_momenta()[:, :2] / self._masses
-        self._anchors = self.atoms.positions[:, :2] - u
-        self.take(u, v * self._mobile)
-        self._v[:, self._motion.guided] -= self._motion.barred_part(self._v)
-        self._remember()
-
-    def take(self, u, v):
-        """Set displacements and velocities, shape (particles, 2), to more digits than the positions have."""
-        self._u, self._v, self._a = self.layout.scatter(u), self.layout.scatter(v), None
+        """Whether the atoms are as `write` left them; observers may change them."""
+        return self._kernel.written(*self._arrays())
 
     def write(self):
         """Put the state into the atoms, rounded to positions."""
-        arrays = self.atoms.arrays
-        np.add(self._anchors, self.displacements, out=arrays['positions'][:, :2])
-        np.multiply(self._masses, self.velocities, out=arrays['momenta'][:, :2])
-        self._remember()
+        self._kernel.write(*self._arrays())
 
-    def _remember(self):
-        self._written = {name: self.atoms.arrays[name].copy() for name in ('positions', 'momenta')}
+    def _read(self):
+        """Take the state from the atoms."""
+        u, v = self.calc.displacements(self.atoms), self._mobile * self.atoms.get_momenta()[:, :2] / self._masses
+        v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
+        self._take(u, v, self.atoms.positions[:, :2] - u)
+
+    def _take(self, u, v, anchors):
+        self._state = tuple(self.layout.scatter(x) for x in (u, v, 0 * v))
+        self._spare = tuple(self.layout.scatter(0 * x) for x in (u, u, u))
+        self._anchors, self._stale = anchors, True
+
+    def adopt(self, old):
+        """Take over the state of other blocks on the same particles, to more digits than the positions have."""
+        self._take(old.displacements, old.velocities * self._mobile, old._anchors)
 
     def state(self):
         """Arrays from which `restore` continues to the same bits."""
-        return {'u': self._u, 'v': self._v, 'a': self._a, 'level': self._level}
+        return dict(zip('uva', self._state, strict=True)) | {'level': self._level, 'stale': self._stale}
 
     def restore(self, state):
         """Go on from a `state`; the atoms have their positions and momenta already."""
         self._fit(int(state['level']))
-        self._u, self._v, self._a = (state[name].copy() for name in 'uva')
-        self._remember()
+        for mine, name in zip(self._state, 'uva', strict=True):
+            mine[:] = state[name]
+        self._stale = bool(state['stale'])
 
 
 def _static_forces(calc, constant):

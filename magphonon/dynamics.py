@@ -139,7 +139,7 @@ class DrivenVerlet(VelocityVerlet):
         """As ASE's; blocks of steps yield at their ends."""
         self._prepare(steps)
         run = super().irun(steps) if self.engine == 'ase' else self._irun_blocks(steps)
-        good = self._good_state()
+        good = self._good_state() if self.engine == 'ase' else None
         try:
             for converged in run:
                 if self.engine == 'ase' and (converged or self.nsteps % BLOCK == 0):
@@ -171,9 +171,9 @@ class DrivenVerlet(VelocityVerlet):
 
     def _steps_to_next_look(self):
         intervals = [interval for _, interval, *_ in self.observers]
-        periods = [BLOCK, *self._stops, *(k for k in intervals if k > 0)]
+        periods = [*self._stops, *(k for k in intervals if k > 0)]
         instants = [self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
-        return min([k - self.nsteps % k for k in periods] + [k - self.nsteps for k in instants])
+        return min([BLOCK] + [k - self.nsteps % k for k in periods] + [k - self.nsteps for k in instants])
 
     def _prepare(self, steps):
         """Choose the engine and refuse an unstable step; again only if something has changed."""
@@ -191,7 +191,7 @@ class DrivenVerlet(VelocityVerlet):
             if self._blocks is None:
                 self._blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping)
                 if old is not None and old.current:
-                    self._blocks.take(old.displacements, old.velocities)
+                    self._blocks.adopt(old)
             self._blocks.use(self.engine)
             self.engine = self._blocks.engine
 

@@ -23,9 +23,10 @@ from numpy.polynomial import chebyshev
 TOLERANCE = 1e-13
 """Largest error of a fitted slope dH/de, as a fraction of the slope at rest."""
 
-RANGES = (1 / 64, 1 / 16, 1 / 4, 1 / 2)
+RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
 """Increments |e| for which polynomials are fitted; beyond the last the law itself is evaluated."""
 
+NEAR = 1 / 64
 MOST_COEFFICIENTS = 40
 POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, MOST_COEFFICIENTS - n - 1))
                    for n, row in enumerate(np.eye(MOST_COEFFICIENTS))]).T
@@ -82,7 +83,7 @@ class Increments:
     def exact(self, e, r0):
         """H(e) from the law itself, N/mm: the integral of the slope where the difference would cancel."""
         r = self.length(e, r0)
-        near = abs(e) < RANGES[0]
+        near = abs(e) < NEAR
         divisor = r if self.model == 'complete' else r0
         H = -self.potential.dphi(r) / divisor + self.potential.dphi(r0) / r0
         if near.any():
@@ -93,7 +94,7 @@ class Increments:
     def polynomial(self, reach):
         """Coefficients of `H = e (c0 + c1 e + ...)` for |e| <= reach, shape (kinds, coefficients), and their error.
 
-        The number of coefficients is a multiple of four, so that few variants of a kernel need compiling.
+        Their number is even.
 
         Returns
         -------
@@ -108,7 +109,7 @@ class Increments:
             return None
         series = chebyshev.chebvander(nodes[:, 0], MOST_COEFFICIENTS - 1).T @ sampled * (2 / MOST_COEFFICIENTS)
         series[0] /= 2
-        for count in range(4, MOST_COEFFICIENTS + 1, 4):
+        for count in range(4, MOST_COEFFICIENTS + 1, 2):
             powers = POWERS[:count, :count] @ series[:count]
             error = abs((np.vander(x[:, 0], count, increasing=True) @ powers - exact) / at_rest).max()
             if error < TOLERANCE:

