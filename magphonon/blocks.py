@@ -132,7 +132,7 @@ class Blocks:
         self._increments = Increments(calc.potential, calc.parameters.model, layout.r0)
         self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
                               calc.parameters.foundation, layout.slot[driven], layout.slot[guided], barred)
-        self._mobile, self._masses, self._guided = mobile[:, None], masses[:, None], guided
+        self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
         self._read()
 
@@ -143,12 +143,12 @@ class Blocks:
     @property
     def displacements(self):
         """In mm, shape (particles, 2)."""
-        return self.layout.gather(self._state[0]).copy()
+        return self.layout.gather(self._state[0]).T.copy()
 
     @property
     def velocities(self):
         """In mm/ms, shape (particles, 2)."""
-        return self.layout.gather(self._state[1]).copy()
+        return self.layout.gather(self._state[1]).T.copy()
 
     def use(self, engine):
         """Choose the kernel: 'numpy' or 'compiled'."""
@@ -199,11 +199,9 @@ class Blocks:
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
         if not len(self._static):
             return np.zeros((len(times), 0, 2))
-        varying = self._varying.forces(times)
-        if varying[..., 2].any():
-            raise ValueError('a drive has a component along z, but the structure is planar')
+        varying = _in_plane(self._varying.forces(times))
         total = np.repeat(self._static[None], len(times), axis=0)
-        total[:, self._to] += varying[:, self._from, :2]
+        total[:, self._to] += varying[:, self._from]
         return total
 
     def _within_reach(self, u, time):
@@ -212,7 +210,7 @@ class Blocks:
         if 2 * s + s**2 < min(self._reach, 1 / 2):
             return True
         if self._level == len(RANGES):
-            inspect(self.calc, np.where(self._mobile, self.layout.gather(u), 0), time)
+            inspect(self.calc, np.where(self._mobile, self.layout.gather(u).T, 0), time)
             return True
         least, largest = self._kernel.extremes(u)
         return max(-least, largest) < self._reach
@@ -232,9 +230,9 @@ class Blocks:
 
     def _read(self):
         """Take the state from the atoms."""
-        u, v = self.calc.displacements(self.atoms), self._mobile * self.atoms.get_momenta()[:, :2] / self._masses
+        u, v = self.calc.displacements(self.atoms), self._mobile * self.atoms.get_momenta()[:, :2] / self._masses[:, None]
         v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
-        self._take(u, v, self.atoms.positions[:, :2] - u)
+        self._take(u, v, (self.atoms.positions[:, :2] - u).T.copy())
 
     def _take(self, u, v, anchors):
         self._state = tuple(self.layout.scatter(x) for x in (u, v, 0 * v))
@@ -263,10 +261,16 @@ def _static_forces(calc, constant):
     r0 = np.linalg.norm(R, axis=1)
     pull = -(calc.potential.dphi(r0) / r0)[:, None] * R
     total = np.zeros((bonds.particles, 2))
-    total[constant.particles] = constant.forces([0.0])[0, :, :2]
+    total[constant.particles] = _in_plane(constant.forces(np.zeros(1)))[0]
     size = abs(total).max(axis=1)
     for end, sign in ((bonds.j, 1), (bonds.i, -1)):
         total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)
         size += np.bincount(end, np.linalg.norm(pull, axis=1), bonds.particles)
     total[abs(total) <= BALANCED * size[:, None]] = 0
     return total
+
+
+def _in_plane(forces):
+    if forces[..., 2].any():
+        raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
+    return forces[..., :2]

@@ -41,7 +41,7 @@ def load_checkpoint(path, digest):
         If the file is damaged or belongs to another run.
     """
     try:
-        with np.load(path) as data:
+        with open(path, 'rb') as file, np.load(file) as data:
             state = dict(data)
             scene = str(state.pop('scene'))
     except FileNotFoundError:

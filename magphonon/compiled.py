@@ -88,10 +88,11 @@ def _pull_group(ux, uy, bx, by, s, e, offset, to, Rx, Ry, q, t, g, c, strength, 
     """Forces of the bonds of one group that start in the slots s to e; stored `to` places later."""
     _vectorise()
     for i in range(s, e):
-        x, y = _force(ux[i + offset] - ux[i], uy[i + offset] - uy[i], Rx, Ry, q, t, g, c)
+        dx, dy = ux[i + offset] - ux[i], uy[i + offset] - uy[i]
         if strength is not None:
-            x *= strength[group, i]
-            y *= strength[group, i]
+            dx *= strength[group, i]  # a bond that is not strained pulls at nothing
+            dy *= strength[group, i]
+        x, y = _force(dx, dy, Rx, Ry, q, t, g, c)
         bx[i + to] = x
         by[i + to] = y
 
@@ -229,17 +230,17 @@ def _write(slot, u, v, anchors, masses, positions, momenta):
     _vectorise()
     for i in range(len(slot)):
         for x in range(2):
-            positions[i, x] = anchors[i, x] + u[x, slot[i]]
+            positions[i, x] = anchors[x, i] + u[x, slot[i]]
     for i in range(len(slot)):
         for x in range(2):
-            momenta[i, x] = masses[i, 0] * v[x, slot[i]]
+            momenta[i, x] = masses[i] * v[x, slot[i]]
 
 
 @jit
 def _written(slot, u, v, anchors, masses, positions, momenta):
     for i in range(len(slot)):
         for x in range(2):
-            if positions[i, x] != anchors[i, x] + u[x, slot[i]] or momenta[i, x] != masses[i, 0] * v[x, slot[i]]:
+            if positions[i, x] != anchors[x, i] + u[x, slot[i]] or momenta[i, x] != masses[i] * v[x, slot[i]]:
                 return False
     return True
 

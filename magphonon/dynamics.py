@@ -73,9 +73,11 @@ class DrivenVerlet(VelocityVerlet):
         self.asked_engine = one_of('engine', engine, ENGINES)
         self._drive_list = list(drives)
         self.drives = Drives(self._drive_list, len(atoms))
-        self.damping = np.broadcast_to(finite('damping', damping), len(atoms))
-        if (self.damping < 0).any():
-            raise ValueError(f'damping must be zero or positive, not {self.damping.min():g} 1/ms')
+        damping = finite('damping', damping)
+        if damping.shape not in ((), (len(atoms),)) or (damping < 0).any():
+            raise ValueError(f'damping must be zero or positive, one number or one for each of the {len(atoms)} particles, '
+                             f'not {damping}')
+        self.damping = np.broadcast_to(damping, len(atoms))
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
         reason = None if engine in ('auto', 'ase') else refusal(atoms)
@@ -89,7 +91,7 @@ class DrivenVerlet(VelocityVerlet):
         self.allow_unstable = allow_unstable
         self.recorders = []
         self._start = atoms.get_positions()
-        self._blocks = self._setting = None
+        self._blocks, self._setting = None, self._current_setting()
         self._stops = []
         self.engine = 'ase' if engine == 'auto' and refusal(atoms) else engine
 
@@ -142,7 +144,7 @@ class DrivenVerlet(VelocityVerlet):
         good = self._good_state() if self.engine == 'ase' else None
         try:
             for converged in run:
-                if self.engine == 'ase' and (converged or self.nsteps % BLOCK == 0):
+                if self.engine == 'ase':
                     self._inspect(self.get_time())
                     good = self._good_state()
                 yield converged
@@ -164,6 +166,7 @@ class DrivenVerlet(VelocityVerlet):
             steps = self._steps_to_next_look()
             self._blocks.advance(self.nsteps, steps)
             self._blocks.write()
+            self.engine = self._blocks.engine
             self.nsteps += steps
             self.log()
             self.call_observers()
@@ -177,11 +180,12 @@ class DrivenVerlet(VelocityVerlet):
 
     def _prepare(self, steps):
         """Choose the engine and refuse an unstable step; again only if something has changed."""
-        calc, old = self.atoms.calc, self._blocks
-        if self.asked_engine == 'auto':
+        old = self._blocks
+        self.engine = self.asked_engine
+        if self.engine == 'auto':
             long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None
             self.engine = 'ase' if refusal(self.atoms) else 'compiled' if long else 'numpy'
-        setting = calc, self.dt, getattr(calc, 'parameters', {}).copy(), [c.todict() for c in self.atoms.constraints]
+        setting = self._current_setting()
         if setting != self._setting:
             if not self.allow_unstable:
                 refuse_unstable(self.atoms, self.dt)
@@ -194,6 +198,10 @@ class DrivenVerlet(VelocityVerlet):
                     self._blocks.adopt(old)
             self._blocks.use(self.engine)
             self.engine = self._blocks.engine
+
+    def _current_setting(self):
+        calc, constraints = self.atoms.calc, self.atoms.constraints
+        return calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in constraints]
 
     def _good_state(self):
         return self.nsteps, self.atoms.get_positions(), self.atoms.get_momenta()

@@ -26,7 +26,8 @@ TOLERANCE = 1e-13
 RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
 """Increments |e| for which polynomials are fitted; beyond the last the law itself is evaluated."""
 
-NEAR = 1 / 64
+NEAR = 1e-3
+"""Increments below which H is an integral of its slope; above it the difference keeps twelve digits."""
 MOST_COEFFICIENTS = 40
 POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, MOST_COEFFICIENTS - n - 1))
                    for n, row in enumerate(np.eye(MOST_COEFFICIENTS))]).T

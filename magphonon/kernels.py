@@ -136,14 +136,15 @@ class Kernel:
         return e.min(initial=0.0), e.max(initial=0.0)
 
     def write(self, u, v, anchors, masses, positions, momenta):
-        """Set `positions` to anchors + u and `momenta` to m v; arrays of particles."""
-        np.add(anchors, self.layout.gather(u), out=positions[:, :2])
-        np.multiply(masses, self.layout.gather(v), out=momenta[:, :2])
+        """Set `positions` to anchors + u and `momenta` to m v; those end in x, y, the others start with it."""
+        for x, (ux, vx) in enumerate(zip(self.layout.gather(u), self.layout.gather(v), strict=True)):
+            np.add(anchors[x], ux, out=positions[:, x])
+            np.multiply(masses, vx, out=momenta[:, x])
 
     def written(self, u, v, anchors, masses, positions, momenta):
         """Whether the positions and momenta are those that `write` left."""
-        return (np.array_equal(positions[:, :2], anchors + self.layout.gather(u))
-                and np.array_equal(momenta[:, :2], masses * self.layout.gather(v)))
+        return all(np.array_equal(positions[:, x], anchors[x] + ux) and np.array_equal(momenta[:, x], masses * vx)
+                   for x, (ux, vx) in enumerate(zip(self.layout.gather(u), self.layout.gather(v), strict=True)))
 
 
 class BondForces:
@@ -202,9 +203,9 @@ class GridForces(BondForces):
             d, *work = (w[..., : groups * n].reshape(*w.shape[:-1], groups, n) for w in self.work)
             for g, o in enumerate(self.offsets):
                 np.subtract(u[:, s + o : e + o], u[:, s:e], out=d[:, g])
-            self.pull(d, *work)
             if self.strength is not None:
-                d *= self.strength[:, s:e]
+                d *= self.strength[:, s:e]  # a bond that is not strained pulls at nothing
+            self.pull(d, *work)
             for g, o in enumerate(self.offsets):
                 f[:, s:e] -= d[:, g]
                 f[:, s + o : e + o] += d[:, g]

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 GRID_COST = 6
-"""A grid may have this many times more slots for bonds than bonds, so much cheaper is a slot."""
+"""On a grid every particle evaluates every group; so many times more evaluations than bonds still pay."""
 LINE = 8
 """Numbers in a cache line."""
 SAME = 1e-9
@@ -79,16 +79,16 @@ class Layout:
         return np.array([(s, min(s + longest, b)) for a, b in zip(first, last, strict=True) for s in range(a, b, longest)])
 
     def gather(self, values):
-        """Values of the particles, shape (particles, 2), from those of the slots, shape (2, length)."""
-        return (values[:, : len(self.slot)] if self.whole else values[:, self.slot]).T
+        """Values of the particles, shape (2, particles), from those of the slots, shape (2, length)."""
+        return values[:, : len(self.slot)] if self._whole else values[:, self.slot]
 
     @cached_property
-    def whole(self):
+    def _whole(self):
         """Whether the particles fill the slots in their own order."""
         return np.array_equal(self.slot, np.arange(len(self.slot)))
 
     def scatter(self, values):
-        """Values of the slots, shape (..., length), from those of the particles, shape (particles, ...); empty slots hold zero."""
+        """Values of the slots, shape (..., length), zero in empty ones, from those of the particles, shape (particles, ...)."""
         slots = aligned_zeros((*values.shape[1:], self.length))
         slots[..., self.slot] = values.T
         return slots
@@ -122,7 +122,7 @@ def _grid(atoms, i, j, R, mobile):
     groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME * r0.min()))]),
                                     axis=0, return_index=True, return_inverse=True)
     slots = slot.max() + 1
-    if len(groups) * slots > GRID_COST * len(i):
+    if len(groups) * len(slot) > GRID_COST * len(i):
         return None
     kind = kind.ravel()
     offset = groups[:, 0].astype(int)

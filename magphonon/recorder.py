@@ -60,7 +60,7 @@ class Recorder:
             return np.zeros(shape)
         self._file.flush()
         if 8 * np.prod(shape) > MEMORY:
-            return np.memmap(self._file, mode='r', shape=shape)
+            return np.memmap(self._file, dtype=float, mode='r', shape=shape)
         self._file.seek(0)
         return np.frombuffer(self._file.read()).reshape(shape)
 

@@ -1,0 +1,128 @@
+"""Runs that are killed go on to the same bits; checkpoints that do not belong to a run are refused."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, lattices
+
+LAW = InversePower(b=8900.0, a=4.5)
+EVERY = 100
+
+
+def prepare(engine='numpy', dt=0.1, amplitude=0.02, foundation=0.02, interval=7, seed=3, more=()):
+    atoms = lattices.hexagon(lattices.triangular(10.0, 0.7), 25.0)
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=foundation)
+    v = np.zeros((len(atoms), 3))
+    v[:, :2] = np.random.default_rng(seed).normal(scale=0.02, size=(len(atoms), 2))
+    atoms.set_momenta(0.7 * v)
+    dyn = DrivenVerlet(atoms, dt, [Harmonic([9], (1, 0), amplitude, 0.5), *more], damping=0.001, engine=engine)
+    return atoms, dyn, Recorder(dyn, interval=interval)
+
+
+def result(atoms, dyn, recorder):
+    return {'positions': atoms.positions, 'momenta': atoms.get_momenta(), 'u': dyn.displacements, 'v': dyn.velocities,
+            'nsteps': dyn.nsteps, 'frames': recorder.displacements, 'times': recorder.times}
+
+
+def same_bits(a, b):
+    return all(np.array_equal(a[name], b[name]) for name in a)
+
+
+def child(directory, engine, steps):
+    run = prepare(engine)
+    run[1].run(steps, checkpoint=directory / 'state.npz', every=steps // 24)
+    np.savez(directory / 'partial.npz', **result(*run))
+    os.rename(directory / 'partial.npz', directory / 'result.npz')
+
+
+@pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')
+@pytest.mark.parametrize(('engine', 'kills', 'steps'), [('ase', 6, 1200), ('numpy', 8, 4800), ('compiled', 6, 96_000)])
+def test_killed_at_random_moments_every_resume_ends_in_the_same_bits(engine, kills, steps, tmp_path):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    prepare(engine)[1].run(200)  # compiles, where there is something to compile
+    whole = prepare(engine)
+    started = time.perf_counter()
+    whole[1].run(steps, checkpoint=tmp_path / 'whole.npz', every=steps // 24)
+    duration = time.perf_counter() - started
+    moments = np.random.default_rng(7).uniform(0, 2 * duration / kills, kills)
+    killed = 0
+    while not (tmp_path / 'result.npz').exists():
+        pid = os.fork()
+        if not pid:
+            try:
+                child(tmp_path, engine, steps)
+            finally:
+                os._exit(0)
+        if killed < kills:
+            time.sleep(moments[killed])
+            os.kill(pid, signal.SIGKILL)
+            killed += 1
+        os.waitpid(pid, 0)
+    assert killed > kills / 2  # it did not finish before anything could happen
+    with np.load(tmp_path / 'result.npz') as data:
+        assert same_bits(result(*whole), data)
+    other = prepare(engine, seed=4)
+    other[1].run(steps)
+    assert not same_bits(result(*whole), result(*other))  # the control
+
+
+def test_a_finished_run_is_not_run_again(tmp_path):
+    first = prepare()
+    first[1].run(300, checkpoint=tmp_path / 'state.npz', every=EVERY)
+    again = prepare()
+    calls = []
+    again[1].attach(lambda: calls.append(again[1].nsteps), 10)
+    assert again[1].run(300, checkpoint=tmp_path / 'state.npz', every=EVERY)
+    assert not calls
+    assert same_bits(result(*first), result(*again))
+    longer = prepare()
+    longer[1].run(500, checkpoint=tmp_path / 'state.npz', every=EVERY)  # and one that shall be longer goes on
+    assert longer[1].nsteps == 500
+    with pytest.raises(ValueError, match='at step 500, but the run is to end at step 300'):
+        prepare()[1].run(300, checkpoint=tmp_path / 'state.npz', every=EVERY)
+
+
+def test_a_resumed_run_keeps_its_engine(tmp_path, monkeypatch):
+    pytest.importorskip('numba')
+    prepare('auto')[1].run(300, checkpoint=tmp_path / 'state.npz', every=EVERY)
+    monkeypatch.setattr('magphonon.dynamics.COMPILING_PAYS', 1)  # it would compile now
+    _, dyn, _ = prepare('auto')
+    dyn.run(600, checkpoint=tmp_path / 'state.npz', every=EVERY)
+    assert dyn.engine == 'numpy'
+
+
+@pytest.mark.parametrize('change', [
+    {'dt': 0.11}, {'amplitude': 0.021}, {'foundation': 0.021}, {'interval': 8}, {'seed': 4}, {'engine': 'ase'},
+    {'more': [Constant([9], (0, 1), 1e-9)]},
+])
+def test_a_foreign_checkpoint_is_refused(change, tmp_path):
+    path = tmp_path / 'state.npz'
+    prepare()[1].run(200, checkpoint=path, every=EVERY)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match='belongs to another run'):
+        prepare(**change)[1].run(200, checkpoint=path, every=EVERY)
+    assert path.read_bytes() == before
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path):
+    path = tmp_path / 'state.npz'
+    prepare()[1].run(200, checkpoint=path, every=EVERY)
+    good = path.read_bytes()
+    for bad in (good[: len(good) // 2], good[:-1], b'', b'not a checkpoint', good[:1000] + b'\0' * 300 + good[1300:]):
+        path.write_bytes(bad)
+        with pytest.raises(ValueError, match='no complete checkpoint'):
+            prepare()[1].run(200, checkpoint=path, every=EVERY)
+    path.write_bytes(good)
+    frames = tmp_path / 'state.npz.frames0'
+    frames.write_bytes(frames.read_bytes()[:-8])
+    with pytest.raises(ValueError, match='does not hold the 29 frames'):
+        prepare()[1].run(200, checkpoint=path, every=EVERY)
+    with pytest.raises(FileNotFoundError):
+        prepare()[1].run(200, checkpoint=tmp_path / 'nowhere' / 'state.npz', every=EVERY)
+    with pytest.raises(ValueError, match='every must be a whole number'):
+        prepare()[1].run(200, checkpoint=tmp_path / 'new.npz', every=0)

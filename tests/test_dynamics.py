@@ -1,0 +1,510 @@
+"""DrivenVerlet against ASE's VelocityVerlet, closed forms of the discrete oscillator, and its own limits."""
+
+import sys
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixCartesian, FixedLine, FixedPlane
+from ase.io import read
+from ase.md.verlet import VelocityVerlet
+
+from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, Tabulated, ToneBurst, lattices
+from magphonon import units as u
+from magphonon.blocks import Diverged
+from magphonon.timestep import highest_frequency
+
+LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
+L0, MASS = 10.0, 0.707  # mm, g: the paper's prototype
+DT = 0.1  # ms, a twentieth of the limit
+
+
+def patch(n=7, model='complete', speed=0.0, held=True, law=LAW):
+    atoms = lattices.parallelogram(lattices.triangular(L0, MASS), n, n)
+    if not held:
+        atoms.set_constraint()
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=0.0196757, model=model)
+    return stirred(atoms, speed)
+
+
+def stirred(atoms, speed):
+    v = np.zeros((len(atoms), 3))
+    v[:, :2] = np.random.default_rng(1).normal(scale=speed, size=(len(atoms), 2))
+    atoms.set_momenta(MASS * v)
+    return atoms
+
+
+def oscillator(theta0=0.0, **kwargs):
+    """The paper's oscillator about its balance, and the balancing force."""
+    atoms = lattices.oscillator(theta0, 1 * u.m, 1 * u.kg)
+    law = InversePower(b=1e4 * u.N * u.m**4, a=4.0)
+    atoms.calc = MagneticRepulsion(atoms, law, bonds=lattices.OSCILLATOR_BONDS)
+    balance = Constant(3, (0, 1), -(1 + 2 * np.sin(theta0)) * 1e4 * u.N)
+    return atoms, balance
+
+
+def states_of(atoms, steps, interval=1, dt=DT, **kwargs):
+    dyn = DrivenVerlet(atoms, dt, **kwargs)
+    recorder = Recorder(dyn, interval=interval)
+    dyn.run(steps)
+    return recorder.displacements
+
+
+def apart(a, b):
+    return abs(a - b).max() / abs(b).max()
+
+
+# --- it is ASE's VelocityVerlet -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('constraint', [None, FixAtoms(range(9)), FixedLine(24, (0.6, 0.8, 0)), FixedPlane([17], (1, 0, 0))])
+@pytest.mark.parametrize('model', ['complete', 'literal'])
+def test_without_drive_and_damping_it_is_velocity_verlet_bit_for_bit(constraint, model):
+    ours, theirs = (patch(model=model, speed=0.05) for _ in range(2))
+    for atoms in (ours, theirs):
+        atoms.set_constraint(constraint)
+    seen, expected = [], []
+    for dyn, trace in ((DrivenVerlet(ours, DT, engine='ase'), seen), (VelocityVerlet(theirs, DT), expected)):
+        dyn.attach(lambda dyn=dyn, trace=trace: trace.append((dyn.nsteps, dyn.get_time(), dyn.atoms.get_positions(),
+                                                              dyn.atoms.get_momenta())), 3)
+        dyn.run(50)
+        dyn.run(1)
+    assert len(seen) == len(expected) == 18
+    for a, b in zip(seen, expected, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize('held', [True, False])
+@pytest.mark.parametrize('model', ['complete', 'conventional', 'literal'])
+def test_blocks_follow_ases_loop(model, held):
+    # ASE's positions of 50 mm carry 1e-14 mm of round-off, which forces and FixAtoms' momenta amplify over 500 steps;
+    # 0.1 mm of displacement leave 1e-11 or so, and 1e-9 with its margin.
+    runs = {engine: states_of(patch(model=model, speed=0.05, held=held), 500, 10, engine=engine) for engine in ('ase', 'numpy')}
+    assert apart(runs['numpy'], runs['ase']) < 1e-9
+    other = 'conventional' if model == 'complete' else 'complete'
+    assert apart(runs['numpy'], states_of(patch(model=other, speed=0.05, held=held), 500, 10, engine='ase')) > 1e-4
+
+
+def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes():
+    def run(engine):
+        atoms = patch(speed=0.01)
+        atoms.set_constraint([*atoms.constraints, FixedLine([24], (0.6, 0.8, 0)), FixedPlane([17, 18], (1, 0, 0)),
+                              FixedPlane(25, (0, 0, 1)), FixedLine(30, (0, 0, 1))])
+        drives = [ToneBurst([24, 16], (1, 1), 0.02, 0.3), Harmonic(17, (0, 1), 0.01, 0.2, phase=1.0),
+                  Constant([31], (1, 0), 1e-3), lambda t: 1e-4 * t * np.outer(np.arange(49) == 32, (1, 0, 0))]
+        return states_of(atoms, 600, 7, engine=engine, drives=drives, damping=np.linspace(0, 0.05, 49))
+
+    ase, numpy = run('ase'), run('numpy')
+    assert apart(numpy, ase) < 1e-9
+    assert not ase[:, 30].any()  # a line along z
+    assert not numpy[:, 30].any()
+    across = numpy[:, 24] @ (0.8, -0.6)
+    assert abs(across).max() < 1e-15 * L0  # round-off of u - dt v
+    assert abs(numpy[:, 24] @ (0.6, 0.8)).max() > 1e-3 * L0
+
+
+def test_small_amplitudes_keep_their_digits_in_blocks_and_lose_them_in_ases_loop():
+    def response(engine, amplitude):
+        drive = ToneBurst([24], (1, 0), amplitude, 0.3)
+        return states_of(patch(), 300, 10, engine=engine, drives=[drive])[1:] / amplitude
+
+    linear = response('numpy', 1e-11)  # 1e-12 of L0 in displacement
+    assert apart(response('numpy', 1e-8), linear) < 1e-8  # what nonlinearity is left at 1e-9 of L0
+    assert apart(response('ase', 1e-11), linear) > 1e-3
+
+
+# --- order, frequency, decay ----------------------------------------------------------------------------------------
+
+
+class NaiveDamping(VelocityVerlet):
+    """The control: -c v inside the force."""
+
+    def __init__(self, *args, gamma, drive, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.gamma, self.drive = gamma, drive
+
+    def step(self):
+        atoms, momenta = self.atoms, self.atoms.get_momenta()
+        forces = atoms.get_forces() - self.gamma * momenta
+        forces[self.drive.particles] += self.drive(self.get_time())
+        momenta += self.dt / 2 * forces
+        atoms.set_positions(atoms.get_positions() + self.dt * momenta / self.masses)
+        forces = atoms.get_forces() - self.gamma * momenta
+        forces[self.drive.particles] += self.drive(self.get_time() + self.dt)
+        atoms.set_momenta(momenta + self.dt / 2 * forces)
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_second_order_in_the_step_with_drive_and_damping(engine):
+    drive, gamma = Harmonic([24], (1, 0), 0.02, 0.3), 0.4
+
+    def end(dt, make):
+        atoms = patch(5, speed=0.05)
+        make(atoms, dt).run(round(12.8 / dt))
+        return atoms.calc.displacements(atoms)
+
+    drive = Harmonic([12], (1, 0), 0.02, 0.3)
+
+    def order(make):
+        coarse, middle, fine = (end(dt, make) for dt in (0.2, 0.1, 0.05))
+        return np.log2(abs(coarse - middle).max() / abs(middle - fine).max())
+
+    assert order(lambda atoms, dt: DrivenVerlet(atoms, dt, [drive], gamma, engine)) == pytest.approx(2, abs=0.1)
+    assert order(lambda atoms, dt: NaiveDamping(atoms, dt, gamma=gamma, drive=drive)) < 1.4
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+@pytest.mark.parametrize(('omega_dt', 'gamma'), [(0.1, 0.0), (1.0, 0.0), (1.9, 0.0), (0.3, 0.02), (1.9, 0.1)])
+def test_discrete_frequency_and_decay_are_exact(engine, omega_dt, gamma, paper):
+    # One step is linear here, so u[n+1] = trace u[n] - det u[n-1].  Velocity Verlet has det = 1 and trace = 2 - (omega dt)^2,
+    # that is sin(omega' dt/2) = omega dt/2; two half decays make det = exp(-gamma dt), trace = (1 + det)(1 - (omega dt)^2/2).
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    omega = paper['oscillator']['omega_y'][0] / u.s  # 141.42 rad/s
+    dt = omega_dt / omega
+    atoms, balance = oscillator()
+    atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
+    atoms.set_momenta([[0, 0, 0]] * 3 + [[0, 1e-8, 0]])  # amplitude below 1e-13 of the spacing: as linear as that
+    frames = states_of(atoms, 400, 1, dt, drives=[balance], damping=gamma, engine=engine, allow_unstable=True)[:, 3]
+    assert not frames[:, 0].any()
+    y = frames[:, 1] / abs(frames[:, 1]).max()
+    (trace, det), *_ = np.linalg.lstsq(np.stack([y[1:-1], -y[:-2]], axis=1), y[2:])
+    assert det == pytest.approx(np.exp(-gamma * dt), rel=1e-10)
+    assert trace == pytest.approx((1 + np.exp(-gamma * dt)) * (1 - omega_dt**2 / 2), abs=1e-9)
+    if not gamma:
+        assert 2 * np.arcsin(omega_dt / 2) == pytest.approx(np.arccos(trace / 2), rel=1e-9)
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_time_reversal(engine):
+    atoms = patch(speed=0.1)
+    start = atoms.get_positions()
+    dyn = DrivenVerlet(atoms, DT, engine=engine)
+    dyn.run(500)
+    away = abs(atoms.positions - start).max()
+    atoms.set_momenta(-atoms.get_momenta())
+    dyn.run(500)
+    assert away > 0.02 * L0
+    assert abs(atoms.positions - start).max() < 1e-9 * away  # the round-off of test_blocks_follow_ases_loop
+
+
+@pytest.mark.slow
+def test_energy_stays_bounded_over_a_million_steps():
+    pytest.importorskip('numba')
+    atoms, energy = patch(5, speed=0.1), []
+    dyn = DrivenVerlet(atoms, DT, engine='compiled')
+    dyn.attach(lambda: energy.append(atoms.get_total_energy()), 1000)
+    dyn.run(1_000_000)
+    assert dyn.engine == 'compiled'
+    energy = np.array(energy) / energy[0] - 1
+    assert abs(energy).max() < (highest_frequency(atoms) * DT) ** 2 / 4  # velocity Verlet's own ripple is of this order
+    assert abs(energy[1:300].mean() - energy[-300:].mean()) < 0.05 * abs(energy).max()  # and no drift
+
+
+def test_the_literal_model_does_not_conserve_energy():
+    def drift(model):
+        atoms = patch(5, model=model, speed=0.3)
+        energy = []
+        conservative = patch(5, model=model if model == 'complete' else 'conventional').calc
+        dyn = DrivenVerlet(atoms, DT, engine='numpy')
+        dyn.attach(lambda: energy.append(conservative.get_potential_energy(atoms) + atoms.get_kinetic_energy()), 10)
+        dyn.run(10_000)
+        return abs(np.mean(energy[-100:]) / np.mean(energy[1:101]) - 1)
+
+    assert drift('literal') > 10 * max(drift('complete'), drift('conventional'))
+
+
+# --- stability ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_the_limit_is_sharp(engine):
+    atoms = patch(5)
+    omega = highest_frequency(atoms)
+
+    def largest(omega_dt):
+        atoms = patch(5, speed=1e-6)
+        dyn = DrivenVerlet(atoms, omega_dt / omega, engine=engine, allow_unstable=True)
+        try:
+            dyn.run(400)
+        except Diverged:
+            return np.inf
+        return abs(dyn.displacements).max()
+
+    # growth per step is acosh(omega^2 dt^2/2 - 1) = 0.063 at 2.001: e^25 in 400 steps.  Below, the amplitude is at most
+    # v dt/sqrt(1 - (omega dt/2)^2), some 30 v dt.
+    assert largest(1.999) < 1e-3
+    assert largest(2.001) > 1
+
+
+def test_highest_frequency_is_the_top_of_the_spectrum():
+    atoms = patch(8)
+    H = atoms.calc.get_hessian(atoms).toarray().reshape(64, 3, 64, 3)
+    free = np.flatnonzero(atoms.get_tags() == 0)
+    H = H[np.ix_(free, [0, 1], free, [0, 1])].reshape(2 * len(free), -1)
+    expected = np.sqrt(np.linalg.eigvalsh(H / MASS)[-1])
+    assert highest_frequency(atoms) == pytest.approx(expected, rel=1e-9)
+    assert expected < highest_frequency(atoms, DT) < 2 * expected  # the cheap bound is a bound, and not useless
+    large = patch(16)  # by Lanczos
+    assert highest_frequency(large) == pytest.approx(highest_frequency(patch(14)), rel=0.01)
+
+
+def test_lines_count_in_the_limit(paper):
+    atoms, _ = oscillator(np.pi / 6)  # D_xx = D_yy
+    atoms.set_constraint([FixAtoms([0, 1, 2]), FixedLine(3, (0, 1, 0))])
+    assert highest_frequency(atoms) * u.s == pytest.approx(paper['oscillator']['omega_y'][1], rel=1e-9)
+    atoms, _ = oscillator(0)
+    assert highest_frequency(atoms) * u.s == pytest.approx(np.sqrt(paper['oscillator']['D_xx'][0]), rel=1e-9)
+
+
+def test_a_step_over_the_limit_is_refused_with_both_numbers():
+    limit = 2 / highest_frequency(patch())
+    DrivenVerlet(patch(), 0.9999 * limit)
+    with pytest.raises(ValueError, match=rf'{1.0001 * limit:.9g} ms .* 2/omega_max = {limit:.9g} ms.*allow_unstable'):
+        DrivenVerlet(patch(), 1.0001 * limit)
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.atoms.calc.set(foundation=1e4)
+    with pytest.raises(ValueError, match='limit of stability'):
+        dyn.run(10)
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy', 'compiled'])
+def test_a_run_that_goes_wrong_stops_in_the_last_good_state(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    atoms = patch()
+    atoms.set_momenta(np.outer(np.arange(49) == 24, [MASS * 98, 0, 0]))  # 9.8 of the 10 mm to its neighbour in one step
+    seen = []
+    dyn = DrivenVerlet(atoms, DT, engine=engine)
+    dyn.attach(lambda: seen.append(atoms.get_positions()), 1)
+    with pytest.raises(Diverged, match=r'particle \d+ .* last good state.*shorter time step') as caught:
+        dyn.run(1000)
+    error = caught.value
+    assert 0 <= error.last_good < error.time
+    assert error.particle in range(49)
+    assert error.atoms is atoms
+    assert np.isfinite(atoms.positions).all()
+    assert np.array_equal(atoms.positions, seen[round(error.last_good / DT)])
+    assert dyn.get_time() == error.last_good
+
+
+def test_a_soft_collision_is_noticed_too():
+    soft = InversePower(b=1e-6, a=1.0)  # too weak to stop anything
+    atoms = patch(law=soft)
+    atoms.set_momenta(np.outer(np.arange(49) == 24, [MASS * 2, 0, 0]))
+    with pytest.raises(Diverged, match='mm from its neighbour'):
+        DrivenVerlet(atoms, DT, engine='numpy').run(100)
+
+
+# --- static forces --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('theta0', [0, np.pi / 6, np.pi / 2])
+def test_balanced_static_forces_leave_nothing(theta0):
+    atoms, balance = oscillator(theta0)
+    assert not states_of(atoms, 300, dt=0.5, drives=[balance], engine='numpy').any()  # unstable at pi/2, yet not one bit
+    pushed = states_of(atoms, 10, dt=0.5, engine='numpy')[-1, 3]
+    assert pushed[1] > 0.01  # the control: three magnets push it up
+
+
+def test_a_free_edge_is_pushed_outwards_by_the_static_forces():
+    u_end = states_of(patch(held=False), 30, engine='numpy')[-1]
+    corner = patch().positions[:, :2]
+    outwards = np.einsum('ix,ix->i', u_end, corner)
+    assert (outwards[patch().get_tags() == lattices.RIM] > 0).all()
+    assert not states_of(patch(held=False, model='conventional'), 1, engine='numpy')[0].any()
+
+
+# --- drives ---------------------------------------------------------------------------------------------------------
+
+
+def test_drives_are_what_they_say():
+    t = np.linspace(0, 40, 401)
+    burst = ToneBurst([3], (0, 2), 1.5, omega=0.8, cycles=5, start=4.0)
+    inside = (t >= 4) & (t <= burst.end)
+    expected = np.where(inside, 1.5 * np.sin(0.8 * (t - 4)) * np.sin(0.8 * (t - 4) / 10) ** 2, 0)
+    assert burst.end == pytest.approx(4 + 5 * 2 * np.pi / 0.8)
+    assert abs(burst(t)[:, 0] - np.outer(expected, (0, 1, 0))).max() < 1e-14
+    omega, phase = np.array([0.1, 0.2]), np.array([0.0, 1.0])
+    drive = Harmonic([1, 2], (3, 4), [1.0, 2.0], omega, phase)
+    force = np.array([1.0, 2.0]) * np.sin(np.outer(t, omega) + phase)
+    assert abs(drive(t) - force[..., None] * (0.6, 0.8, 0)).max() < 1e-14
+    assert np.array_equal(drive(7.0), drive(np.array([7.0]))[0])
+    assert np.array_equal(Constant(0, (0, 0, 1), 2.0)(5.0), [[0, 0, 2.0]])
+
+
+def test_many_replicas_in_one_run_are_as_many_runs():
+    law = InversePower(b=1e4 * u.N * u.m**4, a=4.0)
+    angles, frequencies = [0, np.pi / 6, np.pi / 4], np.array([0.05, 0.15, 0.25])
+    single, force = [], []
+    for theta0 in angles:
+        atoms, balance = oscillator(theta0)
+        single.append(atoms)
+        force.append(balance.force[0])
+    batch = single[0] + single[1] + single[2]
+    batch.set_constraint(FixAtoms([k for k in range(12) if k % 4 != 3]))
+    bonds = [(4 * k + i, 4 * k + j) for k in range(3) for i, j in lattices.OSCILLATOR_BONDS]
+    batch.calc = MagneticRepulsion(batch, law, bonds=bonds)
+    drives = [Constant([3, 7, 11], (0, 1), force), Harmonic([3, 7, 11], (0, 1), 1.0, frequencies)]
+    together = states_of(batch, 300, dt=0.5, drives=drives, damping=0.01, engine='numpy')
+    for k, atoms in enumerate(single):
+        drives = [Constant(3, (0, 1), force[k]), Harmonic(3, (0, 1), 1.0, frequencies[k])]
+        alone = states_of(atoms, 300, dt=0.5, drives=drives, damping=0.01, engine='numpy')
+        assert apart(together[:, 4 * k : 4 * k + 4], alone) < 1e-12
+
+
+# --- as any ASE dynamics --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_observers_are_called_as_by_ase(engine):
+    calls = {3: [], 7: [], -11: []}
+    dyn = DrivenVerlet(patch(speed=0.01), DT, engine=engine)
+    for interval, steps in calls.items():
+        dyn.attach(lambda steps=steps: steps.append(dyn.nsteps), interval)
+    dyn.run(20)
+    dyn.run(4)
+    assert calls == {3: [0, 3, 6, 9, 12, 15, 18, 21, 24], 7: [0, 7, 14, 21], -11: [11]}
+
+
+def test_an_observer_may_change_the_motion():
+    def run(engine):
+        atoms = patch(speed=0.05)
+        dyn = DrivenVerlet(atoms, DT, engine=engine)
+        dyn.attach(lambda: atoms.set_momenta(0.5 * atoms.get_momenta()), -20)
+        dyn.attach(lambda: atoms.positions.__setitem__(24, atoms.positions[24] + (0.1, 0, 0)), -40)
+        dyn.run(100)
+        return dyn.displacements
+
+    assert apart(run('numpy'), run('ase')) < 1e-9
+
+
+def test_trajectory_and_log(tmp_path):
+    atoms = patch(speed=0.05)
+    with DrivenVerlet(atoms, DT, trajectory=tmp_path / 'run.traj', logfile=str(tmp_path / 'run.log'), loginterval=5) as dyn:
+        dyn.run(20)
+    frames = read(tmp_path / 'run.traj', ':')
+    assert len(frames) == 5
+    assert np.array_equal(frames[-1].positions, atoms.positions)
+    assert frames[-1].get_potential_energy() == atoms.get_potential_energy()
+    assert len((tmp_path / 'run.log').read_text().splitlines()) == 6
+
+
+def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():
+    pytest.importorskip('numba')
+    whole = states_of(patch(), 200, 10, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
+    dyn = DrivenVerlet(patch(), DT, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
+    dyn.run(70)
+    dyn.asked_engine = 'compiled'
+    dyn.run(60)
+    dyn.atoms.set_constraint([*dyn.atoms.constraints, FixAtoms([0])])  # nothing new: 0 is on the rim
+    dyn.run(70)
+    assert dyn.engine == 'compiled'
+    assert apart(dyn.displacements, whole[-1]) < 1e-11  # through positions nothing would be left
+
+
+def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.run(2)
+    assert dyn.engine == 'numpy'
+    atoms = patch()
+    atoms.set_constraint(FixCartesian([0]))
+    dyn = DrivenVerlet(atoms, DT)
+    assert dyn.engine == 'ase'
+    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* FixCartesian.*use engine='ase'"):
+        DrivenVerlet(atoms, DT, engine='numpy')
+    monkeypatch.setattr('magphonon.dynamics.COMPILING_PAYS', 1)
+    monkeypatch.setattr('magphonon.dynamics.find_spec', lambda name: None)
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.run(2)
+    assert dyn.engine == 'numpy'
+    with pytest.raises(ImportError, match=r'magphonon\[fast\]'):
+        DrivenVerlet(patch(), DT, engine='compiled')
+
+
+def test_a_run_of_blocks_imports_no_numba():
+    import subprocess
+
+    code = ('import sys; from magphonon import *; a = lattices.parallelogram(lattices.square(1., 1.), 5, 5); '
+            'a.calc = MagneticRepulsion(a, InversePower(1., 4.), foundation=1.); DrivenVerlet(a, .01).run(20); '
+            'print("numba" in sys.modules, "matplotlib" in sys.modules)')
+    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert out.stdout.split() == ['False', 'False']
+
+
+@pytest.mark.parametrize('reach', [0.02, 0.3])
+def test_a_law_that_no_polynomial_fits_is_evaluated_itself(reach):
+    r = np.array([4, 6, 8, 9, 10 - 0.4 * reach, 10 + 0.3 * reach, 11, 13, 16, 20])  # knots within reach of the motion
+    law = Tabulated(r, 8900 * r**-4.5 * (1 + 0.01 * np.sin(3 * r)))
+    ase, numpy = (states_of(patch(speed=reach, law=law), 100, 10, engine=engine) for engine in ('ase', 'numpy'))
+    assert apart(numpy, ase) < 1e-8
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    ({'timestep': 0}, 'timestep must be a positive number in ms, not 0'),
+    ({'timestep': np.nan}, 'timestep must be a positive number'),
+    ({'damping': -1}, 'damping must be zero or positive'),
+    ({'damping': [1, 2]}, 'one for each of the 49 particles'),
+    ({'engine': 'fast'}, "engine must be one of 'auto', 'ase', 'numpy', 'compiled', not 'fast'"),
+    ({'drives': [3]}, 'a drive must be'),
+    ({'drives': [Constant(49, (1, 0), 1.0)]}, 'particle 49, but the structure has particles 0 to 48'),
+])
+def test_bad_arguments_are_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        DrivenVerlet(patch(), **{'timestep': DT, **arguments})
+
+
+@pytest.mark.parametrize(('make', 'words'), [
+    (lambda: Harmonic([-1], (1, 0), 1, 1), 'particles must be different indices'),
+    (lambda: Harmonic([1, 1], (1, 0), 1, 1), 'particles must be different'),
+    (lambda: Harmonic([0.5], (1, 0), 1, 1), 'particles must be'),
+    (lambda: Harmonic([[1], [2, 3]], (1, 0), 1, 1), 'particles must be'),
+    (lambda: Harmonic([1], (0, 0), 1, 1), 'direction must be a vector'),
+    (lambda: Harmonic([1], (1, 0, 0, 0), 1, 1), 'direction must be a vector'),
+    (lambda: Harmonic([1, 2], (1, 0), [1, 2, 3], 1), 'one for each of the 2 particles'),
+    (lambda: Harmonic([1], (1, 0), np.inf, 1), 'amplitude'),
+    (lambda: ToneBurst([1], (1, 0), 1, omega=0), 'omega must be a positive number in rad/ms'),
+    (lambda: ToneBurst([1], (1, 0), 1, omega=1, cycles=0), 'cycles must be'),
+    (lambda: ToneBurst([1], (1, 0), 1, omega=1, start=np.nan), 'start'),
+])
+def test_bad_drives_are_refused(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_bad_forces_are_refused():
+    for drive, words in ((lambda t: np.zeros((3, 3)), 'must have the shape'), (lambda t: np.full((49, 3), np.nan), 'finite'),
+                         (Constant([24], (0, 0, 1), 1.0), 'along z'), (lambda t: np.ones((49, 3)), 'along z')):
+        with pytest.raises(ValueError, match=words):
+            DrivenVerlet(patch(), DT, drives=[drive], engine='numpy').run(3)
+
+
+# --- the recorder ---------------------------------------------------------------------------------------------------
+
+
+def test_recorder_keeps_what_was_there_in_memory_and_on_disk(tmp_path, monkeypatch):
+    def record(particles=None):
+        dyn = DrivenVerlet(patch(speed=0.05), DT, engine='numpy')
+        seen = []
+        dyn.attach(lambda: seen.append(dyn.displacements), 4)
+        recorder = Recorder(dyn, particles, interval=4)
+        dyn.run(40)
+        return recorder, np.array(seen)
+
+    recorder, seen = record()
+    assert np.array_equal(recorder.displacements, seen)
+    assert np.array_equal(recorder.times, DT * np.arange(0, 41, 4))
+    monkeypatch.setattr('magphonon.recorder.MEMORY', 100)
+    spilled, _ = record([24, 3])
+    assert isinstance(spilled.displacements, np.memmap)
+    assert np.array_equal(spilled.displacements, seen[:, [24, 3]])
+    spilled.save(tmp_path / 'run.npz')
+    with np.load(tmp_path / 'run.npz') as data:
+        assert np.array_equal(data['displacements'], seen[:, [24, 3]])
+        assert np.array_equal(data['particles'], [24, 3])
+        assert np.array_equal(data['times'], recorder.times)
+    dyn = DrivenVerlet(patch(), DT)
+    assert Recorder(dyn).displacements.shape == (0, 49, 2)
+    with pytest.raises(ValueError, match='indices from 0 to 48'):
+        Recorder(dyn, [49])
+    with pytest.raises(ValueError, match='interval must be a whole number'):
+        Recorder(dyn, interval=0)
