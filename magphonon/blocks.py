@@ -128,7 +128,6 @@ class Blocks:
         self._static = static[driven]
 
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile)
-        self._shortest = layout.r0.min()
         self._increments = Increments(calc.potential, calc.parameters.model, layout.r0)
         self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
                               calc.parameters.foundation, layout.slot[driven], layout.slot[guided], barred)
@@ -163,9 +162,13 @@ class Blocks:
     def _fit(self, level):
         """Make the kernel for increments up to RANGES[level], or with the law itself beyond or where it is not smooth."""
         fit = self._increments.polynomial(RANGES[level]) if level < len(RANGES) else None
-        self._level, self._reach = (len(RANGES), np.inf) if fit is None else (level, RANGES[level])
+        self._level, self._reach = (len(RANGES), 0.0) if fit is None else (level, RANGES[level])
         kernel_class, coefficients = (Kernel, None) if fit is None else (self._kernel_class, fit[0])
         self._kernel = kernel_class(self.layout, self._increments, self._motion, coefficients)
+
+    @property
+    def _exact(self):
+        return self._level == len(RANGES)
 
     def advance(self, first, steps):
         """Move on by a block of `steps`, from the step number `first`.
@@ -181,19 +184,21 @@ class Blocks:
             self._read()
         with np.errstate(over='ignore', invalid='ignore'):
             np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
-            while True:
-                if self._stale:
-                    u, _, a = self._state
-                    while not self._within_reach(u, times[0]):
-                        self._fit(self._level + 1)
-                    self._kernel.accelerate(u, a, forces[0])
-                    self._stale = False
-                self._kernel.advance(self._state, forces[1:], out=self._spare)
-                if self._within_reach(self._spare[0], times[-1]):
-                    break
+            while not (self._try(forces) <= self._reach or self._exact):
                 self._fit(self._level + 1)
                 self._stale = True
+        if self._exact:
+            inspect(self.calc, np.where(self._mobile, self.layout.gather(self._spare[0]).T, 0), times[-1])
         self._state, self._spare = self._spare, self._state
+
+    def _try(self, forces):
+        """Fill the spare state with the end of the block; returns the largest increment on the way."""
+        strain = 0.0
+        if self._stale:
+            u, _, a = self._state
+            strain = self._kernel.accelerate(u, a, forces[0])
+            self._stale = False
+        return np.maximum(strain, self._kernel.advance(self._state, forces[1:], out=self._spare))
 
     def _external(self, times):
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
@@ -203,17 +208,6 @@ class Blocks:
         total = np.repeat(self._static[None], len(times), axis=0)
         total[:, self._to] += varying[:, self._from]
         return total
-
-    def _within_reach(self, u, time):
-        """Whether the present polynomials hold for all increments; Diverged if the exact law led to no good state."""
-        s = 2 * np.sqrt(2) * self._kernel.peak(u) / self._shortest  # no bond is strained more
-        if 2 * s + s**2 < min(self._reach, 1 / 2):
-            return True
-        if self._level == len(RANGES):
-            inspect(self.calc, np.where(self._mobile, self.layout.gather(u).T, 0), time)
-            return True
-        least, largest = self._kernel.extremes(u)
-        return max(-least, largest) < self._reach
 
     def _arrays(self):
         atoms = self.atoms.arrays

@@ -5,7 +5,7 @@ its lower slot; then the slots of the run gather the forces of their bonds and m
 their old displacements, because bonds lead upwards.
 
 What the compiler must know to fill the vector units: indices are unsigned (a negative one would wrap), arrays do not
-overlap, the coefficients of the polynomial are a tuple, and there is no maximum inside the sweep.
+overlap, the coefficients of the polynomial are a tuple, and a maximum is one of integers.
 """
 
 import numpy as np
@@ -24,9 +24,6 @@ GAP = 32
 EMPTY = 1
 WINDOW = 4096
 """Slots whose bonds are kept; with those of one offset more they should fit the second-level cache."""
-VARIANT = 8
-"""Polynomials are padded to a multiple of this, so that few variants need compiling."""
-
 
 @intrinsic
 def _vectorise(typing_context):
@@ -47,30 +44,48 @@ jit = njit(cache=True, error_model='numpy', fastmath={'contract'})
 
 
 @jit
-def _polynomial(c, e):
-    """`c0 + c1 e + ...`, even and odd powers apart: half the latency of Horner's rule."""
-    square = e * e
-    even, odd = c[len(c) - 2], c[len(c) - 1]
-    for k in range(len(c) - 4, -1, -2):
-        even = even * square + c[k]
-        odd = odd * square + c[k + 1]
-    return even + e * odd
+def _order(x):
+    """Bits of |x| as an integer: they have the order of |x|, nan above inf, and a maximum that vector units know."""
+    return np.float64(x).view(np.int64) & np.int64(0x7FFFFFFFFFFFFFFF)
 
 
 @jit
-def _force(dx, dy, Rx, Ry, q, t, g, c):
-    """Force on the far end of a bond, `H(e) R + (g + t H(e)) du`; c is scaled so that r0^2 e will do."""
+def _magnitude(bits):
+    return np.int64(bits).view(np.float64)
+
+
+@jit
+def _larger(a, b):
+    """The larger of two numbers, or the one that is none."""
+    return b if not b <= a else a
+
+
+@jit
+def _polynomial(quads, e):
+    """`c0 + c1 e + ...`, four terms at a time, which do not wait for each other."""
+    e2 = e * e
+    e4 = e2 * e2
+    p = 0.0
+    for n in range(len(quads) - 1, -1, -1):
+        a, b, c, d = quads[n]
+        p = p * e4 + ((a + b * e) + e2 * (c + d * e))
+    return p
+
+
+@jit
+def _force(dx, dy, Rx, Ry, q, t, g, quads):
+    """Force on the far end of a bond, `H(e) R + (g + t H(e)) du`, and r0^2 e, for which the polynomial is scaled."""
     e = (2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy
-    H = e * _polynomial(c, e)
+    H = e * _polynomial(quads, e)
     G = g + t * H
-    return H * Rx + G * dx, H * Ry + G * dy
+    return H * Rx + G * dx, H * Ry + G * dy, e
 
 
 @jit
-def _tuple(row, pattern):
-    """The array `row` as a tuple of the length of `pattern`."""
-    for k in range(len(pattern)):
-        pattern = tuple_setitem(pattern, k, row[k])
+def _quads(row, pattern):
+    """The coefficients in `row` as a tuple of fours, as long as `pattern`."""
+    for n in range(len(pattern)):
+        pattern = tuple_setitem(pattern, n, (row[4 * n], row[4 * n + 1], row[4 * n + 2], row[4 * n + 3]))
     return pattern
 
 
@@ -84,17 +99,18 @@ def _move(ux, uy, vx, vy, i, fx, fy, carry, push, k, dt):
 
 
 @jit
-def _pull_group(ux, uy, bx, by, s, e, offset, to, Rx, Ry, q, t, g, c, strength, group):
-    """Forces of the bonds of one group that start in the slots s to e; stored `to` places later."""
+def _pull_group(ux, uy, bx, by, s, e, offset, to, Rx, Ry, q, t, g, quads, strength, group):
+    """Forces of the bonds of one group that start in the slots s to e, stored `to` places later; the largest |r0^2 e|."""
     _vectorise()
+    largest = np.int64(0)
     for i in range(s, e):
         dx, dy = ux[i + offset] - ux[i], uy[i + offset] - uy[i]
         if strength is not None:
             dx *= strength[group, i]  # a bond that is not strained pulls at nothing
             dy *= strength[group, i]
-        x, y = _force(dx, dy, Rx, Ry, q, t, g, c)
-        bx[i + to] = x
-        by[i + to] = y
+        bx[i + to], by[i + to], strain = _force(dx, dy, Rx, Ry, q, t, g, quads)
+        largest = max(largest, _order(strain))
+    return _magnitude(largest)
 
 
 @jit
@@ -112,9 +128,10 @@ def _move_grid(ux, uy, vx, vy, bx, by, s, e, offsets, pad, stride, carry, push, 
 
 @jit
 def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
-    b, pad, runs, offsets, R, strength, q, t, g, coefficients, pattern = bonds
+    b, pad, runs, offsets, R, strength, q, t, g, r2, coefficients, pattern = bonds
     ux, uy, vx, vy, bx, by = u[0], u[1], v[0], v[1], b[0].ravel(), b[1].ravel()
     stride = np.uint64(b.shape[2])
+    strain = 0.0
     for step in range(len(forces)):
         base = np.uint64(0)  # b is a window on the bonds: those of slot i stand at i + pad - base of their group
         b[:, :, :pad] = 0
@@ -127,48 +144,59 @@ def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
                 b[:, :, s + pad - base : e + pad - base] = 0
                 continue
             for n in range(len(offsets)):
-                _pull_group(ux, uy, bx, by, s, e, offsets[n], pad + np.uint64(n) * stride - base, R[n, 0], R[n, 1], q, t, g[n],
-                            _tuple(coefficients[n], pattern), strength, np.uint64(n))
+                quads = _quads(coefficients[n], pattern)
+                largest = _pull_group(ux, uy, bx, by, s, e, offsets[n], pad + np.uint64(n) * stride - base, R[n, 0], R[n, 1],
+                                      q, t, g[n], quads, strength, np.uint64(n))
+                strain = _larger(strain, largest / r2[n])
             _move_grid(ux, uy, vx, vy, bx, by, s, e, offsets, pad - base, stride, carry, push, k, dt)
         _correct(u, v, push, dt, forces[step], corrected)
+    return strain
 
 
 @jit
-def _pull_listed(ux, uy, bx, by, s, e, i, j, Rx, Ry, q, t, g, c, bonds):
-    """Forces of the bonds s to e of a table on their far ends, and `bonds` places later those on their near ends."""
+def _pull_listed(ux, uy, bx, by, s, e, i, j, Rx, Ry, q, t, g, quads, bonds):
+    """Forces of the bonds s to e on their far ends, and `bonds` places later on their near ends; the largest |r0^2 e|."""
     _vectorise()
+    largest = np.int64(0)
     for b in range(s, e):
-        x, y = _force(ux[j[b]] - ux[i[b]], uy[j[b]] - uy[i[b]], Rx[b], Ry[b], q, t, g, c)
+        x, y, strain = _force(ux[j[b]] - ux[i[b]], uy[j[b]] - uy[i[b]], Rx[b], Ry[b], q, t, g, quads)
         bx[b] = x
         by[b] = y
         bx[b + bonds] = -x
         by[b + bonds] = -y
+        largest = max(largest, _order(strain))
+    return _magnitude(largest)
 
 
 @jit
-def _move_listed(ux, uy, vx, vy, bx, by, s, e, first, ends, carry, push, k, dt):
-    """One step of the slots s to e; `ends[first[i] : first[i + 1]]` are the places in b of the forces on slot i."""
+def _move_listed(ux, uy, vx, vy, bx, by, s, e, ends, columns, carry, push, k, dt):
+    """One step of the slots s to e; `ends` lists the places in b of the forces on each slot, `columns` counts them."""
+    _vectorise()
     for i in range(s, e):
         fx = fy = 0.0
-        for n in range(first[i], first[i + np.uint64(1)]):
-            fx += bx[ends[n]]
-            fy += by[ends[n]]
+        for n in range(len(columns)):  # as many for all, filled up with a bond of no force: no branch to mispredict
+            fx += bx[ends[n, i]]
+            fy += by[ends[n, i]]
         _move(ux, uy, vx, vy, i, fx, fy, carry, push, k, dt)
 
 
 @jit
 def _steps_table(u, v, forces, carry, push, dt, k, corrected, bonds):
-    b, runs, segments, i, j, Rx, Ry, first, ends, q, t, g, coefficients, pattern = bonds
+    b, runs, segments, i, j, Rx, Ry, ends, columns, q, t, g, r2, coefficients, pattern = bonds
     ux, uy, vx, vy, bx, by = u[0], u[1], v[0], v[1], b[0], b[1]
+    strain = 0.0
     for step in range(len(forces)):
         for r in range(len(runs)):
             s, e = runs[r, 0], runs[r, 1]
             for n in range(runs[r, 2], runs[r, 3]):
                 kind = segments[n, 2]
-                _pull_listed(ux, uy, bx, by, segments[n, 0], segments[n, 1], i, j, Rx, Ry, q, t, g[kind],
-                             _tuple(coefficients[kind], pattern), np.uint64(len(i)))
-            _move_listed(ux, uy, vx, vy, bx, by, s, e, first, ends, carry, push, k, dt)
+                quads = _quads(coefficients[kind], pattern)
+                largest = _pull_listed(ux, uy, bx, by, segments[n, 0], segments[n, 1], i, j, Rx, Ry, q, t, g[kind], quads,
+                                       np.uint64(len(i)))
+                strain = _larger(strain, largest / r2[kind])
+            _move_listed(ux, uy, vx, vy, bx, by, s, e, ends, columns, carry, push, k, dt)
         _correct(u, v, push, dt, forces[step], corrected)
+    return strain
 
 
 @jit
@@ -209,20 +237,22 @@ def _finish(v, a, decay, dt):
 def _advance_grid(state, out, forces, coefficients, decay, mobility, forget, corrected, bonds):
     (u0, v0, a0), (u, v, a), (carry, push, dt, k) = state, out, coefficients
     _start(u0, v0, a0, u, v, decay, dt)
-    _steps_grid(u, v, forces[:-1], carry, push, dt, k, corrected, bonds)
+    strain = _steps_grid(u, v, forces[:-1], carry, push, dt, k, corrected, bonds)
     a[:] = 0
-    _steps_grid(u, a, forces[-1:], forget, mobility, 0.0, k, corrected, bonds)
+    strain = _larger(strain, _steps_grid(u, a, forces[-1:], forget, mobility, 0.0, k, corrected, bonds))
     _finish(v, a, decay, dt)
+    return strain
 
 
 @jit
 def _advance_table(state, out, forces, coefficients, decay, mobility, forget, corrected, bonds):
     (u0, v0, a0), (u, v, a), (carry, push, dt, k) = state, out, coefficients
     _start(u0, v0, a0, u, v, decay, dt)
-    _steps_table(u, v, forces[:-1], carry, push, dt, k, corrected, bonds)
+    strain = _steps_table(u, v, forces[:-1], carry, push, dt, k, corrected, bonds)
     a[:] = 0
-    _steps_table(u, a, forces[-1:], forget, mobility, 0.0, k, corrected, bonds)
+    strain = _larger(strain, _steps_table(u, a, forces[-1:], forget, mobility, 0.0, k, corrected, bonds))
     _finish(v, a, decay, dt)
+    return strain
 
 
 @jit
@@ -245,19 +275,6 @@ def _written(slot, u, v, anchors, masses, positions, momenta):
     return True
 
 
-@jit
-def _extremes(u, i, j, R, kind, r0, q):
-    least = largest = 0.0
-    for b in range(len(i)):
-        dx, dy = u[0, j[b]] - u[0, i[b]], u[1, j[b]] - u[1, i[b]]
-        e = (2 * (R[b, 0] * dx + R[b, 1] * dy) + q * (dx * dx + dy * dy)) / r0[kind[b]] ** 2
-        if not -e <= -least:  # also if e is not a number
-            least = e
-        if not e <= largest:
-            largest = e
-    return least, largest
-
-
 class CompiledKernel(Kernel):
     """The same as `Kernel`, compiled; it needs the coefficients of polynomials."""
 
@@ -265,10 +282,10 @@ class CompiledKernel(Kernel):
 
     def _prepare(self, coefficients):
         layout, law, m = self.layout, self.increments, self.motion
-        c = np.pad(coefficients, ((0, 0), (0, -coefficients.shape[1] % VARIANT)))
+        c = np.pad(coefficients, ((0, 0), (0, -coefficients.shape[1] % 4)))
         c = c / layout.r0[:, None] ** (2 + 2 * np.arange(c.shape[1]))
         self.carry, self.push, self.forget = (_aligned(x) for x in (self.carry, self.push, self.forget))
-        law = law.q, law.t, law.g, c, (0.0,) * c.shape[1]
+        law = law.q, law.t, law.g, layout.r0**2, c, ((0.0,) * 4,) * (c.shape[1] // 4)
         self._slot = layout.slot.astype(np.uint64)
         self._corrected = m.driven.astype(np.uint64), m.guided.astype(np.uint64), m.barred
         if layout.offset is not None:
@@ -278,17 +295,13 @@ class CompiledKernel(Kernel):
 
     def advance(self, state, forces, out):
         m = self.motion
-        self._advance(state, out, forces, (self.carry, self.push, m.dt, m.foundation), m.decay, m.mobility, self.forget,
-                      self._corrected, self._bonds)
+        return self._advance(state, out, forces, (self.carry, self.push, m.dt, m.foundation), m.decay, m.mobility, self.forget,
+                             self._corrected, self._bonds)
 
     def accelerate(self, u, a, force):
         a[:] = 0
         m = self.motion
-        self._steps(u, a, force[None], self.forget, m.mobility, 0.0, m.foundation, self._corrected, self._bonds)
-
-    def extremes(self, u):
-        b = self.layout
-        return _extremes(u, b.i, b.j, b.R, b.kind, b.r0, self.increments.q)
+        return self._steps(u, a, force[None], self.forget, m.mobility, 0.0, m.foundation, self._corrected, self._bonds)
 
     def write(self, *arrays):
         _write(self._slot, *arrays)
@@ -329,7 +342,10 @@ def _table(layout):
     within = np.searchsorted(run[starts], np.arange(len(s) + 1))
     runs = np.column_stack([s, np.minimum(s + RUN, layout.length), within[:-1], within[1:]])
     slots = np.concatenate([j, i])
-    first = np.searchsorted(slots, np.arange(layout.length + 1), sorter=np.argsort(slots, kind='stable'))
-    ends = np.argsort(slots, kind='stable')
-    unsigned = (x.astype(np.uint64) for x in (runs, segments, i, j))
-    return aligned_zeros((2, 2 * len(i))), *unsigned, *R.T.copy(), first.astype(np.uint64), ends.astype(np.uint64)
+    order = np.argsort(slots, kind='stable')
+    place = np.arange(len(slots)) - np.searchsorted(slots[order], slots[order])  # among the bonds of its slot
+    ends = np.full((place.max() + 1, layout.length), len(slots))
+    ends[place, slots[order]] = order
+    runs, segments = runs.astype(np.uint64), segments.astype(np.uint64)
+    i, j, ends = (x.astype(np.uint32) for x in (i, j, ends))
+    return aligned_zeros((2, len(slots) + 1)), runs, segments, i, j, *R.T.copy(), ends, (0,) * len(ends)

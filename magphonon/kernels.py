@@ -81,6 +81,8 @@ class Kernel:
     def advance(self, state, forces, out):
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
+        Returns the largest increment |e| that any bond has had on the way.
+
         Parameters
         ----------
         state, out : tuple of three ndarrays, shape (2, slots)
@@ -88,27 +90,26 @@ class Kernel:
             External forces at the end of each step.
         """
         u, v, a = out
-        self._start(state, u, v)
-        self._steps(u, v, forces[:-1], self.carry, self.push, self.motion.dt)
-        self.accelerate(u, a, forces[-1])
-        self._finish(v, a)
+        (u0, v0, a0), d, dt = state, self.motion.decay, self.motion.dt
+        v[:] = d * v0 + dt / 2 * a0
+        u[:] = u0 + dt * v
+        strain = self._steps(u, v, forces[:-1], self.carry, self.push, dt)
+        strain = np.maximum(strain, self.accelerate(u, a, forces[-1]))
+        v += dt / 2 * a
+        v *= d
+        return strain
 
     def accelerate(self, u, a, force):
-        """Fill `a` with the accelerations at `u`: what a step that takes no time would leave as velocities."""
+        """Fill `a` with the accelerations at `u`: what a step that takes no time would leave as velocities.
+
+        Returns the largest increment.
+        """
         a[:] = 0
-        self._steps(u, a, force[None], self.forget, self.motion.mobility, 0.0)
-
-    def _start(self, state, u, v):
-        u0, v0, a0 = state
-        v[:] = self.motion.decay * v0 + self.motion.dt / 2 * a0
-        u[:] = u0 + self.motion.dt * v
-
-    def _finish(self, v, a):
-        v += self.motion.dt / 2 * a
-        v *= self.motion.decay
+        return self._steps(u, a, force[None], self.forget, self.motion.mobility, 0.0)
 
     def _steps(self, u, v, forces, carry, push, dt):
         m = self.motion
+        self.forces.strain = 0.0
         for force in forces:
             for s, e in self.forces.fill(self.f, u):
                 us, vs, fs, t = u[:, s:e], v[:, s:e], self.f[:, s:e], self.scratch[:, : e - s]
@@ -117,23 +118,15 @@ class Kernel:
                 vs *= carry[s:e]
                 vs += fs
                 us += np.multiply(dt, vs, out=t)
-            kick = push[m.driven] * force.T
-            v[:, m.driven] += kick
-            u[:, m.driven] += dt * kick
-            away = np.einsum('gxy,yg->xg', m.barred, v[:, m.guided])
-            v[:, m.guided] -= away
-            u[:, m.guided] -= dt * away
-
-    def peak(self, u):
-        """Largest component of any displacement."""
-        return max(u.max(), -u.min())
-
-    def extremes(self, u):
-        """Least and largest increment e of any bond."""
-        b, r2 = self.layout, self.layout.r0[self.layout.kind] ** 2
-        du = u[:, b.j] - u[:, b.i]
-        e = (2 * np.einsum('bx,xb->b', b.R, du) + self.increments.q * np.einsum('xb,xb->b', du, du)) / r2
-        return e.min(initial=0.0), e.max(initial=0.0)
+            if len(m.driven):
+                kick = push[m.driven] * force.T
+                v[:, m.driven] += kick
+                u[:, m.driven] += dt * kick
+            if len(m.guided):
+                away = np.einsum('gxy,yg->xg', m.barred, v[:, m.guided])
+                v[:, m.guided] -= away
+                u[:, m.guided] -= dt * away
+        return self.forces.strain
 
     def write(self, u, v, anchors, masses, positions, momenta):
         """Set `positions` to anchors + u and `momenta` to m v; those end in x, y, the others start with it."""
@@ -150,7 +143,8 @@ class Kernel:
 class BondForces:
     """Forces on the far ends of bonds, from the displacements of these relative to the near ends.
 
-    R and the law broadcast against the relative displacements, whose first axis is x, y.
+    R and the law broadcast against the relative displacements, whose first axis is x, y.  `strain` is the largest
+    increment |e| seen.
     """
 
     def __init__(self, increments, coefficients, R, r0, kind):
@@ -160,6 +154,7 @@ class BondForces:
             scaled = coefficients / increments.r0[:, None] ** (2 + 2 * np.arange(coefficients.shape[1]))
             self.c = scaled[0] if len(scaled) == 1 or (scaled == scaled[0]).all() else np.moveaxis(scaled[kind], -1, 0)
         self.exact = coefficients is None
+        self.rows = r0[:, 0] if r0.ndim == 2 else r0.min()  # rest length, or the least of it, of each row of bonds
 
     def pull(self, d, s, e, H):
         """Replace the relative displacements `d` by the forces `H(e) R + (g + t H(e)) d`; the others are scratch."""
@@ -169,6 +164,8 @@ class BondForces:
         else:
             np.multiply(self.R2, d, out=s)
         np.add(s[0], s[1], out=e)  # e r0^2
+        largest = np.maximum(e.max(axis=-1), -e.min(axis=-1))
+        self.strain = np.maximum(self.strain, (largest / self.rows**2).max())
         if self.exact:
             e /= self.r0**2
             H[:] = self.increments.exact(e, np.broadcast_to(self.r0, e.shape))

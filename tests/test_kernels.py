@@ -224,3 +224,24 @@ def test_a_held_particle_stays_and_an_empty_slot_does_nothing():
         empty = np.setdiff1d(np.arange(dyn._blocks.layout.length), dyn._blocks.layout.slot)
         assert len(empty)
         assert not any(x[:, empty].any() for x in dyn._blocks._state)
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+def test_a_strain_that_comes_and_goes_within_a_block_is_noticed(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    patch = vacancies(lattices.parallelogram(cells()['triangular'], 12, 12))
+
+    def run(law_itself):
+        moving = patch.copy()
+        moving.calc = MagneticRepulsion(moving, LAW, foundation=2.0)  # its period is the 32 steps of a block
+        dyn = DrivenVerlet(moving, 0.11, engine=engine)
+        dyn.run(0)
+        if law_itself:
+            dyn._blocks._fit(len(RANGES))
+        dyn.run(320)
+        assert dyn.engine == ('numpy' if law_itself else engine)
+        return dyn.displacements
+
+    # the bound of the polynomials, over 320 steps; those of a smaller reach would be off by 1e-8
+    assert abs(run(False) - run(True)).max() < 1e-12 * abs(run(True)).max()
