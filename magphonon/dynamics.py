@@ -18,7 +18,7 @@ import numpy as np
 from ase.md.verlet import VelocityVerlet
 from tqdm import tqdm
 
-from .blocks import Blocks, Diverged, inspect, refusal
+from .blocks import CONTACT, Blocks, Diverged, inspect, refusal
 from .calculator import MagneticRepulsion
 from .drives import Drives
 from .errors import finite, one_of, positive, whole
@@ -144,7 +144,7 @@ class DrivenVerlet(VelocityVerlet):
         good = self._good_state() if self.engine == 'ase' else None
         try:
             for converged in run:
-                if self.engine == 'ase':
+                if self.engine == 'ase' and (self._fast or self.nsteps % BLOCK == 0):
                     self._inspect(self.get_time())
                     good = self._good_state()
                 yield converged
@@ -203,6 +203,14 @@ class DrivenVerlet(VelocityVerlet):
         calc, constraints = self.atoms.calc, self.atoms.constraints
         return calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in constraints]
 
+    @property
+    def _fast(self):
+        """Whether a particle may come from a good distance into contact within one step, or is lost."""
+        calc = self.atoms.calc
+        if not isinstance(calc, MagneticRepulsion):
+            return False
+        return not abs(self.atoms.arrays['momenta'] / self.masses).max() * self.dt < CONTACT * calc.bonds.lengths.min()
+
     def _good_state(self):
         return self.nsteps, self.atoms.get_positions(), self.atoms.get_momenta()
 
@@ -235,20 +243,25 @@ class DrivenVerlet(VelocityVerlet):
             If particles collide or leave; a ValueError for a checkpoint that is damaged or belongs to another run.
         """
         target = self.nsteps + whole('steps', steps, 0)
-        save = self._keep_checkpoints(checkpoint, whole('every', every), target) if checkpoint is not None else None
+        self._stops = [] if checkpoint is None else [whole('every', every)]
+        save = self._keep_checkpoints(checkpoint, target) if checkpoint is not None else None
         converged = self.nsteps == target
         with tqdm(total=target, initial=self.nsteps, unit='step', delay=2, disable=None) as progress:
-            for converged in self.irun(target - self.nsteps):
-                progress.update(self.nsteps - progress.n)
-                if save and (converged or self.nsteps % every == 0):
-                    save()
+            try:
+                for converged in self.irun(target - self.nsteps):
+                    progress.update(self.nsteps - progress.n)
+                    if save and (converged or self.nsteps % every == 0):
+                        save()
+            except Diverged:
+                if save:
+                    save()  # the last good state
+                raise
         return converged
 
-    def _keep_checkpoints(self, path, every, target):
+    def _keep_checkpoints(self, path, target):
         """Go on from the checkpoint if there is one; return the function that writes it."""
         from .checkpoint import load_checkpoint, save_checkpoint, scene_digest
 
-        self._stops = [every]
         self._prepare(target - self.nsteps)
         digest = scene_digest(self)
         state = load_checkpoint(path, digest)
