@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, lattices
+from magphonon.blocks import Diverged
 
 LAW = InversePower(b=8900.0, a=4.5)
 EVERY = 100
@@ -126,3 +127,19 @@ def test_a_damaged_checkpoint_is_refused(tmp_path):
         prepare()[1].run(200, checkpoint=tmp_path / 'nowhere' / 'state.npz', every=EVERY)
     with pytest.raises(ValueError, match='every must be a whole number'):
         prepare()[1].run(200, checkpoint=tmp_path / 'new.npz', every=0)
+
+
+def test_the_last_good_state_of_a_run_that_goes_wrong_is_saved(tmp_path):
+    def prepared():
+        atoms, dyn, _ = prepare()
+        atoms.positions[9, 0] += 0.1
+        dyn.attach(lambda: atoms.set_momenta(np.outer(np.arange(len(atoms)) == 9, [0.7 * 97, 0, 0])), -130)
+        return atoms, dyn
+
+    atoms, dyn = prepared()
+    with pytest.raises(Diverged) as caught:
+        dyn.run(400, checkpoint=tmp_path / 'state.npz', every=EVERY)
+    with np.load(tmp_path / 'state.npz') as saved:
+        assert saved['nsteps'] * 0.1 == pytest.approx(caught.value.last_good)
+        assert caught.value.last_good >= 13 - 1e-9  # of the steps after 130, not of the last checkpoint
+        assert np.array_equal(saved['positions'], atoms.positions)
