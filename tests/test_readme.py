@@ -8,7 +8,7 @@ import pytest
 
 README = Path(__file__).parents[1] / 'README.md'
 
-# The script states the pillars' 19.67572... N/m to six digits, at most 2.6e-6 off, and a frequency goes as the root of a stiffness.
+# The script states the pillars' 19.67572... N/m to six digits, at most 2.6e-6 off; a frequency goes as the root of a stiffness.
 ROUNDED = 1.3e-6
 
 
@@ -19,7 +19,8 @@ def session(tmp_path_factory):
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
 
-    [script] = [code for code in re.findall(r'```python\n(.*?)```', README.read_text(encoding='utf-8'), re.S) if 'plot_bands' in code]
+    blocks = re.findall(r'```python\n(.*?)```', README.read_text(encoding='utf-8'), re.S)
+    [script] = [code for code in blocks if 'plot_bands' in code]
     folder, names = tmp_path_factory.mktemp('readme'), {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
