@@ -1,0 +1,44 @@
+"""`python -m workflows [NAME ...] [-o DIR]`: run the workflows, print one table, write the report."""
+
+import argparse
+import sys
+from importlib import import_module
+from pathlib import Path
+
+from tqdm import tqdm
+
+from .report import text_table, write_html, write_summary
+
+NAMES = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads')
+
+
+def main(arguments=None):
+    """Run the named workflows, all by default; returns the exit status, 1 if any check failed."""
+    parser = argparse.ArgumentParser(prog='python -m workflows', description="The paper's results, reproduced and compared.")
+    parser.add_argument('names', nargs='*', metavar='NAME', help=f'one of {", ".join(NAMES)}; all by default')
+    parser.add_argument('-o', '--out', type=Path, default=Path('out'), metavar='DIR', help='where to write (default: out)')
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.names if name not in NAMES]
+    if unknown:
+        parser.error(f'there is no workflow {unknown[0]!r}; choose from {", ".join(NAMES)}')
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.error(f'cannot write to {options.out}: {error.strerror}; name another directory with -o')
+
+    outcomes, titles = {}, {}
+    for name in tqdm(options.names or NAMES, desc='workflows', disable=None):
+        workflow = import_module(f'.{name}', __package__)
+        outcomes[name], titles[name] = workflow.main(options.out), workflow.__doc__.splitlines()[0]
+
+    write_summary(options.out / 'summary.json', outcomes)
+    write_html(options.out / 'report.html', outcomes, titles)
+    print(text_table(outcomes))
+    checks = [check for outcome in outcomes.values() for check in outcome.checks]
+    failed = sum(not check.passed for check in checks)
+    print(f'\n{len(checks) - failed} of {len(checks)} rows pass; pictures and report.html in {options.out}/')
+    return 1 if failed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

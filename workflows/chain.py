@@ -1,0 +1,43 @@
+"""The chain: D* has no longitudinal part, and acts on the transverse motion alone."""
+
+import numpy as np
+
+from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene, units
+from magphonon.plotting import new_axes, plot_bands
+
+from .checks import Check, Outcome, save_picture
+
+
+def main(out):
+    """Longitudinal band against its closed form, transverse band unstable without a foundation."""
+    cell = read_scene(ready_scene('chain')).atoms()
+    law, L0, m = cell.calc.potential, cell.cell.lengths()[0], cell.get_masses()[0]
+    k = cell.calc.parameters.foundation
+    path = cell.cell.bandpath('GX', npoints=101, pbc=cell.pbc)
+    xi = 2 * np.pi * path.kpts[:, 0]
+    complete, conventional = (analytic_bands(cell, path, model) for model in ('complete', 'conventional'))
+
+    def closed(stiffness):  # omega^2 of a chain of springs on a foundation
+        return (k + 2 * stiffness * (1 - np.cos(xi))) / m
+
+    along, across = closed(law.d2phi(L0)), closed(law.dphi(L0) / L0)
+    longitudinal = np.max(complete.omega, axis=1) ** 2
+    transverse = np.sign(complete.omega[:, 0]) * complete.omega[:, 0] ** 2
+    top = along.max()
+    checks = [
+        Check('chain longitudinal omega^2, complete, largest misfit / top', abs(longitudinal - along).max() / top, 0.0, 1e-12),
+        Check('chain longitudinal omega^2, D0 alone, largest misfit / top',
+              abs(conventional.omega[:, 1] ** 2 - along).max() / top, 0.0, 1e-12),
+        Check('chain transverse omega^2, complete, largest misfit / top', abs(transverse - across).max() / top, 0.0, 1e-12),
+        Check('control: transverse omega^2, D0 alone, largest misfit / top',
+              abs(conventional.omega[:, 0] ** 2 - across).max() / top, 0.0, 0.1, control=True),
+    ]
+    bare = cell.copy()
+    bare.calc = MagneticRepulsion(bare, law)
+    edge = analytic_bands(bare, path).omega[-1, 0]
+    checks.append(Check('chain without foundation, growth rate at X (1/s)', -edge * units.s,
+                        2 * np.sqrt(-law.dphi(L0) / L0 / m) * units.s, 1e-9))
+    ax = plot_bands(complete, ax=new_axes(), label='complete')
+    plot_bands(conventional, ax=ax, linestyle='--', label='conventional')
+    caption = 'The chain: the longitudinal band is the same in both models, the transverse one is not.'
+    return Outcome(checks, [save_picture(ax.figure, out / 'chain.png', caption)])

@@ -1,0 +1,68 @@
+"""The oscillator of Sec. III: static forces in the stiffness of one particle, and where they make it unstable."""
+
+import numpy as np
+
+from magphonon import InversePower, MagneticRepulsion, lattices, units
+from magphonon.plotting import COLOURS, UNSTABLE, new_axes
+from magphonon.scenes import reference
+from magphonon.stiffness import signed_root
+
+from .checks import Check, Outcome, pairs, save_picture
+
+LAW = InversePower(b=1e4 * units.N * units.m**4, a=4.0)
+
+
+def stiffness(theta0, model='complete'):
+    """Stiffness matrix of the free particle in N/m, shape (2, 2)."""
+    atoms = oscillator(theta0, model)
+    return atoms.calc.get_hessian(atoms).toarray()[9:11, 9:11] / (units.N / units.m)
+
+
+def oscillator(theta0, model='complete'):
+    """The paper's oscillator at the angle `theta0` in rad: M = 1 kg, L0 = 1 m."""
+    atoms = lattices.oscillator(theta0, spacing=1 * units.m, mass=1 * units.kg)
+    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=lattices.OSCILLATOR_BONDS, model=model)
+    return atoms
+
+
+def main(out):
+    """Stiffness and frequencies at the paper's four angles, and as curves over the angle."""
+    paper = reference()['oscillator']
+    angles = np.pi * np.array(paper['theta0_over_pi'])
+    complete = np.array([stiffness(t) for t in angles])
+    conventional = np.array([stiffness(t, 'conventional') for t in angles])
+    scale = 1.2e5  # the largest stiffness; entries that vanish are compared with it
+    checks = []
+    for name, values in (('D_xx', complete[:, 0, 0]), ('D_yy', complete[:, 1, 1]),
+                         ('D0_xx', conventional[:, 0, 0]), ('D0_yy', conventional[:, 1, 1])):
+        checks += pairs(f'oscillator {name} / largest stiffness', values / scale, np.array(paper[name]) / scale, 1e-9)
+    checks += pairs('oscillator omega_y (rad/s)', signed_root(complete[:, 1, 1]), paper['omega_y'], 1e-9)
+    checks += pairs('oscillator omega_y, D0 alone (rad/s)', signed_root(conventional[:, 1, 1]), paper['omega_y_D0'], 1e-9)
+    checks += [Check(f'control: D0 alone as omega_y at theta0 = {t:.3g} pi (rad/s)', np.sqrt(d), w, 0.06, control=True)
+               for t, d, w in zip(paper['theta0_over_pi'][:3], conventional[:3, 1, 1], paper['omega_y'], strict=False)]
+    pushes = [oscillator(t).get_forces(apply_constraint=False)[3, 1] / units.N for t in angles]
+    checks += pairs('oscillator balancing force (N)', np.negative(pushes), paper['balancing_force_y'], 1e-9)
+
+    from scipy.optimize import brentq
+
+    critical = brentq(lambda t: stiffness(t)[0, 0], 0.8, 1.2, xtol=1e-13)
+    checks.append(Check('oscillator critical angle (deg)', np.rad2deg(critical), paper['theta_critical_deg'], 1e-9))
+    growth = np.sqrt(-stiffness(np.pi / 2)[0, 0])
+    checks.append(Check('oscillator growth rate at pi/2 (1/s)', growth, paper['growth_rate_at_pi_over_2'], 1e-9))
+    return Outcome(checks, [draw(out, critical)])
+
+
+def draw(out, critical):
+    """Frequencies over the angle, complete and conventional, the unstable range shaded."""
+    theta = np.linspace(0, np.pi / 2, 181)
+    ax = new_axes()
+    ax.axvspan(np.rad2deg(critical), 90, **UNSTABLE, label='horizontally unstable')
+    for axis, name, colour in ((1, 'vertical', COLOURS[0]), (0, 'horizontal', COLOURS[1])):
+        for model, line in (('complete', '-'), ('conventional', '--')):
+            D = np.array([stiffness(t, model)[axis, axis] for t in theta])
+            ax.plot(np.rad2deg(theta), np.where(D >= 0, signed_root(D), np.nan), line, color=colour, label=f'{name}, {model}')
+    ax.set(xlabel=r'angle $\theta_0$ (deg)', ylabel=r'natural frequency $\omega$ (rad/s)', xlim=(0, 90), ylim=(0, 400))
+    ax.legend(fontsize=8)
+    return save_picture(ax.figure, out / 'oscillator.png',
+                        'Natural frequencies of the oscillator. D* lowers all but the vertical one at 90 degrees; '
+                        'above 56.79 degrees the horizontal motion is unstable, which D0 alone does not show.')

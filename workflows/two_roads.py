@@ -1,0 +1,63 @@
+"""phonopy against analytic: force constants, D* extracted, the lost foundation, the V-curve of the displacement."""
+
+import numpy as np
+
+from magphonon import (
+    analytic_bands,
+    displacement_errors,
+    extracted_dstar,
+    finite_displacements,
+    phonopy_bands,
+    read_scene,
+    ready_scene,
+)
+from magphonon.plotting import COLOURS, new_axes
+from magphonon.stiffness import bond_stiffness
+
+from .checks import Check, Outcome, save_picture
+
+
+def main(out):
+    """Both roads on the prototype, the control of each, and the error against the displacement distance."""
+    cell = read_scene(ready_scene('prototype')).atoms()
+    path = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc)
+    phonon = finite_displacements(cell)
+    exact = analytic_bands(cell, path).omega
+    D0, Dstar = bond_stiffness(cell.calc.bonds.vectors[:, :2], cell.calc.potential)
+    extracted = extracted_dstar(phonon, cell)
+    checks = [
+        Check('phonopy bands - analytic, largest / highest frequency', deviation(phonon, path, exact), 0.0, 1e-8),
+        Check('D* from phonopy - analytic D*, largest / phi"', abs(extracted - Dstar).max() / abs(D0).max(), 0.0, 1e-8),
+        Check('control: D* from phonopy - zero, largest / phi"', abs(extracted).max() / abs(D0).max(), 0.0, 0.1, control=True),
+    ]
+    symmetrised = phonon.replicate()
+    symmetrised.force_constants = phonon.force_constants.copy()
+    symmetrised.symmetrize_force_constants()
+    gap = phonopy_bands(symmetrised, path).omega[0, 0] / exact[0, 0]
+    checks.append(Check('control: cut-off left by symmetrised force constants / true', gap, 1.0, 0.99, control=True))
+
+    shortest = cell.calc.bonds.lengths.min()
+    distances = shortest * np.logspace(-9, -1.3, 24)
+    errors = displacement_errors(cell, path, distances)
+    slope = np.polyfit(*np.log([distances[-5:], errors[-5:]]), 1)[0]
+    rise = np.polyfit(*np.log([distances[:8], errors[:8]]), 1)[0]
+    checks.append(Check('slope of the error above its floor', slope, 2.0, 0.05))  # next term: (d/L0)^2, 1e-2 at most
+    checks.append(Check('slope of the error below its floor', rise, -1.0, 0.2))  # round-off scatters
+    return Outcome(checks, [draw(out, distances / shortest, errors)])
+
+
+def deviation(phonon, path, exact):
+    """Largest difference of phonopy's frequencies from the exact ones, relative to the highest."""
+    return abs(phonopy_bands(phonon, path).omega - exact).max() / exact.max()
+
+
+def draw(out, d, errors):
+    """Error of phonopy's bands against the displacement distance, with the two laws it follows."""
+    ax = new_axes()
+    ax.loglog(d, errors, 'o', color=COLOURS[0], label='phonopy against analytic')
+    ax.loglog(d[-12:], errors[-1] * (d[-12:] / d[-1]) ** 2, '--', color=COLOURS[1], label=r'$(d/L_0)^2$: curvature')
+    ax.loglog(d[:12], errors[0] * d[0] / d[:12], ':', color=COLOURS[2], label=r'$1/d$: round-off')
+    ax.axvline(1e-5, color='0.6', lw=0.8, label='default')
+    ax.set(xlabel=r'displacement $d/L_0$', ylabel='largest error / highest frequency')
+    ax.legend(fontsize=8)
+    return save_picture(ax.figure, out / 'displacement.png', "The V-curve: phonopy's error against the displacement distance.")
