@@ -38,7 +38,7 @@ def main(out):
     pictures = [
         save_picture(ax.figure, out / 'ideal_bands.png',
                      'Fig. 5: D* halves the shear branch at M and hardly moves the longitudinal one.'),
-        save_picture(plot_zone(path).figure, out / 'zone.png', 'The first Brillouin zone and the path.'),
+        save_picture(plot_zone(bands['complete'].path).figure, out / 'zone.png', 'The first Brillouin zone and the path.'),
         save_picture(plot_mode(cell, bands['complete'], 'M', 0).figure, out / 'mode_M.png', 'The shear mode at M.'),
         save_picture(plot_ratio(complete, conventional, 0).figure, out / 'ratio_shear.png',
                      'Where in the zone the shear branch falls: the mode-selective shift.'),
