@@ -22,8 +22,10 @@ RUN = 256
 GAP = 32
 """Holes in a run of slots that are cheaper to fill than to jump over."""
 EMPTY = 1
+"""Mark of a run of empty slots."""
 WINDOW = 4096
 """Slots whose bonds are kept; with those of one offset more they should fit the second-level cache."""
+
 
 @intrinsic
 def _vectorise(typing_context):

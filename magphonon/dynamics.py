@@ -34,7 +34,8 @@ BLOCK = 32
 class DrivenVerlet(VelocityVerlet):
     """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs as in any ASE dynamics.
 
-    The engines give observers the same states, equal to round-off.  'ase' is ASE's own loop, for any calculator;
+    The engines give observers the same states, equal to round-off (in blocks, where observers look decides how a sum is
+    rounded, so only runs with the same observers have the same bits).  'ase' is ASE's own loop, for any calculator;
     'numpy' and 'compiled' move planar structures with MagneticRepulsion by blocks of steps between two observer
     calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
 
