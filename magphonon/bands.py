@@ -104,6 +104,21 @@ def repulsion_of(atoms):
     return atoms.calc
 
 
+def cell_of_free_particles(atoms):
+    """The MagneticRepulsion of a cell all of whose particles move, as the bands suppose.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or the cell holds a constraint.
+    """
+    calc = repulsion_of(atoms)
+    if atoms.constraints:
+        raise ValueError(f'the cell holds the constraint {atoms.constraints[0]}, but bands are those of free particles; '
+                         'remove it with atoms.set_constraint()')
+    return calc
+
+
 def bloch_modes(atoms, q, model='complete', vectors=False):
     """Squared frequencies of a periodic structure at any wavevectors.
 
@@ -128,7 +143,7 @@ def bloch_modes(atoms, q, model='complete', vectors=False):
     ValueError
         For an unknown model, a wavevector that is not finite, or atoms without MagneticRepulsion.
     """
-    calc = repulsion_of(atoms)
+    calc = cell_of_free_particles(atoms)
     q = _wavevectors(q)
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     omega, modes = [], []
@@ -218,7 +233,7 @@ def group_velocities(atoms, q, model='complete'):
     velocity : ndarray, shape (wavevectors, modes, dim)
         In mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """
-    calc = repulsion_of(atoms)
+    calc = cell_of_free_particles(atoms)
     q = _wavevectors(q)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
@@ -261,7 +276,7 @@ def sound_speeds(atoms, direction=(1, 0), model='complete'):
     ValueError
         For a direction of zero length or of another dimension.
     """
-    calc = repulsion_of(atoms)
+    calc = cell_of_free_particles(atoms)
     direction = finite('direction', direction, (calc.dim,))
     if not direction.any():
         raise ValueError(f'the direction must not be zero, not {direction}')

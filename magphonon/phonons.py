@@ -14,7 +14,7 @@ from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
 
 from . import units
-from .bands import Bands, analytic_bands, path_of, repulsion_of
+from .bands import Bands, analytic_bands, cell_of_free_particles, path_of, repulsion_of
 from .errors import positive, whole
 from .stiffness import bond_stiffness, signed_root
 
@@ -85,13 +85,10 @@ def finite_displacements(atoms, supercell=None, distance=None):
 
 
 def _cell_calculator(atoms):
-    calc = repulsion_of(atoms)
-    calc.displacements(atoms)  # refuses atoms that are not those of the reference
+    repulsion_of(atoms).displacements(atoms)  # refuses atoms that are not those of the reference
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic, it has no bands; displace the unit cell from which it was made')
-    if atoms.constraints:
-        raise ValueError(f'the cell holds the constraint {atoms.constraints[0]}, but bands are those of free particles; '
-                         'remove it with atoms.set_constraint()')
+    calc = cell_of_free_particles(atoms)
     if 'X' in atoms.symbols:
         raise ValueError(f"phonopy refuses the symbol 'X' of particle {atoms.symbols.search('X')[0]}; "
                          "name an element, atoms.symbols = 'Nd', and set the masses again")

@@ -317,3 +317,13 @@ def test_a_patch_has_no_bands():
     atoms = lattice('triangular')
     with pytest.raises(ValueError, match='not periodic'):
         analytic_bands(patch, atoms.cell.bandpath('GM', npoints=5, pbc=atoms.pbc))
+
+
+def test_a_constrained_cell_is_refused(prototype):
+    from ase.constraints import FixAtoms
+
+    held = prototype.copy()
+    held.calc = prototype.calc
+    held.set_constraint(FixAtoms([0]))
+    with pytest.raises(ValueError, match=r'FixAtoms.*set_constraint'):
+        bloch_modes(held, [[0.1, 0.2, 0]])
