@@ -1,4 +1,4 @@
-"""The command `magphonon`: bands of anybody's lattice from a scene file, and ready scenes to start from.
+"""The command `magphonon`: what anybody's scene file asks for, and ready scenes to start from.
 
 Exit status: 0 when all is written, 2 for a mistake in the command, the scene or the place of the results (one
 message, nothing written), 130 when interrupted.
@@ -7,11 +7,12 @@ message, nothing written), 130 when interrupted.
 import argparse
 import os
 import sys
+from importlib import import_module
 
 from . import __version__
 
-SHOWN = 1e-5
-"""Of the highest frequency: below it a number is the root of the round-off in a square, and shown as zero."""
+COMMANDS = ('bands', 'scene')
+"""Each is a module of `magphonon.commands`."""
 
 
 def main(arguments=None):
@@ -35,126 +36,9 @@ def _parser():
     parser = argparse.ArgumentParser(prog='magphonon', description='Static forces in repulsive lattices: bands with D0 + D*.')
     parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
-
-    bands = commands.add_parser('bands', help='bands of a scene, by the Bloch matrix and by phonopy')
-    bands.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
-    bands.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
-    bands.set_defaults(run=_bands)
-
-    scene = commands.add_parser('scene', help='print a ready scene, or list them')
-    scene.add_argument('name', metavar='NAME', nargs='?', help='without it: the names and titles')
-    scene.set_defaults(run=_scene)
+    for name in COMMANDS:
+        command = import_module(f'.commands.{name}', __package__)
+        subparser = commands.add_parser(name, help=command.HELP, description=command.__doc__.partition(': ')[2])
+        command.add_arguments(subparser)
+        subparser.set_defaults(run=command.run)
     return parser
-
-
-def _scene(options):
-    from .scenes import read_scene, ready_scene, ready_scenes
-
-    if options.name is None:
-        for name, file in ready_scenes().items():
-            print(f'{name:12}{read_scene(file).title}')
-    else:
-        print(ready_scene(options.name).read_text(encoding='utf-8'), end='')
-
-
-def _bands(options):
-    from .bands import analytic_bands
-    from .files import whole_directory
-    from .phonons import finite_displacements, phonopy_bands
-    from .scenes import read_scene
-
-    scene = read_scene(options.scene)
-    with whole_directory(options.output) as folder:
-        atoms, path = scene.atoms(), scene.band_path()
-        phonon = finite_displacements(atoms, scene.supercell())
-        bands = {'complete': analytic_bands(atoms, path, vectors=True),
-                 'conventional': analytic_bands(atoms, path, model='conventional', vectors=True),
-                 'phonopy': phonopy_bands(phonon, path, vectors=True)}
-        _save(folder, bands, phonon)
-        _draw(folder, scene, bands)
-        report = _report(scene, atoms, bands, phonon)
-    print(report)
-    print(f'pictures and data are in {options.output}')
-
-
-def _save(folder, bands, phonon):
-    from .bandfiles import write_band_yaml, write_phonopy_params
-
-    for name, result in bands.items():
-        result.save(folder / f'bands_{name}.npz')
-    _write_table(folder / 'bands.csv', bands)
-    write_band_yaml(phonon, bands['phonopy'].path, folder / 'band.yaml')
-    write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
-
-
-def _write_table(file, bands):
-    """One row for each wavevector: its place on the path, its fractions, the frequencies of each road."""
-    import numpy as np
-
-    from . import units
-
-    path = bands['complete'].path
-    names = ['path_rad_per_m', 'q1', 'q2', 'q3']
-    columns = [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
-    for name, result in bands.items():
-        names += [f'{name}_{mode + 1}_Hz' for mode in range(result.omega.shape[1])]
-        columns += [*result.frequencies_Hz.T]
-    np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
-
-
-def _draw(folder, scene, bands):
-    from .plotting import plot_bands
-    from .zone import PLANAR
-    from .zoneplots import plot_zone
-
-    ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
-    plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
-    plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label='phonopy')
-    ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'bands.png')
-    if tuple(scene.atoms().pbc) == PLANAR:
-        plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')
-
-
-def _report(scene, atoms, bands, phonon):
-    """What the terminal shows: frequencies at the special points by each road, sound, foundation and stability."""
-    import numpy as np
-    from ase.dft.kpoints import parse_path_string
-
-    from . import units
-    from .bands import sound_speeds
-    from .phonons import foundation_recovered
-    from .potentials import repulsion
-    from .stability import foundation_needed
-
-    def rows(label, columns, highest):
-        table = np.where(abs(np.transpose(columns)) < SHOWN * highest, 0.0, np.transpose(columns))
-        return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{value:>14.7g}' for value in row)
-                for branch, row in enumerate(table)]
-
-    path, lattice = bands['complete'].path, scene.lattice
-    highest = bands['conventional'].frequencies_Hz.max()
-    force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
-    lines = [scene.title,
-             f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N', '',
-             f'{"frequency (Hz)":18}' + ''.join(f'{name:>14}' for name in bands)]
-    for name in dict.fromkeys(name for leg in parse_path_string(path.path) for name in leg):
-        at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
-        lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
-    speeds = [sound_speeds(atoms, model=model) for model in ('complete', 'conventional')]
-    lines += ['speed of sound along x (m/s; without the foundation, negative where the lattice would buckle)',
-              *rows('', speeds, np.nanmax(speeds))]
-
-    needed, softest = foundation_needed(atoms)
-    recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
-    given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.parameters.foundation, recovered, needed))
-    squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
-    difference = abs(squares[1] - squares[0]).max() / abs(squares[0]).max()
-    lines += ['', f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
-              f'phonopy differs from complete by at most {difference:.1e} of the highest squared frequency']
-    if given >= needed:
-        return '\n'.join([*lines, f'stable in its plane: the static forces ask for a foundation of {needed:.6g} N/m'])
-    where = ', '.join(f'{x:.3g}' for x in softest)
-    return '\n'.join([*lines, '', f'UNSTABLE: the static forces buckle this lattice, most of all at q = ({where}).',
-                      f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',
-                      'negative frequencies. The conventional model does not show this.'])

@@ -169,7 +169,7 @@ def test_accident_leaves_nothing(accident, status, words, existing, desk, capsys
     def strike(*_):
         raise accident
 
-    monkeypatch.setattr(cli, '_draw', strike)
+    monkeypatch.setattr('magphonon.commands.bands._draw', strike)
     out = desk / 'out'
     if existing:
         out.mkdir()

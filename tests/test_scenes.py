@@ -257,7 +257,7 @@ def test_impossible_number_in_every_law(kind, value, scene_file):
         assert refusal(scene_file({'law': law})) == f'{name} must be a positive number, not {value!r}'
 
 
-REQUIRED = ['title', 'lattice', 'law', 'bands', 'lattice.kind', 'lattice.spacing_m', 'lattice.mass_kg', 'law.b_N_m_a', 'law.a',
+REQUIRED = ['title', 'lattice', 'law', 'lattice.kind', 'lattice.spacing_m', 'lattice.mass_kg', 'law.b_N_m_a', 'law.a',
             'law.shells', 'bands.path', 'bands.points', 'bands.supercell', 'foundation.pillar.radius_m',
             'foundation.pillar.height_m', 'foundation.pillar.youngs_modulus_Pa']
 
@@ -266,6 +266,13 @@ REQUIRED = ['title', 'lattice', 'law', 'bands', 'lattice.kind', 'lattice.spacing
 def test_missing_key(key, scene_file):
     table, _, name = key.rpartition('.')
     assert refusal(scene_file({key: None})).startswith(f'{table or "the scene"} lacks the key {name!r}; add ')
+
+
+def test_scene_without_bands_is_one_until_they_are_wanted(scene_file):
+    scene = read_scene(scene_file({'bands': None}))
+    assert scene.atoms().get_forces() == pytest.approx(0)
+    with pytest.raises(ValueError, match=r'has no table \[bands\]; add one'):
+        scene.band_path()
 
 
 @pytest.mark.parametrize(('key', 'wrong', 'suggestion'), [

@@ -1,0 +1,170 @@
+"""What there is, as tables of a scene file: the lattice, the law of repulsion, the foundation.
+
+This is the border: fields are in SI, what the methods return is in mm, g and ms.
+"""
+
+import csv
+from functools import partial
+from typing import Annotated, Literal
+
+import numpy as np
+from ase.dft.kpoints import BandPath
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+
+from . import lattices
+from . import units as u
+from .errors import one_of
+from .potentials import InversePower, Tabulated, Yukawa
+from .tables import Count, NotNegative, Numbers, Positive, Spacing, Table, Text
+
+LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
+
+LatticeKind = Annotated[str, BeforeValidator(partial(one_of, '', choices=LATTICES))]
+Shells = Annotated[Count, Field(description='the number of shells of neighbours that interact')]
+
+
+class Lattice(Table):
+    """Geometry and mass, equal particles at the nearest-neighbour distance `spacing_m`."""
+
+    kind: LatticeKind = Field(description='one of ' + ', '.join(LATTICES))
+    spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
+    mass_kg: Positive = Field(description='the mass of a particle in kg')
+
+    def cell(self):
+        """The unit cell, `ase.Atoms` in mm and g."""
+        return getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
+
+    def path(self, points, npoints):
+        """Path through special points, `ase.dft.kpoints.BandPath`."""
+        # drawn on a cell of 1 mm, where fractions are the same: ASE 3.29 recognises no lattice below some 0.01 of its units
+        like = getattr(lattices, self.kind)(1.0, 1.0)
+        path = like.cell.bandpath(points, npoints=npoints, pbc=like.pbc)
+        return BandPath(self.cell().cell, path.kpts, path.special_points, path.path)
+
+
+class InversePowerLaw(Table):
+    """Force `b r^-a`."""
+
+    kind: Literal['inverse_power']
+    b_N_m_a: Positive = Field(description='b of the force b r^-a in N m^a')
+    a: Positive = Field(description='the exponent a of the force b r^-a')
+    shells: Shells
+
+    def potential(self):
+        return InversePower(self.b_N_m_a * u.N * u.m**self.a, self.a)
+
+
+class DipoleLaw(Table):
+    """Point dipoles normal to the plane."""
+
+    kind: Literal['dipoles']
+    moment_A_m2: Positive = Field(description='the magnetic moment of a particle in A m^2')
+    shells: Shells
+
+    def potential(self):
+        return InversePower.dipoles(self.moment_A_m2 * u.A * u.m**2)
+
+
+class YukawaLaw(Table):
+    """Energy `strength/r exp(-r/screening length)`."""
+
+    kind: Literal['yukawa']
+    strength_J_m: Positive = Field(description='the strength c of the energy c/r exp(-r/l) in J m')
+    screening_length_m: Positive = Field(description='the screening length l of the energy c/r exp(-r/l) in m')
+    shells: Shells
+
+    def potential(self):
+        return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
+
+
+class TableLaw(Table):
+    """Measured forces, in the scene or in a `file` beside it."""
+
+    kind: Literal['table']
+    distances_m: Numbers = Field(description="the distances in m, increasing, or file = 'law.csv' with the columns r_m,f_N")
+    forces_N: Numbers = Field(description='the forces in N at these distances')
+    file: Text | None = None
+    shells: Shells
+
+    @model_validator(mode='before')
+    @classmethod
+    def _columns(cls, table, info: ValidationInfo):
+        if not isinstance(table, dict) or 'file' not in table:
+            return table
+        if not isinstance(table['file'], str):
+            raise ValueError(f'.file must be the name of a file in quotes, not {table["file"]!r}')
+        for key in table.keys() & {'distances_m', 'forces_N'}:
+            raise ValueError(f' has both file and {key}; keep one of them')
+        return table | _read_columns(info.context['folder'], table['file'])
+
+    @model_validator(mode='after')
+    def _smooth(self):
+        try:
+            self.potential()
+        except ValueError as error:
+            raise ValueError(f': {error}') from None
+        return self
+
+    def potential(self):
+        return Tabulated(np.array(self.distances_m) * u.m, np.array(self.forces_N) * u.N)
+
+
+def _read_columns(folder, name):
+    """Distances and forces from a CSV file with the header r_m,f_N."""
+    try:
+        with open(folder / name, newline='') as file:
+            header, *rows = list(csv.reader(file)) or [[]]
+        if [title.strip() for title in header] != ['r_m', 'f_N']:
+            raise ValueError(f'its header is {",".join(header)!r}')
+        return {'distances_m': [float(r) for r, _ in rows], 'forces_N': [float(f) for _, f in rows]}
+    except OSError as error:
+        reason = error.strerror
+    except ValueError as error:
+        reason = error
+    raise ValueError(f'.file = {name!r} cannot be used ({reason}); '
+                     'it needs the header r_m,f_N and two columns of numbers, beside the scene')
+
+
+LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'yukawa': YukawaLaw, 'table': TableLaw}
+
+
+def _known_law(table):
+    if not isinstance(table, dict) or 'kind' not in table:
+        raise ValueError(f" must be a table [law] with a kind, one of {', '.join(LAWS)}, not {table!r}")
+    one_of('.kind', table['kind'], tuple(LAWS))
+    return table
+
+
+Law = Annotated[InversePowerLaw | DipoleLaw | YukawaLaw | TableLaw, Field(discriminator='kind'), BeforeValidator(_known_law)]
+
+
+class Pillar(Table):
+    """Round cantilever under each particle."""
+
+    youngs_modulus_Pa: Positive = Field(description="Young's modulus in Pa")
+    radius_m: Positive = Field(description='the radius in m')
+    height_m: Positive = Field(description='the height in m')
+
+    @property
+    def stiffness_N_per_m(self):
+        """`k = 3 E I/H^3` with `I = pi R^4/4`."""
+        return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
+
+
+class Foundation(Table):
+    """Springs that tie each particle to its place, by their stiffness or as pillars."""
+
+    stiffness_N_per_m: NotNegative | None = None
+    pillar: Pillar | None = None
+
+    @model_validator(mode='after')
+    def _one(self):
+        if (self.stiffness_N_per_m is None) == (self.pillar is None):
+            has = 'neither' if self.pillar is None else 'both'
+            raise ValueError(f' has {has} of stiffness_N_per_m and [foundation.pillar]; give one, or leave [foundation] out')
+        return self
+
+    @property
+    def k(self):
+        """Stiffness in N/mm."""
+        return (self.stiffness_N_per_m if self.pillar is None else self.pillar.stiffness_N_per_m) * u.N / u.m
