@@ -14,6 +14,8 @@ from .files import saved_arrays, whole_file
 
 LEAST_PERIODS = 3
 """Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
+HEADSTART = 1e3
+"""Of the transient over the steady amplitude, at most, at the start: far below or above resonance it is the larger one."""
 
 
 @dataclass(frozen=True)
@@ -209,6 +211,52 @@ def remaining_transient(amplitudes, decay):
     before, last = abs(np.diff(amplitudes[-3:], axis=0))
     step = np.maximum(last, decay * before)  # two free vibrations may cancel in one step, hardly in two
     return step * decay / (1 - decay) / abs(amplitudes[-1])
+
+
+def steady_amplitudes(dyn, recorder, omega, axis, tolerance=1e-4):
+    """Run harmonically driven particles until their motion is steady; their complex amplitudes by lock-in.
+
+    Window after window of `LEAST_PERIODS` periods of the slowest, until `remaining_transient` says that it is enough.
+
+    Parameters
+    ----------
+    dyn : DrivenVerlet
+        With its drives and with damping.
+    recorder : Recorder
+        Of dyn, on the particles to look at.
+    omega : array_like, shape (particles,)
+        Of the drive that each of them follows, rad/ms.
+    axis : {0, 1}
+        The component to look at.
+    tolerance : float
+        Largest share of an amplitude that the transient may still have.
+
+    Returns
+    -------
+    amplitudes : ndarray of complex, shape (particles,)
+        In mm; their phase is that of cos(omega t).
+    left : float
+        The largest `remaining_transient`.
+
+    Raises
+    ------
+    ValueError
+        If a particle is not damped, or the motion has not become steady long after linear vibrations would have died.
+    """
+    tolerance = positive('tolerance', tolerance)
+    dt = recorder.interval * dyn.dt
+    frames = int(np.ceil(LEAST_PERIODS * 2 * np.pi / (finite('omega', omega).min() * dt)))
+    gamma = positive('the least damping', float(dyn.damping[recorder.particles].min()), '1/ms')
+    decay = np.exp(-gamma * frames * dt / 2)
+    amplitudes = []
+    for _ in range(3 + int(np.log(tolerance / HEADSTART) / np.log(decay))):
+        dyn.run(frames * recorder.interval)
+        signal = recorder.displacements[-frames:, :, axis]
+        amplitudes.append(lock_in(signal, dt, omega, recorder.times[-frames]))
+        if len(amplitudes) >= 3 and (left := remaining_transient(amplitudes, decay).max()) < tolerance:
+            return amplitudes[-1], float(left)
+    raise ValueError(f'after {dyn.get_time():g} ms the motion is not steady, though linear vibrations have died by a factor of '
+                     f'{HEADSTART / tolerance:.0e}: drive at omega, and with less force')
 
 
 def fourier(signal, dt, omega):

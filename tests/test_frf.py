@@ -6,8 +6,19 @@ from ase.constraints import FixAtoms, FixCom, FixedLine, FixedPlane
 
 from magphonon import lattices, units
 from magphonon.calculator import MagneticRepulsion
-from magphonon.frf import FrequencyResponse, fourier, harmonic_response, impulse_response, lock_in, remaining_transient
+from magphonon.drives import Constant, Harmonic
+from magphonon.dynamics import DrivenVerlet
+from magphonon.frf import (
+    FrequencyResponse,
+    fourier,
+    harmonic_response,
+    impulse_response,
+    lock_in,
+    remaining_transient,
+    steady_amplitudes,
+)
 from magphonon.potentials import InversePower
+from magphonon.recorder import Recorder
 
 # Sec. III of the paper: M = 1 kg, L0 = 1 m, f = gamma r^-4, gamma = 1e4 N m^4.  Stiffness of the free particle in N/m
 THETA0 = np.pi * np.array([0, 1 / 6, 1 / 4, 1 / 2])
@@ -201,6 +212,42 @@ def test_comparing_two_windows_takes_slow_change_for_none():
 def test_steady_state_needs_windows_and_damping(windows, decay, message):
     with pytest.raises(ValueError, match=message):
         remaining_transient(np.ones(windows), decay)
+
+
+def driven_magnet(omega, damping=GAMMA):
+    """The free magnet on its vertical line under a force of 10 mN cos(omega t), theta0 = pi/4, and its record."""
+    atoms = free_magnet(np.pi / 4, FixedLine(3, (0, 1, 0)))
+    static = free_magnet(np.pi / 4).get_forces()[3, 1]
+    drives = [Constant(3, (0, -1), static), Harmonic(3, (0, 1), 0.01, omega, phase=np.pi / 2)]
+    dyn = DrivenVerlet(atoms, 0.5, drives, damping)
+    return dyn, Recorder(dyn, [3], 4)
+
+
+@pytest.mark.parametrize('omega', [0.1, 0.264, 0.4])
+def test_run_ends_when_the_motion_is_steady(omega):
+    gamma = 5 * GAMMA
+    found = {}
+    for tolerance in (1e-2, 1e-6):
+        dyn, recorder = driven_magnet(omega, gamma)
+        found[tolerance], left = steady_amplitudes(dyn, recorder, [omega], axis=1, tolerance=tolerance)
+        assert 0 < left < tolerance
+        steps = dyn.nsteps
+    assert abs(found[1e-2] / found[1e-6] - 1) < 1.05e-2  # bound of the transient; see above
+    # velocity Verlet moves the resonance by w_0 (w_0 dt)^2/24, of its half width gamma/2: 4 % here in phase
+    exact = one_degree(D_YY[2] * units.N / units.m, omega, gamma=gamma)
+    assert abs(found[1e-6] / 0.01 / exact - 1) < np.sqrt(0.07) * 0.07 * 0.5**2 / 24 / (gamma / 2)
+    assert driven_magnet(omega)[0].nsteps < steps < 30 / gamma / 0.5  # e^-15 = 3e-7
+
+
+def test_motion_at_another_frequency_is_never_steady():
+    dyn, recorder = driven_magnet(0.2, 10 * GAMMA)
+    with pytest.raises(ValueError, match=r'the motion is not steady.*drive at omega'):
+        steady_amplitudes(dyn, recorder, [0.203], axis=1)
+
+
+def test_steady_motion_needs_damping():
+    with pytest.raises(ValueError, match=r'the least damping must be a positive number in 1/ms, not 0.0'):
+        steady_amplitudes(*driven_magnet(0.2, 0.0), [0.2], axis=1)
 
 
 def free_decay(t, omega_0):

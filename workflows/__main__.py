@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from .report import text_table, write_html, write_summary
 
-NAMES = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads')
+NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads')
 
 
 def main(arguments=None):

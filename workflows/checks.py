@@ -35,7 +35,7 @@ class Check:
     def passed(self):
         """Whether the number agrees, or, for a control, visibly does not."""
         apart, bound = self.difference, self.tolerance  # a NaN passes neither comparison
-        return apart > bound if self.control else apart <= bound
+        return bool(apart > bound if self.control else apart <= bound)
 
     @property
     def cells(self):

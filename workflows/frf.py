@@ -1,0 +1,148 @@
+"""The oscillator's frequency response (Fig. 3): every angle and frequency in one run, against the closed form."""
+
+import numpy as np
+from ase import Atoms
+from ase.constraints import FixAtoms, FixedLine
+
+from magphonon import Constant, DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
+from magphonon.frf import harmonic_response, impulse_response, steady_amplitudes
+from magphonon.plotting import COLOURS
+from magphonon.scenes import reference
+
+from .checks import Check, Outcome, save_picture
+from .oscillator import LAW, oscillator
+
+# The paper gives neither damping nor force nor time step.  These are chosen:
+OMEGA = np.linspace(100, 400, 121) * units.rad / units.s
+DAMPING = 12 / units.s   # one damper for all: ratios 4.2, 2.8, 2.3 and 1.7 %, resonances all 12 rad/s wide
+DT = 0.06 * units.ms     # Verlet raises a resonance by (omega dt)^2/24 <= 1.8e-5, which costs 5e-4 on its flank
+FORCE = 0.01 * units.N   # moves the particle by 6e-6 L0 at most
+IMPULSE = 1 * units.N * units.ms
+FRAME = 1.2 * units.ms   # 13 frames to the shortest period
+STEADY = 3e-4            # share of the transient that may be left
+TOLERANCE = 1e-3
+SPARSE = 5               # unconstrained, every so many frequencies
+
+
+def main(out):
+    """Amplitudes and phases of the driven magnet, guided and free, and after one impulse, beside the linear theory."""
+    paper = reference()['oscillator']
+    angles = np.pi * np.array(paper['theta0_over_pi'])
+    guided, free, impulse = respond(angles, OMEGA)
+    complete, conventional = ([closed_form(t, OMEGA, model) for t in angles] for model in ('complete', 'conventional'))
+    checks = []
+    for k, (theta0, omega_0) in enumerate(zip(paper['theta0_over_pi'], paper['omega_y'], strict=True)):
+        at = f'theta0 = {theta0:.3g} pi'
+        step, phase = OMEGA[1] - OMEGA[0], np.angle(guided[:, k] / complete[k])
+        checks += [
+            Check(f'frf peak (rad/s), {at}', OMEGA[abs(guided[:, k]).argmax()] * units.s, omega_0, step * units.s / omega_0),
+            Check(f'frf amplitude off the closed form, {at}', departure(guided[:, k], complete[k]), 0, TOLERANCE),
+            Check(f'frf phase off the closed form (rad), {at}', abs(phase).max(), 0, 2 * TOLERANCE),  # twice as steep
+            Check(f'frf from one impulse, off the closed form, {at}',
+                  departure(impulse.response[:, k], complete[k]), 0, TOLERANCE),
+        ]
+        off = departure(guided[:, k], conventional[k])
+        if theta0 < 0.5:
+            checks += [Check(f'frf, free horizontally, off the closed form, {at}',
+                             departure(free[:, k], complete[k][::SPARSE]), 0, TOLERANCE),
+                       Check(f'control: frf amplitude off D0 alone, {at}', off, 0, 0.5, control=True)]
+        else:
+            checks.append(Check(f'frf amplitude off D0 alone, which is right here, {at}', off, 0, TOLERANCE))
+    return Outcome(checks, [draw(out, paper, guided, free, complete)])
+
+
+def departure(response, theory):
+    """Largest relative difference of the amplitudes over the whole curve."""
+    return abs(abs(response) / abs(theory) - 1).max()
+
+
+def closed_form(theta0, omega, model='complete'):
+    """Vertical displacement per vertical force in mm/N, shape (frequencies,)."""
+    push = np.zeros((4, 3))
+    push[3, 1] = 1
+    return harmonic_response(oscillator(theta0, model), push, omega, DAMPING)[:, 3, 1]
+
+
+def respond(angles, omega, model='complete', dt=DT, steady=STEADY):
+    """Responses in the time domain, all in one run.
+
+    Every angle and frequency has a replica of its own that is driven on its vertical line; every angle but the last,
+    unstable one has some without the line, knocked sideways at the start so that they show their stability; and every
+    angle has one on its line that only receives a vertical impulse.
+
+    Parameters
+    ----------
+    angles : ndarray
+        In rad.
+    omega : ndarray
+        In rad/ms.
+    model : {'complete', 'conventional'}
+    dt, steady : float
+        Time step in ms, and share of the transient that may be left.
+
+    Returns
+    -------
+    guided : ndarray of complex, shape (frequencies, angles)
+        In mm/N.
+    free : ndarray of complex, shape (every SPARSE-th frequency, angles - 1)
+    impulse : FrequencyResponse
+        Of shape (frequencies, angles).
+    """
+    one, few = np.arange(len(angles)), omega[::SPARSE]
+    on_line, off_line = (len(omega), len(one)), (len(few), len(one) - 1)
+    which = [np.broadcast_to(one, on_line), np.broadcast_to(one[:-1], off_line), one]
+    frequencies = [np.broadcast_to(omega[:, None], on_line), np.broadcast_to(few[:, None], off_line)]
+    which, frequencies = (np.concatenate([x.ravel() for x in parts]) for parts in (which, frequencies))
+    atoms, replicas = batch(angles, which, model)
+    guided, free, struck = np.split(replicas, np.cumsum([np.prod(on_line), np.prod(off_line)]))
+    driven = np.append(guided, free)
+
+    static = atoms.get_forces()[replicas, 1]
+    atoms.set_constraint([*atoms.constraints, FixedLine(np.append(guided, struck), (0, 1, 0))])
+    momenta = np.zeros((len(atoms), 3))
+    momenta[free, 0] = momenta[struck, 1] = IMPULSE
+    atoms.set_momenta(momenta)
+    dyn = DrivenVerlet(atoms, dt, damping=DAMPING, drives=[
+        Constant(replicas, (0, -1), static), Harmonic(driven, (0, 1), FORCE, frequencies, phase=np.pi / 2)])
+    ringing, recorder = (Recorder(dyn, particles, interval=round(FRAME / dt)) for particles in (struck, driven))
+    amplitudes, _ = steady_amplitudes(dyn, recorder, frequencies, axis=1, tolerance=steady)
+    on, off = np.split(amplitudes / FORCE, [len(guided)])
+    impulse = impulse_response(ringing.displacements[..., 1], ringing.interval * dt, IMPULSE, omega)
+    return on.reshape(on_line), off.reshape(off_line), impulse
+
+
+def batch(angles, which, model):
+    """Many oscillators in one Atoms, replica r at `angles[which[r]]`, and the indices of their free magnets.
+
+    They all stand at one place and do not feel each other: only the listed bonds act.  Fixed magnets feel nothing at all,
+    so the replicas of one angle share theirs.
+    """
+    fixed = np.concatenate([lattices.oscillator(t, 1 * units.m, 1 * units.kg).positions[:3] for t in angles])
+    replicas = len(fixed) + np.arange(len(which))
+    positions = np.append(fixed, np.zeros((len(which), 3)), axis=0)
+    atoms = Atoms([lattices.SYMBOL] * len(positions), positions, masses=[1 * units.kg] * len(positions))
+    atoms.set_constraint(FixAtoms(np.arange(len(fixed))))
+    bonds = [(3 * k + magnet, r) for k, r in zip(which, replicas, strict=True) for magnet in range(3)]
+    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=bonds, model=model)
+    return atoms, replicas
+
+
+def draw(out, paper, guided, free, complete):
+    """Amplitude over frequency at each angle, with both natural frequencies."""
+    from matplotlib.figure import Figure
+
+    omega, unit = OMEGA * units.s, units.m / units.N
+    figure = Figure((6.4, 7.2), layout='constrained')
+    for k, ax in enumerate(figure.subplots(len(paper['omega_y']), sharex=True, sharey=True)):
+        ax.axvline(paper['omega_y'][k], color=COLOURS[0], label=r'$\omega_0$ with $D^0+D^*$')
+        ax.axvline(paper['omega_y_D0'][k], color=COLOURS[1], linestyle='--', label=r'$\omega_0$ with $D^0$ alone')
+        ax.semilogy(omega, abs(complete[k]) / unit, color='0.6', label='closed form')
+        ax.plot(omega, abs(guided[:, k]) / unit, '.', color='k', markersize=3, label='simulated, on its line')
+        if k < free.shape[1]:
+            ax.plot(omega[::SPARSE], abs(free[:, k]) / unit, 'o', color=COLOURS[3], fillstyle='none', label='simulated, free')
+        ax.text(0.98, 0.85, rf'$\theta_0 = {180 * paper["theta0_over_pi"][k]:.0f}°$', ha='right', transform=ax.transAxes)
+    ax.set(xlabel=r'angular frequency $\omega$ (rad/s)', xlim=(omega[0], omega[-1]))
+    figure.supylabel('displacement per force (m/N)', fontsize=10)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=3, frameon=False, fontsize=9)
+    return save_picture(figure, out / 'frf.png', 'Frequency response of the oscillator. It peaks where D0 + D* says; '
+                        'D0 alone is right only at 90 degrees, where all magnets stand in one line.')
