@@ -15,8 +15,9 @@ from pydantic import Field, ValidationError, model_validator
 from . import units as u
 from .calculator import MagneticRepulsion
 from .errors import one_of
-from .materials import Foundation, Lattice, Law
-from .plans import BandPlan
+from .materials import AnyLattice, Foundation, Law, Oscillator
+from .patches import Patch
+from .plans import BandPlan, FrfPlan
 from .tables import Table, Text
 
 FREQUENCIES_Hz = 1e-9, 1e12
@@ -30,17 +31,27 @@ class Scene(Table):
     """
 
     title: Text = Field(description='a line that says what it is')
-    lattice: Lattice = Field(description='a table [lattice]')
+    lattice: AnyLattice = Field(description='a table [lattice]')
     law: Law = Field(description='a table [law]')
     foundation: Foundation | None = None
+    patch: Patch | None = None
     bands: BandPlan | None = None
+    frf: FrfPlan | None = None
 
     @model_validator(mode='after')
     def _consistent(self):
+        if isinstance(self.lattice, Oscillator):
+            self._check_oscillator()
         self._check_scale(self.atoms())
         if self.bands is not None:
             self._check_bands()
         return self
+
+    def _check_oscillator(self):
+        if self.law.shells != 1:
+            raise ValueError(f'law.shells of the oscillator must be 1, not {self.law.shells}: its bonds all have one length')
+        if self.bands is not None:
+            raise ValueError('bands: the oscillator is one particle and has no bands; take the table [bands] out')
 
     def _check_bands(self):
         kind, wanted, periodic = self.lattice.kind, list(self.bands.supercell), int(self.lattice.cell().pbc.sum())
@@ -61,11 +72,28 @@ class Scene(Table):
                              f'check their units and exponents')
 
     def atoms(self):
-        """One unit cell with its MagneticRepulsion, `ase.Atoms` in mm, g and ms."""
+        """One unit cell, or the oscillator, with its MagneticRepulsion, `ase.Atoms` in mm, g and ms."""
         atoms = self.lattice.cell()
         foundation = self.foundation.k if self.foundation else 0.0
-        atoms.calc = MagneticRepulsion(atoms, self.law.potential(), foundation=foundation, shells=self.law.shells)
+        atoms.calc = MagneticRepulsion(atoms, self.law.potential(), foundation=foundation, shells=self.law.shells,
+                                       bonds=self.lattice.bonds)
         return atoms
+
+    def patch_atoms(self, model='complete'):
+        """The patch of [patch] with its MagneticRepulsion, `ase.Atoms` in mm, g and ms.
+
+        Raises
+        ------
+        ValueError
+            If the scene has no patch, or one that cannot be cut, or particles that repel beyond their nearest neighbours.
+        """
+        patch = self.wanted('patch').cut(self.lattice.cell())
+        if self.law.shells > 1:
+            raise ValueError(f'law.shells = {self.law.shells}: the held rim of a patch is one row of particles and balances '
+                             'forces between nearest neighbours only; take shells = 1')
+        calc = self.atoms().calc
+        patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.parameters.foundation, model=model)
+        return patch
 
     def wanted(self, name):
         """One of the tables that say what is wanted, such as 'bands'.
