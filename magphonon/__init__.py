@@ -42,7 +42,7 @@ _HOME = {
     'ready_scene': 'scenes',
 }
 _MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'drives', 'dynamics',
-            'plotting', 'scenes')
+            'accuracy', 'plotting', 'scenes')
 
 __all__ = sorted([*_HOME, *_MODULES])
 

@@ -1,4 +1,4 @@
-"""`python -m workflows [NAME ...] [-o DIR]`: run the workflows, print one table, write the report."""
+"""`python -m workflows [NAME ...] [--quick] [-o DIR]`: run the workflows, print one table, write the report."""
 
 import argparse
 import sys
@@ -9,13 +9,16 @@ from tqdm import tqdm
 
 from .report import text_table, write_html, write_summary
 
-NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads')
+NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads', 'speed_accuracy')
+SHORTENED = ('speed_accuracy',)
+"""Those that are shorter with --quick, and when all are run."""
 
 
 def main(arguments=None):
     """Run the named workflows, all by default; returns the exit status, 1 if any check failed."""
     parser = argparse.ArgumentParser(prog='python -m workflows', description="The paper's results, reproduced and compared.")
     parser.add_argument('names', nargs='*', metavar='NAME', help=f'one of {", ".join(NAMES)}; all by default')
+    parser.add_argument('--quick', action='store_true', help=f'shorten {", ".join(SHORTENED)}, as when all are run')
     parser.add_argument('-o', '--out', type=Path, default=Path('out'), metavar='DIR', help='where to write (default: out)')
     options = parser.parse_args(arguments)
     unknown = [name for name in options.names if name not in NAMES]
@@ -29,7 +32,8 @@ def main(arguments=None):
     outcomes, titles = {}, {}
     for name in tqdm(options.names or NAMES, desc='workflows', disable=None):
         workflow = import_module(f'.{name}', __package__)
-        outcomes[name], titles[name] = workflow.main(options.out), workflow.__doc__.splitlines()[0]
+        shorter = {'quick': options.quick or not options.names} if name in SHORTENED else {}
+        outcomes[name], titles[name] = workflow.main(options.out, **shorter), workflow.__doc__.splitlines()[0]
 
     write_summary(options.out / 'summary.json', outcomes)
     write_html(options.out / 'report.html', outcomes, titles)
