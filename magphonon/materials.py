@@ -5,28 +5,31 @@ This is the border: fields are in SI, what the methods return is in mm, g and ms
 
 import csv
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from ase.constraints import FixedLine
 from ase.dft.kpoints import BandPath
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import lattices
 from . import units as u
-from .errors import one_of
+from .errors import not_negative, one_of
 from .potentials import InversePower, Tabulated, Yukawa
 from .tables import Count, NotNegative, Numbers, Positive, Spacing, Table, Text
 
 LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
+KINDS = (*LATTICES, 'oscillator')
 
-LatticeKind = Annotated[str, BeforeValidator(partial(one_of, '', choices=LATTICES))]
 Shells = Annotated[Count, Field(description='the number of shells of neighbours that interact')]
 
 
 class Lattice(Table):
     """Geometry and mass, equal particles at the nearest-neighbour distance `spacing_m`."""
 
-    kind: LatticeKind = Field(description='one of ' + ', '.join(LATTICES))
+    bonds: ClassVar = None  # found by the shells of the law
+
+    kind: Literal[LATTICES] = Field(description='one of ' + ', '.join(KINDS))
     spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
     mass_kg: Positive = Field(description='the mass of a particle in kg')
 
@@ -40,6 +43,42 @@ class Lattice(Table):
         like = getattr(lattices, self.kind)(1.0, 1.0)
         path = like.cell.bandpath(points, npoints=npoints, pbc=like.pbc)
         return BandPath(self.cell().cell, path.kpts, path.special_points, path.path)
+
+
+def _right_angle(value):
+    degrees = not_negative('', value)
+    if degrees > 90:
+        raise ValueError(f' must lie between 0 and 90 degrees, not {value!r}')
+    return degrees
+
+
+class Oscillator(Table):
+    """The free magnet of Sec. III on three fixed ones, all bonds of the length `spacing_m`, guided along its vertical line."""
+
+    bonds: ClassVar = lattices.OSCILLATOR_BONDS
+    free: ClassVar = 3  # the index of the free magnet
+
+    kind: Literal['oscillator']
+    theta0_deg: Annotated[float, BeforeValidator(_right_angle)] = Field(
+        description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
+    spacing_m: Spacing = Field(description='the length of its three bonds in m')
+    mass_kg: Positive = Field(description='the mass of the free particle in kg')
+
+    def cell(self):
+        """All of it, `ase.Atoms` in mm and g."""
+        atoms = lattices.oscillator(self.theta0_deg * u.deg, self.spacing_m * u.m, self.mass_kg * u.kg)
+        atoms.set_constraint([*atoms.constraints, FixedLine(self.free, (0, 1, 0))])
+        return atoms
+
+
+def _known_lattice(table):
+    if not isinstance(table, dict) or 'kind' not in table:
+        return Lattice._keys(table)  # which says what is missing
+    one_of('.kind', table['kind'], KINDS)
+    return table
+
+
+AnyLattice = Annotated[Lattice | Oscillator, Field(discriminator='kind'), BeforeValidator(_known_lattice)]
 
 
 class InversePowerLaw(Table):

@@ -6,6 +6,8 @@ the name in front.
 
 from difflib import get_close_matches
 from functools import partial
+from math import isfinite
+from numbers import Real
 from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
@@ -28,6 +30,18 @@ def _list(value):
     return value
 
 
+def _number(value):
+    if not isinstance(value, Real) or isinstance(value, bool) or not isfinite(value):
+        raise ValueError(f' must be a finite number, not {value!r}')
+    return float(value)
+
+
+def _point(value):
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f' must be a place [x, y], not {value!r}')
+    return tuple(map(_number, value))
+
+
 def _spacing(value):
     spacing, (least, most) = positive('', value), SPACINGS_m
     if not least <= spacing <= most:
@@ -38,6 +52,8 @@ def _spacing(value):
 Positive = Annotated[float, BeforeValidator(partial(positive, ''))]
 NotNegative = Annotated[float, BeforeValidator(partial(not_negative, ''))]
 Count = Annotated[int, BeforeValidator(partial(whole, ''))]
+Number = Annotated[float, BeforeValidator(_number)]
+Point = Annotated[tuple[float, float], BeforeValidator(_point)]
 AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2))]
 Spacing = Annotated[float, BeforeValidator(_spacing)]
 Text = Annotated[str, BeforeValidator(_text)]

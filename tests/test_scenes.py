@@ -287,7 +287,7 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'lattice.kind': 'hexagonal'}, "lattice.kind must be one of 'chain', 'square', 'triangular', 'honeycomb', 'kagome', "
+    ({'lattice.kind': 'hexagonal'}, "lattice.kind must be one of 'chain', 'square', 'triangular', 'honeycomb', 'kagome', 'oscillator', "
                                     "not 'hexagonal'"),
     ({'law.kind': 'coulomb'}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', not 'coulomb'"),
     ({'law.kind': ['dipoles']}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', not ['dipoles']"),
