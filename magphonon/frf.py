@@ -11,6 +11,7 @@ import numpy as np
 from .bands import repulsion_of
 from .errors import finite, not_negative, positive
 from .files import saved_arrays, whole_file
+from .stiffness import signed_root
 
 LEAST_PERIODS = 3
 """Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
@@ -64,7 +65,7 @@ def harmonic_response(atoms, force, omega, damping):
 
         (H - omega^2 M + i omega gamma M) u = F
 
-    within the directions that the constraints leave free (P projects on them; outside it, u = 0).
+    within the directions that the constraints leave free; u = 0 along all others.
 
     Parameters
     ----------
@@ -88,12 +89,22 @@ def harmonic_response(atoms, force, omega, damping):
         For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, or
         an undamped resonance.
     """
+    n = len(atoms)
+    force = np.asarray(force, dtype=complex)
+    finite('force', abs(force), (n, 3))
+    return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(atoms, omega, damping)])
+
+
+def resolvents(atoms, omega, damping):
+    """The resolvent `G = (H - omega^2 M + i omega gamma M)^-1` at one frequency after the other, as a function.
+
+    G(F) takes forces of the shape (3 particles,) or (3 particles, columns) and returns displacements of the same shape;
+    its arguments and errors are those of `harmonic_response`.
+    """
     from scipy import sparse
     from scipy.sparse.linalg import splu
 
     n = len(atoms)
-    force = np.asarray(force, dtype=complex)
-    finite('force', abs(force), (n, 3))
     omega = finite('omega', np.atleast_1d(omega))
     gamma = finite('damping', damping)
     if gamma.shape not in ((), (n,)):
@@ -103,19 +114,18 @@ def harmonic_response(atoms, force, omega, damping):
     H = repulsion_of(atoms).get_hessian(atoms)
     P = _free_directions(atoms)
     outside = sparse.eye_array(3 * n) - P
-    u = np.empty((len(omega), n, 3), dtype=complex)
-    for k, w in enumerate(omega):
+    for w in omega:
         dynamic = H + sparse.diags_array(-(w**2) * M + 1j * w * np.repeat(np.broadcast_to(gamma, n), 3) * M)
         try:
-            u[k] = splu(sparse.csc_array(P @ dynamic @ P + outside)).solve(P @ force.ravel()).reshape(n, 3)
+            solve = splu(sparse.csc_array(P @ dynamic @ P + outside)).solve
         except RuntimeError as error:
             raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
                              'damp it or move the frequency') from error
-    return u
+        yield lambda F, solve=solve: solve(P @ F)
 
 
 def _free_directions(atoms):
-    """Projector on the displacements that the constraints allow, sparse, shape (3 particles, 3 particles)."""
+    """Unit vectors along which the constraints let particles move, sparse, shape (3 particles, free directions)."""
     from scipy import sparse
 
     n = len(atoms)
@@ -129,7 +139,50 @@ def _free_directions(atoms):
     if not np.allclose(P @ P, P, atol=1e-9) or not np.allclose(P, P.swapaxes(1, 2), atol=1e-9):
         raise ValueError(f'the constraints {atoms.constraints} do more than fix directions of single particles; '
                          'use FixAtoms, FixedLine or FixedPlane within the plane')
-    return sparse.csr_array(sparse.bsr_array((P, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)))
+    share, directions = np.linalg.eigh(P)
+    B = sparse.bsr_array((directions, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
+    return sparse.csc_array(B)[:, share.ravel() > 0.5]
+
+
+def natural_frequencies(atoms):
+    """Frequencies of the free vibrations that the constraints allow.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest, with MagneticRepulsion; constraints as in `harmonic_response`.
+
+    Returns
+    -------
+    ndarray, shape (free directions,)
+        Ascending, in rad/ms; an unstable vibration, which grows at the rate s, is there as -s.
+    """
+    B = _free_directions(atoms)
+    root = np.sqrt(np.repeat(atoms.get_masses(), 3))
+    H = repulsion_of(atoms).get_hessian(atoms)
+    return signed_root(np.linalg.eigvalsh((B.T @ (H / root / root[:, None]) @ B).toarray()))
+
+
+def receptance(atoms, source, answer, omega, damping):
+    """Displacement of one particle per harmonic force on one, each along its own direction.
+
+    Parameters
+    ----------
+    atoms, omega, damping
+        As in `harmonic_response`.
+    source, answer : tuple of int and array_like, shape (3,)
+        The particle and the unit vector of the direction: where the force acts, and where its effect is seen.
+
+    Returns
+    -------
+    FrequencyResponse
+        Of shape (frequencies,).
+    """
+    (driven, push), (seen, along) = source, answer
+    force = np.zeros((len(atoms), 3))
+    force[driven] = push
+    omega = np.atleast_1d(omega)
+    return FrequencyResponse(omega, harmonic_response(atoms, force, omega, damping)[:, seen] @ along)
 
 
 def lock_in(signal, dt, omega, start=0.0):
