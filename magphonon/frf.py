@@ -112,16 +112,15 @@ def resolvents(atoms, omega, damping):
     not_negative('damping', float(gamma.min()), '1/ms')
     M = np.repeat(atoms.get_masses(), 3)
     H = repulsion_of(atoms).get_hessian(atoms)
-    P = _free_directions(atoms)
-    outside = sparse.eye_array(3 * n) - P
+    B = _free_directions(atoms)
     for w in omega:
         dynamic = H + sparse.diags_array(-(w**2) * M + 1j * w * np.repeat(np.broadcast_to(gamma, n), 3) * M)
         try:
-            solve = splu(sparse.csc_array(P @ dynamic @ P + outside)).solve
+            solve = splu(sparse.csc_array(B.T @ dynamic @ B)).solve
         except RuntimeError as error:
             raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
                              'damp it or move the frequency') from error
-        yield lambda F, solve=solve: solve(P @ F)
+        yield lambda F, solve=solve: B @ solve(B.T @ F)
 
 
 def _free_directions(atoms):

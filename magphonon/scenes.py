@@ -40,12 +40,19 @@ class Scene(Table):
 
     @model_validator(mode='after')
     def _consistent(self):
-        if isinstance(self.lattice, Oscillator):
+        if self.single:
             self._check_oscillator()
         self._check_scale(self.atoms())
         if self.bands is not None:
             self._check_bands()
+        if self.frf is not None:
+            self._check_frf()
         return self
+
+    @property
+    def single(self):
+        """Whether it is the oscillator of one particle."""
+        return isinstance(self.lattice, Oscillator)
 
     def _check_oscillator(self):
         if self.law.shells != 1:
@@ -62,6 +69,16 @@ class Scene(Table):
         if not all(len(leg) > 1 and set(leg) <= set(known) for leg in legs):
             raise ValueError(f'bands.path of the {kind} lattice must join points out of {", ".join(known)}, '
                              f'not {self.bands.path!r}')
+
+    def _check_frf(self):
+        for name in ('force', 'response'):
+            given = getattr(self.frf, name) is not None
+            if given and self.single:
+                raise ValueError(f'frf.{name}: the oscillator is driven and seen along its line; take [frf.{name}] out')
+            if not given and not self.single:
+                raise ValueError(f'frf lacks the table {name!r}; add [frf.{name}] with at_m and direction_deg')
+        if not self.single and self.patch is None:
+            raise ValueError('frf: there is no patch to shake; add a table [patch]')
 
     def _check_scale(self, atoms):
         calc = atoms.calc
@@ -94,6 +111,33 @@ class Scene(Table):
         calc = self.atoms().calc
         patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.parameters.foundation, model=model)
         return patch
+
+    def shaken(self, model='complete'):
+        """What [frf] asks about: the oscillator or the patch, and the particle and direction of the force and of the response.
+
+        Returns
+        -------
+        atoms : ase.Atoms
+        source, answer : tuple of int and ndarray, shape (3,)
+            As `magphonon.frf.receptance` takes them.
+
+        Raises
+        ------
+        ValueError
+            If there is no such table, or no free particle where it points.
+        """
+        plan = self.wanted('frf')
+        if self.single:
+            atoms = self.atoms()
+            atoms.calc.set(model=model)
+            return atoms, *2 * [(self.lattice.free, np.array([0.0, 1.0, 0.0]))]
+        atoms, picked = self.patch_atoms(model), []
+        for name in ('force', 'response'):
+            try:
+                picked.append(getattr(plan, name).of(atoms))
+            except ValueError as error:
+                raise ValueError(f'frf.{name}{error}') from None
+        return atoms, *picked
 
     def wanted(self, name):
         """One of the tables that say what is wanted, such as 'bands'.
