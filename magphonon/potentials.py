@@ -5,9 +5,14 @@ which two particles repel each other is `f(r) = -phi'(r)`.  (The paper writes `f
 of an energy it is the negative slope, and the bond stiffness is `phi'' nn + (phi'/r)(I - nn)`.)
 
 The methods accept complex distances, so that derivatives can be checked by the complex step.
+
+A law that is also a mixture of Gaussians, `phi(r) = int_0^inf rho(t) exp(-t r^2) dt`, says so with `gaussians(t)`, the
+density rho, and `gaussian_moment(t)`, the integral of `t rho` from zero: then all neighbours of an infinite lattice can
+be summed (`magphonon.latticesums`).
 """
 
 from dataclasses import dataclass, field
+from math import lgamma
 
 import numpy as np
 
@@ -61,6 +66,12 @@ class InversePower:
     def d2phi(self, r):
         return self.a * self.b * r ** (-self.a - 1)
 
+    def gaussians(self, t):
+        return self.b * np.exp((self.a - 3) / 2 * np.log(t) - lgamma((self.a + 1) / 2)) / 2
+
+    def gaussian_moment(self, t):
+        return t**2 * self.gaussians(t) * 2 / (self.a + 1)
+
 
 @dataclass(frozen=True)
 class Yukawa:
@@ -94,6 +105,15 @@ class Yukawa:
 
     def d2phi(self, r):
         return self.phi(r) * (self.kappa**2 + 2 * self.kappa / r + 2 / r**2)
+
+    def gaussians(self, t):
+        return self.c / np.sqrt(np.pi * t) * np.exp(-(self.kappa**2) / (4 * t))
+
+    def gaussian_moment(self, t):
+        from scipy.special import erfcx
+
+        z = self.kappa / (2 * np.sqrt(t))
+        return 2 / 3 * t**2 * self.gaussians(t) * (1 - 2 * z**2 * (1 - np.sqrt(np.pi) * z * erfcx(z)))
 
 
 # Gauss-Legendre on [0, 1]: the energy between two table points to round-off, also for a law as steep as r^-12
