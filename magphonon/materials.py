@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from . import lattices
 from . import units as u
 from .errors import not_negative, one_of
+from .magnettables import Datasheet
 from .potentials import InversePower, Tabulated, Yukawa
 from .tables import Count, NotNegative, Numbers, Positive, Spacing, Table, Text
 
@@ -148,6 +149,13 @@ class TableLaw(Table):
         return Tabulated(np.array(self.distances_m) * u.m, np.array(self.forces_N) * u.N)
 
 
+class MagnetsLaw(Datasheet):
+    """Uniform magnets, magnetised normal to the plane, by shape and remanence."""
+
+    kind: Literal['magnets']
+    shells: Shells
+
+
 def _read_columns(folder, name):
     """Distances and forces from a CSV file with the header r_m,f_N."""
     try:
@@ -164,7 +172,7 @@ def _read_columns(folder, name):
                      'it needs the header r_m,f_N and two columns of numbers, beside the scene')
 
 
-LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'yukawa': YukawaLaw, 'table': TableLaw}
+LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'yukawa': YukawaLaw, 'table': TableLaw, 'magnets': MagnetsLaw}
 
 
 def _known_law(table):
@@ -174,7 +182,8 @@ def _known_law(table):
     return table
 
 
-Law = Annotated[InversePowerLaw | DipoleLaw | YukawaLaw | TableLaw, Field(discriminator='kind'), BeforeValidator(_known_law)]
+Law = Annotated[InversePowerLaw | DipoleLaw | YukawaLaw | TableLaw | MagnetsLaw,
+                Field(discriminator='kind'), BeforeValidator(_known_law)]
 
 
 class Pillar(Table):

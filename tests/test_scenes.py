@@ -289,11 +289,11 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'lattice.kind': 'hexagonal'}, "lattice.kind must be one of 'chain', 'square', 'triangular', 'honeycomb', 'kagome', 'oscillator', "
                                     "not 'hexagonal'"),
-    ({'law.kind': 'coulomb'}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', not 'coulomb'"),
-    ({'law.kind': ['dipoles']}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', not ['dipoles']"),
+    ({'law.kind': 'coulomb'}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', 'magnets', not 'coulomb'"),
+    ({'law.kind': ['dipoles']}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', 'magnets', not ['dipoles']"),
     ({'law.kind': 'dipoles'}, "law has no key 'b_N_m_a'; its keys are kind, moment_A_m2, shells"),
     ({'law.cutoff_m': 0.02}, "law has no key 'cutoff_m'; its keys are kind, b_N_m_a, a, shells"),
-    ({'law': 4.5}, 'law must be a table [law] with a kind, one of inverse_power, dipoles, yukawa, table, not 4.5'),
+    ({'law': 4.5}, 'law must be a table [law] with a kind, one of inverse_power, dipoles, yukawa, table, magnets, not 4.5'),
     ({'law.kind': None}, 'law must be a table [law] with a kind, one of'),
     ({'lattice': 'triangular'}, "lattice must be a table in brackets with the keys kind, spacing_m, mass_kg, not 'triangular'"),
     ({'foundation': 19.7}, 'foundation must be a table in brackets with the keys stiffness_N_per_m, pillar, not 19.7'),

@@ -1,0 +1,320 @@
+"""Repulsion of equal magnets side by side, from shape and remanence.
+
+A magnet of the uniform magnetisation M = Br/mu0 normal to the plane carries the magnetic charges +M and -M per area
+on its two end faces, and nothing else.  The energy of two such magnets is a sum over pairs of faces a distance z apart
+in height, each
+
+    U = +- mu0 M M'/(4 pi) integral dA dA' g        g = 1/s,  s = sqrt(d^2 + z^2)
+
+with the distance d in the plane.  Gauss's theorem, once for either face, leaves the rims,
+
+    U = -+ mu0 M M'/(4 pi) integral dl dl' n.n' G   laplacian(G) = G_dd + G_d/d = g
+
+and G = s - |z| log(s + |z|).  As faces do not overlap, any harmonic function of d may be added to G: it integrates to zero.
+For two magnets at one height the sum over faces is, with s = sqrt(d^2 + h^2) and free of cancellation,
+
+    G = 2 (h asinh(h/d) - h^2/(s + d))
+
+Rims of any prism are summed by rules that converge exponentially with their points: equidistant ones round a circle,
+Gauss's along an edge.  A sphere is, outside itself, exactly a point dipole.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.polynomial import Chebyshev
+from numpy.polynomial.chebyshev import chebinterpolate
+
+from . import units
+from .errors import not_negative, one_of, positive
+from .potentials import InversePower, repulsion
+
+GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38': (1.22, 1.25), 'N40': (1.25, 1.28),
+            'N42': (1.28, 1.32), 'N45': (1.32, 1.38), 'N48': (1.37, 1.42), 'N50': (1.39, 1.45), 'N52': (1.42, 1.48)}
+"""Remanence of sintered NdFeB at 20 C, least and most in T: the widest of the ranges that makers' tables give."""
+
+CLEARANCE = 0.1
+"""Gap between prisms, as a fraction of their width, at which their laws start: closer, the kink at contact spoils the series."""
+
+DIGITS = 1e-13
+"""Of the energy: where its series is cut, and how well the rims are summed."""
+
+
+def grade_remanence(grade):
+    """Middle of the range of remanence of an NdFeB grade such as 'N42', in units of the package.
+
+    Raises
+    ------
+    ValueError
+        For an unknown grade.
+    """
+    return np.mean(GRADES_T[one_of('grade', grade, tuple(GRADES_T))]) * units.T
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Ring, or with `inner` = 0 a disc, magnetised along its axis.
+
+    Attributes
+    ----------
+    outer, inner, height : float
+        Diameters and height in mm.
+    remanence : float
+        In N/(A mm); write `1.3 * units.T`.
+    """
+
+    outer: float
+    inner: float
+    height: float
+    remanence: float
+
+    def __post_init__(self):
+        _check_lengths(self, 'outer', 'height')
+        if not_negative('inner', self.inner, 'mm') >= self.outer:
+            raise ValueError(f'inner must be less than outer = {self.outer:g} mm, not {self.inner:g}; both are diameters')
+
+    @property
+    def contact(self):
+        """Distance of the centres of two that touch, mm."""
+        return self.outer
+
+    @property
+    def width(self):
+        """Across the line that joins the centres, mm."""
+        return self.outer
+
+    @property
+    def volume(self):
+        """In mm^3."""
+        return np.pi * (self.outer**2 - self.inner**2) / 4 * self.height
+
+    def rim(self, n):
+        """Points on the rim of a face, shape (m, 2), and its outward normals times the length dl, in mm."""
+        angle = 2 * np.pi * np.arange(n) / n
+        normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        circles = [(self.outer / 2, 1)] + [(self.inner / 2, -1)] * (self.inner > 0)
+        return (np.concatenate([radius * normal for radius, _ in circles]),
+                np.concatenate([outward * radius * 2 * np.pi / n * normal for radius, outward in circles]))
+
+
+@dataclass(frozen=True)
+class Cuboid:
+    """Cuboid magnetised along its height; `length` lies along the line that joins two of them.
+
+    Its forces are not central: turned about its axis it pulls differently.  A law of distance holds for two that face
+    each other squarely.
+
+    Attributes
+    ----------
+    length, width, height : float
+        In mm.
+    remanence : float
+        In N/(A mm).
+    """
+
+    length: float
+    width: float
+    height: float
+    remanence: float
+
+    def __post_init__(self):
+        _check_lengths(self, 'length', 'width', 'height')
+
+    @property
+    def contact(self):
+        """Distance of the centres of two that touch, mm."""
+        return self.length
+
+    @property
+    def volume(self):
+        """In mm^3."""
+        return self.length * self.width * self.height
+
+    def rim(self, n):
+        """Points on the rim of a face, shape (4 n, 2), and its outward normals times the length dl, in mm."""
+        node, weight = np.polynomial.legendre.leggauss(n)
+        a, b, one = self.length / 2, self.width / 2, np.ones(n)
+        points = [(a * one, b * node), (-a * one, b * node), (a * node, b * one), (a * node, -b * one)]
+        normals = [(b * weight, 0 * one), (-b * weight, 0 * one), (0 * one, a * weight), (0 * one, -a * weight)]
+        return tuple(np.concatenate([np.stack(side, axis=-1) for side in sides]) for sides in (points, normals))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Sphere magnetised uniformly; `diameter` in mm, `remanence` in N/(A mm)."""
+
+    diameter: float
+    remanence: float
+
+    def __post_init__(self):
+        _check_lengths(self, 'diameter')
+
+    @property
+    def volume(self):
+        """In mm^3."""
+        return np.pi * self.diameter**3 / 6
+
+
+def _check_lengths(magnet, *names):
+    for name in names:
+        positive(name, getattr(magnet, name), 'mm')
+    positive('remanence', magnet.remanence, 'N/(A mm)')
+
+
+def moment(magnet):
+    """Magnetic moment M V in A mm^2."""
+    return magnet.remanence / units.mu0 * magnet.volume
+
+
+def pair_energy(magnet, r):
+    """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
+    points, normals = magnet.rim(_rim_points(magnet, r))
+    d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
+    h = magnet.height
+    G = 2 * (h * np.arcsinh(h / d) - h**2 / (np.hypot(d, h) + d))
+    return -_charge_coupling(magnet, magnet) * np.einsum('ij,ix,jx', G, normals, normals)
+
+
+def pair_force(first, second, offset, n=96):
+    """Force on a prism whose centre is displaced by `offset` from that of another; the magnets stay parallel.
+
+    Parameters
+    ----------
+    first, second : Ring or Cuboid
+        Neither may stand above the other at the same time as it touches its height.
+    offset : sequence of 3 floats
+        In mm; the third is along the magnetisation.
+    n : int
+        Points on a circle, or on an edge.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        In N.
+    """
+    (points, normals), (others, outward) = first.rim(n), second.rim(n)
+    d = others + np.asarray(offset)[:2] - points[:, None]
+    force = np.zeros(3)
+    for face in (1, -1):
+        for other in (1, -1):
+            z = offset[2] + (other * second.height - face * first.height) / 2
+            s = np.sqrt((d**2).sum(axis=-1) + z**2)
+            # gradient of G = s - |z| log(s + |z|), along d and along z
+            slope = np.dstack([d / (s + abs(z))[..., None], -np.sign(z) * np.log(s + abs(z))])
+            force += face * other * np.einsum('ijk,ix,jx->k', slope, normals, outward)
+    return _charge_coupling(first, second) * force
+
+
+def _charge_coupling(first, second):
+    """`mu0 M M'/(4 pi)` in N/mm^2."""
+    return first.remanence * second.remanence / (4 * np.pi * units.mu0)
+
+
+def _rim_points(magnet, r):
+    """How many points on a circle, or on each edge, leave an error below DIGITS.
+
+    The nearest singularity of the integrand lies where the rims would meet, off the real rim by about the gap between
+    the magnets over half their size; the error falls exponentially with it.
+    """
+    gap = (r - magnet.contact) / (magnet.width / 2)
+    return int(np.ceil(8 - np.log(DIGITS) / np.arcsinh(min(gap, 2.0))))
+
+
+@dataclass(frozen=True)
+class MagnetLaw:
+    """Law of two equal prisms: a dipole's, times a series in the inverse square of the distance.
+
+        phi = strength r^-3 P(t),   t = (nearest/r)^2
+
+    With the mirror planes of these magnets the energy has no other powers of r, so that one polynomial P serves from
+    `nearest` to infinity, where P = 1.
+
+    Attributes
+    ----------
+    strength : float
+        `mu0 m^2/(4 pi)` of the moments m, mJ mm^3.
+    nearest : float
+        Least distance in mm.
+    series : ndarray
+        Coefficients of P in Chebyshev polynomials on 0 <= t <= 1.
+
+    Raises
+    ------
+    ValueError
+        When the law is asked for a distance below `nearest`.
+    """
+
+    strength: float
+    nearest: float
+    series: np.ndarray = field(repr=False)
+
+    @cached_property
+    def _factors(self):
+        """P, and what takes its place in the force and in its slope: r d/dr = -2 t d/dt."""
+        P, t = Chebyshev(self.series, [0, 1]), Chebyshev([0.5, 0.5], [0, 1])
+        force = 3 * P + 2 * t * P.deriv()
+        return P, force, 4 * force + 2 * t * force.deriv()
+
+    def _t(self, r):
+        if not np.all(np.real(r) >= self.nearest):
+            raise ValueError(f'two such magnets {np.min(np.real(r)):g} mm apart are too close: their law starts at '
+                             f'{self.nearest:g} mm, a gap of {CLEARANCE:g} of their width; give them more room')
+        return (self.nearest / r) ** 2
+
+    def phi(self, r):
+        return self.strength * r**-3.0 * self._factors[0](self._t(r))
+
+    def dphi(self, r):
+        return -self.strength * r**-4.0 * self._factors[1](self._t(r))
+
+    def d2phi(self, r):
+        return self.strength * r**-5.0 * self._factors[2](self._t(r))
+
+
+@lru_cache
+def magnet_law(magnet):
+    """Law of repulsion of two equal magnets side by side, magnetised normal to the plane.
+
+    Parameters
+    ----------
+    magnet : Ring, Cuboid or Sphere
+
+    Returns
+    -------
+    MagnetLaw or, for spheres, InversePower
+    """
+    if isinstance(magnet, Sphere):
+        return InversePower.dipoles(moment(magnet))
+    nearest, strength = magnet.contact + CLEARANCE * magnet.width, units.mu0 * moment(magnet) ** 2 / (4 * np.pi)
+
+    def P(x):
+        r = nearest / np.sqrt((x + 1) / 2)
+        return np.array([pair_energy(magnet, d) for d in r]) * r**3 / strength
+
+    for degree in (31, 63, 127):  # long rods need the most: their faces see each other as single poles
+        series = chebinterpolate(P, degree)
+        if abs(series[-3:]).max() < DIGITS * abs(series).max():
+            break
+    return MagnetLaw(float(strength), float(nearest), series)
+
+
+def calibrated(magnet, r, f):
+    """The magnet with the remanence that gives the measured force `f` (N) at the distance `r` (mm)."""
+    positive('r', r, 'mm')
+    positive('f', f, 'N')
+    return replace(magnet, remanence=float(magnet.remanence * np.sqrt(f / repulsion(magnet_law(magnet), r))))
+
+
+def local_exponent(potential, r):
+    """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`."""
+    return -r * potential.d2phi(r) / potential.dphi(r)
+
+
+def out_of_plane_stiffness(potential, r):
+    """Stiffness in N/mm of a bond of round magnets against motion out of the plane, negative: they tip out of it.
+
+    The energy of two magnets is harmonic in their displacement (Earnshaw), so that
+    `U_zz = -(U_rr + U_r/r) = -(a - 1) f/r` with the local exponent a.  A central phi(r) would give `-f/r`.
+    """
+    return -(potential.d2phi(r) + potential.dphi(r) / r)
