@@ -8,10 +8,11 @@ from ase.cell import Cell
 from ase.dft.kpoints import BandPath
 
 from . import units
+from .allneighbours import AllNeighbours
 from .calculator import MagneticRepulsion
 from .errors import finite
 from .files import saved_arrays, whole_file
-from .stiffness import bloch_gradient, bloch_matrix, bloch_series, mass_weighted, model_stiffness, signed_root
+from .stiffness import bloch_gradient, mass_weighted, model_stiffness, signed_root
 
 BATCH_BYTES = 2**26  # of Bloch matrices diagonalised at a time; the whole of a large zone need not fit in memory
 
@@ -105,14 +106,14 @@ def repulsion_of(atoms):
 
 
 def cell_of_free_particles(atoms):
-    """The MagneticRepulsion of a cell all of whose particles move, as the bands suppose.
+    """The MagneticRepulsion or AllNeighbours of a cell all of whose particles move, as the bands suppose.
 
     Raises
     ------
     ValueError
         If there is none, or the cell holds a constraint.
     """
-    calc = repulsion_of(atoms)
+    calc = atoms.calc if isinstance(atoms.calc, AllNeighbours) else repulsion_of(atoms)
     if atoms.constraints:
         raise ValueError(f'the cell holds the constraint {atoms.constraints[0]}, but bands are those of free particles; '
                          'remove it with atoms.set_constraint()')
@@ -125,7 +126,7 @@ def bloch_modes(atoms, q, model='complete', vectors=False):
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its MagneticRepulsion or AllNeighbours.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
     model : {'complete', 'conventional'}
@@ -145,10 +146,9 @@ def bloch_modes(atoms, q, model='complete', vectors=False):
     """
     calc = cell_of_free_particles(atoms)
     q = _wavevectors(q)
-    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     omega, modes = [], []
     for part in np.array_split(q, _batches(len(q), len(atoms) * calc.dim)):
-        D = mass_weighted(bloch_matrix(calc.bonds, K, part, calc.parameters.foundation), atoms.get_masses())
+        D = mass_weighted(calc.bloch_matrix(part, model), atoms.get_masses())
         if vectors:
             squares, columns = np.linalg.eigh(D)
             modes.append(columns.swapaxes(1, 2).reshape(*squares.shape, len(atoms), calc.dim))
@@ -175,7 +175,7 @@ def analytic_bands(atoms, path, model='complete', vectors=False):
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its MagneticRepulsion or AllNeighbours.
     path : ase.dft.kpoints.BandPath
         From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`.
     model : {'complete', 'conventional'}
@@ -223,7 +223,9 @@ def group_velocities(atoms, q, model='complete'):
 
     Parameters
     ----------
-    atoms, q, model
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    q, model
         As for `bloch_modes`.
 
     Returns
@@ -233,8 +235,8 @@ def group_velocities(atoms, q, model='complete'):
     velocity : ndarray, shape (wavevectors, modes, dim)
         In mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """
-    calc = cell_of_free_particles(atoms)
-    q = _wavevectors(q)
+    cell_of_free_particles(atoms)
+    calc, q = repulsion_of(atoms), _wavevectors(q)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     v = vectors.reshape(*omega.shape, -1)
@@ -253,7 +255,7 @@ def _mean_over_crossings(omega, values):
     return np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), values)
 
 
-def sound_speeds(atoms, direction=(1, 0), model='complete'):
+def sound_speeds(atoms, direction=None, model='complete'):
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 
     A foundation opens a gap and leaves no sound: the speeds are those of the lattice without it.
@@ -261,14 +263,16 @@ def sound_speeds(atoms, direction=(1, 0), model='complete'):
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
-    direction : array_like, shape (dim,)
+        One cell with its MagneticRepulsion or AllNeighbours.
+    direction : array_like, shape (dim,), optional
+        By default along x.
     model : {'complete', 'conventional'}
 
     Returns
     -------
     ndarray, shape (dim,)
-        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  NaN where
+        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  Infinite
+        where repulsion reaches so far that w/k grows without bound in long waves, as in Coulomb crystals.  NaN where
         a mechanism of the cell, a mode without stiffness at k = 0, mixes with sound (the conventional kagome lattice).
 
     Raises
@@ -277,15 +281,13 @@ def sound_speeds(atoms, direction=(1, 0), model='complete'):
         For a direction of zero length or of another dimension.
     """
     calc = cell_of_free_particles(atoms)
-    direction = finite('direction', direction, (calc.dim,))
+    direction = np.eye(calc.dim)[0] if direction is None else finite('direction', direction, (calc.dim,))
     if not direction.any():
         raise ValueError(f'the direction must not be zero, not {direction}')
     along = direction / np.linalg.norm(direction)
-    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     masses = atoms.get_masses()
     dim = calc.dim
-    R = (calc.bonds.shift @ atoms.cell.array)[:, :dim] @ along
-    A, B, C = (mass_weighted(term, masses) for term in bloch_series(calc.bonds, K, R))
+    A, B, C = (mass_weighted(term, masses) for term in calc.bloch_series(along, model))
 
     # the internal modes follow the translations u: second-order perturbation theory
     u = np.kron(np.sqrt(masses)[:, None], np.eye(dim)) / np.sqrt(masses.sum())
@@ -298,4 +300,9 @@ def sound_speeds(atoms, direction=(1, 0), model='complete'):
     mechanism = modes[:, floppy].conj().T @ (C @ u + B @ follow)
     if abs(mechanism).max(initial=0) > 1e-9 * abs(squares).max():
         return np.full(dim, np.nan)
-    return signed_root(np.linalg.eigvalsh(squares))
+    if not isinstance(calc, AllNeighbours):
+        return signed_root(np.linalg.eigvalsh(squares))
+    endless, axes = np.linalg.eigh(calc.singular(along, model))
+    regular = axes[:, abs(endless) <= 1e-12 * abs(endless).max()]
+    ends = np.copysign(np.inf, endless[abs(endless) > 1e-12 * abs(endless).max()])
+    return np.sort(np.append(signed_root(np.linalg.eigvalsh(regular.T @ squares @ regular)), ends))

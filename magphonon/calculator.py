@@ -9,7 +9,7 @@ from scipy import sparse
 
 from .bonds import Bonds, explicit_bonds, find_bonds, repeat_bonds
 from .errors import not_negative, one_of, positive
-from .stiffness import bond_stiffness, hessian
+from .stiffness import bloch_matrix, bloch_series, bond_stiffness, hessian, model_stiffness
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
@@ -206,6 +206,16 @@ class MagneticRepulsion(Calculator):
         shared = self.potential.phi(length) - self._rest[3]  # half to each end of the bond
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
         return bonds + 0.5 * self.parameters.foundation * np.einsum('ix,ix->i', u, u)
+
+    def bloch_matrix(self, q, model='complete'):
+        """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
+        K = model_stiffness(self._rest[0], self.potential, model)
+        return bloch_matrix(self.bonds, K, q, self.parameters.foundation)
+
+    def bloch_series(self, along, model='complete'):
+        """The same without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
+        R = (self.bonds.shift @ self.reference.cell.array)[:, : self.dim]
+        return bloch_series(self.bonds, model_stiffness(self._rest[0], self.potential, model), R @ along)
 
     def get_hessian(self, atoms, part='all'):
         """Second derivatives of the energy at the present positions, or one part of them.

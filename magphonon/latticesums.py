@@ -147,10 +147,10 @@ class EwaldSums:
         return np.inf if hasattr(self.law, 'kappa') else self.law.a - 1
 
     def mixture(self, part):
-        """The functions alpha(t) and beta(t) of a part of the stiffness."""
+        """The functions alpha(t), or None where it is zero, and beta(t) of a part of the stiffness."""
         rho, W = self.law.gaussians, self.law.gaussian_moment
         alpha, beta = {
-            'all': (lambda t: 0 * t, rho),
+            'all': (None, rho),
             'Dstar': (lambda t: W(t) / t - 2 * t * rho(t), lambda t: W(t) / (2 * t**2)),
             'D0': (lambda t: 2 * t * rho(t) - W(t) / t, lambda t: rho(t) - W(t) / (2 * t**2)),
         }[one_of('part', part, PARTS)]
@@ -174,7 +174,7 @@ class EwaldSums:
     def near_stiffness(self, x, part='all'):
         """What they leave of the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
         t, w = self._narrow(np.linalg.norm(x, axis=1))
-        alpha, beta = (f(t) * w for f in self.mixture(part))
+        alpha, beta = (f(t) * w if f else 0 * w for f in self.mixture(part))
         gauss = np.exp(-np.multiply.outer((x**2).sum(axis=1), t))
         xx = x[:, :, None] * x[:, None, :]
         onto_I, onto_xx = gauss @ (alpha - 2 * t * beta), gauss @ (4 * t**2 * beta)
@@ -199,32 +199,38 @@ class EwaldSums:
         wide = _Wide(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
         return (wide.moment(self.law.gaussians, 0) * np.exp(1j * p @ offset)).sum(axis=1)
 
-    def far_gradient(self, offset):
-        """Their part of the gradient of `sum_R phi(R + offset)`, shape (dim,)."""
-        p, x = self.waves(np.zeros((1, self.d)))[0], self.across @ offset
-        wide, rho = _Wide(self, (p**2).sum(axis=-1), x @ x), self.law.gaussians
-        m0, m1 = wide.moment(rho, 0, uniform=False), wide.moment(lambda t: t * rho(t), 1)
-        return (((1j * p * m0[:, None]) - 2 * x * m1[:, None]) * np.exp(1j * p @ offset)[:, None]).sum(axis=0).real
+    def far_energy(self, offsets):
+        """Their part of `sum_R phi(R + offset)` and of its gradient, shapes (offsets,) and (offsets, dim)."""
+        p, rho = self.waves(np.zeros((1, self.d)))[0], self.law.gaussians
+        phi, gradient = np.empty(len(offsets)), np.empty(offsets.shape)
+        for x, these in self._sideways(offsets):
+            wide = _Wide(self, (p**2).sum(axis=1), x @ x)
+            waves = wide.moment(rho, 0)[:, None] * np.exp(1j * p @ offsets[these].T)
+            phi[these], gradient[these] = waves.sum(axis=0).real, -(p.T @ waves.imag).T
+            if x.any():
+                gradient[these] -= 2 * x * (wide.moment(lambda t: t * rho(t), 1) @ np.exp(1j * p @ offsets[these].T)).real[:, None]
+        return phi, gradient
 
     def far_stiffness(self, p, offsets, part='all'):
         """Their part of `sum_R K(R + offset) e^{ik.R}`, shape (wavevectors, offsets, dim, dim)."""
         alpha, beta = self.mixture(part)
-        P, p2 = self.across, (p**2).sum(axis=-1)
         total = np.empty((len(p), len(offsets), self.dim, self.dim), dtype=complex)
-        sideways = offsets @ P
-        for x in np.unique(sideways.round(12), axis=0):  # one, zero, unless a chain is broad
-            these = abs(sideways - x).max(axis=1) < 1e-9 * self.radius
-            wide = _Wide(self, p2, x @ x)
-            a = wide.moment(alpha, 1)
-            b0, b1 = wide.moment(beta, 0, uniform=False), wide.moment(lambda t: t * beta(t), 1)
-            T = np.einsum('qG,ab->qGab', a, np.eye(self.dim)) - np.einsum('qG,qGa,qGb->qGab', b0, p, p)
-            T = T - 2 * b1[..., None, None] * P
-            if x.any():
-                b2 = wide.moment(lambda t: t**2 * beta(t), 2)
+        for x, these in self._sideways(offsets):
+            wide = _Wide(self, (p**2).sum(axis=-1), x @ x)
+            T = -np.einsum('qG,qGa,qGb->qGab', wide.moment(beta, 0, uniform=False), p, p)
+            if alpha:
+                T = T + wide.moment(alpha, 1)[..., None, None] * np.eye(self.dim)
+            if self.d < self.dim:
+                b1, b2 = (wide.moment(lambda t, m=m: t**m * beta(t), m)[..., None, None] for m in (1, 2))
                 px = p[..., :, None] * x
-                T = T - 2j * b1[..., None, None] * (px + px.swapaxes(-1, -2)) + 4 * b2[..., None, None] * np.outer(x, x)
+                T = T - 2 * b1 * (self.across + 1j * (px + px.swapaxes(-1, -2))) + 4 * b2 * np.outer(x, x)
             total[:, these] = np.einsum('qGab,qGo->qoab', T, np.exp(1j * p @ offsets[these].T))
         return total
+
+    def _sideways(self, offsets):
+        """The different offsets across the lattice, and where each occurs; one, zero, unless a chain is broad."""
+        x, which = np.unique((offsets @ self.across / self.radius).round(14), axis=0, return_inverse=True)
+        return [(self.radius * x[k], np.flatnonzero(which.ravel() == k)) for k in range(len(x))]
 
     # --- both --------------------------------------------------------------------------------------------------------
 
@@ -239,25 +245,29 @@ class EwaldSums:
         itself = np.exp(2j * np.pi * R[~here] @ np.linalg.pinv(self.periods) @ q).sum()
         return total - itself * self.wide_at_zero()
 
-    def wide_at_zero(self):
-        """What the wide Gaussians make of phi(0), the interaction of a particle with itself."""
-        rho = self.law.gaussians
-        if np.isfinite(self.decay):
-            return self.eta2 * rho(self.eta2) / (self.decay / 2)
-        t, w = _nodes(self.law.kappa**2 / 4 / REACH, self.eta2)
-        return w @ rho(t)
+    def wide_at_zero(self, part=None):
+        """What the wide Gaussians make of phi(0), a particle with itself, or the factor of I in that `part` of its stiffness."""
+        def total(f, m):  # of f, which falls like rho t^m towards t = 0
+            if np.isfinite(self.decay):
+                return self.eta2 * f(self.eta2) / (self.decay / 2 + m)
+            t, w = _nodes(self.law.kappa**2 / 4 / (REACH + 20), self.eta2)
+            return w @ f(t)
+
+        if part is None:
+            return total(self.law.gaussians, 0)
+        alpha, beta = self.mixture(part)
+        return (total(alpha, 1) if alpha else 0.0) - 2 * total(lambda t: t * beta(t), 1)
 
     def singular(self, along, part='all'):
-        """Signs of the stiffness that outgrows k^2 in long waves, ascending, where the law decays no faster than r^-d.
+        """Signs of the stiffness that outgrows k^2 in long waves, where the law decays no faster than r^-d.
 
-        There D(k) begins with |k|^(s-d+2), and a speed of sound is infinite where this tensor has a positive
-        eigenvalue, imaginary and infinite where a negative one.
+        There D(k) begins with |k|^(s-d+2) times a tensor with the signs of this one: towards its eigenvectors a speed of
+        sound is infinite.
 
         Parameters
         ----------
         along : ndarray, shape (dim,)
             Direction of the wave, a unit vector.
-        part : {'all', 'D0', 'Dstar'}
 
         Returns
         -------
@@ -266,52 +276,50 @@ class EwaldSums:
         """
         if self.decay > self.d:
             return np.zeros((self.dim, self.dim))
-        alpha, beta = (f(1.0) for f in self.mixture(part))
-        late = 1 / (4 - 2 * (self.d - self.decay)) if self.decay > self.d - 2 else 0.0
-        return beta * np.outer(along, along) + late * (alpha * np.eye(self.dim) - 2 * beta * self.across)
+        alpha, beta = (f(1.0) if f else 0.0 for f in self.mixture(part))
+        # Gamma(g - 1) = Gamma(g)/(g - 1) in the moments of the next order in t, g = (d - s)/2 < 1 where they are wanted
+        next_order = 1 / (4 - 2 * (self.d - self.decay)) if alpha or self.d < self.dim else 0.0
+        return beta * np.outer(along, along) + next_order * (alpha * np.eye(self.dim) - 2 * beta * self.across)
 
     def far_series(self, along, offsets, part='all'):
-        """Far stiffness to second order in k = k `along`, each with the phase of its particle, e^{ik.offset}.
+        """Far stiffness to second order in the wavevector k `along`, with the phase of each particle, e^{ik.(R + offset)}.
 
         Terms that outgrow k^2 (see `singular`) are left out.
 
         Returns
         -------
-        T : ndarray of complex, shape (3, offsets, dim, dim)
-            Of the orders 1, k and k^2.
+        ndarray of complex, shape (3, offsets, dim, dim)
+            In the orders 1, k and k^2.
         """
         alpha, beta = self.mixture(part)
         G = self.waves(np.zeros((1, self.d)))[0]
-        g, G2, P, n = G @ along, (G**2).sum(axis=1), self.across, along
-        total = np.zeros((3, len(offsets), self.dim, self.dim), dtype=complex)
+        g, P, n, eye = G @ along, self.across, along, np.eye(self.dim)
+        series = np.zeros((3, len(offsets), self.dim, self.dim), dtype=complex)
+        # exp(-p^2/4t) with p = G - k n is exp(-G^2/4t) [1 + k g/2t + k^2 (g^2/8t^2 - 1/4t)]: order in k, power of t, factor
+        gaussian = (0, 0, 1.0), (1, -1, g / 2), (2, -1, -0.25), (2, -2, g**2 / 8)
         for o, offset in enumerate(offsets):
             x = P @ offset
-            wide = _Wide(self, G2, x @ x)
-            # exp(-p^2/4t) = exp(-G^2/4t) [1 + k g/2t + k^2 (g^2/8t^2 - 1/4t)], and p = G - k n in the gradients
-            for order, factors in enumerate((((0, 1.0),), ((-1, g / 2),), ((-1, -0.25), (-2, g**2 / 8)))):
-                for power, factor in factors:
-                    self._collect(total, o, order, wide, (alpha, beta), power, factor, (G, P, n, x), offset)
-        return total
+            wide = _Wide(self, (G**2).sum(axis=1), x @ x)
+            # alpha + beta grad grad, where grad = ip - 2tx and the direction across adds -2t P: order in k, power of t, tensor
+            i_G, i_n = 1j * G[:, :, None], -1j * n[:, None]
+            terms = [(0, 0, beta, i_G * i_G.swapaxes(1, 2)), (1, 0, beta, _symmetric(i_G * -1j * n)), (2, 0, beta, i_n * i_n.T)]
+            if alpha:
+                terms.append((0, 1, lambda t: alpha(t) / t, eye))
+            if self.d < self.dim:
+                terms += [(0, 1, beta, -2 * P - 2 * _symmetric(i_G * x)), (1, 1, beta, -2 * _symmetric(i_n * x)),
+                          (0, 2, beta, 4 * np.outer(x, x))]
+            for (j, power, factor), (k, m, f, tensor) in product(gaussian, terms):
+                if j + k > 2:
+                    continue
+                exists = (self.decay - self.d) / 2 + m + power > 0  # else the term G = 0 belongs to `singular`
+                integral = wide.moment(lambda t, f=f, m=m + power: t**m * f(t), m + power, uniform=exists)
+                wave = integral * factor * np.exp(1j * G @ offset)
+                series[j + k, o] += np.einsum('G,Gab->ab', wave, np.broadcast_to(tensor, (len(G), *eye.shape)))
+        return series
 
-    def _collect(self, total, o, order, wide, mixture, power, factor, geometry, offset):
-        """Add `factor t^power k^order` times the polynomial of the gradients, in the orders up to k^2."""
-        alpha, beta = mixture
-        G, P, n, x = geometry
-        phase = np.exp(1j * G @ offset) * factor
 
-        def m(f, extra):  # the term p = 0 only where its integral exists; the others belong to `singular`
-            exists = (self.decay - self.d) / 2 + extra + power > 0
-            return wide.moment(lambda t: t ** (power + extra) * f(t), power + extra, uniform=exists)
-
-        a, b0 = m(lambda t: alpha(t) / t, 1) * phase, m(beta, 0) * phase
-        b1, b2 = m(beta, 1) * phase, m(beta, 2) * phase
-        GG, nn, xx = G[:, :, None] * G[:, None], np.outer(n, n), np.outer(x, x)
-        Gn, Gx, nx = (A + A.swapaxes(-1, -2) for A in (G[:, :, None] * n, G[:, :, None] * x, np.outer(n, x)))
-        zeroth = (a.sum() * np.eye(self.dim) - np.tensordot(b0, GG, 1) - 2 * b1.sum() * P
-                  - 2j * np.tensordot(b1, Gx, 1) + 4 * b2.sum() * xx)
-        for k, term in enumerate((zeroth, np.tensordot(b0, Gn, 1) + 2j * b1.sum() * nx, -b0.sum() * nn)):
-            if order + k <= 2:
-                total[order + k, o] += term
+def _symmetric(tensor):
+    return tensor + tensor.swapaxes(-1, -2)
 
 
 class _Wide:
