@@ -37,8 +37,11 @@ GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38'
 CLEARANCE = 0.1
 """Gap between prisms, as a fraction of their width, at which their laws start: closer, the kink at contact spoils the series."""
 
+FAR = 4.0
+"""Gap in widths beyond which energies are summed over faces: the sum over rims cancels in proportion to r^3."""
+
 DIGITS = 1e-13
-"""Of the energy: where its series is cut, and how well the rims are summed."""
+"""Of the energy: how small the end of its series is, and how well the rims are summed."""
 
 
 def grade_remanence(grade):
@@ -169,11 +172,25 @@ def moment(magnet):
 
 def pair_energy(magnet, r):
     """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
-    points, normals = magnet.rim(_rim_points(magnet, r))
-    d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
-    h = magnet.height
-    G = 2 * (h * np.arcsinh(h / d) - h**2 / (np.hypot(d, h) + d))
-    return -_charge_coupling(magnet, magnet) * np.einsum('ij,ix,jx', G, normals, normals)
+    h, gap = magnet.height, (r - magnet.contact) / magnet.width
+    n = _rim_points(gap)
+    points, normals = magnet.rim(n)
+    if gap < FAR:
+        d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
+        terms = -2 * (h * np.arcsinh(h / d) - h**2 / (np.hypot(d, h) + d)) * (normals @ normals.T)
+    else:
+        points, areas = _face(points, normals, n // 2)
+        d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
+        s = np.hypot(d, h)
+        terms = 2 * h**2 / (d * s * (d + s)) * np.outer(areas, areas)  # 2 (1/d - 1/s)
+    return _charge_coupling(magnet, magnet) * np.sum(terms)
+
+
+def _face(points, normals, n):
+    """Points all over a face, `n` on each ray from its centre to a point on its rim, and their areas."""
+    node, weight = np.polynomial.legendre.leggauss(n)
+    ray = (node + 1) / 2
+    return (ray[:, None, None] * points).reshape(-1, 2), np.outer(ray * weight / 2, np.sum(points * normals, axis=1)).ravel()
 
 
 def pair_force(first, second, offset, n=96):
@@ -202,7 +219,7 @@ def pair_force(first, second, offset, n=96):
             s = np.sqrt((d**2).sum(axis=-1) + z**2)
             # gradient of G = s - |z| log(s + |z|), along d and along z
             slope = np.dstack([d / (s + abs(z))[..., None], -np.sign(z) * np.log(s + abs(z))])
-            force += face * other * np.einsum('ijk,ix,jx->k', slope, normals, outward)
+            force += face * other * np.einsum('ijk,ij->k', slope, normals @ outward.T)
     return _charge_coupling(first, second) * force
 
 
@@ -211,14 +228,13 @@ def _charge_coupling(first, second):
     return first.remanence * second.remanence / (4 * np.pi * units.mu0)
 
 
-def _rim_points(magnet, r):
-    """How many points on a circle, or on each edge, leave an error below DIGITS.
+def _rim_points(gap):
+    """How many points on a circle, or on each edge, leave an error below DIGITS, for a gap in widths of the magnets.
 
-    The nearest singularity of the integrand lies where the rims would meet, off the real rim by about the gap between
-    the magnets over half their size; the error falls exponentially with it.
+    The nearest singularity of the integrand lies where the rims would meet, off the real rim by about the gap over half
+    the width; the error falls exponentially with it.
     """
-    gap = (r - magnet.contact) / (magnet.width / 2)
-    return int(np.ceil(8 - np.log(DIGITS) / np.arcsinh(min(gap, 2.0))))
+    return int(np.ceil(8 - np.log(DIGITS) / np.arcsinh(2 * gap)))
 
 
 @dataclass(frozen=True)
