@@ -42,8 +42,8 @@ class AllNeighbours(Calculator):
 
     def __init__(self, reference, potential, *, foundation=0.0, split=1.0):
         if not hasattr(potential, 'gaussians'):
-            raise ValueError(f'the sum over all neighbours is known for inverse powers and Yukawa repulsion, not for {potential!r}; '
-                             'choose a number of shells')
+            raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
+                             f'not for {potential!r}; choose a number of shells')
         if getattr(potential, 'a', np.inf) <= 1:
             raise ValueError(f'the force r^-{potential.a:g} has no energy r^-s with s = a - 1 > 0 to sum over all neighbours; '
                              'choose a > 1, or a number of shells')
@@ -54,8 +54,10 @@ class AllNeighbours(Calculator):
         self.reference.calc = None
         self.potential = potential
         self.dim = 3 if reference.pbc.all() else 2
-        if self.dim == 2 and np.ptp(np.append(reference.positions, reference.cell.array[reference.pbc], axis=0)[:, 2]) > 0:
-            raise ValueError('planar particles and their lattice vectors must share z = 0; a structure in space is periodic along three')
+        z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
+        if self.dim == 2 and z.any():
+            raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '
+                             'a structure in space is periodic along three vectors')
         self.parameters.foundation = not_negative('foundation', foundation, 'N/mm')
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
@@ -67,7 +69,8 @@ class AllNeighbours(Calculator):
     def displacements(self, atoms):
         """Displacements from rest in mm, shape (particles, dim)."""
         if len(atoms) != len(self.reference) or not np.array_equal(atoms.cell.array, self.reference.cell.array):
-            raise ValueError(f'the calculator was made for another cell, of {len(self.reference)} particles; make one for this cell')
+            raise ValueError(f'the calculator was made for another cell, of {len(self.reference)} particles; '
+                             'make one for this cell')
         return (atoms.positions - self.reference.positions)[:, : self.dim]
 
     def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):

@@ -133,8 +133,9 @@ class EwaldSums:
     @cached_property
     def across(self):
         """Projector on the directions that are not periodic, shape (dim, dim)."""
-        along = np.linalg.pinv(self.periods) @ self.periods
-        return np.eye(self.dim) - along
+        if self.d == self.dim:  # then exactly
+            return np.zeros((self.dim, self.dim))
+        return np.eye(self.dim) - np.linalg.pinv(self.periods) @ self.periods
 
     @property
     def radius(self):
@@ -205,10 +206,11 @@ class EwaldSums:
         phi, gradient = np.empty(len(offsets)), np.empty(offsets.shape)
         for x, these in self._sideways(offsets):
             wide = _Wide(self, (p**2).sum(axis=1), x @ x)
-            waves = wide.moment(rho, 0)[:, None] * np.exp(1j * p @ offsets[these].T)
+            phase = np.exp(1j * p @ offsets[these].T)
+            waves = wide.moment(rho, 0)[:, None] * phase
             phi[these], gradient[these] = waves.sum(axis=0).real, -(p.T @ waves.imag).T
             if x.any():
-                gradient[these] -= 2 * x * (wide.moment(lambda t: t * rho(t), 1) @ np.exp(1j * p @ offsets[these].T)).real[:, None]
+                gradient[these] -= 2 * x * (wide.moment(lambda t: t * rho(t), 1) @ phase).real[:, None]
         return phi, gradient
 
     def far_stiffness(self, p, offsets, part='all'):
@@ -323,7 +325,7 @@ def _symmetric(tensor):
 
 
 class _Wide:
-    """Integrals over the wide Gaussians, t from 0 to eta^2, one for each p^2: `int f(t) (pi/t)^{d/2}/V exp(-p^2/4t - t x^2) dt`."""
+    """Integrals over the wide Gaussians, `int f(t) (pi/t)^{d/2}/V exp(-p^2/4t - t x^2) dt` up to eta^2, one for each p^2."""
 
     def __init__(self, sums, p2, x2):
         self.sums, self.x2 = sums, x2

@@ -14,6 +14,7 @@ from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
 
 from . import units
+from .allneighbours import AllNeighbours
 from .bands import Bands, analytic_bands, cell_of_free_particles, path_of, repulsion_of
 from .errors import positive, whole
 from .stiffness import bond_stiffness, signed_root
@@ -40,10 +41,11 @@ def finite_displacements(atoms, supercell=None, distance=None):
     Parameters
     ----------
     atoms : ase.Atoms
-        One periodic cell with its MagneticRepulsion; the calculator's reference is displaced.
+        One periodic cell with its MagneticRepulsion or AllNeighbours; the calculator's reference is displaced.
     supercell : three ints, optional
         Number of cells along each lattice vector, 1 along those that are not periodic.  By default the smallest
-        in which no bond spans half of the supercell.
+        in which no bond spans half of the supercell.  Of AllNeighbours no supercell is large enough: the bands are then
+        right at the wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
         Displacement in mm, to both sides; by default 1e-5 of the shortest bond, where bands are good to 1e-9 of the
         highest frequency (see `DISTANCE` and `displacement_errors`).  From 1e-12 to 0.1 of the shortest bond.
@@ -56,7 +58,7 @@ def finite_displacements(atoms, supercell=None, distance=None):
     Raises
     ------
     ValueError
-        For atoms that are not one periodic cell with a MagneticRepulsion or hold constraints, a supercell in which
+        For atoms that are not one periodic cell with such a calculator or hold constraints, a supercell in which
         two bonds join the same two particles or which repeats a direction that is not periodic, an impossible distance.
     """
     from phonopy import Phonopy
@@ -85,10 +87,10 @@ def finite_displacements(atoms, supercell=None, distance=None):
 
 
 def _cell_calculator(atoms):
-    repulsion_of(atoms).displacements(atoms)  # refuses atoms that are not those of the reference
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic, it has no bands; displace the unit cell from which it was made')
     calc = cell_of_free_particles(atoms)
+    calc.displacements(atoms)  # refuses atoms that are not those of the reference
     if 'X' in atoms.symbols:
         raise ValueError(f"phonopy refuses the symbol 'X' of particle {atoms.symbols.search('X')[0]}; "
                          "name an element, atoms.symbols = 'Nd', and set the masses again")
@@ -112,6 +114,8 @@ def _checked_supercell(calc, supercell):
     if (supercell[~pbc] > 1).any():
         raise ValueError(f'the supercell {_ints(supercell)} repeats a direction that is not periodic; '
                          f'give supercell={_ints(np.where(pbc, supercell, 1))}')
+    if isinstance(calc, AllNeighbours):
+        return supercell
     # phonopy lays the force constant between two particles on their shortest connection: that is the bond only if
     # every other image of its end is farther away.
     vectors = minkowski_reduce(calc.reference.cell.array * supercell[:, None], pbc)[0][pbc]
