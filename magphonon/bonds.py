@@ -19,6 +19,9 @@ from .errors import positive, whole
 SHELL_WIDTH = 1e-6
 """Distances that differ by less than this fraction belong to one shell of neighbours."""
 
+SCATTER = 0.1
+"""Particles without a bond, while the next distance is longer by less than this fraction, betray positions that scatter."""
+
 
 @dataclass(frozen=True)
 class Bonds:
@@ -96,19 +99,22 @@ def find_bonds(atoms, shells=1, cutoff=None):
     ------
     ValueError
         If particles coincide, none lies within reach, or the cutoff falls on a shell of neighbours, where the
-        smallest displacement would make and break bonds and corrupt every finite difference.
+        smallest displacement would make and break bonds and corrupt every finite difference.  If the positions know no
+        shells: measured ones scatter, each distance is then a shell of its own, and particles would stay without bonds.
     """
     if cutoff is None:
         cutoff = _shell_cutoff(atoms, whole('shells', shells))
-    else:
-        cutoff = positive('cutoff', cutoff, 'mm')
-        distances = _distances(atoms, cutoff * (1 + 2 * SHELL_WIDTH))
-        if not len(distances):
-            raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it')
-        near = distances[np.argmin(abs(distances - cutoff))]
-        if abs(near - cutoff) <= SHELL_WIDTH * cutoff:
-            raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
-                             'move it between two shells, or give shells=')
+        bonds = bonds_within(atoms, cutoff)
+        _refuse_scatter(atoms, bonds)
+        return bonds
+    cutoff = positive('cutoff', cutoff, 'mm')
+    distances = _distances(atoms, cutoff * (1 + 2 * SHELL_WIDTH))
+    if not len(distances):
+        raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it')
+    near = distances[np.argmin(abs(distances - cutoff))]
+    if abs(near - cutoff) <= SHELL_WIDTH * cutoff:
+        raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
+                         'move it between two shells, or give shells=')
     return bonds_within(atoms, cutoff)
 
 
@@ -182,6 +188,19 @@ def _shell_cutoff(atoms, shells):
                 return reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
         reach = 1.5 * reach + 1e-6 * extent  # the sum: where particle 0 coincides with another, the reach starts from zero
+
+
+def _refuse_scatter(atoms, bonds):
+    """Refuse shells that leave particles without a bond although the next distance is hardly longer."""
+    alone, last = np.flatnonzero(bonds.coordination == 0), bonds.lengths.max(initial=0)
+    following = 2 * bonds.cutoff - last  # the cutoff is midway
+    if len(alone) and following < (1 + SCATTER) * last:
+        distances = _distances(atoms, 2 * last)
+        gap = np.argmax(np.diff(np.log(np.append(distances, 2 * last))))
+        between = np.append(distances, 2 * last)[gap : gap + 2].mean()
+        raise ValueError(f'the shells of neighbours end at {last:.6g} mm, the next distance is {following:.6g} mm, and '
+                         f'{len(alone)} particles such as {alone[0]} have no bond: the positions scatter, so that every distance '
+                         f'is a shell of its own; give a cutoff= between true shells ({between:.4g} mm lies in the widest gap)')
 
 
 def _refuse_coincident(i, j, lengths, scale):

@@ -1,5 +1,7 @@
 """Bonds against brute force: each pair once, whatever the cell, the shells, the order of the particles."""
 
+import re
+
 import numpy as np
 import pytest
 from ase import Atoms
@@ -9,6 +11,7 @@ from oracles import LATTICES, lattice, neighbour_vectors
 
 from magphonon import explicit_bonds, find_bonds
 from magphonon.bonds import bonds_within, repeat_bonds
+from magphonon.lattices import parallelogram
 
 # name: coordination and distance, in spacings, of the first three shells
 SHELLS = {
@@ -172,3 +175,21 @@ def test_incidence_matrix(name):
     # at q = 0 each row takes a difference: nothing of a translation is left
     assert not (bonds.incidence @ np.ones(bonds.particles)).any()
     assert bonds.incidence.dtype == float
+
+
+@pytest.mark.parametrize('scatter', [1e-4, 1e-2, 0.1, 0.5])
+@pytest.mark.parametrize('shells', [1, 3])
+def test_measured_positions_that_scatter_are_refused(scatter, shells):
+    """Each distance is then a shell of its own: one shell would be a single bond."""
+    patch = parallelogram(lattice('triangular'), 6, 5)
+    exact = find_bonds(patch)
+    patch.positions[:, :2] += np.random.default_rng(7).normal(0, scatter, (len(patch), 2))
+    with pytest.raises(ValueError, match='the positions scatter') as refusal:
+        find_bonds(patch, shells=shells)
+    advised = float(re.search(r'\(([\d.]+) mm lies', str(refusal.value)).group(1))
+    assert as_set(find_bonds(patch, cutoff=advised)) == as_set(exact)
+
+
+def test_a_pair_far_from_the_others_is_no_scatter():
+    pair_and_one = Atoms('Nd3', positions=[[0, 0, 0], [1, 0, 0], [2.5, 0, 0]])
+    assert len(find_bonds(pair_and_one)) == 1
