@@ -13,12 +13,14 @@ from ase.dft.kpoints import parse_path_string
 from pydantic import Field, ValidationError, model_validator
 
 from . import units as u
+from .burstplan import BurstPlan, VibrometerPlan
 from .calculator import MagneticRepulsion
 from .errors import one_of
 from .materials import AnyLattice, Foundation, Law, Oscillator
 from .patches import Patch
 from .plans import BandPlan, FrfPlan
 from .tables import Table, Text
+from .tolerances import Uncertainty
 
 FREQUENCIES_Hz = 1e-9, 1e12
 """Beyond these a unit or an exponent is wrong, and squares and powers soon leave the range of numbers."""
@@ -37,6 +39,9 @@ class Scene(Table):
     patch: Patch | None = None
     bands: BandPlan | None = None
     frf: FrfPlan | None = None
+    burst: BurstPlan | None = None
+    vibrometer: VibrometerPlan | None = None
+    uncertainty: Uncertainty | None = None
 
     @model_validator(mode='after')
     def _consistent(self):
@@ -47,6 +52,10 @@ class Scene(Table):
             self._check_bands()
         if self.frf is not None:
             self._check_frf()
+        if self.burst is not None and self.vibrometer is not None:
+            self.vibrometer.refuse_aliasing(self.burst.carriers_Hz)
+        if self.uncertainty is not None:
+            self.uncertainty.tolerances(self)
         return self
 
     @property

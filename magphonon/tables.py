@@ -59,6 +59,7 @@ Spacing = Annotated[float, BeforeValidator(_spacing)]
 Text = Annotated[str, BeforeValidator(_text)]
 Numbers = Annotated[tuple[Positive, ...], BeforeValidator(_list)]
 Counts = Annotated[tuple[Count, ...], BeforeValidator(_list)]
+Angles = Annotated[tuple[Number, ...], BeforeValidator(_list)]
 
 
 class Table(BaseModel):

@@ -1,0 +1,75 @@
+"""Tone bursts as a table of a scene file, and the vibrometer that sees them, in SI."""
+
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from . import units as u
+from .errors import one_of
+from .sites import SOURCES
+from .tables import Angles, NotNegative, Numbers, Positive, Table
+
+SPECTRUM_END = 1.4
+"""The spectrum of a Hann-windowed burst of five cycles ends at this multiple of its carrier."""
+
+
+class BurstPlan(Table):
+    """Bursts through the patch, one after the other, each from rest."""
+
+    source: Annotated[str, BeforeValidator(partial(one_of, '', choices=SOURCES))] = Field(
+        description="'row' or 'point', which is where it enters at the lower edge of the patch")
+    carriers_Hz: Numbers = Field(description='the carrier frequency of each burst in Hz')
+    directions_deg: Angles = Field(description='the direction of the force of each burst in degrees from the x axis')
+    cycles: Positive = Field(description='the number of carrier periods in a burst')
+    force_N: Positive = Field(description='the largest force on a particle in N')
+    damping_ratio: NotNegative = Field(description='the damping, as a share of critical at the carrier')
+    duration_s: Positive = Field(description='the length of the record in s')
+
+    @model_validator(mode='after')
+    def _belong_together(self):
+        if not self.carriers_Hz:
+            raise ValueError('.carriers_Hz names no burst; give at least one carrier')
+        if len(self.directions_deg) != len(self.carriers_Hz):
+            raise ValueError(f'.directions_deg must hold a direction for each of the {len(self.carriers_Hz)} carriers, '
+                             f'not {list(self.directions_deg)}')
+        longest = self.cycles / min(self.carriers_Hz)
+        if not self.duration_s > longest:
+            raise ValueError(f'.duration_s must be longer than the longest burst, {longest:.6g} s, not {self.duration_s!r}')
+        return self
+
+    @property
+    def names(self):
+        """Of the bursts, for people and files."""
+        return [f'{f:.6g}Hz_{angle:.6g}deg' for f, angle in zip(self.carriers_Hz, self.directions_deg, strict=True)]
+
+    def send(self, k, cell, patch):
+        """Send burst number k through a patch; returns its Site and Passage."""
+        from .bursts import send
+        from .sites import site
+
+        omega, angle = 2 * np.pi * self.carriers_Hz[k] * u.Hz, self.directions_deg[k] * u.deg
+        where = site(cell, patch, self.source)
+        drive = where.burst((np.cos(angle), np.sin(angle)), self.force_N * u.N, omega, self.cycles)
+        return where, send(patch, where, drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
+
+
+class VibrometerPlan(Table):
+    """How the row is measured."""
+
+    sampling_rate_Hz: Positive = Field(description='the sampling rate in Hz')
+    noise_m: NotNegative = Field(description='the standard deviation of each sample in m')
+
+    def measure(self, row, seed=0):
+        """The Displacements of a row as the vibrometer sees them; `seed` of its noise."""
+        from .vibrometer import measure
+
+        return measure(row.t, row.u, row.particles, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)
+
+    def refuse_aliasing(self, carriers_Hz):
+        """Raise ValueError if the sampling folds the spectrum of a burst."""
+        least = 2 * SPECTRUM_END * max(carriers_Hz)
+        if self.sampling_rate_Hz < least:
+            raise ValueError(f'vibrometer.sampling_rate_Hz must be at least {least:.6g}, twice the end of the spectrum of the '
+                             f'highest burst, not {self.sampling_rate_Hz!r}')
