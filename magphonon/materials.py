@@ -4,7 +4,6 @@ This is the border: fields are in SI, what the methods return is in mm, g and ms
 """
 
 import csv
-from functools import partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -14,15 +13,28 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import lattices
 from . import units as u
-from .errors import not_negative, one_of
+from .errors import not_negative, one_of, whole
 from .magnettables import Datasheet
-from .potentials import InversePower, Tabulated, Yukawa
-from .tables import Count, NotNegative, Numbers, Positive, Spacing, Table, Text
+from .potentials import Hertz, InversePower, Tabulated, Yukawa
+from .tables import NotNegative, Numbers, Positive, Spacing, Table, Text
 
-LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
+LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc')
 KINDS = (*LATTICES, 'oscillator')
 
-Shells = Annotated[Count, Field(description='the number of shells of neighbours that interact')]
+ALL = 'all'
+
+
+def _shells(value):
+    if value == ALL:
+        return value
+    try:
+        return whole('', value)
+    except ValueError as error:
+        raise ValueError(f"{error}, or '{ALL}' for all neighbours") from None
+
+
+Shells = Annotated[int | Literal[ALL], BeforeValidator(_shells),
+                   Field(description=f"the number of shells of neighbours that interact, or '{ALL}'")]
 
 
 class Lattice(Table):
@@ -82,6 +94,13 @@ def _known_lattice(table):
 AnyLattice = Annotated[Lattice | Oscillator, Field(discriminator='kind'), BeforeValidator(_known_lattice)]
 
 
+def _poisson_ratio(value):
+    ratio = not_negative('', value)
+    if ratio > 0.5:
+        raise ValueError(f' must lie between 0 and 0.5, not {value!r}')
+    return ratio
+
+
 class InversePowerLaw(Table):
     """Force `b r^-a`."""
 
@@ -105,6 +124,17 @@ class DipoleLaw(Table):
         return InversePower.dipoles(self.moment_A_m2 * u.A * u.m**2)
 
 
+class CoulombLaw(Table):
+    """Equal point charges."""
+
+    kind: Literal['coulomb']
+    charge_C: Positive = Field(description='the charge of a particle in C')
+    shells: Shells
+
+    def potential(self):
+        return InversePower.coulomb(self.charge_C * u.A * u.s)
+
+
 class YukawaLaw(Table):
     """Energy `strength/r exp(-r/screening length)`."""
 
@@ -115,6 +145,19 @@ class YukawaLaw(Table):
 
     def potential(self):
         return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
+
+
+class HertzLaw(Table):
+    """Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter."""
+
+    kind: Literal['hertz']
+    diameter_m: Positive = Field(description='the diameter of the spheres in m')
+    youngs_modulus_Pa: Positive = Field(description="Young's modulus of the spheres in Pa")
+    poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio)] = Field(description="Poisson's ratio of the spheres")
+    shells: Shells
+
+    def potential(self):
+        return Hertz.spheres(self.diameter_m * u.m, self.youngs_modulus_Pa * u.Pa, self.poisson_ratio)
 
 
 class TableLaw(Table):
@@ -172,7 +215,8 @@ def _read_columns(folder, name):
                      'it needs the header r_m,f_N and two columns of numbers, beside the scene')
 
 
-LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'yukawa': YukawaLaw, 'table': TableLaw, 'magnets': MagnetsLaw}
+LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'coulomb': CoulombLaw, 'yukawa': YukawaLaw, 'hertz': HertzLaw,
+        'table': TableLaw, 'magnets': MagnetsLaw}
 
 
 def _known_law(table):
@@ -182,7 +226,7 @@ def _known_law(table):
     return table
 
 
-Law = Annotated[InversePowerLaw | DipoleLaw | YukawaLaw | TableLaw | MagnetsLaw,
+Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw | TableLaw | MagnetsLaw,
                 Field(discriminator='kind'), BeforeValidator(_known_law)]
 
 

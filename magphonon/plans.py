@@ -36,7 +36,7 @@ class Pick(Table):
         if distance[particle] > patch.calc.bonds.lengths.min():
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if patch.get_tags()[particle] == RIM:
-            raise ValueError(f'.at_m = {list(self.at_m)} names the particle at [{x:.6g}, {y:.6g}], which the rim holds; go inside')
+            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; go inside')
         return particle, np.array([np.cos(angle), np.sin(angle), 0])
 
 
@@ -60,3 +60,8 @@ class FrfPlan(Table):
     def omega(self):
         """Angular frequencies in rad/ms."""
         return 2 * np.pi * np.linspace(self.from_Hz, self.to_Hz, self.points) * u.Hz
+
+    @property
+    def damping(self):
+        """In 1/ms."""
+        return self.damping_per_s / u.s

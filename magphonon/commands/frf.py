@@ -1,0 +1,75 @@
+"""`magphonon frf SCENE.toml -o DIR`: displacement per harmonic force over frequency, of the oscillator or in a patch."""
+
+HELP = 'frequency response of the oscillator or of a patch'
+SHOWN = 12
+"""Peaks on the terminal, the highest; the table holds the whole curve."""
+MANY = 3000
+"""Free directions above which the natural frequencies, a dense eigenvalue problem, are left out: some ten seconds."""
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene oscillator" prints one to start from')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for the picture and data')
+
+
+def run(options):
+    import numpy as np
+
+    from ..files import whole_directory
+    from ..frf import natural_frequencies, receptance
+    from ..lattices import RIM
+    from ..responseplots import plot_response
+    from ..scenes import read_scene
+
+    scene = read_scene(options.scene)
+    plan, axes, lines = scene.wanted('frf'), None, [scene.title]
+    with whole_directory(options.output) as folder:
+        responses = {}
+        for model, style in (('complete', '-'), ('conventional', '--')):
+            atoms, source, answer = scene.shaken(model)
+            responses[model] = receptance(atoms, source, answer, plan.omega, plan.damping)
+            responses[model].save(folder / f'frf_{model}.npz')
+            natural = natural_frequencies(atoms) if 2 * np.sum(atoms.get_tags() != RIM) <= MANY else np.empty(0)
+            axes = plot_response(responses[model], natural, axes, label=model, linestyle=style)
+            lines += _report(model, responses[model], natural)
+        _write_table(folder / 'frf.csv', responses)
+        axes[0].figure.suptitle(scene.title, fontsize='medium')
+        axes[0].figure.savefig(folder / 'frf.png')
+    print('\n'.join(lines))
+    print(f'picture and data are in {options.output}')
+
+
+def _write_table(file, responses):
+    """One row for each frequency: amplitude and phase by each model."""
+    import numpy as np
+
+    from .. import units
+
+    names, columns = ['frequency_Hz'], [responses['complete'].omega / (2 * np.pi) / units.Hz]
+    for model, result in responses.items():
+        names += [f'{model}_amplitude_m_per_N', f'{model}_phase_deg']
+        columns += [abs(result.response) / (units.m / units.N), np.degrees(np.angle(result.response))]
+    np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
+
+
+def _report(model, result, natural):
+    """What the terminal shows of a model: natural frequencies, what grows, and the highest peaks."""
+    import numpy as np
+    from scipy.signal import find_peaks
+
+    from .. import units
+
+    f, amplitude = result.omega / (2 * np.pi) / units.Hz, abs(result.response) / (units.m / units.N)
+    lines = ['', model]
+    stable = natural[natural >= 0] / (2 * np.pi) / units.Hz
+    if len(stable):
+        ends = f'{stable[0]:.6g} Hz' if len(stable) == 1 else f'{len(stable)} from {stable[0]:.6g} to {stable[-1]:.6g} Hz'
+        lines.append(f'  natural frequencies: {ends}')
+    if len(stable) < len(natural):
+        lines.append(f'  UNSTABLE: {len(natural) - len(stable)} vibrations grow by themselves, the fastest at '
+                     f'{-natural[0] / (1 / units.s):.4g} 1/s; no steady response will be seen')
+    peaks, _ = find_peaks(amplitude)
+    highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN:]])
+    lines.append(f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
+                 + (f'; the {SHOWN} highest:' if len(peaks) > SHOWN else ':'))
+    return lines + [f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest]
