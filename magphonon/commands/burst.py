@@ -1,0 +1,116 @@
+"""`magphonon burst SCENE.toml -o DIR`: tone bursts through the patch of a scene, in both models, over its bands."""
+
+HELP = 'tone bursts through the patch of a scene, in both models, over its bands'
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst], as in "magphonon scene ideal"')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
+
+
+def run(options):
+    from tqdm import tqdm
+
+    from ..files import whole_directory
+    from ..scenes import read_scene
+    from ..waves import MODELS, report, waves, write_ridges
+
+    scene = read_scene(options.scene)
+    plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
+    with whole_directory(options.output) as folder:
+        records = {}
+        for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
+            passages = {model: _send(scene, k, cell, model) for model in MODELS}
+            found = {model: waves(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
+            _save(folder, name, passages, found)
+            _draw(folder, name, passages, found)
+            if options.animation:
+                _animate(folder, name, passages)
+            records |= {f'{name}_{model}': found[model] for model in MODELS}
+        _write_row(folder / 'row.csv', *passages['complete'][:2])
+        write_ridges(folder / 'ridges.csv', records)
+        text = '\n'.join([scene.title, '', report(records), *_decays(plan, cell, records)])
+        (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
+    print(text)
+    print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
+
+
+def _send(scene, k, cell, model):
+    """Patch, site and passage of burst number k in one model; the row as the vibrometer of the scene sees it."""
+    from dataclasses import replace
+
+    patch = scene.patch_atoms(model)
+    site, passage = scene.burst.send(k, cell, patch)
+    if scene.vibrometer is not None:
+        passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
+    return patch, site, passage
+
+
+def _save(folder, name, passages, found):
+    from ..vibrometer import write_displacements
+
+    for model, (_, _, passage) in passages.items():
+        write_displacements(folder / f'{name}_{model}.csv', passage.row)
+        for wave in found[model]:
+            wave.spectrum.save(folder / f'{name}_{model}_{wave.motion}.npz')
+
+
+def _write_row(file, patch, site):
+    """Which particles are measured, and where they rest."""
+    import numpy as np
+
+    from .. import units
+
+    columns = np.arange(len(site.row)), site.row, *patch.calc.reference.positions[site.row, :2].T / units.m
+    np.savetxt(file, np.transpose(columns), fmt=('%d', '%d', '%.15g', '%.15g'), delimiter=',', header='step,particle,x_m,y_m',
+               comments='')
+
+
+def _draw(folder, name, passages, found):
+    """The maps of both simulations side by side, and both patches when the wave has reached the middle of the row."""
+    from ..waveplots import crossing, panels, plot_snapshot, plot_wave
+
+    motions = list(dict.fromkeys(wave.motion for waves in found.values() for wave in waves))
+    figure, axes = panels(len(motions), 2)
+    for column, (model, waves) in enumerate(found.items()):
+        for row, motion in enumerate(motions):
+            wave = next((wave for wave in waves if wave.motion == motion), None)
+            if wave is None:
+                axes[row, column].set_axis_off()
+                continue
+            plot_wave(wave, axes[row, column]).get_legend().set_title(f'{model} simulation, {motion} motion')
+    figure.savefig(folder / f'{name}_maps.png', bbox_inches='tight')
+
+    figure, axes = panels(1, 2)
+    for ax, (patch, site, passage) in zip(axes[0], passages.values(), strict=True):
+        plot_snapshot(patch, passage.field, crossing(passage), site, ax)
+    figure.savefig(folder / f'{name}_snapshot.png', bbox_inches='tight')
+
+
+def _animate(folder, name, passages):
+    from ..waveplots import save_animation
+
+    for model, (patch, site, passage) in passages.items():
+        save_animation(folder / f'{name}_{model}.gif', patch, passage.field, site)
+
+
+def _decays(plan, cell, records):
+    """For bursts that none of the bands carries: how far they reach."""
+    import numpy as np
+
+    from .. import units
+    from ..evanescent import complex_bands
+    from ..sites import wavevector
+    from ..waves import MODELS
+
+    lines = []
+    for name, carrier in zip(plan.names, plan.carriers_Hz, strict=True):
+        for model in MODELS:
+            if not any(wave.ridge for wave in records[f'{name}_{model}']):
+                omega = 2 * np.pi * carrier * units.Hz
+                reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
+                if np.isfinite(reach):
+                    lines.append(f'{name}_{model}: no band carries {carrier:g} Hz along R2; its slowest wave falls to 1/e '
+                                 f'in {reach:.3g} steps')
+    return ['', *lines] if lines else []
