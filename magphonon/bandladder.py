@@ -1,0 +1,158 @@
+"""The ladder for bands: which model and how many shells of neighbours a band diagram, or one band edge, needs.
+
+The rungs are compared at a few wavevectors: the special points of the path and some between them, most of them near the
+points, where long-ranged forces show.  Neighbours are summed to a reach; beyond it they are a continuum, whose own
+motion averages out within a wavelength: what remains is the spring to a medium at rest, of rho particles per area,
+
+    sum over r > R of (phi'' + phi'/r)/2  ->  pi rho integral of (r phi')'  =  pi rho R f(R)
+
+The reach doubles until a rung with half of it meets the tolerance.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .bands import cell_of_free_particles
+from .bonds import Bonds, bonds_within
+from .ladder import EIGENSOLVE, Plan, Rung
+from .stiffness import bloch_matrix, bond_stiffness, mass_weighted, signed_root
+
+REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
+"""Neighbours summed for the richest rung, in spacings."""
+STEP = 1.2
+"""Ratio of the numbers of shells of two rungs, or one shell more."""
+LINE = 6
+"""Times farther on a line, where neighbours are few and no continuum is added."""
+FRACTIONS = (0, 0.03, 0.1, 0.25, 0.5, 0.75, 0.9, 0.97)
+"""Wavevectors looked at, as fractions of a leg of the path."""
+DOUBT = 0.15
+"""The error may be larger by this share between the wavevectors looked at."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One band edge: the frequency of a branch at a wavevector.
+
+    Attributes
+    ----------
+    name : str
+    q : ndarray, shape (3,)
+        In fractions of the reciprocal vectors.
+    branch : int
+        Counted from 0, the lowest.
+    """
+
+    name: str
+    q: np.ndarray
+    branch: int
+
+
+def plan_bands(atoms, path, tolerance, edge=None):
+    """Plan for the bands along a path, or for one edge of them.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.  Its own shells do not matter here: all particles repel each other.
+    path : ase.dft.kpoints.BandPath
+    tolerance : float
+        Of the frequencies: relative to the highest, or of an edge relative to itself.
+    edge : Edge, optional
+
+    Returns
+    -------
+    Plan
+        The settings of its rungs are `model` and `shells`.
+    """
+    plan = _plan_within(atoms, path, tolerance, edge, REACHES[0], 0.0)
+    for reach in REACHES[1:]:
+        good = [rung.settings['shells'] for rung in plan.rungs if rung.meets(tolerance)]
+        if good and 3 * good[0] <= plan.rungs[-1].settings['shells']:  # half the reach holds a quarter of the shells or more
+            break
+        plan = _plan_within(atoms, path, tolerance, edge, reach, plan.cost)
+    return plan
+
+
+def _plan_within(atoms, path, tolerance, edge, reach, spent):
+    """Plan with the neighbours within `reach` spacings; `spent` is what earlier estimates have cost."""
+    calc = cell_of_free_particles(atoms)
+    q = _looked_at(path) if edge is None else np.array([edge.q])
+    shells = neighbour_shells(atoms, reach)
+    parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.potential) for shell in shells]
+    D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
+                 for k in (0, 1))
+    counts = np.unique(np.floor(STEP ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(STEP)))).astype(int))
+    onsite = calc.parameters.foundation * np.eye(D0.shape[-1])
+    richest = D0[-1] + Dstar[-1] + _continuum(atoms, shells[-1].lengths.mean(), q)
+    matrices = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], richest[None]]) + onsite
+    omega = signed_root(np.linalg.eigvalsh(mass_weighted(matrices, atoms.get_masses())))
+    if edge is None:
+        error = abs(omega - omega[-1]).max(axis=(1, 2)) / omega[-1].max()
+    else:
+        error = abs(omega - omega[-1])[:, 0, edge.branch] / abs(omega[-1, 0, edge.branch])
+
+    waves, size = len(path.kpts) if edge is None else 1, D0.shape[-1]
+    bonds = np.cumsum([len(shell) for shell in shells])
+    rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'Bloch matrix at {waves} wavevector{"s"[: waves > 1]}',
+                  bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(e), DOUBT, {'model': model, 'shells': int(k)})
+             for model, k, e in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], error[:-1], strict=True)]
+    evidence = (f'compared at {len(q)} wavevector{"s"[: len(q) > 1]} with neighbours to {reach:.3g} spacings'
+                + (' and a continuum beyond' if atoms.pbc.sum() > 1 else ''))
+    quantity = f'the bands {path.path}, relative to the highest frequency' if edge is None else f'{edge.name}, relative to itself'
+    cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(matrices) * len(q) * EIGENSOLVE * size**3
+    return Plan(quantity, tolerance, tuple(rungs), (evidence,), spent + cost)
+
+
+def _neighbours(shells):
+    return 'nearest neighbours' if shells == 1 else f'{shells} shells'
+
+
+def bloch_cost(bonds, waves, size, dim, model):
+    """Multiplications of the bands of a cell: the stiffness of its bonds, then at each wavevector phases and an eigen-solve."""
+    stiffness = bonds * dim**2 * (2 if model == 'complete' else 1)
+    return stiffness + waves * (bonds * dim**2 + EIGENSOLVE * size**3)
+
+
+def _looked_at(path):
+    """Special points of the path and a few wavevectors between them, shape (wavevectors, 3)."""
+    x, stops, _ = path.get_linear_kpoint_axis()
+    stops = np.unique(stops)
+    wanted = np.append((stops[:-1, None] + np.diff(stops)[:, None] * FRACTIONS).ravel(), stops[-1])
+    return path.kpts[np.unique(abs(x - wanted[:, None]).argmin(axis=1))]
+
+
+def neighbour_shells(atoms, reach):
+    """The bonds of each shell of neighbours within `reach` spacings, as far as the law knows them, a list of Bonds."""
+    calc = cell_of_free_particles(atoms)
+    spacing = calc.bonds.lengths.min()
+    every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else LINE * reach) * spacing)
+    order = np.argsort(every.lengths, kind='stable')
+    ends = np.flatnonzero(np.diff(every.lengths[order]) > 1e-6 * spacing) + 1
+    shells = [Bonds(every.i[s], every.j[s], every.shift[s], every.vectors[s], every.particles) for s in np.split(order, ends)]
+    return shells[: _known(calc.potential, [shell.lengths.mean() for shell in shells])]
+
+
+def _known(potential, distances):
+    """Number of `distances` that the law knows: a measured table ends somewhere."""
+    for k, r in enumerate(distances):
+        try:
+            potential.dphi(r)
+        except ValueError:
+            return k
+    return len(distances)
+
+
+def _continuum(atoms, R, q):
+    """Springs to the neighbours beyond R, shape (wavevectors, size, size); at q = 0 these move along."""
+    calc, plane = atoms.calc, atoms.cell.array[atoms.pbc]
+    n, d = len(atoms), len(plane)
+    if d == 1:
+        return np.zeros((len(q), 1, 1))
+    rho = n / np.sqrt(np.linalg.det(plane @ plane.T))
+    try:
+        spring = {2: np.pi * R, 3: 4 * np.pi / 3 * R**2}[d] * rho * -calc.potential.dphi(R)
+    except ValueError:  # beyond a measured table
+        spring = 0.0
+    along = np.kron(np.full((n, n), 1 / n), np.eye(d))
+    return spring * (np.eye(n * d) - np.all(abs(q) < 1e-9, axis=1)[:, None, None] * along)

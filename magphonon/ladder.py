@@ -1,0 +1,95 @@
+"""No more model than a scene needs: rungs of modelling, each with its price and its error in what the scene asks for.
+
+    conventional linear    D0: frozen bond directions
+    complete linear        D0 + D*: the static forces turn with the bonds
+    more shells            up to all neighbours, in infinite lattices
+    nonlinear              the law itself, in time steps
+
+The error of a rung is its difference from the richest one, in the quantity wanted: a band edge, the peak of a response,
+a waveform.  It is estimated, not run; the plan takes the cheapest rung whose error, with the doubt about it, meets
+the tolerance.
+
+Prices are counted in multiplications, which no machine changes.
+"""
+
+from dataclasses import dataclass
+
+LAW = 16
+"""Multiplications of one evaluation of the law, by its polynomial."""
+EIGENSOLVE = 10
+"""Multiplications of an eigen-solve over the cube of its size, vectors included."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A model, the cheapest method that answers by it, its price and its error.
+
+    Attributes
+    ----------
+    name : str
+    method : str
+    cost : float
+        In multiplications.
+    error : float
+        Estimated difference from the richest rung in the quantity wanted, relative as the plan says.
+    doubt : float
+        Relative uncertainty of this estimate.
+    settings : dict
+        What the run is told.
+    """
+
+    name: str
+    method: str
+    cost: float
+    error: float
+    doubt: float
+    settings: dict
+
+    def meets(self, tolerance):
+        """Whether the error is within the tolerance even at the upper end of the doubt."""
+        return self.error * (1 + self.doubt) <= tolerance
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The rungs for one quantity and the tolerance for it.
+
+    Attributes
+    ----------
+    quantity : str
+        What is wanted and in which measure its error is.
+    tolerance : float
+    rungs : tuple of Rung
+        From poor to rich.
+    evidence : tuple of str
+        Sentences that say where the estimates come from.
+    cost : float
+        Of the estimate itself, in multiplications.
+    """
+
+    quantity: str
+    tolerance: float
+    rungs: tuple
+    evidence: tuple
+    cost: float
+
+    @property
+    def choice(self):
+        """The cheapest rung that meets the tolerance.
+
+        Raises
+        ------
+        ValueError
+            If none does.
+        """
+        good = [rung for rung in self.rungs if rung.meets(self.tolerance)]
+        if not good:
+            best = min(self.rungs, key=lambda rung: rung.error)
+            raise ValueError(f'no model here meets the tolerance of {self.tolerance:g} for {self.quantity}: '
+                             f'the best, {best.name}, is off by {best.error:.1e}; allow more')
+        return min(good, key=lambda rung: rung.cost)
+
+
+def force_cost(dim):
+    """Multiplications of the force of one bond, by the law itself: it and the change of length, there and back."""
+    return LAW + 4 * dim

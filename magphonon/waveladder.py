@@ -1,0 +1,172 @@
+"""The ladder for waveforms: whether the passage of a burst needs D*, and whether it needs the law itself, in time steps.
+
+The exact linear answers tell what D* does, and the largest strain s of a bond bounds what the linear law leaves out:
+its next term is (a + 1) s/2 of it, for a force that falls as r^-a.  Only where this bound does not decide, a pilot runs with
+long time steps: the burst in full and as a whisper, 1e-6 of it, which is linear.  Their difference is what nonlinearity
+does, freed of what the steps do, which is the difference of the whisper from the exact linear answer and falls with the
+square of the step.
+
+Where a whole row of particles is driven all this happens in a strip one cell wide.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from ase.constraints import FixAtoms
+
+from .bands import repulsion_of
+from .calculator import MagneticRepulsion
+from .dynamics import DrivenVerlet
+from .ladder import Plan, Rung, force_cost
+from .lattices import RIM
+from .linear import reduced
+from .propagation import propagate
+from .recorder import Recorder
+from .stiffness import MODELS
+from .timestep import highest_frequency
+
+PILOT_STEP = 0.25
+"""Time step of the pilot as a share of the limit 2/omega_max."""
+LINEAR = 1e-7
+"""Tolerance of the exact linear answers."""
+LONGEST_STEP = 0.5
+"""The same for runs; beyond it the error grows faster than its square."""
+WHISPER = 1e-6
+"""Of the burst: linear to six digits, and far above round-off."""
+CAUTION = 5
+"""Of the bound: harmonics build up on the way, by a factor of 2 or less in all bursts tried."""
+SHARE = 0.6
+"""Of the tolerance that time steps may use up."""
+FRAMES = 12
+"""Moments compared in each period of the carrier."""
+DOUBT = 0.04
+"""Relative uncertainty of the pilot for its own structure: what long steps do to a nonlinear difference, 3 % at most in the
+bursts tried; a quarter with half the step."""
+HALVINGS = 3
+"""Most repetitions of the pilot with half the step, where tolerance and estimate are too close to call."""
+
+
+def strip(cell, rows):
+    """A strip one cell wide and periodic along R1, `rows` cells along R2; the first and the last are held.
+
+    What moves alike along R1, as a wave from a whole row of sources, moves here as in the lattice.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        Planar, with its MagneticRepulsion.
+    rows : int
+
+    Returns
+    -------
+    ase.Atoms
+        With its MagneticRepulsion.
+    """
+    calc = repulsion_of(cell)
+    atoms = cell.repeat((1, rows, 1))
+    atoms.pbc = True, False, False
+    row = np.repeat(np.arange(rows), len(cell))
+    atoms.set_tags(np.where((row == 0) | (row == rows - 1), RIM, 0))
+    atoms.set_constraint(FixAtoms(mask=atoms.get_tags() == RIM))
+    atoms.calc = MagneticRepulsion(atoms, calc.potential, cutoff=calc.bonds.cutoff, **calc.parameters)
+    return atoms
+
+
+def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, doubt=0.0):
+    """Plan for the displacements that a burst leaves along a row.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        The pilot: what is to be run, or a `strip` of it; with MagneticRepulsion.
+    drive : ToneBurst
+    row : ndarray of int
+        Particles measured.
+    damping : float
+        gamma in 1/ms.
+    duration : float
+        In ms.
+    tolerance : float
+        Of the displacements, rms over the row and the record, relative to their rms.
+    copies : float
+        How many times larger than the pilot the scene is.
+    doubt : float
+        Of what the pilot says about the scene, where they differ.
+
+    Returns
+    -------
+    Plan
+        The settings of its rungs are `model` and, where time is stepped, `dt` in ms.
+    """
+    calc = repulsion_of(atoms)
+    top = highest_frequency(atoms)
+    dt = PILOT_STEP * 2 / top
+    interval = max(1, int(2 * np.pi / drive.omega / FRAMES / dt))
+    steps = int(duration / dt)
+    times = dt * np.arange(interval, steps + 1, interval)
+    linear = {model: propagate(as_model(atoms, model), times, [drive], damping, tolerance=LINEAR) for model in MODELS}
+    exact = linear['complete'].displacements
+    frozen = difference(linear['conventional'].displacements[:, row], exact[:, row])
+    nonlinear = CAUTION * steepness(calc) / 2 * _strain(calc, exact)
+    stepping = drive.omega**3 * dt**2 * duration / 24  # the frequency w of a wave is wrong by w (w dt)^2/24
+    price = len(calc.bonds) * force_cost(calc.dim)
+    evidence = [f'D* moves the waveform by {frozen:.1e}',
+                f'by the largest strain of a bond, nonlinearity moves it by less than {nonlinear:.1e}']
+    cost = sum(answer.products for answer in linear.values()) * reduced(atoms).K.nnz
+    own_doubt = 0.0  # of a bound
+    if nonlinear > tolerance:
+        for halvings in range(HALVINGS + 1):
+            fine, own_doubt = 2**halvings, DOUBT / 4**halvings
+            loud, soft = (_stepped(atoms, replace(drive, amplitude=share * drive.amplitude), row, damping, dt / fine,
+                                   interval * fine, steps * fine) / share for share in (1, WHISPER))
+            nonlinear, stepping = difference(loud, soft), difference(soft, exact[:, row]) * fine**2
+            cost += 2 * steps * fine * price
+            if abs(nonlinear / tolerance - 1) > 2 * own_doubt or doubt > own_doubt:
+                break
+        evidence[1] = (f'nonlinearity moves it by {nonlinear:.1e}, seen in a pilot of {len(atoms)} particles and {steps * fine} '
+                       f'steps, which alone cost {stepping / fine**2:.1e}')
+    doubt += own_doubt
+
+    rungs = []
+    for model, error in (('conventional', frozen + nonlinear), ('complete', nonlinear)):
+        products, entries = linear[model].products, reduced(as_model(atoms, model)).K.nnz
+        rungs.append(Rung(f'{model} linear', f'exact propagation, {products} products with the stiffness',
+                          copies * products * entries, error, doubt, {'model': model}))
+    dt_run = min(dt * np.sqrt(SHARE * tolerance / stepping), LONGEST_STEP * 2 / top)
+    count = int(np.ceil(duration / dt_run))
+    rungs.append(Rung('nonlinear', f'velocity Verlet, {count} steps', copies * count * price,
+                      float(stepping * (dt_run / dt) ** 2), doubt, {'model': 'complete', 'dt': float(dt_run)}))
+    return Plan('the waveform, rms relative to its rms', tolerance, tuple(rungs), tuple(evidence), cost)
+
+
+def steepness(calc):
+    """How fast the stiffness of a nearest neighbour falls, -d log phi''/d log r: a + 1 for a force r^-a."""
+    r = calc.bonds.lengths.min()
+    near, far = calc.potential.d2phi(np.array([1 - 1e-4, 1 + 1e-4]) * r)
+    return float(np.log(near / far) / 2e-4)
+
+
+def _strain(calc, u):
+    """Largest stretch or turn of a bond, relative to its length; `u` of shape (times, particles, dim)."""
+    bonds = calc.bonds
+    return float((np.linalg.norm(u[:, bonds.j] - u[:, bonds.i], axis=2) / bonds.lengths).max())
+
+
+def as_model(atoms, model):
+    """The same structure under another model."""
+    other, calc = atoms.copy(), repulsion_of(atoms)
+    other.calc = MagneticRepulsion(calc.reference, calc.potential, bonds=calc.bonds, **dict(calc.parameters) | {'model': model})
+    return other
+
+
+def _stepped(atoms, drive, row, damping, dt, interval, steps):
+    """Displacements of a row, every `interval` steps from rest."""
+    dyn = DrivenVerlet(as_model(atoms, 'complete'), dt, [drive], damping, engine='numpy')
+    record = Recorder(dyn, row, interval)
+    dyn.run(steps)
+    return record.displacements[1:]
+
+
+def difference(u, exact):
+    """Root mean square of the difference over that of the exact displacements."""
+    return float(np.linalg.norm(u - exact) / np.linalg.norm(exact))
