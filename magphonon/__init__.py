@@ -41,11 +41,14 @@ _HOME = {
     'Harmonic': 'drives',
     'ToneBurst': 'drives',
     'Recorder': 'recorder',
+    'modes': 'linear',
+    'frequency_response': 'linear',
+    'propagate': 'propagation',
     'read_scene': 'scenes',
     'ready_scene': 'scenes',
 }
 _MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'drives', 'dynamics',
-            'accuracy', 'plotting', 'scenes')
+            'linear', 'accuracy', 'plotting', 'scenes')
 
 __all__ = sorted([*_HOME, *_MODULES])
 

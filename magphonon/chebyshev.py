@@ -1,0 +1,104 @@
+"""Functions of a large symmetric matrix, applied to vectors by products with the matrix alone.
+
+On an interval that holds the spectrum of K, a smooth function is a Chebyshev series,
+
+    f(K) s = sum_n c_n T_n(X) s        X = (K - centre)/radius        T_{n+1} = 2 X T_n - T_{n-1}
+
+The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of
+a response.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, sparse
+
+BLOCK = 16
+"""Vectors handed over at a time."""
+GROWN = 2.0
+"""|T_n s| never exceeds |s| if the spectrum lies in the interval; outside, it grows exponentially with n."""
+MARGIN = 1e-3
+"""By which a negative end of the spectrum is moved out, of its own size: Lanczos finds it from inside."""
+
+
+class Outside(ArithmeticError):
+    """The vectors grow: they hold modes outside the interval."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Where the spectrum lies."""
+
+    lowest: float
+    highest: float
+
+    @property
+    def centre(self):
+        """Middle of the interval."""
+        return (self.highest + self.lowest) / 2
+
+    @property
+    def radius(self):
+        """Half its length."""
+        return (self.highest - self.lowest) / 2
+
+    def nodes(self, count):
+        """Chebyshev points of the interval, shape (count,)."""
+        return self.centre + self.radius * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+
+
+def stable_interval(K):
+    """From zero to a bound of the highest eigenvalue (the largest row sum), which holds the spectrum of a stable K."""
+    return Interval(0.0, float(abs(K).sum(axis=1).max()) or 1.0)
+
+
+def whole_interval(K):
+    """The same from the lowest eigenvalue of an unstable K, which takes Lanczos iterations."""
+    start = np.random.default_rng(0).normal(size=K.shape[0])  # the same interval every time
+    if K.shape[0] < 20:
+        lowest = np.linalg.eigvalsh(K.toarray())[0]
+    else:
+        lowest = sparse.linalg.eigsh(K, k=1, which='SA', v0=start, tol=MARGIN / 10, return_eigenvectors=False)[0]
+    return Interval(min(0.0, (1 + MARGIN) * lowest), stable_interval(K).highest)
+
+
+def coefficients(values):
+    """Chebyshev coefficients of functions given at the `nodes`, which are the last axis of `values`."""
+    c = fft.dct(values, type=2, axis=-1) / values.shape[-1]
+    c[..., 0] /= 2
+    return c
+
+
+def chebyshev_blocks(K, interval, s, rows):
+    """The vectors T_n(X) s, n = 0, 1, 2 ..., without end.
+
+    Parameters
+    ----------
+    K : sparse array, shape (size, size)
+    interval : Interval
+    s : ndarray, shape (size, ...)
+    rows : index
+        The entries that are wanted.
+
+    Yields
+    ------
+    ndarray, shape (BLOCK, rows, ...)
+
+    Raises
+    ------
+    Outside
+        If they grow.
+    """
+    X2 = sparse.csr_array((K - interval.centre * sparse.eye_array(K.shape[0])) * (2 / interval.radius))
+    length = np.linalg.norm(s, axis=0)
+    before, now = X2 @ s / 2, s  # T_{-1} = T_1
+    while True:
+        block = np.empty((BLOCK, *s[rows].shape), dtype=s.dtype)
+        for k in range(BLOCK):
+            block[k] = now[rows]
+            after = X2 @ now
+            after -= before
+            before, now = now, after
+        if not (np.linalg.norm(now, axis=0) <= GROWN * length).all():
+            raise Outside
+        yield block
