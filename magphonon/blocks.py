@@ -121,7 +121,7 @@ class Blocks:
         self.atoms, self.calc, self.dt = atoms, calc, dt
         self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
         mobile, guided, barred = freedom(atoms)
-        static = _static_forces(calc, Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms)))
+        static = static_forces(calc, Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms)))
         driven = np.flatnonzero(mobile & static.any(axis=1))
         driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
@@ -249,13 +249,14 @@ class Blocks:
         self._stale = bool(state['stale'])
 
 
-def _static_forces(calc, constant):
-    """Forces at rest of the bonds and of constant drives in N, shape (particles, 2); zero where they balance."""
-    bonds, R = calc.bonds, calc.bonds.vectors[:, :2]
+def static_forces(calc, constant):
+    """Forces at rest of the bonds and of constant drives in N, shape (particles, dim); zero where they balance."""
+    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
     r0 = np.linalg.norm(R, axis=1)
     pull = -(calc.potential.dphi(r0) / r0)[:, None] * R
-    total = np.zeros((bonds.particles, 2))
-    total[constant.particles] = _in_plane(constant.forces(np.zeros(1)))[0]
+    total = np.zeros((bonds.particles, calc.dim))
+    pushes = constant.forces(np.zeros(1))[0]
+    total[constant.particles] = _in_plane(pushes) if calc.dim == 2 else pushes
     size = abs(total).max(axis=1)
     for end, sign in ((bonds.j, 1), (bonds.i, -1)):
         total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)

@@ -1,4 +1,4 @@
-"""The longest stable time step of velocity Verlet, 2/omega_max."""
+"""The longest stable time step of velocity Verlet, 2/omega_max, and the directions in which particles are free."""
 
 import numpy as np
 from scipy import sparse
@@ -6,6 +6,9 @@ from scipy import sparse
 from .blocks import freedom
 from .calculator import MagneticRepulsion
 from .stiffness import hessian, model_stiffness
+
+DENSE = 200
+"""Matrices up to this size are diagonalised whole."""
 
 
 def refuse_unstable(atoms, dt):
@@ -30,22 +33,43 @@ def highest_frequency(atoms, dt=np.inf):
     """
     calc, masses = atoms.calc, atoms.get_masses()
     bonds, k = calc.bonds, calc.parameters.foundation
-    model = 'complete' if calc.parameters.model == 'complete' else 'conventional'
-    K = model_stiffness(bonds.vectors[:, : calc.dim], calc.potential, model)
-    try:
-        mobile, guided, barred = freedom(atoms)
-    except ValueError:  # constraints of another kind: what they hold is taken as free
-        mobile, guided, barred = np.ones(len(atoms), bool), [], []
+    K = model_stiffness(bonds.vectors[:, : calc.dim], calc.potential, linear_model(calc))
+    P = free_directions(atoms)
+    mobile = np.zeros(len(atoms), bool)
+    mobile[P.nonzero()[0] // calc.dim] = True
     bound = np.sqrt(_row_bound(bonds, K, k, masses)[mobile].max(initial=0.0))
     if bound * dt <= 2:
         return bound
-    blocks = np.zeros((len(atoms), calc.dim, calc.dim))
-    blocks[mobile] = np.eye(calc.dim)
+    free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, calc.dim))) @ P
+    return np.sqrt(max(_largest_eigenvalue(free.T @ hessian(bonds, K, k) @ free), 0.0))
+
+
+def linear_model(calc):
+    """The model whose Hessian is that of the calculator at rest: the literal forces are linearly the conventional ones."""
+    return 'complete' if calc.parameters.model == 'complete' else 'conventional'
+
+
+def free_directions(atoms):
+    """Orthonormal directions in which the constraints let particles move.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (particles * dim, free)
+        One direction of one particle in each column.  What constraints of another kind than FixAtoms, FixedLine and
+        FixedPlane hold is taken as free.
+    """
+    dim = atoms.calc.dim
+    try:
+        mobile, guided, barred = freedom(atoms)
+    except ValueError:
+        mobile, guided, barred = np.ones(len(atoms), bool), [], []
+    blocks = np.zeros((len(atoms), dim, dim))
+    blocks[mobile] = np.eye(dim)
     for particle, projector in zip(guided, barred, strict=True):
-        blocks[particle] -= projector
-    blocks /= np.sqrt(masses)[:, None, None]
-    free = sparse.bsr_array((blocks, np.arange(len(atoms)), np.arange(len(atoms) + 1)))
-    return np.sqrt(max(_largest_eigenvalue(free @ hessian(bonds, K, k) @ free), 0.0))
+        along = np.linalg.eigh(projector)[1][:, 0]  # what is not barred
+        blocks[particle] = [[along[0], 0], [along[1], 0]]
+    free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(len(atoms)), np.arange(len(atoms) + 1))))
+    return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
 
 def _row_bound(bonds, K, k, masses):
@@ -58,7 +82,7 @@ def _row_bound(bonds, K, k, masses):
 
 
 def _largest_eigenvalue(D):
-    if D.shape[0] < 200:
-        return np.linalg.eigvalsh(D.toarray())[-1]
+    if D.shape[0] < DENSE:
+        return np.linalg.eigvalsh(D.toarray()).max(initial=0.0)
     start = np.random.default_rng(0).normal(size=D.shape[0])  # the same verdict every time
     return sparse.linalg.eigsh(D, k=1, which='LA', v0=start, tol=1e-7, return_eigenvectors=False)[0]

@@ -1,0 +1,213 @@
+"""Buckling: the softest mode of a lattice, and what would hold it, a foundation or more room.
+
+The static forces of repelling particles push every bond to turn aside.  A structure on springs k is stable if every
+eigenvalue of its stiffness matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive;
+masses do not matter for that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from .bands import repulsion_of
+from .errors import whole
+from .stiffness import bloch_matrix, hessian, model_stiffness
+from .timestep import DENSE, free_directions
+
+ROUND_OFF = 1e-12
+"""Of the largest eigenvalue: what remains of a zero one."""
+
+SPACINGS = np.geomspace(0.1, 10, 21)
+"""Multiples of the present spacing among which a stable one is looked for."""
+
+
+@dataclass(frozen=True)
+class Softest:
+    """The ends of the spectrum of a stiffness matrix, or of squared frequencies.
+
+    Attributes
+    ----------
+    lowest, highest : float
+        Eigenvalues in N/mm, or in rad^2/ms^2 where masses enter.  Of a large structure `highest` is an upper bound.
+    q : ndarray, shape (3,)
+        Wavevector of the lowest one in fractions of the reciprocal vectors; zero for a finite structure.
+    """
+
+    lowest: float
+    highest: float
+    q: np.ndarray
+
+    @property
+    def needed(self):
+        """What must be added to the stiffness so that no eigenvalue is negative; zero if none is."""
+        return float(-self.lowest) if -self.lowest > ROUND_OFF * abs(self.highest) else 0.0
+
+
+def softest(bonds, K, free, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
+    """Softest mode: over the zone of a periodic cell, or of a finite or large structure as it is.
+
+    Parameters
+    ----------
+    bonds : Bonds
+    K : ndarray, shape (bonds, components, components)
+        Stiffness of each bond, N/mm.
+    free : sparse array, shape (particles * components, free)
+        What the constraints leave free, from `free_directions`.
+    pbc : three bools
+    foundation : float
+        N/mm.
+    masses : ndarray, shape (particles,), optional
+        In g; with them eigenvalues are squared frequencies.
+    steps : int, optional
+        Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.  By default 48
+        for one particle per cell and fewer for larger cells, whose zone is smaller.  The softest one found is refined.
+
+    Returns
+    -------
+    Softest
+    """
+    if masses is not None:
+        free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1]))) @ free
+    if not any(pbc) or free.shape[1] > DENSE:
+        return _softest_of_structure(free.T @ hessian(bonds, K, foundation) @ free)
+    P = free.toarray()
+
+    def eigenvalues(q):
+        return np.linalg.eigvalsh(P.T @ bloch_matrix(bonds, K, q, foundation) @ P)
+
+    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil(8 / np.sqrt(bonds.particles)))
+    q = np.stack(np.meshgrid(*(np.arange(steps if periodic else 1) / steps for periodic in pbc)), axis=-1).reshape(-1, 3)
+    spectrum = eigenvalues(q)
+    at, highest = spectrum[:, 0].argmin(), spectrum.max()
+    found = Softest(spectrum[at, 0], highest, q[at])
+    refined = _refine(lambda q: eigenvalues(q[None])[0, 0], found, np.array(pbc), 1 / steps) if found.needed else found
+    return refined if found.lowest - refined.lowest > 1e-9 * highest else found  # special points keep their round numbers
+
+
+def _refine(lowest_at, start, periodic, step):
+    from scipy.optimize import minimize
+
+    def at(x):
+        q = start.q.copy()
+        q[periodic] = x
+        return q
+
+    x = start.q[periodic]
+    simplex = np.concatenate([[x], x + step / 2 * np.eye(len(x))])
+    end = minimize(lambda x: lowest_at(at(x)), x, method='Nelder-Mead', options={'initial_simplex': simplex, 'fatol': 0})
+    return Softest(end.fun, start.highest, at(end.x))
+
+
+def _softest_of_structure(D):
+    if D.shape[0] <= DENSE:
+        spectrum = np.linalg.eigvalsh(D.toarray())
+        lowest, highest = (spectrum[0], spectrum[-1]) if len(spectrum) else (0.0, 0.0)
+    else:
+        highest = abs(D).sum(axis=1).max()  # Gershgorin
+        start = np.random.default_rng(0).normal(size=D.shape[0])  # the same verdict every time
+        # the error of the eigenvalue is the square of the tolerance
+        lowest = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=1e-4, return_eigenvectors=False)[0]
+    return Softest(float(lowest), float(highest), np.zeros(3))
+
+
+def softest_of(atoms, model='complete', scale=1.0, **options):
+    """`softest` in the plane of `atoms` with their MagneticRepulsion, whose bonds are stretched by the factor `scale`."""
+    calc = repulsion_of(atoms)
+    K = model_stiffness(scale * calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+    return softest(calc.bonds, K, free_directions(atoms), atoms.pbc, **options)
+
+
+def foundation_needed(atoms, model='complete', steps=None):
+    """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell, or a finite structure, with its MagneticRepulsion, whose own foundation does not enter.  What its
+        constraints hold stays where it is.
+    model : {'complete', 'conventional'}
+        The conventional model needs none for any lattice: it hides what this function is for.
+    steps : int, optional
+        Wavevectors along each reciprocal vector, see `softest`.
+
+    Returns
+    -------
+    k : float
+        In N/mm; zero if the lattice holds itself.
+    q : ndarray, shape (3,)
+        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+
+    Raises
+    ------
+    ValueError
+        For an unknown model, `steps` that is no whole number, or atoms without MagneticRepulsion.
+    """
+    found = softest_of(atoms, model, steps=steps)
+    return found.needed, found.q
+
+
+def spacing_held(atoms):
+    """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
+
+    All bonds are stretched alike.  The nearest change between holding and buckling is returned, from 0.1 to 10 times
+    the present spacing and where the law is known.
+
+    Returns
+    -------
+    float or None
+        Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow);
+        None if it holds, or buckles, at every spacing.
+    """
+    k = atoms.calc.parameters.foundation
+
+    def lacking(scale):
+        found = softest_of(atoms, scale=scale)
+        return -found.lowest - k - (ROUND_OFF * found.highest if found.needed <= 0 else 0)
+
+    from scipy.optimize import brentq
+
+    buckles = lacking(1.0) > 0
+    last = 1.0
+    for scale in SPACINGS[SPACINGS > 1] if buckles else SPACINGS[SPACINGS < 1][::-1]:
+        try:
+            if (lacking(scale) > 0) != buckles:
+                return brentq(lacking, last, scale, rtol=1e-9)
+        except ValueError:  # the end of a tabulated law
+            return None
+        last = scale
+    return None
+
+
+def support_needed(atoms, magnets=True):
+    """Stiffness out of the plane that the supports of planar particles must provide.
+
+    The energy of two rigid magnets obeys Laplace's equation.  For magnets normal to the plane and round it reads
+    `phi_zz + phi'' + phi'/r = 0`, so that each bond adds `k_zz = -(phi'' + phi'/r) = -(a - 1) f/r` to the stiffness out
+    of the plane, with the local exponent `a = -dln f/dln r`; a central energy phi(r) would add only `phi'/r = -f/r`.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        Planar, with its MagneticRepulsion.
+    magnets : bool
+        Magnets normal to the plane, or a central energy.
+
+    Returns
+    -------
+    wave : float
+        What every wave out of the plane needs to be stable, N/mm.
+    alone : float
+        What one particle that moves alone needs: the sum over its bonds, the largest of any particle.
+    """
+    calc = repulsion_of(atoms)
+    r = calc.bonds.lengths
+    per_bond = calc.potential.dphi(r) / r
+    if magnets:
+        per_bond = -(calc.potential.d2phi(r) + per_bond)
+    mobile = np.zeros(len(atoms), bool)
+    mobile[free_directions(atoms).nonzero()[0] // calc.dim] = True
+    free = sparse.csr_array(sparse.eye_array(len(atoms)))[:, np.flatnonzero(mobile)]
+    K = per_bond[:, None, None]
+    alone = sum(np.bincount(end, -per_bond, len(atoms)) for end in (calc.bonds.i, calc.bonds.j))
+    return softest(calc.bonds, K, free, atoms.pbc).needed, float(alone[mobile].max(initial=0.0))
