@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BeforeValidator, create_model
 
+from .materials import ALL
 from .sensitivities import Change, exponent_change, force_change, screening_change, spacing_change
 from .tables import Number, Positive, Table
 from .uncertainty import Tolerances
@@ -16,6 +17,7 @@ WHERE = {
     'b': ('law', 'b_N_m_a'),
     'a': ('law', 'a'),
     'moment': ('law', 'moment_A_m2'),
+    'charge': ('law', 'charge_C'),
     'strength': ('law', 'strength_J_m'),
     'screening_length': ('law', 'screening_length_m'),
     'forces': ('law', 'forces_N'),
@@ -29,6 +31,7 @@ WHERE = {
 LAW_CHANGES = {
     'inverse_power': {'b': force_change, 'a': exponent_change},
     'dipoles': {'moment': partial(force_change, power=2)},
+    'coulomb': {'charge': partial(force_change, power=2)},
     'yukawa': {'strength': force_change, 'screening_length': screening_change},
     'table': {'forces': force_change},
 }
@@ -54,8 +57,12 @@ class _Uncertainty(Table):
         Raises
         ------
         ValueError
-            For a parameter that the scene does not have, or that has two tolerances, or a correlation of exact parameters.
+            For a parameter that the scene does not have, or that has two tolerances, or a correlation of exact parameters, or
+            for all neighbours.
         """
+        if scene.law.shells == ALL:
+            raise ValueError(f"uncertainty is propagated for a number of shells, not for law.shells = '{ALL}'; "
+                             'take shells = 3 or more')
         changes = _changes(scene)
         sigma = {}
         for name, place in WHERE.items():
