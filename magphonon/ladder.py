@@ -89,6 +89,25 @@ class Plan:
                              f'the best, {best.name}, is off by {best.error:.1e}; allow more')
         return min(good, key=lambda rung: rung.cost)
 
+    def report(self):
+        """The rungs as a table, the choice and its reasons, in words for a terminal."""
+        choice = self.choice
+        shown = [rung for k, rung in enumerate(self.rungs) if k in (0, 1, len(self.rungs) - 1) or rung is choice
+                 or (k + 1 < len(self.rungs) and self.rungs[k + 1] is choice)]
+        width = max(len(rung.name) for rung in shown)
+        lines = [f'{self.quantity}, to {self.tolerance:g}', f'  {"rung":{width}}  error    multiplications']
+        lines += [f'  {rung.name:{width}}  {rung.error:<7.1e}  {rung.cost:<8.1e} {"<- enough" if rung is choice else ""}'.rstrip()
+                  for rung in shown]
+        dear = max(self.rungs, key=lambda rung: rung.cost)
+        saved = '' if dear.cost < 2 * choice.cost else f', {times(dear.cost / choice.cost)} cheaper than {dear.name}'
+        lines.append(f'  Take {choice.name}: {choice.method}{saved}.')
+        return '\n'.join(lines + [f'  {fact[0].upper()}{fact[1:]}.' for fact in self.evidence])
+
+
+def times(ratio):
+    """A ratio in words, to two digits."""
+    return f'{float(f"{ratio:.2g}"):,.0f} times' if ratio >= 10 else f'{ratio:.2g} times'
+
 
 def force_cost(dim):
     """Multiplications of the force of one bond, by the law itself: it and the change of length, there and back."""

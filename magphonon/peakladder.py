@@ -11,10 +11,11 @@ import numpy as np
 
 from .backbone import ALIKE, vibration
 from .bands import repulsion_of
-from .frf import HEADSTART
+from .frf import HEADSTART, harmonic_response
 from .ladder import EIGENSOLVE, Plan, Rung, force_cost
-from .linear import Modes, modes
+from .linear import SMALL, Modes, frequency_response, modes, reduced
 from .stiffness import bond_stiffness
+from .timestep import free_directions, highest_frequency
 
 LONGEST_STEP = 0.5
 """Time step of a run, at most, as a share of the limit 2/omega_max."""
@@ -22,6 +23,10 @@ SHARE = 0.6
 """Of the tolerance that time steps may use up."""
 SHARPNESS = 0.5
 """Modes whose peaks reach this share of the highest must agree that D* does not matter: it may exchange them."""
+LARGE = 1000
+"""Degrees of freedom above which a structure is not diagonalised, some 0.3 s."""
+DOUBT_ALONE = 10.0
+"""Of the shift of a pattern that swings alone, without the others that follow it: right in its order of magnitude."""
 DOUBT_FIRST_ORDER = 1.0
 """Of the error without D*: first-order perturbation theory is right to a factor of two."""
 
@@ -33,6 +38,7 @@ class Peak:
     Attributes
     ----------
     linear : Modes
+        All modes of a small structure; of a large one, only the pattern in which it swings at the peak.
     mode : int
         The mode that resonates.
     rivals : ndarray of int
@@ -53,7 +59,7 @@ class Peak:
 
 
 def highest_peak(atoms, source, answer, omega, damping):
-    """The mode that dominates the response in the range of frequencies.
+    """The resonance that dominates the response in the range of frequencies, in the complete linear model.
 
     Parameters
     ----------
@@ -61,7 +67,7 @@ def highest_peak(atoms, source, answer, omega, damping):
     source, answer : tuple of int and array_like, shape (3,)
         Particle and direction of the force, and of the displacement that is looked at.
     omega : array_like
-        In rad/ms; the range from its least to its largest.
+        In rad/ms, ascending.
     damping : float
         gamma in 1/ms.
 
@@ -70,6 +76,8 @@ def highest_peak(atoms, source, answer, omega, damping):
     ValueError
         If the structure is unstable or does not resonate in the range.
     """
+    if free_directions(atoms).shape[1] > LARGE:
+        return _peak_of_field(atoms, source, answer, omega, damping)
     linear = modes(atoms)
     w = linear.omega
     if w[0] < 0:
@@ -77,12 +85,22 @@ def highest_peak(atoms, source, answer, omega, damping):
                          '"magphonon check" says what would hold it')
     linear = _turned(linear, source)
     push, seen = (_at(linear.shapes, place) for place in (source, answer))
-    within = (w >= np.min(omega)) & (w <= np.max(omega))
-    height = np.where(within, abs(push * seen), 0) / (damping * np.maximum(w, 1e-300))
+    height = np.where((w >= omega[0]) & (w <= omega[-1]) & (w > 0), abs(push * seen), 0) / np.maximum(w, omega[0])
     if not height.any():
         raise ValueError('no mode resonates between the lowest and the highest frequency; widen the range of [frf]')
     mode = int(height.argmax())
     return Peak(linear, mode, np.flatnonzero(height >= SHARPNESS * height[mode]), float(abs(push[mode])))
+
+
+def _peak_of_field(atoms, source, answer, omega, damping):
+    """The peak of a large structure: its response at all frequencies, and all of its particles at the highest."""
+    force = np.zeros((len(atoms), 3))
+    force[source[0]] = source[1]
+    response = frequency_response(atoms, force, omega, damping, [answer[0]], tolerance=1e-4)[:, 0] @ answer[1]
+    w = omega[abs(response).argmax()]
+    e = harmonic_response(atoms, force, [w], damping)[0, :, : repulsion_of(atoms).dim].imag
+    e /= np.sqrt(np.einsum('i,ix,ix->', atoms.get_masses(), e, e))
+    return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(_at(e[None], source)[0])))
 
 
 def _at(shapes, place):
@@ -109,7 +127,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     Parameters
     ----------
     atoms : ase.Atoms
-        At rest, with MagneticRepulsion; small enough to be diagonalised.
+        At rest, with MagneticRepulsion.
     source, answer, omega, damping
         As for `highest_peak`.
     tolerance : float
@@ -124,7 +142,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     """
     calc = repulsion_of(atoms)
     peak = highest_peak(atoms, source, answer, omega, damping)
-    w, size = peak.omega, len(peak.linear.omega)
+    w = peak.omega
     stiffening = turning(atoms, peak)
     frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
     evidence = [f'the peak at {w / (2 * np.pi) * 1e3:.6g} Hz; D* bends it by {frozen:.1e}, to first order' if frozen else
@@ -138,19 +156,24 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
         evidence.append(f'{force:g} N swings it to {reach:.1e} of the spacing, which {moved}')
         shift = shift if np.isfinite(shift) else np.inf
 
-    points = len(omega)
-    linear_cost = EIGENSOLVE * size**3 + points * size
-    rungs = [Rung('conventional linear', f'sum over {size} mode{"s"[: size > 1]}', linear_cost, frozen + shift,
-                  DOUBT_FIRST_ORDER if frozen else 0.0, {'model': 'conventional'}),
-             Rung('complete linear', f'sum over {size} mode{"s"[: size > 1]}', linear_cost, shift, 0.0, {'model': 'complete'})]
+    points, nearest, free = len(omega), len(calc.bonds), free_directions(atoms).shape[1]
+    top, shift_doubt = highest_frequency(atoms), 0.0 if free <= LARGE else DOUBT_ALONE
+    if free <= SMALL:
+        method, price = f'sum over {free} mode{"s"[: free > 1]}', EIGENSOLVE * free**3 + points * free
+    else:
+        products = np.log(1e9) * top**2 / (2 * damping * omega[0])
+        method, price = f'Chebyshev series of {products:.2g} products', products * reduced(atoms).K.nnz
+    rungs = [Rung('conventional linear', method, price, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
+                  {'model': 'conventional'}),
+             Rung('complete linear', method, price, shift, shift_doubt, {'model': 'complete'})]
     if force:
-        dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / peak.linear.omega[-1])
+        dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
         steps = int(np.ceil(2 * np.log(HEADSTART / tolerance) / damping / dt))
-        cost = points * steps * len(calc.bonds) * force_cost(calc.dim)
-        rungs.append(Rung('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps', cost,
-                          float((w * dt) ** 2 / 24), 0.0, {'model': 'complete', 'dt': float(dt)}))
-    spent = EIGENSOLVE * size**3 + evaluations * len(calc.bonds) * force_cost(calc.dim)
-    return Plan('the frequency of the highest peak, relative', tolerance, tuple(rungs), tuple(evidence), spent)
+        rungs.append(Rung('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps',
+                          points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
+                          {'model': 'complete', 'dt': float(dt)}))
+    return Plan('the frequency of the highest peak, relative', tolerance, tuple(rungs), tuple(evidence),
+                price + evaluations * nearest * force_cost(calc.dim))
 
 
 def turning(atoms, peak):

@@ -5,7 +5,7 @@ from pydantic import Field, model_validator
 
 from . import units as u
 from .lattices import RIM
-from .tables import AtLeastTwo, Counts, Number, Point, Positive, Table, Text
+from .tables import AtLeastTwo, Count, Counts, Number, Point, Positive, Table, Text
 
 
 class BandPlan(Table):
@@ -65,3 +65,11 @@ class FrfPlan(Table):
     def damping(self):
         """In 1/ms."""
         return self.damping_per_s / u.s
+
+
+class LadderPlan(Table):
+    """What a plan of the least model needs to know beyond the other tables."""
+
+    edge: Text | None = None
+    branch: Count = 1
+    force_N: Positive | None = None

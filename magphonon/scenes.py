@@ -18,7 +18,7 @@ from .calculator import MagneticRepulsion
 from .errors import one_of
 from .materials import AnyLattice, Foundation, Law, Oscillator
 from .patches import Patch
-from .plans import BandPlan, FrfPlan
+from .plans import BandPlan, FrfPlan, LadderPlan
 from .tables import Table, Text
 from .tolerances import Uncertainty
 
@@ -41,6 +41,7 @@ class Scene(Table):
     frf: FrfPlan | None = None
     burst: BurstPlan | None = None
     vibrometer: VibrometerPlan | None = None
+    plan: LadderPlan | None = None
     uncertainty: Uncertainty | None = None
 
     @model_validator(mode='after')
@@ -52,6 +53,8 @@ class Scene(Table):
             self._check_bands()
         if self.frf is not None:
             self._check_frf()
+        if self.plan is not None:
+            self._check_plan()
         if self.burst is not None and self.vibrometer is not None:
             self.vibrometer.refuse_aliasing(self.burst.carriers_Hz)
         if self.uncertainty is not None:
@@ -88,6 +91,18 @@ class Scene(Table):
                 raise ValueError(f'frf lacks the table {name!r}; add [frf.{name}] with at_m and direction_deg')
         if not self.single and self.patch is None:
             raise ValueError('frf: there is no patch to shake; add a table [patch]')
+
+    def _check_plan(self):
+        if self.plan.edge is None:
+            return
+        if self.bands is None:
+            raise ValueError(f'plan.edge = {self.plan.edge!r} is an edge of bands; add a table [bands]')
+        known, branches = self.lattice.path(None, npoints=0).special_points, self.atoms().calc.dim * len(self.atoms())
+        if self.plan.edge not in known:
+            raise ValueError(f'plan.edge of the {self.lattice.kind} lattice must be one of {", ".join(known)}, '
+                             f'not {self.plan.edge!r}')
+        if self.plan.branch > branches:
+            raise ValueError(f'plan.branch must be at most {branches}, not {self.plan.branch}')
 
     def _check_scale(self, atoms):
         calc = atoms.calc

@@ -1,0 +1,33 @@
+"""`magphonon plan SCENE.toml --tolerance 1e-3 [--run -o DIR]`: the least model that a scene needs, and its run."""
+
+HELP = 'the least model that a scene needs for a tolerance, and its run'
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [bands], [frf] or [burst], and [plan] for details')
+    parser.add_argument('--tolerance', metavar='X', type=float, default=1e-3,
+                        help='relative error allowed in what the scene asks for (default: 1e-3)')
+    parser.add_argument('--run', dest='answer', action='store_true', help='run what was chosen')
+    parser.add_argument('-o', '--output', metavar='DIR', help='directory for the data of --run')
+
+
+def run(options):
+    from ..errors import positive
+    from ..files import whole_directory
+    from ..sceneplans import scene_plans
+    from ..scenes import read_scene
+
+    tolerance = positive('--tolerance', options.tolerance)
+    if options.answer != (options.output is not None):
+        raise ValueError('--run and -o DIR belong together: say where to write what is run')
+    scene = read_scene(options.scene)
+    print(scene.title)
+    if not options.answer:
+        for wanted in scene_plans(scene, tolerance):
+            print(f'\n{wanted.report()}')
+        return
+    with whole_directory(options.output) as folder:
+        for wanted in scene_plans(scene, tolerance):
+            print(f'\n{wanted.report()}')
+            wanted.run(folder)
+    print(f'\ndata are in {options.output}')

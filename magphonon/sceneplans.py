@@ -1,0 +1,184 @@
+"""The plans for what a scene asks, and their runs: [bands] for bands, [frf] for a peak, [burst] for waveforms.
+
+The table [plan] adds what these leave open: one band edge instead of all bands, the force at which a response is wanted.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import units as u
+from .files import whole_file
+from .ladder import Plan
+
+SAMPLES = 12
+"""Frames of a record to a period of the carrier."""
+IN_A_PATCH = 0.3
+"""Doubt about what a strip says of a patch: the beam is weaker beside its middle, and spreads."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One thing that a scene asks for, and how it is answered.
+
+    Attributes
+    ----------
+    name : str
+        Of its files.
+    plan : Plan
+    answer : function
+        Of a folder and the settings of a rung; writes the data there.
+    notes : tuple of str
+        What the plan leaves out.
+    """
+
+    name: str
+    plan: Plan
+    answer: object
+    notes: tuple = ()
+
+    def report(self):
+        """The plan in words."""
+        return '\n'.join([self.plan.report(), *(f'  {note}' for note in self.notes)])
+
+    def run(self, folder):
+        """Run the rung that was chosen and write its data into the folder."""
+        self.answer(folder / self.name, **self.plan.choice.settings)
+
+
+def scene_plans(scene, tolerance):
+    """Plans for everything that a scene asks, one after the other, as Wanted.
+
+    Parameters
+    ----------
+    scene : Scene
+    tolerance : float
+
+    Raises
+    ------
+    ValueError
+        If it asks for nothing that a plan knows, or what it asks for cannot be had.
+    """
+    if scene.bands is None and scene.frf is None and scene.burst is None:
+        raise ValueError(f'the scene {scene.title!r} asks for nothing; add a table [bands], [frf] or [burst]')
+    if scene.bands is not None:
+        yield _bands(scene, tolerance)
+    if scene.frf is not None:
+        yield _peak(scene, tolerance)
+    if scene.burst is not None:
+        for k in range(len(scene.burst.carriers_Hz)):
+            yield _burst(scene, tolerance, k)
+
+
+def _cell(scene, shells=1):
+    """The cell of a scene with as many shells of neighbours as a rung asks for, whatever the scene says."""
+    from .calculator import MagneticRepulsion
+
+    atoms = scene.lattice.cell()
+    foundation = scene.foundation.k if scene.foundation else 0.0
+    atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), foundation=foundation, shells=shells)
+    return atoms
+
+
+def _bands(scene, tolerance):
+    from .bandladder import Edge, plan_bands
+
+    atoms, path, edge = _cell(scene), scene.band_path(), None
+    if scene.plan is not None and scene.plan.edge is not None:
+        point, branch = scene.plan.edge, scene.plan.branch
+        edge = Edge(f'the frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
+    return Wanted('bands', plan_bands(atoms, path, tolerance, edge), lambda file, **rung: _write_bands(scene, file, edge, **rung))
+
+
+def _write_bands(scene, file, edge, model, shells):
+    from .bands import analytic_bands, bloch_modes
+
+    atoms, path = _cell(scene, shells), scene.band_path()
+    if edge is None:
+        bands = analytic_bands(atoms, path, model)
+        bands.save(file.with_suffix('.npz'))
+        x = path.get_linear_kpoint_axis()[0] * u.m
+        frequencies = bands.frequencies_Hz
+    else:
+        x, frequencies = np.zeros(1), bloch_modes(atoms, edge.q[None], model)[0] / (2 * np.pi) / u.Hz
+    names = ['path_rad_per_m'] + [f'branch_{k + 1}_Hz' for k in range(frequencies.shape[1])]
+    _write_table(file, names, np.column_stack([x, frequencies]))
+
+
+def _peak(scene, tolerance):
+    from .peakladder import plan_peak
+
+    force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
+    atoms, source, answer = scene.shaken()
+    plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
+    notes = () if force else ('The response is that to a vanishing force; [plan] force_N = ... asks for another.',)
+    return Wanted('frf', plan, lambda file, **rung: _write_response(scene, file, force, tolerance, **rung), notes)
+
+
+def _write_response(scene, file, force, tolerance, model, dt=None):
+    from .frf import FrequencyResponse
+    from .linear import frequency_response
+    from .replicas import stepped_response
+
+    (atoms, source, answer), omega, damping = scene.shaken(model), scene.frf.omega, scene.frf.damping
+    if dt is None:
+        pushed = np.zeros((len(atoms), 3))
+        pushed[source[0]] = source[1]
+        response = FrequencyResponse(omega, frequency_response(atoms, pushed, omega, damping, [answer[0]])[:, 0] @ answer[1])
+    else:
+        response = stepped_response(atoms, source, answer, omega, damping, force, dt, tolerance)
+    response.save(file.with_suffix('.npz'))
+    amplitude, phase = abs(response.response) / (u.m / u.N), np.degrees(np.angle(response.response))
+    _write_table(file, ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],
+                 np.column_stack([omega / (2 * np.pi) / u.Hz, amplitude, phase]))
+
+
+def _burst(scene, tolerance, k):
+    from .drives import ToneBurst
+    from .lattices import RIM
+    from .sites import site
+    from .waveladder import plan_waveform, strip
+
+    plan, cell, patch = scene.burst, scene.atoms(), scene.patch_atoms()
+    where = site(cell, patch, plan.source)
+    omega, angle = 2 * np.pi * plan.carriers_Hz[k] * u.Hz, plan.directions_deg[k] * u.deg
+    direction, damping, duration = (np.cos(angle), np.sin(angle)), 2 * plan.damping_ratio * omega, plan.duration_s * u.s
+    drive = where.burst(direction, plan.force_N * u.N, omega, plan.cycles)
+    if plan.source == 'row':
+        pilot = strip(cell, len(where.row) + 2)
+        inside = np.flatnonzero(pilot.get_tags() != RIM)
+        y = pilot.positions[inside, 1]
+        lowest = inside[y < y.min() + 1e-6 * cell.cell.lengths()[0]]
+        beam = ToneBurst(lowest, direction, plan.force_N * u.N, omega, plan.cycles)
+        row, copies, doubt = inside[:: len(cell)], np.sum(patch.get_tags() != RIM) / len(inside), IN_A_PATCH
+    else:
+        pilot, beam, row, copies, doubt = patch, drive, where.row, 1.0, 0.0
+    found = plan_waveform(pilot, beam, row, damping, duration, tolerance, copies, doubt)
+    burst = f'burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
+    found = replace(found, quantity=f'{burst}: {found.quantity}')
+    return Wanted(f'burst_{plan.names[k]}', found,
+                  lambda file, **rung: _write_waveform(scene, file, where.row, drive, damping, duration, **rung))
+
+
+def _write_waveform(scene, file, row, drive, damping, duration, model, dt=None):
+    from .dynamics import DrivenVerlet
+    from .propagation import propagate
+    from .recorder import Recorder
+    from .vibrometer import Displacements, write_displacements
+
+    patch = scene.patch_atoms(model)
+    frame = 2 * np.pi / drive.omega / SAMPLES
+    if dt is None:
+        times = np.arange(0, duration, frame)
+        record = Displacements(times, row, propagate(patch, times, [drive], damping, row).displacements)
+    else:
+        dyn = DrivenVerlet(patch, dt, [drive], damping)
+        recorder = Recorder(dyn, row, max(1, int(frame / dt)))
+        dyn.run(int(duration / dt))
+        record = Displacements(recorder.times, recorder.particles, recorder.displacements)
+    write_displacements(file.with_name(file.name + '.csv'), record)
+
+
+def _write_table(file, names, columns):
+    with whole_file(file.with_suffix('.csv')) as out:
+        np.savetxt(out, columns, fmt='%.15g', delimiter=',', header=','.join(names), comments='')
