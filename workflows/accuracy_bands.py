@@ -1,0 +1,266 @@
+"""The band diagram: of one magnet by closed form, Bloch matrix and finite differences; of hundreds by their lowest branches."""
+
+import tempfile
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene
+from magphonon.accuracy import Candidate, cheapest, measure
+from magphonon.stiffness import bloch_matrix, mass_weighted, model_stiffness, signed_root
+
+from .charts import Chart
+from .checks import Check
+
+BRANCHES = 8    # asked of the large cell
+DISTANCE = 1e-5  # in spacings, where only the supercell is varied
+TIGHT = 1e-9
+
+
+def chart(quick):
+    """Error of the frequencies, in units of the highest, against time."""
+    cell = read_scene(ready_scene('prototype')).atoms()
+    side, wavevectors = (12, 4) if quick else (20, 12)
+    path = cell.cell.bandpath('GMKG', npoints=300, pbc=cell.pbc)
+    one = one_magnet(cell, path, f'one magnet, {len(path.kpts)} wavevectors', quick)
+    many = many_magnets(cell, side, wavevectors, f'{side**2} magnets, {BRANCHES} lowest branches, {wavevectors} wavevectors', quick)
+    return Chart('Band diagram of the prototype', one + many, read(one, many), checks(one, many),
+                 'largest error / highest frequency')
+
+
+def read(one, many):
+    """What the chart says."""
+    def quickest(table, *names):
+        return cheapest([m for m in table if m.method.startswith(names)], TIGHT)
+
+    exact, assembled = quickest(one, 'closed'), quickest(one, 'Bloch')
+    numerical, ase = quickest(one, 'phonopy'), quickest(one, 'ase')
+    every, best = quickest(many, 'dense, all'), quickest(many, 'dense, lowest', 'banded', 'Lanczos')
+    return (f'One magnet: the Bloch matrix, exact to round-off, takes {assembled.seconds / exact.seconds:.0f} times the closed form; '
+            f'phonopy reaches {TIGHT:g} for {numerical.seconds / assembled.seconds:.0f} times the Bloch matrix (ase.phonons '
+            f'{ase.seconds / assembled.seconds:.0f} times), but only with displacements to both sides: to one side it is of first '
+            'order where branches cross. A supercell wider than 2 x 2 costs and gives nothing, one of 1 x 1 is no answer at all. '
+            f'Hundreds of magnets: {best.method} finds the lowest branches in {every.seconds / best.seconds:.1f} times less than all '
+            'branches take; Lanczos with a loose tolerance misses twins of crossing branches.')
+
+
+def checks(one, many):
+    """Errors and orders that theory gives."""
+    def errors(method):
+        return np.array([m.error for m in one if m.method == method])
+
+    def order(method):  # of the three largest displacements, 1e-2 to 1e-4 of the spacing
+        return np.polyfit(np.log(10.0) * np.array([-2, -3, -4]), np.log(errors(method)[:3]), 1)[0]
+
+    found = {m.method: m.error for m in many if m.setting in ('', 'tol = 0')}
+    both, one_side = order('phonopy 3x3, plus-minus'), order('phonopy 3x3, one-sided')
+    return [
+        Check('closed form of the bands, error in 80-bit arithmetic', errors('closed form')[0], 0, 1e-14),
+        Check('Bloch matrix, error', errors('Bloch matrix')[0], 0, 1e-13),
+        Check('phonopy, order of the error, displaced to both sides', both, 2, 0.03),  # next: (d/L0)^2, 1e-4, and its coefficient
+        Check('ase.phonons, order of the error', order('ase.phonons 3x3'), 2, 0.03),
+        Check('phonopy, order of the error, displaced to one side', one_side, 1, 0.03),
+        Check('control: second order by displacing to one side', one_side, 2, 0.3, control=True),
+        Check('control: error of a supercell of 1 x 1', errors('phonopy n x n')[0], 0, 0.1, control=True),
+        *(Check(f'{method}, error of the lowest branches of a large cell', found[method], 0, 1e-12)
+          for method in ('dense, all branches', 'dense, lowest', 'banded, lowest', 'Lanczos, inverted')),
+    ]
+
+
+# --- one magnet in the cell ------------------------------------------------------------------------------------------
+
+def closed_form(cell, kpts, cost=None, real=float):
+    """Frequencies in rad/ms of the triangular lattice with nearest neighbours, shape (wavevectors, 2), ascending.
+
+        omega^2 = k/m + (alpha + beta)/2m sum_b s_b -+ (alpha - beta)/2m |sum_b s_b e^{2 i theta_b}|
+
+    with alpha = phi'' along and beta = phi'/r across the bonds, which point at theta_b = 0, 60 and 120 degrees, and
+    s_b = 4 sin^2(k.R_b/2).
+    """
+    calc, m, L0 = cell.calc, real(cell.get_masses()[0]), cell.cell.lengths()[0]
+    alpha, beta = real(calc.potential.d2phi(L0)), real(calc.potential.dphi(L0)) / real(L0)
+    pi = 4 * np.arctan(real(1))
+    k1, k2 = pi * kpts[:, :2].T.astype(real)
+    s = 4 * np.sin([k1, k2, k2 - k1]) ** 2
+    turn = np.exp(2j * pi * np.arange(3).astype(real) / 3)
+    mean, split = (alpha + beta) / 2 * s.sum(axis=0), (alpha - beta) / 2 * abs(turn @ s)
+    return np.sqrt((real(calc.parameters.foundation) + np.stack([mean - split, mean + split], axis=1)) / m)
+
+
+def finite_differences(cell, kpts, supercell, distance, both_sides, cost):
+    """Frequencies by phonopy as it comes, without the guards of `magphonon.finite_displacements`; particles move in x and y."""
+    from phonopy import Phonopy
+    from phonopy.structure.atoms import PhonopyAtoms
+
+    from magphonon.phonons import _supercell_atoms
+
+    unit = PhonopyAtoms(symbols=cell.get_chemical_symbols(), masses=cell.get_masses(), cell=cell.cell.array,
+                        positions=cell.positions)
+    phonon = Phonopy(unit, np.diag(supercell), primitive_matrix='P', is_symmetry=False)
+    phonon.generate_displacements(distance, is_plusminus=both_sides, is_diagonal=False)
+    displaced = _supercell_atoms(phonon, cell.pbc)
+    displaced.calc = cell.calc.on(displaced)
+    forces = []
+    for structure in phonon.supercells_with_displacements:
+        displaced.positions = structure.positions
+        forces.append(displaced.get_forces())
+    cost['force evaluations'] += len(forces)
+    phonon.forces = forces
+    phonon.produce_force_constants(calculate_full_force_constants=False)
+    D = phonon.run_qpoints(kpts, with_dynamical_matrices=True).dynamical_matrices
+    n = len(cell)
+    in_plane = D.reshape(-1, n, 3, n, 3)[:, :, :2, :, :2].reshape(-1, 2 * n, 2 * n)
+    cost['eigensolves'] += len(kpts)
+    return signed_root(np.linalg.eigvalsh(in_plane))
+
+
+def ase_phonons(cell, kpts, distance, cost):
+    """Frequencies by ase.phonons with the sum rule off; it displaces to both sides, and keeps forces in files."""
+    from ase import units as ase_units
+    from ase.phonons import Phonons
+
+    supercell = (3, 3, 1)
+    with tempfile.TemporaryDirectory() as folder:
+        phonons = Phonons(cell, cell.calc.on(cell.repeat(supercell)), supercell=supercell, delta=distance, name=folder + '/ase')
+        phonons.run()
+        phonons.read(method='standard', acoustic=False)
+        energies = phonons.band_structure(kpts, verbose=False)
+    cost['force evaluations'] += 1 + 6 * len(cell)
+    cost['eigensolves'] += len(kpts)
+    omega = energies / (ase_units._hbar * 1e10 / np.sqrt(ase_units._e * ase_units._amu))
+    return np.sort(omega, axis=1)[:, -2 * len(cell):]  # those along z are zero
+
+
+def bloch(cell, path, cost):
+    """Frequencies by magphonon's Bloch matrix."""
+    cost['eigensolves'] += len(path.kpts)
+    return analytic_bands(cell, path).omega
+
+
+def one_magnet(cell, path, panel, quick):
+    """Every road to the bands of a cell of one particle."""
+    kpts, L0 = path.kpts, cell.cell.lengths()[0]
+    exact = closed_form(cell, kpts, real=np.longdouble)
+    candidates = [Candidate('closed form', '', partial(closed_form, cell, kpts), panel),
+                  Candidate('Bloch matrix', '', partial(bloch, cell, path), panel)]
+    for d in np.logspace(-2, -7, 6):
+        for both, sides in ((True, 'plus-minus'), (False, 'one-sided')):
+            candidates.append(Candidate(f'phonopy 3x3, {sides}', f'd = {d:.0e} L0',
+                                        partial(finite_differences, cell, kpts, (3, 3, 1), d * L0, both), panel))
+        candidates.append(Candidate('ase.phonons 3x3', f'd = {d:.0e} L0', partial(ase_phonons, cell, kpts, d * L0), panel))
+    for n in (1, 2, 4, 6) if quick else (1, 2, 4, 6, 10, 20):
+        candidates.append(Candidate('phonopy n x n', f'n = {n}',
+                                    partial(finite_differences, cell, kpts, (n, n, 1), DISTANCE * L0, True), panel))
+    return measure(candidates, lambda omega: abs(omega - exact).max() / exact.max(), repeats=3 if quick else 7)
+
+
+# --- hundreds of magnets in the cell ---------------------------------------------------------------------------------
+
+def folded(cell, kpts, side):
+    """The lowest branches of side x side cells taken for one: those of one cell at every wavevector that folds onto `kpts`."""
+    shifts = np.array(list(product(range(side), range(side), (0,))))
+    every = (kpts[:, None] + shifts) / side
+    omega = closed_form(cell, every.reshape(-1, 3), real=np.longdouble).reshape(len(kpts), -1)
+    return np.sort(omega, axis=1)[:, :BRANCHES]
+
+
+def dense(cell, kpts, cost):
+    """All eigenvalues of the full Bloch matrix, one wavevector after the other."""
+    calc = cell.calc
+    K = model_stiffness(calc.bonds.vectors[:, :2], calc.potential)
+    cost['eigensolves'] += len(kpts)
+    D = (mass_weighted(bloch_matrix(calc.bonds, K, q[None], calc.parameters.foundation), cell.get_masses()) for q in kpts)
+    return np.array([signed_root(np.linalg.eigvalsh(each[0])[:BRANCHES]) for each in D])
+
+
+def sparse_bloch(cell, q, K):
+    """The same matrix, sparse."""
+    from scipy import sparse
+
+    calc = cell.calc
+    C = sparse.kron(calc.bonds.incidence_at(q), sparse.eye_array(2), format='csr')
+    root = sparse.diags_array(np.repeat(1 / np.sqrt(cell.get_masses()), 2))
+    D = C.conj().T @ K @ C + calc.parameters.foundation * sparse.eye_array(2 * len(cell))
+    return sparse.csc_array(root @ D @ root)
+
+
+def by_wavevector(lowest, cell, kpts, cost):
+    """Frequencies from a function that finds the lowest eigenvalues of one sparse matrix."""
+    from scipy import sparse
+
+    calc = cell.calc
+    K = sparse.block_diag(model_stiffness(calc.bonds.vectors[:, :2], calc.potential), format='csr')
+    cost['eigensolves'] += len(kpts)
+    return np.array([signed_root(np.sort(lowest(sparse_bloch(cell, q, K), cost))) for q in kpts])
+
+
+def subset(D, cost):
+    """LAPACK, the lowest eigenvalues of the dense matrix only."""
+    from scipy.linalg import eigh
+
+    return eigh(D.toarray(), eigvals_only=True, subset_by_index=(0, BRANCHES - 1))
+
+
+def banded(D, cost):
+    """LAPACK on the band that is left after reverse Cuthill-McKee."""
+    from scipy.linalg import eig_banded
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    order = reverse_cuthill_mckee(D.tocsr(), symmetric_mode=True)
+    D = D[order][:, order].tocoo()
+    below = D.row >= D.col
+    width = (D.row - D.col).max()
+    band = np.zeros((width + 1, D.shape[0]), dtype=complex)
+    band[(D.row - D.col)[below], D.col[below]] = D.data[below]
+    return eig_banded(band, lower=True, eigvals_only=True, select='i', select_range=(0, BRANCHES - 1))
+
+
+def lanczos(tolerance, D, cost):
+    """ARPACK on products with the matrix."""
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    def product(x):
+        cost['products'] += 1
+        return D @ x
+
+    start = np.random.default_rng(0).standard_normal(D.shape[0])
+    return eigsh(LinearOperator(D.shape, product, dtype=complex), BRANCHES, which='SA', tol=tolerance, v0=start,
+                 ncv=4 * BRANCHES, return_eigenvectors=False)
+
+
+def inverted(tolerance, D, cost):
+    """ARPACK on solutions with the factorised matrix, where the lowest squares are the largest inverses."""
+    from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+    factors = splu(D)
+
+    def solution(x):
+        cost['products'] += 1
+        return factors.solve(x)
+
+    start = np.random.default_rng(0).standard_normal(D.shape[0])
+    return eigsh(D, BRANCHES, sigma=0.0, tol=tolerance, v0=start, ncv=4 * BRANCHES, return_eigenvectors=False,
+                 OPinv=LinearOperator(D.shape, solution, dtype=complex))
+
+
+def many_magnets(cell, side, wavevectors, panel, quick):
+    """The lowest branches of a large cell: a lattice whose own bands, folded, are known."""
+    large = cell.repeat((side, side, 1))
+    large.calc = MagneticRepulsion(large, cell.calc.potential, **cell.calc.parameters)
+    kpts = large.cell.bandpath('GMKG', npoints=wavevectors, pbc=large.pbc).kpts
+    exact = folded(cell, kpts, side)
+    top = closed_form(cell, np.array([[1 / 2, 0, 0]]), real=np.longdouble).max()
+    candidates = [Candidate('dense, all branches', '', partial(dense, large, kpts), panel),
+                  Candidate('dense, lowest', '', partial(by_wavevector, subset, large, kpts), panel),
+                  Candidate('banded, lowest', '', partial(by_wavevector, banded, large, kpts), panel)]
+    for tolerance in (1e-2, 1e-5, 1e-8, 0):
+        setting = f'tol = {tolerance:g}'
+        candidates += [Candidate('Lanczos', setting, partial(by_wavevector, partial(lanczos, tolerance), large, kpts), panel),
+                       Candidate('Lanczos, inverted', setting, partial(by_wavevector, partial(inverted, tolerance), large, kpts),
+                                 panel)]
+    for d in () if quick else (1e-3, 1e-5):  # displaces every particle: a second for each hundred of them
+        def phonopy(cost, d=d):
+            return finite_differences(large, kpts, (1, 1, 1), d * cell.cell.lengths()[0], True, cost)[:, :BRANCHES]
+        candidates.append(Candidate('phonopy, plus-minus', f'd = {d:.0e} L0', phonopy, panel))
+    return measure(candidates, lambda omega: abs(omega - exact).max() / top, repeats=2 if quick else 5)
