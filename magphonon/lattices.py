@@ -1,8 +1,8 @@
 """Lattices of particles as ASE Atoms: unit cells, finite patches with their rim, and the oscillator of Sec. III.
 
 Lengths in mm, masses in g (`magphonon.units`).  Planar lattices lie in z = 0, periodic along their lattice
-vectors only; the third vector, `2 * spacing` long, is the vacuum above the plane.  Particles carry the symbol
-'Nd' (phonopy refuses 'X') and their own mass.  `spacing` is always the nearest-neighbour distance.
+vectors only; the third vector, `2 * spacing` long, is the vacuum above the plane.  `fcc` and `bcc` fill space.
+Particles carry the symbol 'Nd' (phonopy refuses 'X') and their own mass.  `spacing` is always the nearest-neighbour distance.
 """
 
 from numbers import Real
@@ -46,6 +46,21 @@ def honeycomb(spacing, mass):
 def kagome(spacing, mass):
     """Kagome lattice; three particles per cell, lattice constant `2 * spacing`."""
     return _cell(spacing, mass, [2, 0], [1, np.sqrt(3)], [[0, 0], [1, 0], [1 / 2, np.sqrt(3) / 2]])
+
+
+def fcc(spacing, mass):
+    """Face-centred cubic lattice, periodic in space; one particle per cell, lattice constant `sqrt(2) * spacing`."""
+    return _crystal(spacing, mass, np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / np.sqrt(2))
+
+
+def bcc(spacing, mass):
+    """Body-centred cubic lattice, periodic in space; one particle per cell, lattice constant `2/sqrt(3) * spacing`."""
+    return _crystal(spacing, mass, np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / np.sqrt(3))
+
+
+def _crystal(spacing, mass, vectors):
+    spacing, mass = positive('spacing', spacing, 'mm'), positive('mass', mass, 'g')
+    return Atoms(SYMBOL, masses=[mass], cell=spacing * vectors, pbc=True)
 
 
 def _cell(spacing, mass, a1, a2, positions, pbc=(1, 1, 0)):

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import lattices
 from . import units as u
-from .errors import not_negative, one_of, whole
+from .errors import not_negative, one_of, positive, whole
 from .magnettables import Datasheet
 from .potentials import Hertz, InversePower, Tabulated, Yukawa
 from .tables import NotNegative, Numbers, Positive, Spacing, Table, Text
@@ -25,12 +25,7 @@ ALL = 'all'
 
 
 def _shells(value):
-    if value == ALL:
-        return value
-    try:
-        return whole('', value)
-    except ValueError as error:
-        raise ValueError(f"{error}, or '{ALL}' for all neighbours") from None
+    return value if isinstance(value, str) and value == ALL else whole('', value)
 
 
 Shells = Annotated[int | Literal[ALL], BeforeValidator(_shells),
@@ -95,9 +90,9 @@ AnyLattice = Annotated[Lattice | Oscillator, Field(discriminator='kind'), Before
 
 
 def _poisson_ratio(value):
-    ratio = not_negative('', value)
+    ratio = positive('', value)
     if ratio > 0.5:
-        raise ValueError(f' must lie between 0 and 0.5, not {value!r}')
+        raise ValueError(f' must not exceed 0.5, not be {value!r}')
     return ratio
 
 

@@ -30,6 +30,9 @@ and about 5e-17 bond/distance from round-off; they meet at 2e-6 with 5e-11.  The
 first is a share of each frequency, the second does not vanish towards zero frequency.
 """
 
+STEEPEST = 20.0
+"""Of laws that change within less than 1/20 of a bond, such as spheres in contact, that length counts as the bond."""
+
 
 def finite_displacements(atoms, supercell=None, distance=None):
     """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
@@ -48,7 +51,8 @@ def finite_displacements(atoms, supercell=None, distance=None):
         right at the wavevectors that fit the supercell, and interpolated between them.
     distance : float, optional
         Displacement in mm, to both sides; by default 1e-5 of the shortest bond, where bands are good to 1e-9 of the
-        highest frequency (see `DISTANCE` and `displacement_errors`).  From 1e-12 to 0.1 of the shortest bond.
+        highest frequency (see `DISTANCE` and `displacement_errors`), less where the law is steep (`STEEPEST`).  From 1e-12 to
+        0.1 of the shortest bond.
 
     Returns
     -------
@@ -67,7 +71,7 @@ def finite_displacements(atoms, supercell=None, distance=None):
     calc = _cell_calculator(atoms)
     rest, shortest = calc.reference, calc.bonds.lengths.min()
     supercell = _enough_cells(calc) if supercell is None else _checked_supercell(calc, supercell)
-    distance = DISTANCE * shortest if distance is None else _checked_distance(distance, shortest)
+    distance = DISTANCE * _scale(calc, shortest) if distance is None else _checked_distance(distance, shortest)
 
     cell = PhonopyAtoms(symbols=atoms.get_chemical_symbols(), masses=atoms.get_masses(), cell=rest.cell.array,
                         positions=rest.positions)
@@ -129,6 +133,12 @@ def _checked_supercell(calc, supercell):
 
 def _ints(supercell):
     return tuple(map(int, supercell))
+
+
+def _scale(calc, shortest):
+    """Length over which the law changes: the bond, or for spheres in contact a multiple of their overlap, f/(-df/dr)."""
+    f, slope = -calc.potential.dphi(shortest), calc.potential.d2phi(shortest)
+    return min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest
 
 
 def _checked_distance(distance, shortest):

@@ -55,6 +55,12 @@ class InversePower:
         positive('moment', moment, 'A mm^2')
         return cls(b=3 * units.mu0 * moment**2 / (4 * np.pi), a=4.0)
 
+    @classmethod
+    def coulomb(cls, charge):
+        """Point charges, each `charge` (A ms): `f = b r^-2`, `b = mu0 c^2 Q^2/(4 pi)`."""
+        positive('charge', charge, 'A ms')
+        return cls(b=units.mu0 * units.c**2 * charge**2 / (4 * np.pi), a=2.0)
+
     def phi(self, r):
         if self.a == 1:
             return -self.b * np.log(r)
@@ -114,6 +120,50 @@ class Yukawa:
 
         z = self.kappa / (2 * np.sqrt(t))
         return 2 / 3 * t**2 * self.gaussians(t) * (1 - 2 * z**2 * (1 - np.sqrt(np.pi) * z * erfcx(z)))
+
+
+@dataclass(frozen=True)
+class Hertz:
+    """Contact of elastic spheres, `f(r) = A (d - r)^(3/2)` where they overlap and no force beyond the diameter d.
+
+    Parameters
+    ----------
+    stiffness : float
+        A in N mm^-3/2, positive.
+    diameter : float
+        Distance d at which two spheres touch in mm, positive.
+
+    Raises
+    ------
+    ValueError
+        If either is not a positive number.
+    """
+
+    stiffness: float
+    diameter: float
+
+    def __post_init__(self):
+        positive('stiffness', self.stiffness, 'N mm^-3/2')
+        positive('diameter', self.diameter, 'mm')
+
+    @classmethod
+    def spheres(cls, diameter, youngs_modulus, poisson_ratio):
+        """Equal spheres of one material: `A = E sqrt(d)/(3 (1 - nu^2))`; diameter in mm, modulus in N/mm^2."""
+        positive('diameter', diameter, 'mm')
+        positive('youngs_modulus', youngs_modulus, 'N/mm^2')
+        return cls(youngs_modulus * np.sqrt(diameter) / (3 * (1 - poisson_ratio**2)), diameter)
+
+    def _overlap(self, r):
+        return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
+
+    def phi(self, r):
+        return 2 / 5 * self.stiffness * self._overlap(r) ** 2.5
+
+    def dphi(self, r):
+        return -self.stiffness * self._overlap(r) ** 1.5
+
+    def d2phi(self, r):
+        return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
 
 
 # Gauss-Legendre on [0, 1]: the energy between two table points to round-off, also for a law as steep as r^-12

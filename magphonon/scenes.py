@@ -13,10 +13,11 @@ from ase.dft.kpoints import parse_path_string
 from pydantic import Field, ValidationError, model_validator
 
 from . import units as u
+from .allneighbours import AllNeighbours
 from .burstplan import BurstPlan, VibrometerPlan
 from .calculator import MagneticRepulsion
 from .errors import one_of
-from .materials import AnyLattice, Foundation, Law, Oscillator
+from .materials import ALL, AnyLattice, Foundation, Law, Oscillator
 from .patches import Patch
 from .plans import BandPlan, FrfPlan, LadderPlan
 from .tables import Table, Text
@@ -113,9 +114,15 @@ class Scene(Table):
                              f'check their units and exponents')
 
     def atoms(self):
-        """One unit cell, or the oscillator, with its MagneticRepulsion, `ase.Atoms` in mm, g and ms."""
+        """One unit cell, or the oscillator, with its MagneticRepulsion or AllNeighbours, `ase.Atoms` in mm, g and ms."""
         atoms = self.lattice.cell()
         foundation = self.foundation.k if self.foundation else 0.0
+        if self.law.shells == ALL:
+            try:
+                atoms.calc = AllNeighbours(atoms, self.law.potential(), foundation=foundation)
+            except ValueError as error:
+                raise ValueError(f"law.shells = '{ALL}': {error}") from None
+            return atoms
         atoms.calc = MagneticRepulsion(atoms, self.law.potential(), foundation=foundation, shells=self.law.shells,
                                        bonds=self.lattice.bonds)
         return atoms
@@ -129,8 +136,8 @@ class Scene(Table):
             If the scene has no patch, or one that cannot be cut, or particles that repel beyond their nearest neighbours.
         """
         patch = self.wanted('patch').cut(self.lattice.cell())
-        if self.law.shells > 1:
-            raise ValueError(f'law.shells = {self.law.shells}: the held rim of a patch is one row of particles and balances '
+        if self.law.shells != 1:
+            raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
                              'forces between nearest neighbours only; take shells = 1')
         calc = self.atoms().calc
         patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.parameters.foundation, model=model)

@@ -25,3 +25,6 @@ deg = pi / 180
 
 mu0 = 1.25663706127e-6 * N / A**2
 """Magnetic constant, CODATA 2022."""
+
+c = 299792458 * m / s
+"""Speed of light."""

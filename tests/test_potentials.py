@@ -9,7 +9,7 @@ from scipy.integrate import quad
 
 from magphonon import InversePower, Tabulated, Yukawa
 from magphonon import units as u
-from magphonon.potentials import repulsion
+from magphonon.potentials import Hertz, repulsion
 
 R = np.linspace(3.5, 44.0, 60)
 STEP = 1e-30  # of the complex step: its error is the square, its round-off none
@@ -108,3 +108,34 @@ def test_laws_are_values():
     assert InversePower(b=1.0, a=4.0) == InversePower(b=1.0, a=4.0)
     with pytest.raises(AttributeError):
         InversePower(b=1.0, a=4.0).b = 2.0
+
+
+def test_force_of_charges():
+    # 1 uC and 1 uC, 0.1 m apart; Coulomb's constant is 8.9875517862e9 N m^2/C^2 (CODATA 2022)
+    law = InversePower.coulomb(charge=1e-6 * u.A * u.s)
+    assert repulsion(law, 0.1 * u.m) / u.N == pytest.approx(8.9875517862e9 * 1e-12 / 0.01, rel=1e-9)
+
+
+def test_steel_spheres_in_contact():
+    """Johnson, Contact Mechanics: f = 4/3 E* sqrt(R*) delta^3/2, E* = E/2(1 - nu^2), R* = d/4."""
+    law = Hertz.spheres(diameter=20 * u.mm, youngs_modulus=206 * u.GPa, poisson_ratio=0.3)
+    E, R, overlap = 206e9 / (2 * (1 - 0.3**2)), 0.005, 2e-6
+    assert repulsion(law, 20 * u.mm - overlap * u.m) / u.N == pytest.approx(4 / 3 * E * R**0.5 * overlap**1.5, rel=1e-9)
+    assert law.phi(20.1) == law.dphi(20.1) == law.d2phi(20.1) == 0
+
+
+@pytest.mark.parametrize(('law', 'name'), [((0.0, 1.0), 'stiffness'), ((1.0, -2.0), 'diameter')])
+def test_impossible_spheres_are_refused(law, name):
+    with pytest.raises(ValueError, match=name):
+        Hertz(*law)
+
+
+@pytest.mark.parametrize('law', [LAWS['magnets'], LAWS['steep'], LAWS['dipoles'], LAWS['yukawa']], ids=str)
+def test_mixtures_of_gaussians(law):
+    """The density of Gaussians integrates to the law, its moment to the moment."""
+    for r in (4.0, 20.0):
+        total = quad(lambda v, r=r: law.gaussians(np.exp(v)) * np.exp(v - np.exp(v) * r**2), -40, 5, epsabs=0, limit=200)[0]
+        assert total == pytest.approx(law.phi(r), rel=1e-8)
+    for t in (1e-3, 0.1):
+        moment = quad(lambda v: law.gaussians(np.exp(v)) * np.exp(2 * v), -60, np.log(t), epsabs=0, limit=200)[0]
+        assert law.gaussian_moment(t) == pytest.approx(moment, rel=1e-8)

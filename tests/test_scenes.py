@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import analytic_bands, finite_displacements, phonopy_bands, sound_speeds
+from magphonon import AllNeighbours, MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, sound_speeds
 from magphonon import units as u
 from magphonon.potentials import repulsion
 from magphonon.scenes import read_scene, ready_scene, ready_scenes, reference
@@ -24,6 +24,8 @@ LAWS = {
     'inverse_power': {'b_N_m_a': 1.6209e-10, 'a': 4.5824},
     'dipoles': {'moment_A_m2': 0.0889},
     'yukawa': {'strength_J_m': 1.5e-5, 'screening_length_m': 0.02},
+    'coulomb': {'charge_C': 5e-8},
+    'hertz': {'diameter_m': 0.0101, 'youngs_modulus_Pa': 1e6, 'poisson_ratio': 0.3},
     'table': {'distances_m': [0.008, 0.01, 0.012, 0.015], 'forces_N': [0.66, 0.2369, 0.103, 0.037]},
 }
 
@@ -138,6 +140,8 @@ def test_every_law(kind, scene_file):
         'inverse_power': 1.6209e-10 * r**-4.5824,
         'dipoles': 3e-7 * 0.0889**2 * r**-4.0,  # 3 mu0/(4 pi) = 3e-7 N/A^2
         'yukawa': 1.5e-5 * np.exp(-r / 0.02) * (1 / r**2 + 1 / (0.02 * r)),
+        'coulomb': 8.9875517862e9 * 5e-8**2 * r**-2,
+        'hertz': 1e6 * np.sqrt(0.0101) / (3 * (1 - 0.3**2)) * np.maximum(0.0101 - r, 0) ** 1.5,
         'table': [0.2369, np.nan],
     }[kind]
     known = np.isfinite(expected)
@@ -147,7 +151,7 @@ def test_every_law(kind, scene_file):
 
 @pytest.mark.parametrize(('kind', 'path', 'particles', 'supercell'), [
     ('chain', 'GX', 1, [3]), ('square', 'GXMG', 1, [3, 3]), ('triangular', 'GM,KG', 1, [4, 3]), ('honeycomb', 'GMKG', 2, [3, 3]),
-    ('kagome', 'GMKG', 3, [2, 2])])
+    ('kagome', 'GMKG', 3, [2, 2]), ('fcc', 'GXWKGL', 1, [3, 3, 3]), ('bcc', 'GHNGP', 1, [3, 3, 3])])
 def test_every_lattice(kind, path, particles, supercell, scene_file):
     scene = read_scene(scene_file({'lattice.kind': kind, 'bands.path': path, 'bands.supercell': supercell}))
     atoms = scene.atoms()
@@ -185,6 +189,45 @@ def test_a_measured_law_gives_the_bands_of_the_true_one(scene_file):
     table['forces_N'][4] *= 1.01  # the control: one point at 10 mm off by 1 % shows
     wrong = read_scene(scene_file({'law': table}))
     assert abs(analytic_bands(wrong.atoms(), wrong.band_path()).omega / expected - 1).max() > 1e-3
+
+
+@pytest.mark.parametrize('name', ['neighbours', 'wigner', 'dust'])
+def test_scenes_of_all_neighbours(name):
+    """`shells = "all"` is what many shells tend to, and phonopy agrees where the wave fits its supercell."""
+    scene = read_scene(ready_scene(name))
+    atoms = scene.atoms()
+    assert isinstance(atoms.calc, AllNeighbours)
+    corners = atoms.cell.bandpath('GMK', npoints=3, pbc=atoms.pbc)
+    exact = analytic_bands(atoms, corners).omega
+    other = phonopy_bands(finite_displacements(atoms, scene.supercell()), corners).omega
+    assert_allclose(other[1:], exact[1:], rtol=1e-7)
+    few, many = (analytic_bands(with_bonds(scene, shells), corners).omega for shells in (1, 40))
+    assert abs(many - exact).max() < 0.5 * abs(few - exact).max()
+
+
+def with_bonds(scene, shells):
+    atoms = scene.lattice.cell()
+    k = scene.foundation.k if scene.foundation else 0.0
+    atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), shells=shells, foundation=k)
+    return atoms
+
+
+@pytest.mark.parametrize('name', ['fcc', 'steel'])
+def test_other_matter_by_both_roads(name):
+    scene = read_scene(ready_scene(name))
+    numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path()).omega
+    exact = analytic_bands(scene.atoms(), scene.band_path()).omega
+    top = exact.max() ** 2
+    # of squares, as zero frequencies are roots of round-off; in space phonopy has all three branches
+    assert_allclose(np.sign(numerical) * numerical**2, np.sign(exact) * exact**2, rtol=0, atol=1e-8 * top)
+    conventional = analytic_bands(scene.atoms(), scene.band_path(), model='conventional').omega
+    assert abs(conventional**2 - exact**2).max() > 5e-5 * top  # the control; in steel D* is but 1e-4 of D0
+
+
+def test_a_patch_of_all_neighbours_is_refused(scene_file):
+    scene = read_scene(scene_file({'law.shells': 'all'}))
+    with pytest.raises(ValueError, match=r"law\.shells = 'all'"):
+        scene.patch_atoms()
 
 
 def test_scene_feeds_phonopy():
@@ -287,13 +330,16 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
 
 
 @pytest.mark.parametrize(('changes', 'message'), [
-    ({'lattice.kind': 'hexagonal'}, "lattice.kind must be one of 'chain', 'square', 'triangular', 'honeycomb', 'kagome', 'oscillator', "
-                                    "not 'hexagonal'"),
-    ({'law.kind': 'coulomb'}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', 'magnets', not 'coulomb'"),
-    ({'law.kind': ['dipoles']}, "law.kind must be one of 'inverse_power', 'dipoles', 'yukawa', 'table', 'magnets', not ['dipoles']"),
+    ({'lattice.kind': 'hexagonal'}, "lattice.kind must be one of 'chain', 'square', 'triangular', 'honeycomb', 'kagome', "
+                                    "'fcc', 'bcc', 'oscillator', not 'hexagonal'"),
+    ({'law.kind': 'gravity'}, "law.kind must be one of 'inverse_power', 'dipoles', 'coulomb', 'yukawa', 'hertz', 'table', "
+                              "'magnets', not 'gravity'"),
+    ({'law.kind': ['dipoles']}, "law.kind must be one of 'inverse_power', 'dipoles', 'coulomb', 'yukawa', 'hertz', 'table', "
+                                "'magnets', not ['dipoles']"),
     ({'law.kind': 'dipoles'}, "law has no key 'b_N_m_a'; its keys are kind, moment_A_m2, shells"),
     ({'law.cutoff_m': 0.02}, "law has no key 'cutoff_m'; its keys are kind, b_N_m_a, a, shells"),
-    ({'law': 4.5}, 'law must be a table [law] with a kind, one of inverse_power, dipoles, yukawa, table, magnets, not 4.5'),
+    ({'law': 4.5}, 'law must be a table [law] with a kind, one of inverse_power, dipoles, coulomb, yukawa, hertz, table, '
+                   'magnets, not 4.5'),
     ({'law.kind': None}, 'law must be a table [law] with a kind, one of'),
     ({'lattice': 'triangular'}, "lattice must be a table in brackets with the keys kind, spacing_m, mass_kg, not 'triangular'"),
     ({'foundation': 19.7}, 'foundation must be a table in brackets with the keys stiffness_N_per_m, pillar, not 19.7'),
@@ -319,6 +365,11 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
      'law: a table needs two columns of at least 4 points, not r (1,) and f (1,)'),
     ({'law': {'kind': 'table', **LAWS['table'], 'shells': 2}}, 'distance 17.3205 mm is outside the table (8 to 15 mm); extend'),
     ({'law': {'kind': 'table', **LAWS['table'], 'shells': 1, 'file': 'law.csv'}}, 'law has both file and '),
+    ({'law': {'kind': 'table', **LAWS['table'], 'shells': 'all'}},
+     "law.shells = 'all': the sum over all neighbours is known for inverse powers and Yukawa repulsion, not for Tabulated"),
+    ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy r^-s with s = a - 1 > 0"),
+    ({'law': {'kind': 'hertz', **LAWS['hertz'], 'poisson_ratio': 0.6, 'shells': 1}},
+     'law.poisson_ratio must not exceed 0.5, not be 0.6'),
     ({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}},
      "law.file = 'law.csv' cannot be used (No such file or directory); it needs the header r_m,f_N and two columns of numbers"),
     ({'law': {'kind': 'table', 'shells': 1, 'file': 3}}, 'law.file must be the name of a file in quotes, not 3'),

@@ -3,6 +3,8 @@
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
 SHOWN = 1e-5
 """Of the highest frequency: below it a number is the root of the round-off in a square, and shown as zero."""
+KEPT = 1e-6
+"""In N/mm: phonopy writes force constants with 15 decimals, too few for those of electrons."""
 
 
 def add_arguments(parser):
@@ -37,7 +39,8 @@ def _save(folder, bands, phonon):
         result.save(folder / f'bands_{name}.npz')
     _write_table(folder / 'bands.csv', bands)
     write_band_yaml(phonon, bands['phonopy'].path, folder / 'band.yaml')
-    write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
+    if abs(phonon.force_constants).max() > KEPT:
+        write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
 def _write_table(file, bands):
@@ -56,17 +59,26 @@ def _write_table(file, bands):
 
 
 def _draw(folder, scene, bands):
+    from ..materials import ALL
     from ..plotting import plot_bands
     from ..zone import PLANAR
     from ..zoneplots import plot_zone
 
     ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
     plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
-    plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label='phonopy')
+    road = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
+    plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=road)
     ax.figure.suptitle(scene.title, fontsize='medium')
     ax.figure.savefig(folder / 'bands.png')
     if tuple(scene.atoms().pbc) == PLANAR:
         plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')
+
+
+def _all_neighbours_need(atoms):
+    """Foundation that a lattice with AllNeighbours needs and its softest wave, as `foundation_needed`."""
+    stiffness, q = atoms.calc.softest()
+    highest = abs(atoms.calc.onsite()).max()
+    return (-stiffness if stiffness < -1e-12 * highest else 0.0), q
 
 
 def _report(scene, atoms, bands, phonon):
@@ -76,6 +88,7 @@ def _report(scene, atoms, bands, phonon):
 
     from .. import units
     from ..bands import sound_speeds
+    from ..materials import ALL
     from ..phonons import foundation_recovered
     from ..potentials import repulsion
     from ..stability import foundation_needed
@@ -87,6 +100,7 @@ def _report(scene, atoms, bands, phonon):
 
     path, lattice = bands['complete'].path, scene.lattice
     highest = bands['conventional'].frequencies_Hz.max()
+    everyone = scene.law.shells == ALL
     force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
     lines = [scene.title,
              f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N', '',
@@ -96,17 +110,25 @@ def _report(scene, atoms, bands, phonon):
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
     speeds = [sound_speeds(atoms, model=model) for model in ('complete', 'conventional')]
     lines += ['speed of sound along x (m/s; without the foundation, negative where the lattice would buckle)',
-              *rows('', speeds, np.nanmax(speeds))]
+              *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]
 
-    needed, softest = foundation_needed(atoms)
+    needed, softest = _all_neighbours_need(atoms) if everyone else foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
     given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.parameters.foundation, recovered, needed))
     squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
-    difference = abs(squares[1] - squares[0]).max() / abs(squares[0]).max()
+    difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
     lines += ['', f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
-              f'phonopy differs from complete by at most {difference:.1e} of the highest squared frequency']
+              f'phonopy differs from complete by at most {difference.max():.1e} of the highest squared frequency']
+    if everyone:
+        waves = path.kpts * scene.supercell()
+        fits = abs(waves - waves.round()).max(axis=1) < 1e-9
+        lines.append(f'  where the wave fits its supercell by {difference[fits].max():.1e}; with all neighbours it interpolates between')
+    if abs(phonon.force_constants).max() <= KEPT:
+        lines.append('phonopy_params.yaml is left out: its 15 decimals are too few for force constants of '
+                     f'{abs(phonon.force_constants).max():.0e} N/mm')
     if given >= needed:
-        return '\n'.join([*lines, f'stable in its plane: the static forces ask for a foundation of {needed:.6g} N/m'])
+        place = ' in its plane' if atoms.calc.dim == 2 else ''
+        return '\n'.join([*lines, f'stable{place}: the static forces ask for a foundation of {needed:.6g} N/m'])
     where = ', '.join(f'{x:.3g}' for x in softest)
     return '\n'.join([*lines, '', f'UNSTABLE: the static forces buckle this lattice, most of all at q = ({where}).',
                       f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',
