@@ -41,6 +41,14 @@ _HOME = {
     'Harmonic': 'drives',
     'ToneBurst': 'drives',
     'Recorder': 'recorder',
+    'complex_bands': 'evanescent',
+    'measured_decay': 'evanescent',
+    'wavenumber_frequency': 'spectrum',
+    'Displacements': 'vibrometer',
+    'read_displacements': 'vibrometer',
+    'write_displacements': 'vibrometer',
+    'plot_wave': 'waveplots',
+    'plot_snapshot': 'waveplots',
     'modes': 'linear',
     'frequency_response': 'linear',
     'propagate': 'propagation',
@@ -48,7 +56,7 @@ _HOME = {
     'ready_scene': 'scenes',
 }
 _MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'drives', 'dynamics',
-            'linear', 'accuracy', 'plotting', 'scenes')
+            'sites', 'bursts', 'spectrum', 'waves', 'vibrometer', 'evanescent', 'linear', 'accuracy', 'plotting', 'scenes')
 
 __all__ = sorted([*_HOME, *_MODULES])
 

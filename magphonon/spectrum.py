@@ -188,6 +188,7 @@ def ridge(spectrum):
     keep = (height > LEAST_POWER * power.max()) & (height > LEAST_CONTRAST * background)
     for step in (1, -1):  # else no crest, but the flank of a wave that runs the other way or stands still
         keep &= height > np.roll(power, step, axis=1)[at]
+    keep &= spectrum.xi_centre[lines][at] > spectrum.bin_xi / 2  # half a wave along the row: else it moves as one, or decays
     if not keep.any():
         raise ValueError('no wave along the row rises above the background of the map; '
                          'average or record longer, reverse the row, or drive harder')

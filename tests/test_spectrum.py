@@ -184,6 +184,10 @@ def test_motion_that_stands_or_decays_has_no_ridge():
     burst = np.sin(0.1 * t) * np.sin(np.pi * t / 400) ** 2
     with pytest.raises(ValueError, match='no wave along the row'):
         ridge(wavenumber_frequency(burst[:, None] * np.exp(-0.2 * np.arange(40)), 1.0))
+    n, t = np.arange(40), t[:, None]  # damping lends a decaying wave some phase: a third of a bin of 0.157 rad
+    with pytest.raises(ValueError, match='no wave along the row'):
+        ridge(wavenumber_frequency(np.sin(0.1 * t - 0.05 * n) * np.exp(-0.8 * n), 1.0))
+    np.testing.assert_allclose(ridge(wavenumber_frequency(np.sin(0.1 * t - 0.15 * n), 1.0)).xi, 0.15, atol=0.01)
 
 
 def test_beside_a_stronger_wave_that_runs_backwards_a_weak_one_is_dropped():
