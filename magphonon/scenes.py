@@ -16,6 +16,7 @@ from . import units as u
 from .allneighbours import AllNeighbours
 from .burstplan import BurstPlan, VibrometerPlan
 from .calculator import MagneticRepulsion
+from .designplan import DesignPlan
 from .errors import one_of
 from .materials import ALL, AnyLattice, Foundation, Law, Oscillator
 from .patches import Patch
@@ -44,6 +45,7 @@ class Scene(Table):
     vibrometer: VibrometerPlan | None = None
     plan: LadderPlan | None = None
     uncertainty: Uncertainty | None = None
+    design: DesignPlan | None = None
 
     @model_validator(mode='after')
     def _consistent(self):
@@ -60,6 +62,8 @@ class Scene(Table):
             self.vibrometer.refuse_aliasing(self.burst.carriers_Hz)
         if self.uncertainty is not None:
             self.uncertainty.tolerances(self)
+        if self.design is not None:
+            self.design.check(self)
         return self
 
     @property
@@ -180,7 +184,9 @@ class Scene(Table):
         """
         table = getattr(self, name)
         if table is None:
-            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one, as in "magphonon scene prototype"')
+            have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
+            example = 'prototype' if 'prototype' in have else have[0]
+            raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one, as in "magphonon scene {example}"')
         return table
 
     def band_path(self):

@@ -314,8 +314,16 @@ def test_missing_key(key, scene_file):
 def test_scene_without_bands_is_one_until_they_are_wanted(scene_file):
     scene = read_scene(scene_file({'bands': None}))
     assert scene.atoms().get_forces() == pytest.approx(0)
-    with pytest.raises(ValueError, match=r'has no table \[bands\]; add one'):
+    with pytest.raises(ValueError, match=r'has no table \[bands\]; add one, as in "magphonon scene prototype"'):
         scene.band_path()
+
+
+@pytest.mark.parametrize('table', ['bands', 'patch', 'burst', 'frf', 'uncertainty'])
+def test_missing_table_is_shown_in_a_scene_that_has_it(table):
+    wanting = read_scene(ready_scene('prototype')).model_copy(update={table: None})
+    with pytest.raises(ValueError, match=r'add one, as in') as caught:
+        wanting.wanted(table)
+    assert getattr(read_scene(ready_scene(str(caught.value).split()[-1].strip('"'))), table) is not None
 
 
 @pytest.mark.parametrize(('key', 'wrong', 'suggestion'), [
