@@ -133,7 +133,7 @@ class AllNeighbours(Calculator):
         return self.sums.singular(along, PART[one_of('model', model, MODELS)])
 
     def softest(self, model='complete', steps=24):
-        """Lowest eigenvalue of the Bloch matrix without the foundation, on a mesh over the zone.
+        """Ends of the spectrum of the Bloch matrix without the foundation, on a mesh over the zone.
 
         Parameters
         ----------
@@ -143,15 +143,16 @@ class AllNeighbours(Calculator):
 
         Returns
         -------
-        stiffness : float
-            In N/mm; negative if the static forces buckle the lattice, zero to round-off if it holds itself.
+        lowest, highest : float
+            In N/mm; the lowest is negative if the static forces buckle the lattice, zero to round-off if it holds itself.
         q : ndarray, shape (3,)
+            Wavevector of the lowest.
         """
         axis = np.arange(steps) / steps
         q = np.stack(np.meshgrid(*(axis if periodic else [0.0] for periodic in self.reference.pbc)), axis=-1).reshape(-1, 3)
         stiffness = np.linalg.eigvalsh(self.bloch_matrix(q, model)) - self.parameters.foundation
         lowest = stiffness[:, 0].argmin()
-        return float(stiffness[lowest, 0]), q[lowest]
+        return float(stiffness[lowest, 0]), float(stiffness.max()), q[lowest]
 
     def onsite(self, part='all'):
         """Sum of the stiffness of all bonds of each particle, without the foundation.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from .allneighbours import AllNeighbours
 from .bands import repulsion_of
 from .errors import whole
 from .stiffness import bloch_matrix, hessian, model_stiffness
@@ -124,8 +125,8 @@ def foundation_needed(atoms, model='complete', steps=None):
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell, or a finite structure, with its MagneticRepulsion, whose own foundation does not enter.  What its
-        constraints hold stays where it is.
+        One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation does not
+        enter.  What its constraints hold stays where it is.
     model : {'complete', 'conventional'}
         The conventional model needs none for any lattice: it hides what this function is for.
     steps : int, optional
@@ -143,7 +144,10 @@ def foundation_needed(atoms, model='complete', steps=None):
     ValueError
         For an unknown model, `steps` that is no whole number, or atoms without MagneticRepulsion.
     """
-    found = softest_of(atoms, model, steps=steps)
+    if isinstance(atoms.calc, AllNeighbours):
+        found = Softest(*atoms.calc.softest(model, **({} if steps is None else {'steps': whole('steps', steps)})))
+    else:
+        found = softest_of(atoms, model, steps=steps)
     return found.needed, found.q
 
 

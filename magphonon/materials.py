@@ -33,17 +33,29 @@ Shells = Annotated[int | Literal[ALL], BeforeValidator(_shells),
 
 
 class Lattice(Table):
-    """Geometry and mass, equal particles at the nearest-neighbour distance `spacing_m`."""
+    """Geometry and masses, nearest neighbours at the distance `spacing_m`."""
 
     bonds: ClassVar = None  # found by the shells of the law
 
     kind: Literal[LATTICES] = Field(description='one of ' + ', '.join(KINDS))
     spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
     mass_kg: Positive = Field(description='the mass of a particle in kg')
+    relative_masses: Numbers | None = None
+
+    @model_validator(mode='after')
+    def _one_mass_each(self):
+        particles = len(self.cell())
+        if self.relative_masses is not None and len(self.relative_masses) != particles:
+            raise ValueError(f'.relative_masses must hold {particles} numbers, one for each particle of the {self.kind} cell, '
+                             f'not {list(self.relative_masses)}; they multiply mass_kg')
+        return self
 
     def cell(self):
         """The unit cell, `ase.Atoms` in mm and g."""
-        return getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
+        atoms = getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
+        if self.relative_masses is not None and len(self.relative_masses) == len(atoms):
+            atoms.set_masses(self.mass_kg * u.kg * np.array(self.relative_masses))
+        return atoms
 
     def path(self, points, npoints):
         """Path through special points, `ase.dft.kpoints.BandPath`."""

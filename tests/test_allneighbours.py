@@ -19,6 +19,7 @@ from magphonon import (
 )
 from magphonon.bands import bloch_modes, group_velocities
 from magphonon.bonds import bonds_within
+from magphonon.buckling import foundation_needed
 from magphonon.latticesums import lattice_sum
 from magphonon.scenes import reference
 from magphonon.stiffness import bloch_matrix, bloch_series, bond_stiffness, model_stiffness
@@ -220,3 +221,12 @@ def test_parts_that_diverge_are_refused():
 def test_functions_of_bonds_refuse_all_neighbours():
     with pytest.raises(ValueError, match='MagneticRepulsion'):
         group_velocities(with_all(lattices.square(1.0, 1.0), DIPOLES), [[0.1, 0, 0]])
+
+
+def test_foundation_that_all_neighbours_ask_for():
+    """The square Wigner crystal buckles, whatever the mesh shows first; the triangular one holds itself."""
+    square, triangular = (with_all(kind(1.0, 1.0), COULOMB, foundation=0.1) for kind in (lattices.square, lattices.triangular))
+    needed, softest = foundation_needed(square)
+    assert_allclose(bloch_modes(square, [softest])[0].min() ** 2, needed - 0.1, rtol=1e-12)
+    assert needed > 0.3
+    assert foundation_needed(triangular, steps=12)[0] == 0

@@ -224,6 +224,21 @@ def test_other_matter_by_both_roads(name):
     assert abs(conventional**2 - exact**2).max() > 5e-5 * top  # the control; in steel D* is but 1e-4 of D0
 
 
+def test_masses_by_turns_part_the_branches_at_K():
+    """Two sublattices that do not couple at K: with equal masses two branches meet there."""
+    scene = read_scene(ready_scene('honeycomb'))
+    atoms = scene.atoms()
+    assert_allclose(atoms.get_masses(), [0.707, 1.0605])
+    gaps = []
+    for masses in (atoms.get_masses(), [0.707, 0.707]):
+        atoms.set_masses(masses)
+        path = atoms.cell.bandpath('K', npoints=1, pbc=atoms.pbc)
+        f = analytic_bands(atoms, path).frequencies_Hz[0]
+        gaps.append(f[2] - f[1])
+    assert gaps[0] > 10
+    assert abs(gaps[1]) < 1e-9
+
+
 def test_a_patch_of_all_neighbours_is_refused(scene_file):
     scene = read_scene(scene_file({'law.shells': 'all'}))
     with pytest.raises(ValueError, match=r"law\.shells = 'all'"):
@@ -349,7 +364,7 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
     ({'law': 4.5}, 'law must be a table [law] with a kind, one of inverse_power, dipoles, coulomb, yukawa, hertz, table, '
                    'magnets, not 4.5'),
     ({'law.kind': None}, 'law must be a table [law] with a kind, one of'),
-    ({'lattice': 'triangular'}, "lattice must be a table in brackets with the keys kind, spacing_m, mass_kg, not 'triangular'"),
+    ({'lattice': 'triangular'}, "lattice must be a table in brackets with the keys kind, spacing_m, mass_kg, relative_masses, not 'triangular'"),
     ({'foundation': 19.7}, 'foundation must be a table in brackets with the keys stiffness_N_per_m, pillar, not 19.7'),
     ({'foundation': {}}, 'foundation has neither of stiffness_N_per_m and [foundation.pillar]; give one'),
     ({'foundation.stiffness_N_per_m': 19.7}, 'foundation has both of stiffness_N_per_m and [foundation.pillar]; give one'),
@@ -378,6 +393,9 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
     ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy r^-s with s = a - 1 > 0"),
     ({'law': {'kind': 'hertz', **LAWS['hertz'], 'poisson_ratio': 0.6, 'shells': 1}},
      'law.poisson_ratio must not exceed 0.5, not be 0.6'),
+    ({'lattice.relative_masses': [1.0, 2.0]},
+     'lattice.relative_masses must hold 1 numbers, one for each particle of the triangular cell, not [1.0, 2.0]'),
+    ({'lattice.relative_masses': [0.0]}, 'lattice.relative_masses[0] must be a positive number, not 0.0'),
     ({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}},
      "law.file = 'law.csv' cannot be used (No such file or directory); it needs the header r_m,f_N and two columns of numbers"),
     ({'law': {'kind': 'table', 'shells': 1, 'file': 3}}, 'law.file must be the name of a file in quotes, not 3'),

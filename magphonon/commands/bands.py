@@ -74,13 +74,6 @@ def _draw(folder, scene, bands):
         plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')
 
 
-def _all_neighbours_need(atoms):
-    """Foundation that a lattice with AllNeighbours needs and its softest wave, as `foundation_needed`."""
-    stiffness, q = atoms.calc.softest()
-    highest = abs(atoms.calc.onsite()).max()
-    return (-stiffness if stiffness < -1e-12 * highest else 0.0), q
-
-
 def _report(scene, atoms, bands, phonon):
     """What the terminal shows: frequencies at the special points by each road, sound, foundation and stability."""
     import numpy as np
@@ -112,7 +105,7 @@ def _report(scene, atoms, bands, phonon):
     lines += ['speed of sound along x (m/s; without the foundation, negative where the lattice would buckle)',
               *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]
 
-    needed, softest = _all_neighbours_need(atoms) if everyone else foundation_needed(atoms)
+    needed, softest = foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
     given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.parameters.foundation, recovered, needed))
     squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
@@ -122,7 +115,8 @@ def _report(scene, atoms, bands, phonon):
     if everyone:
         waves = path.kpts * scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
-        lines.append(f'  where the wave fits its supercell by {difference[fits].max():.1e}; with all neighbours it interpolates between')
+        lines.append(f'  where the wave fits its supercell by {difference[fits].max():.1e}; it interpolates between, '
+                     'as no supercell holds all neighbours')
     if abs(phonon.force_constants).max() <= KEPT:
         lines.append('phonopy_params.yaml is left out: its 15 decimals are too few for force constants of '
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
