@@ -44,7 +44,7 @@ class SphereShape(Table):
 
 
 class CuboidShape(Table):
-    """Cuboid facing its neighbours squarely."""
+    """Cuboid facing its neighbours squarely; its law neglects that the force is not quite central."""
 
     length_m: Positive = Field(description='the length in m, towards the neighbour')
     width_m: Positive = Field(description='the width in m')
