@@ -54,6 +54,7 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, scene_file, tm
     scene, out = scene_file(more=more), tmp_path / 'out'
     assert cli.main(['burst', str(scene), '-o', str(out)]) == 0
     shown = capsys.readouterr()
+    assert 'UNSTABLE' not in shown.out
     assert shown.err == ''  # no progress where nobody watches
     assert (out / 'ridges.txt').read_text().strip() in shown.out
     written = {file.name for file in out.iterdir()}
@@ -102,6 +103,15 @@ def test_a_burst_in_the_gap_is_said_not_to_travel(scene_file, tmp_path, capsys):
     assert '15Hz_90deg_complete: no band carries 15 Hz along R2; its slowest wave falls to 1/e in 2.92 steps' in shown
     assert '15Hz_90deg_conventional: no band carries 15 Hz along R2; its slowest wave falls to 1/e in 3.03 steps' in shown
     assert ridges(tmp_path / 'out') == {}
+
+
+def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys):
+    """The square lattice needs springs of 4 f(L0)/L0 = 40 kN/m."""
+    scene = scene_file(('"triangular"', '"square"'), ('GMKG', 'GXM'), ('= 32', '= 14'), ('0.6', '0.27'))
+    assert cli.main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    assert 'UNSTABLE: the static forces buckle this lattice' in shown
+    assert 'It needs a foundation of 40000 N/m and has 0 N/m' in shown
 
 
 # --- how they fail ---------------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ def run(options):
             records |= {f'{name}_{model}': found[model] for model in MODELS}
         _write_row(folder / 'row.csv', *passages['complete'][:2])
         write_ridges(folder / 'ridges.csv', records)
-        text = '\n'.join([scene.title, '', report(records), *_decays(plan, cell, records)])
+        text = '\n'.join([scene.title, '', report(records), *_decays(plan, cell, records), *_unstable(cell)])
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
@@ -114,3 +114,16 @@ def _decays(plan, cell, records):
                     lines.append(f'{name}_{model}: no band carries {carrier:g} Hz along R2; its slowest wave falls to 1/e '
                                  f'in {reach:.3g} steps')
     return ['', *lines] if lines else []
+
+
+def _unstable(cell):
+    """Says so if the infinite lattice buckles; a patch with its rim held may still stand."""
+    from .. import units
+    from ..stability import foundation_needed
+
+    needed, given = foundation_needed(cell)[0], cell.calc.parameters.foundation
+    if given >= needed:
+        return []
+    needed, given = (k / (units.N / units.m) for k in (needed, given))
+    return ['', 'UNSTABLE: the static forces buckle this lattice; in the complete simulation what grows may drown the burst.',
+            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. The conventional model does not show this.']
