@@ -45,6 +45,7 @@ _HOME = {
     'plot_isofrequency': 'zoneplots',
     'plot_ratio': 'zoneplots',
     'foundation_needed': 'stability',
+    'relaxed': 'relaxation',
     'DrivenVerlet': 'dynamics',
     'Constant': 'drives',
     'Harmonic': 'drives',
