@@ -11,7 +11,7 @@ from .spectrum import LEAST_POWER, Branch, Ridge, Spectrum, branch, compare, rid
 
 MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
-"""From below: repulsion makes shear the softer of the two sounds."""
+"""The lowest two, from below: repulsion makes shear the softer of the two sounds."""
 
 RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2')
 
@@ -76,7 +76,7 @@ def waves(row, cell, source):
 
 
 def _ridge_of(spectrum):
-    try:
+    try:  # a decaying wave is a finding too
         return ridge(spectrum)
     except ValueError:
         return None
