@@ -192,7 +192,7 @@ def fit_inverse_power(forces, spacing, space='force', offset=False):
     positive('spacing', spacing, 'mm')
     one_of('space', space, ('force', 'log'))
     r, f = forces.r, forces.f
-    _enough(r, 3 + offset, 'an inverse power' + ' and an offset' * offset)
+    _enough(r, 3 + offset, 'an inverse power' + ' with an offset' * offset)
 
     def model(r, ln_f, a, c=0.0):
         ln = ln_f - a * np.log((r - c) / spacing)
@@ -206,12 +206,13 @@ def fit_inverse_power(forces, spacing, space='force', offset=False):
     bounds = ([-np.inf, -np.inf, -np.inf][:2 + offset], [np.inf, np.inf, r[0] * (1 - 1e-9)][:2 + offset])
     y, sigma = (f, forces.sigma) if space == 'force' else (np.log(f), None if forces.sigma is None else forces.sigma / f)
     try:
-        p, covariance = curve_fit(model, r, y, [ln_f, -exponent, 0.0][:2 + offset], sigma, absolute_sigma=sigma is not None,
-                                  bounds=bounds, method='trf', jac=jacobian, x_scale='jac', xtol=1e-12)
-    except RuntimeError as error:
+        with np.errstate(over='ignore'):  # a step too far, which is taken back or ends in a residual that is not finite
+            p, covariance = curve_fit(model, r, y, [ln_f, -exponent, 0.0][:2 + offset], sigma, absolute_sigma=sigma is not None,
+                                      bounds=bounds, method='trf', jac=jacobian, x_scale='jac', xtol=1e-12)
+    except (RuntimeError, ValueError) as error:
         raise ValueError(f'the fit does not converge ({error}); fit it without the offset, or look for an outlier') from None
     if not p[1] > 0:
-        raise ValueError(f'the forces grow with the distance (a = {p[1]:.3g}); are the columns exchanged?')
+        raise ValueError(f'the forces do not fall with the distance (a = {p[1]:.3g}); are the columns exchanged?')
     return _power_fit(forces, spacing, space, p, covariance, y - model(r, *p), sigma)
 
 
@@ -317,7 +318,7 @@ def scene_entry(fit):
 
 def _enough(r, least, what):
     if len(r) < least:
-        raise ValueError(f'{what} needs at least {least} points, not {len(r)}; measure more')
+        raise ValueError(f'{what} takes at least {least} points, not {len(r)}; measure more')
 
 
 def curvature(forces):

@@ -229,7 +229,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     ([], "begins with ''; its header must be r_m,f_N"),
     (['distance,force', *GOOD], "begins with 'distance,force'; its header must be r_m,f_N or r_m,f_N,sigma_N"),
     (['\x89PNG\r', 'x'], 'its header must be'),
-    (['r_m,f_N', *GOOD[:2]], 'an inverse power needs at least 3 points, not 2; measure more'),
+    (['r_m,f_N', *GOOD[:2]], 'an inverse power takes at least 3 points, not 2; measure more'),
     (['r_m,f_N', *GOOD, '0.02'], "line 10: '0.02' is not 2 numbers"),
     (['r_m,f_N', *GOOD, '0.02,much'], "line 10: '0.02,much' is not 2 numbers"),
     (['# a comment', 'r_m,f_N', *GOOD, '0.02,0.1,0.2'], "line 11: '0.02,0.1,0.2' is not 2 numbers"),
@@ -241,7 +241,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['r_m,f_N', *GOOD, GOOD[0]], 'distance 9 (0.008 m) comes after a larger one; sort the points'),
     (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], 'sigma 1 is 0 N; leave the column out'),
     (['r_m,f_N', '0.005,2', *GOOD], 'distance 1 is 0.005 m, below contact at 0.00635 m; give distances of the centres, not gaps'),
-    (['r_m,f_N', *(f'{r},{r}' for r in (0.01, 0.02, 0.03, 0.04))], 'the forces grow with the distance (a = -1); are the columns'),
+    (['r_m,f_N', *(f'{r},{r}' for r in (0.01, 0.02, 0.03, 0.04))], 'do not fall with the distance (a = -1); are the columns'),
 ])
 def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
     file = write(tmp_path, ''.join(row + '\n' for row in rows))

@@ -70,8 +70,9 @@ def _report(file, forces, fits, bend, note):
         a, chi2 = f'{fit.exponent:.5g} +- {fit.exponent_sigma:.2g}', f'{fit.chi2:.4g}/{fit.freedom:.4g}'
         lines.append(f'{fit.name:44}{f:>22}{slope:>22}{a:>20}{chi2 if np.isfinite(fit.chi2) else "-":>16}')
     var = some.strength_covariance
-    lines.append(f'b alone is known to a factor exp({np.sqrt(var[0, 0]):.2g}), as its correlation with a is '
-                 f'{var[0, 1] / np.sqrt(var[0, 0] * var[1, 1]):.6f}: f and df/dr are what was measured')
+    if var[0, 0] > 0:
+        lines.append(f'b alone is known to a factor exp({np.sqrt(var[0, 0]):.2g}), as its correlation with a is '
+                     f'{var[0, 1] / np.sqrt(var[0, 0] * var[1, 1]):.6f}: f and df/dr are what was measured')
     if some.offset:
         lines += [f'zero of the distances: {some.offset / u.m:.4g} +- {some.offset_sigma / u.m:.2g} m in force, '
                   f'{fits["log"].offset / u.m:.4g} +- {fits["log"].offset_sigma / u.m:.2g} m in log force',
