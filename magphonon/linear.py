@@ -188,14 +188,11 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     if scene.K.shape[0] <= SMALL:
         u[..., : scene.dim] = _by_modes(scene, s, omega, gamma, particles)
         return u
-    interval = stable_interval(scene.K)
-    z = (omega**2 - 1j * gamma * omega - interval.centre) / interval.radius
-    terms = np.log(tolerance) / np.log(abs(_inner(z)).max()) if gamma else np.inf
     try:
-        if terms > FACTORISATION * len(omega):
+        if _series_length(scene.K, omega, gamma, tolerance) > FACTORISATION * len(omega):
             _refuse_unstable(whole_interval(scene.K))
             return harmonic_response(atoms, force, omega, gamma)[:, particles]
-        u[..., : scene.dim] = _by_series(scene, interval, s, z, particles, tolerance)
+        u[..., : scene.dim] = series_response(scene, s, omega, gamma, particles, tolerance)[0]
     except Outside:
         _refuse_unstable(whole_interval(scene.K))
     return u
@@ -225,8 +222,41 @@ def _inner(z):
     return np.where(abs(w) <= 1, w, z + root)
 
 
-def _by_series(scene, interval, s, z, particles, tolerance):
-    """`1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1)."""
+def _scaled(K, omega, gamma):
+    """The interval of the spectrum, and where `z = omega^2 - i gamma omega` lies when that is [-1, 1]."""
+    interval = stable_interval(K)
+    return interval, (omega**2 - 1j * gamma * omega - interval.centre) / interval.radius
+
+
+def _series_length(K, omega, gamma, tolerance):
+    """About how many terms the longest series has."""
+    return np.log(tolerance) / np.log(abs(_inner(_scaled(K, omega, gamma)[1])).max()) if gamma else np.inf
+
+
+def series_response(scene, s, omega, gamma, particles, tolerance):
+    """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).
+
+    Parameters
+    ----------
+    scene : Reduced
+    s : ndarray, shape (free,)
+        Reduced force.
+    omega, gamma, particles, tolerance
+        As for `frequency_response`.
+
+    Returns
+    -------
+    u : ndarray of complex, shape (frequencies, particles, dim)
+        In mm.
+    products : int
+        Matrix-vector products taken.
+
+    Raises
+    ------
+    Outside
+        If the structure is unstable.
+    """
+    interval, z = _scaled(scene.K, omega, gamma)
     rows, shapes = scene.rows(particles)
     w = _inner(z)
     root = z - w
@@ -243,7 +273,7 @@ def _by_series(scene, interval, s, z, particles, tolerance):
         if not open_.any():
             break
     y /= -root[:, None] * interval.radius
-    return (shapes @ y.T).T.reshape(len(z), len(particles), scene.dim)
+    return (shapes @ y.T).T.reshape(len(z), len(particles), scene.dim), (n + 1) * BLOCK
 
 
 def sizes(shapes):

@@ -149,7 +149,7 @@ def test_a_chart_is_saved_with_its_table_and_its_reading(tmp_path):
     assert path.read_bytes().startswith(b'\x89PNG')
     assert caption == 'Which one. b is better.'
     assert '# b is better.' in (tmp_path / 'which.csv').read_text()
-    assert list(panels_of(chart)) == ['small', 'large']
+    assert list(panels_of(chart.measurements)) == ['small', 'large']
     figure = work_precision(chart)
     assert [ax.get_title() for ax in figure.axes] == ['small', 'large']
     assert figure.axes[0].get_ylabel() == 'error of it'

@@ -35,10 +35,10 @@ class Chart:
     draw: Callable | None = None
 
 
-def panels_of(chart):
+def panels_of(table):
     """The measurements by panel: {panel: [measurement]}."""
     panels = {}
-    for m in chart.measurements:
+    for m in table:
         panels.setdefault(m.panel, []).append(m)
     return panels
 
@@ -47,9 +47,10 @@ def work_precision(chart):
     """Figure with one pair of axes for each panel, and one legend."""
     from matplotlib.figure import Figure
 
-    panels, looks = panels_of(chart), looks_of(chart.measurements)
+    panels, looks = panels_of(chart.measurements), looks_of(chart.measurements)
     figure = Figure((1.2 + 3.9 * len(panels), 5.0), layout='constrained')
-    for ax, (panel, table) in zip(figure.subplots(1, len(panels), sharey=True, squeeze=False)[0], panels.items(), strict=True):
+    axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    for ax, (panel, table) in zip(axes, panels.items(), strict=True):
         plot_work_precision(table, ax, looks)
         ax.set(title=panel, ylabel=chart.error)
         ax.label_outer()

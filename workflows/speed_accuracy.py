@@ -7,7 +7,7 @@ from tqdm import tqdm
 from .charts import save_chart
 from .checks import Outcome
 
-QUESTIONS = ()
+QUESTIONS = ('accuracy_transient', 'accuracy_frf')
 
 
 def main(out, quick=False):

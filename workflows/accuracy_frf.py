@@ -1,0 +1,203 @@
+"""What does a frequency response cost: steady motion in time, one impulse, modes, factorisations, and one series for all."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from ase import Atoms
+from ase.constraints import FixedLine
+
+from magphonon import Constant, DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
+from magphonon.accuracy import Candidate, cheapest, measure
+from magphonon.frf import harmonic_response, impulse_response, steady_amplitudes
+from magphonon.linear import modes, reduced, series_response
+
+from .accuracy_transient import ENGINE, prototype
+from .charts import Chart, panels_of
+from .checks import Check
+from .frf import DAMPING, batch, oscillator
+
+FREQUENCIES = np.linspace(20, 160, 400) * units.Hz  # from below the cut-off of 26.55 Hz to above the highest mode
+GAMMA = 10 / units.s         # 1.6 % of critical at 50 Hz
+FORCE = 1e-10 * units.N      # moves particles by 1e-9 L0: a linear response
+IMPULSE = 1e-9 * units.N * units.ms
+SAMPLE = 100                 # the dearest methods answer at every so many frequencies
+FRAMES = 1.5 * units.ms      # four to the shortest period
+STEPPED, IMPULSIVE = 'time steps to the steady state', 'time steps after one impulse'
+SERIES = 'Chebyshev series'
+DIRECT = 'factorisation at each frequency'
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """Particles shaken along y, and where their exact response is known."""
+
+    atoms: Atoms
+    particle: int
+    omega: np.ndarray
+    gamma: float
+    limit: float
+    exact: np.ndarray = None
+
+    @property
+    def push(self):
+        """A unit force."""
+        force = np.zeros((len(self.atoms), 3))
+        force[self.particle, 1] = 1
+        return force
+
+    def error(self, response):
+        """Largest relative error at the frequencies of the answer: every SAMPLE-th one, or all."""
+        exact = self.exact[::SAMPLE] if len(response) < len(self.exact) else self.exact
+        return abs(response / exact - 1).max()
+
+
+def chart(quick):
+    """Error against time for one magnet, by closed form, and for patches."""
+    budget = {'repeats': 2 if quick else 5, 'patience': 0.3 if quick else 2.0}
+    table = one_magnet('one magnet, 121 frequencies', quick, budget)
+    checks = [Check(f'frf, one magnet: {m.method} off the closed form', m.error, 0.0, 1e-12)
+              for m in table if m.method in ('modal sum', DIRECT)]
+    for n in [32] if quick else [32, 100]:
+        panel = f'N = {n * n}, {len(FREQUENCIES)} frequencies'
+        shaken = patch(n)
+        own = measure(candidates(shaken, panel, quick), shaken.error, **budget)
+        own = [whole(m) if m.method == STEPPED or (m.method == DIRECT and n > 50) else m for m in own]
+        table += own
+        checks += [Check(f'frf, {panel}: {m.method} off the series', m.error, 0.0, 1e-8)
+                   for m in own if m.method in ('modal sum', DIRECT)]
+    return Chart('Frequency response at the driven magnet', table, reading(panels_of(table)), checks,
+                 error='largest relative error of the response')
+
+
+def whole(m):
+    """What an answer at every SAMPLE-th frequency costs at all of them: each is a run of its own."""
+    return replace(m, setting=f'{m.setting}, {SAMPLE} x a sample', seconds=SAMPLE * m.seconds, median=SAMPLE * m.median,
+                   cost={name: SAMPLE * count for name, count in m.cost.items()})
+
+
+def one_magnet(panel, quick, budget):
+    """The oscillator of the paper at theta0 = 0 on its vertical line."""
+    atoms = oscillator(0.0)
+    atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
+    omega = np.linspace(100, 400, 121) * units.rad / units.s
+    k, m = 20000 * units.N / units.m, 1 * units.kg
+
+    def closed(cost):
+        return 1 / (k - m * omega**2 + 1j * m * DAMPING * omega)
+
+    shaken = Shaken(atoms, 3, omega, DAMPING, 2 * np.sqrt(m / k), closed(None))
+    runs = {('closed form', 'exact'): closed}
+    runs |= {(DIRECT, 'SuperLU'): partial(direct, shaken, 1), ('modal sum', 'all modes'): partial(modal, shaken)}
+    runs |= {(STEPPED, f'dt = {dt:g} ms, all frequencies in one run'): partial(replicas, omega, dt * units.ms)
+             for dt in ((1.0, 0.25) if quick else (1.0, 0.25, 0.06))}
+    return measure([Candidate(*name, run, panel) for name, run in runs.items()], shaken.error, **budget)
+
+
+def patch(n):
+    """`n x n` particles of the prototype, one next to the middle shaken; the exact response from the series, to 1e-12."""
+    cell, limit = prototype()
+    atoms = lattices.parallelogram(cell, n, n)
+    atoms.calc = MagneticRepulsion(atoms, cell.calc.potential, **cell.calc.parameters)
+    particle = int(np.linalg.norm(atoms.positions, axis=1).argmin())
+    shaken = Shaken(atoms, particle, 2 * np.pi * FREQUENCIES, GAMMA, limit)
+    return replace(shaken, exact=series(shaken, 1e-12, Counter()))
+
+
+def candidates(shaken, panel, quick):
+    """Every method that can answer at this size."""
+    large = len(shaken.atoms) > 2000
+    runs = {(STEPPED, f'dt = {s:g} of the limit'): partial(stepped, shaken, s * shaken.limit)
+            for s in ([0.1] if quick or large else [0.2, 0.1, 0.03])}
+    runs |= {(IMPULSIVE, f'dt = {s:g} of the limit'): partial(struck, shaken, s * shaken.limit)
+             for s in ([0.2, 0.05] if quick else [0.2, 0.1, 0.05, 0.02])}
+    if not quick:
+        runs[DIRECT, 'SuperLU'] = partial(direct, shaken, SAMPLE if large else 1)
+    if not quick and not large:
+        runs['modal sum', 'all modes'] = partial(modal, shaken)
+    runs |= {(SERIES, f'tolerance = {t:.0e}'): partial(series, shaken, t) for t in (1.0, 1e-1, 1e-3, 1e-6, 1e-9)}
+    return [Candidate(*name, run, panel) for name, run in runs.items()]
+
+
+def series(shaken, tolerance, cost):
+    """What frequency_response chooses for patches."""
+    scene = reduced(shaken.atoms)
+    s = scene.shapes.T @ shaken.push[:, :2].ravel()
+    u, products = series_response(scene, s, shaken.omega, shaken.gamma, np.array([shaken.particle]), tolerance)
+    cost['products'] = products
+    return u[:, 0, 1]
+
+
+def direct(shaken, every, cost):
+    """A sparse factorisation for each frequency."""
+    return harmonic_response(shaken.atoms, shaken.push, shaken.omega[::every], shaken.gamma)[:, shaken.particle, 1]
+
+
+def modal(shaken, cost):
+    """Sum over all modes, which frequency_response chooses for small structures."""
+    cost['eigensolves'] = 1
+    found = modes(shaken.atoms)
+    weight = found.shapes[:, shaken.particle, 1] ** 2
+    return (weight / (found.omega**2 - shaken.omega[:, None] ** 2 + 1j * shaken.gamma * shaken.omega[:, None])).sum(axis=1)
+
+
+def stepped(shaken, dt, cost):
+    """Driven at one frequency after the other until the motion is steady."""
+    response = []
+    for omega in shaken.omega[::SAMPLE]:
+        atoms = shaken.atoms.copy()
+        atoms.calc = shaken.atoms.calc
+        drive = Harmonic(shaken.particle, (0, 1), FORCE, omega, phase=np.pi / 2)
+        dyn = DrivenVerlet(atoms, dt, drives=[drive], damping=shaken.gamma, engine=ENGINE)
+        recorder = Recorder(dyn, [shaken.particle], interval=max(1, int(FRAMES / dt)))
+        response.append(steady_amplitudes(dyn, recorder, [omega], axis=1, tolerance=1e-3)[0][0] / FORCE)
+        cost['force evaluations'] += dyn.nsteps
+    return np.array(response)
+
+
+def struck(shaken, dt, cost):
+    """The Fourier integral of what follows one impulse, until e^-9 of it is left."""
+    atoms = shaken.atoms.copy()
+    atoms.calc = shaken.atoms.calc
+    momenta = np.zeros((len(atoms), 3))
+    momenta[shaken.particle, 1] = IMPULSE
+    atoms.set_momenta(momenta)
+    dyn = DrivenVerlet(atoms, dt, damping=shaken.gamma, engine=ENGINE)
+    recorder = Recorder(dyn, [shaken.particle], interval=max(1, int(FRAMES / dt)))
+    steps = int(18 / shaken.gamma / dt)
+    dyn.run(steps)
+    cost['force evaluations'] = steps
+    signal = recorder.displacements[:, 0, 1]
+    return impulse_response(signal, recorder.interval * dt, IMPULSE, shaken.omega).response
+
+
+def replicas(omega, dt, cost):
+    """One replica of the magnet for each frequency."""
+    atoms, particles = batch(np.zeros(1), np.zeros(len(omega), int), 'complete')
+    static = atoms.get_forces()[particles, 1]
+    atoms.set_constraint([*atoms.constraints, FixedLine(particles, (0, 1, 0))])
+    drives = [Constant(particles, (0, -1), static), Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
+    dyn = DrivenVerlet(atoms, dt, drives=drives, damping=DAMPING, engine='numpy')
+    recorder = Recorder(dyn, particles, interval=max(1, int(2 * FRAMES / dt)))
+    amplitudes, _ = steady_amplitudes(dyn, recorder, omega, axis=1, tolerance=3e-4)
+    cost['force evaluations'] = dyn.nsteps
+    return amplitudes / FORCE
+
+
+def reading(panels):
+    """What the chart says, of the largest patch."""
+    panel, table = list(panels.items())[-1]
+    steps = min((m for m in table if m.method == STEPPED), key=lambda m: m.error)
+    best = cheapest(table, steps.error)
+    lines = [f'At {panel} time steps to the steady state take {steps.seconds:.2g} s for an error of {steps.error:.1g}; '
+             f'{best.method} takes {best.seconds:.2g} s, {steps.seconds / best.seconds:.0f} times less']
+    solved = [m for m in table if m.method == DIRECT]
+    tight = cheapest([m for m in table if m.method == SERIES], 1e-6)
+    if solved:
+        lines.append(f'to {tight.error:.0e} the series takes {tight.seconds:.2g} s, factorisations {solved[0].seconds:.2g} s')
+    magnet = next(iter(panels.values()))
+    exact, many = cheapest(magnet, 1e-12), cheapest([m for m in magnet if m.method == STEPPED], 1e-2)
+    lines.append(f'of one magnet the closed form takes {exact.seconds:.0e} s, all frequencies in one run of time steps '
+                 f'{many.seconds:.2g} s')
+    return '; '.join(lines) + '.'

@@ -1,0 +1,286 @@
+"""What does a tone burst in a linear lattice cost: time steps of several orders, modes, series in the stiffness matrix."""
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property, partial
+from importlib.util import find_spec
+
+import numpy as np
+from ase import Atoms
+from scipy import sparse
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh_tridiagonal
+
+from magphonon import (
+    DrivenVerlet,
+    MagneticRepulsion,
+    ToneBurst,
+    analytic_bands,
+    lattices,
+    propagate,
+    read_scene,
+    ready_scene,
+    units,
+)
+from magphonon.accuracy import Candidate, cheapest, measure
+from magphonon.linear import reduced
+from magphonon.stiffness import bloch_matrix, model_stiffness
+from magphonon.transfer import forced_response, sampled
+
+from .charts import Chart, panels_of
+from .checks import Check
+
+CARRIER = 40 * units.Hz        # within the lower branch of the prototype
+FORCE = 3e-10 * units.N        # moves particles by 1e-9 L0: there the law bends by 5e-9, below what is compared
+END = 200 * units.ms           # the burst ends at 125 ms
+TARGET = 1e-6
+ENGINE = 'compiled' if find_spec('numba') else 'numpy'
+VERLET = 'Verlet, compiled' if ENGINE == 'compiled' else 'Verlet, NumPy blocks'
+SERIES = 'Chebyshev series: propagate'
+ENOUGH = 160                   # Lanczos vectors; 130 reach round-off
+
+
+@dataclass(frozen=True)
+class Burst:
+    """A lattice with a driven row, as particles and as `y'' + K y = pattern course(t)`."""
+
+    atoms: Atoms
+    drive: ToneBurst
+    limit: float
+
+    @cached_property
+    def scene(self):
+        """The reduced structure."""
+        return reduced(self.atoms)
+
+    @cached_property
+    def exact(self):
+        """Displacements at END, by Lanczos."""
+        return lanczos(self, ENOUGH, Counter())
+
+    def problem(self):
+        """K, the pattern, and the function from reduced coordinates to displacements."""
+        scene = reduced(self.atoms)
+        push = np.zeros((len(self.atoms), 2))
+        push[self.drive.particles] = self.drive.direction[:2]
+        return scene.K, scene.shapes.T @ push.ravel(), lambda y: (scene.shapes @ y).reshape(-1, 2)
+
+    def course(self, t):
+        """The drive over time, N."""
+        return self.drive(np.asarray(t))[..., 0, :] @ self.drive.direction
+
+    def error(self, u):
+        """Largest error of a displacement over the largest displacement."""
+        return abs(u - self.exact).max() / abs(self.exact).max()
+
+
+def chart(quick):
+    """Error against time of every method, in patches with a held rim, and in one that is periodic."""
+    table, checks = [], []
+    patches = [(1024, False), (1024, True)] if quick else [(1024, False), (10_000, False), (99_856, False), (10_000, True)]
+    for count, periodic in patches:
+        burst = lattice(round(count**0.5), periodic)
+        panel = f'N = {count}{", periodic" if periodic else ""}'
+        runs = candidates(burst, panel, quick)
+        own = measure(runs, burst.error, repeats=2 if quick else 5, patience=0.3 if quick else 2.0)
+        table += own
+        checks += judged(panel, own)
+    return Chart('Tone burst in a linear lattice', table, reading(panels_of(table)), checks,
+                 error='largest error / largest displacement')
+
+
+def prototype():
+    """The unit cell, and the longest stable time step of Verlet in the infinite lattice, ms."""
+    cell = read_scene(ready_scene('prototype')).atoms()
+    path = cell.cell.bandpath('GMKG', npoints=61, pbc=cell.pbc)
+    return cell, 2 / analytic_bands(cell, path).omega.max()
+
+
+def lattice(n, periodic):
+    """`n x n` particles of the prototype; a row next to the lower rim is pushed along itself."""
+    cell, limit = prototype()
+    patch = cell.repeat((n, n, 1)) if periodic else lattices.parallelogram(cell, n, n)
+    patch.calc = MagneticRepulsion(patch, cell.calc.potential, **cell.calc.parameters)
+    y = np.where(patch.get_tags() == 0, patch.positions[:, 1], np.inf)
+    row = np.flatnonzero(y < y.min() + 1e-6)
+    return Burst(patch, ToneBurst(row, (1, 0), FORCE, 2 * np.pi * CARRIER), limit)
+
+
+def candidates(burst, panel, quick):
+    """Every method that can answer at this size in reasonable time."""
+    count, periodic = len(burst.atoms), bool(burst.atoms.pbc.any())
+    few = quick or count > 50_000 or periodic
+    steps = [0.5, 0.2, 0.1, 0.03]  # of the limit
+    second = burst.error(verlet(burst, 0.1, ENGINE, Counter()))  # falls with the square of the step
+    if count < 50_000 and not periodic:
+        steps.append(0.1 * np.sqrt(0.9 * TARGET / second))
+    runs = {(VERLET, f'dt = {s:.3g} of the limit'): partial(verlet, burst, s, ENGINE) for s in steps}
+    if count < 5000 and not periodic:
+        runs |= {("ASE's VelocityVerlet", f'dt = {s:g} of the limit'): partial(verlet, burst, s, 'ase')
+                 for s in ([0.5, 0.2] if few else [0.5, 0.2, 0.1])}
+    if count < 50_000:
+        runs |= {('fourth-order symplectic', f'dt = {s:g} of the limit'): partial(symplectic, burst, s)
+                 for s in ([0.4, 0.1] if few else [0.4, 0.2, 0.1, 0.05])}
+        runs |= {('DOP853', f'rtol = {r:.0e}'): partial(dop853, burst, r) for r in ([1e-4] if few else [1e-4, 1e-7])}
+        if not periodic:
+            runs['expm_multiply', 'double precision'] = partial(exponential, burst)
+    if count < 2000 and not periodic:
+        runs['modal superposition', 'all modes'] = partial(modal, burst)
+    runs |= {('Lanczos', f'{m} vectors'): partial(lanczos, burst, m) for m in ([90, 130] if few else [80, 90, 100, 115, 130])}
+    if periodic:
+        runs['FFT of the periodic lattice', 'all wavevectors'] = partial(fourier, burst)
+    runs |= {(SERIES, f'tolerance = {t:.0e}'): partial(series, burst, t) for t in (1e-1, 1e-6, 1e-9, 1e-12)}
+    return [Candidate(*name, run, panel) for name, run in runs.items()]
+
+
+def series(burst, tolerance, cost):
+    """The package's own."""
+    found = propagate(burst.atoms, [END], [burst.drive], tolerance=tolerance)
+    cost['products'] = found.products
+    return found.displacements[0]
+
+
+def verlet(burst, share, engine, cost):
+    """Velocity Verlet with a time step of `share` of its limit."""
+    steps = int(np.ceil(END / (share * burst.limit)))
+    cost['force evaluations'] = steps
+    atoms = burst.atoms.copy()
+    atoms.calc = burst.atoms.calc
+    dyn = DrivenVerlet(atoms, END / steps, drives=[burst.drive], engine=engine)
+    dyn.run(steps)
+    return dyn.displacements
+
+
+def symplectic(burst, share, cost):
+    """Fourth order by four kicks a step (Omelyan, Mryglod, Folk 2002, PEFRL), with products as forces.
+
+    A time step counts as long as the longest between two of its kicks.
+    """
+    xi, lam, chi = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
+    K, pattern, displaced = burst.problem()
+    steps = int(np.ceil(END / (4 * share * burst.limit)))
+    h = END / steps
+    cost['products'] = 4 * steps
+    moves, kicks = (xi, chi, 1 - 2 * (chi + xi), chi, xi), ((1 - 2 * lam) / 2, lam, lam, (1 - 2 * lam) / 2)
+    y, v = np.zeros((2, len(pattern)))
+    pushes = burst.course(h * (np.arange(steps)[:, None] + np.cumsum(moves)[:4]))
+    for push in pushes:
+        for move, kick, f in zip(moves, kicks, push, strict=False):
+            y += move * h * v
+            v += kick * h * (f * pattern - K @ y)
+        y += moves[-1] * h * v
+    return displaced(y)
+
+
+def dop853(burst, rtol, cost):
+    """SciPy's adaptive eighth order."""
+    K, pattern, displaced = burst.problem()
+    size = len(pattern)
+
+    def slope(t, state):
+        cost['products'] += 1
+        return np.append(state[size:], burst.course(t) * pattern - K @ state[:size])
+
+    state = np.zeros(2 * size)
+    for start, end in ((0.0, burst.drive.end), (burst.drive.end, END)):  # the kink at the end of the burst
+        state = solve_ivp(slope, (start, end), state, 'DOP853', rtol=rtol, atol=rtol * FORCE, t_eval=[end]).y[:, -1]
+    return displaced(state[:size])
+
+
+def exponential(burst, cost):
+    """SciPy's expm_multiply, with the three harmonics of the burst as oscillators of their own."""
+    K, pattern, displaced = burst.problem()
+    size, rate = len(pattern), np.sqrt(abs(K).sum(axis=1).max())
+    omega = burst.drive.omega * np.array([1, 1 + 1 / burst.drive.cycles, 1 - 1 / burst.drive.cycles])
+    turn = sparse.block_diag([[[0, w], [-w, 0]] for w in omega])  # (sin, cos) of each
+    shares = sparse.csr_array(np.array([[0.5, 0, -0.25, 0, -0.25, 0]]) * FORCE / rate)
+    eye, none = sparse.eye_array(size), None
+    driven = sparse.block_array([[none, rate * eye, none], [-K / rate, none, pattern[:, None] * shares], [none, none, turn]])
+    free = sparse.block_array([[none, rate * eye], [-K / rate, none]])
+    products = [0]
+
+    def flow(A, x, t):
+        A = sparse.csr_array(A)
+        operator = sparse.linalg.LinearOperator(A.shape, matvec=lambda x: count(A @ x), rmatvec=lambda x: count(A.T @ x))
+        return sparse.linalg.expm_multiply(t * operator, x, traceA=0.0)
+
+    def count(x):
+        products[0] += 1
+        return x
+
+    start = np.append(np.zeros(2 * size), [0, 1] * 3)
+    state = flow(driven, start, burst.drive.end)[: 2 * size]
+    state = flow(free, state, END - burst.drive.end)
+    cost['products'] = products[0]
+    return displaced(state[:size])
+
+
+def oscillators(burst, w2):
+    """Displacements at END of oscillators of these squared frequencies under the course of the burst."""
+    ends, rate = np.array([0.0, burst.drive.end, END]), np.sqrt(w2.max())
+    edges, courses = sampled(lambda t: burst.course(t)[:, None], ends, rate, 1e-14)
+    return forced_response(w2, 0.0, edges, courses, [len(edges) - 1])[0, 0, 0]
+
+
+def modal(burst, cost):
+    """Sum over all modes."""
+    K, pattern, displaced = burst.problem()
+    cost['eigensolves'] = 1
+    w2, vectors = np.linalg.eigh(K.toarray())
+    return displaced(vectors @ (oscillators(burst, w2) * (vectors.T @ pattern)))
+
+
+def lanczos(burst, count, cost):
+    """Sum over the modes of the Krylov space of the pattern."""
+    K, pattern, displaced = burst.problem()
+    cost['products'] = count
+    basis, diagonal, beside = np.zeros((count, len(pattern))), np.zeros(count), np.zeros(count)
+    v, before = pattern / np.linalg.norm(pattern), 0.0
+    for k in range(count):
+        basis[k] = v
+        w = K @ v - (beside[k - 1] * before if k else 0.0)
+        diagonal[k] = w @ v
+        w -= diagonal[k] * v
+        beside[k] = np.linalg.norm(w)
+        before, v = v, w / beside[k]
+    w2, vectors = eigh_tridiagonal(diagonal, beside[:-1])
+    return displaced(basis.T @ (vectors @ (oscillators(burst, w2) * vectors[0])) * np.linalg.norm(pattern))
+
+
+def fourier(burst, cost):
+    """Sum over the Bloch waves of a periodic lattice."""
+    cell, _ = prototype()
+    n, mass = round(len(burst.atoms) ** 0.5), cell.get_masses()[0]
+    q = np.stack([*np.meshgrid(np.arange(n) / n, np.arange(n) / n, indexing='ij'), np.zeros((n, n))], axis=-1).reshape(-1, 3)
+    K = model_stiffness(cell.calc.bonds.vectors[:, :2], cell.calc.potential)
+    cost['eigensolves'] = len(q)
+    w2, vectors = np.linalg.eigh(bloch_matrix(cell.calc.bonds, K, q, cell.calc.parameters.foundation) / mass)
+    push = np.zeros((len(q), 2))
+    push[burst.drive.particles] = burst.drive.direction[:2] / mass
+    waves = np.fft.fft2(push.reshape(n, n, 2), axes=(0, 1)).reshape(-1, 2)
+    amplitudes = np.einsum('qxm,qx->qm', vectors.conj(), waves) * oscillators(burst, w2.ravel()).reshape(w2.shape)
+    return np.fft.ifft2(np.einsum('qxm,qm->qx', vectors, amplitudes).reshape(n, n, 2), axes=(0, 1)).real.reshape(-1, 2)
+
+
+def judged(panel, table):
+    """What no machine changes."""
+    series = {m.setting: m for m in table if m.method == SERIES}
+    checks = [Check(f'transient, {panel}: error of the series asked for 1e-09', series['tolerance = 1e-09'].error, 0.0, 1e-9)]
+    checks += [Check(f'transient, {panel}: {m.method} off Lanczos', m.error, 0.0, 1e-10)
+               for m in table if m.method in ('modal superposition', 'FFT of the periodic lattice')]
+    steps = cheapest([m for m in table if m.method == VERLET], TARGET)
+    if steps:
+        share = series['tolerance = 1e-06'].cost['products'] / steps.cost['force evaluations']
+        checks.append(Check(f'transient, {panel}: products of the series / steps of Verlet, both at 1e-6', share, 0.0, 1e-2))
+    return checks
+
+
+def reading(panels):
+    """What the chart says, of the largest lattice in which Verlet has reached the target."""
+    panel, table = [(name, t) for name, t in panels.items() if cheapest([m for m in t if m.method == VERLET], TARGET)][-1]
+    best, steps, own = (cheapest([m for m in table if m.method == name or not name], TARGET) for name in ('', VERLET, SERIES))
+    rough = [m.error for m in table if m.method == VERLET and m.seconds < best.seconds]
+    alone = f'only where an error of {min(rough):.1g} will do' if rough else 'at no error charted here'
+    return (f'At {panel}, an error of {TARGET:.0e} takes {best.method} {best.seconds:.2g} s, propagate (which keeps to a '
+            f'tolerance, in the memory of a few vectors) {own.seconds:.2g} s, and {steps.method} {steps.seconds:.2g} s, '
+            f'{steps.seconds / best.seconds:.0f} and {steps.seconds / own.seconds:.0f} times as long; it is quicker {alone}.')
