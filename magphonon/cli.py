@@ -11,7 +11,7 @@ from importlib import import_module
 
 from . import __version__
 
-COMMANDS = ('bands', 'burst', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
+COMMANDS = ('bands', 'burst', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
 """Each is a module of `magphonon.commands`."""
 
 
