@@ -154,6 +154,11 @@ class Sphere:
         _check_lengths(self, 'diameter')
 
     @property
+    def contact(self):
+        """Distance of the centres of two that touch, mm."""
+        return self.diameter
+
+    @property
     def volume(self):
         """In mm^3."""
         return np.pi * self.diameter**3 / 6
@@ -203,7 +208,7 @@ def pair_force(first, second, offset, n=96):
     offset : sequence of 3 floats
         In mm; the third is along the magnetisation.
     n : int
-        Points on a circle, or on an edge.
+        Points on a circle, or on an edge; side by side the error falls as exp(-n asinh(2 gap/width)).
 
     Returns
     -------
@@ -274,10 +279,7 @@ class MagnetLaw:
         return P, force, 4 * force + 2 * t * force.deriv()
 
     def _t(self, r):
-        if not np.all(np.real(r) >= self.nearest):
-            raise ValueError(f'two such magnets {np.min(np.real(r)):g} mm apart are too close: their law starts at '
-                             f'{self.nearest:g} mm, a gap of {CLEARANCE:g} of their width; give them more room')
-        return (self.nearest / r) ** 2
+        return (self.nearest / _apart(r, self.nearest)) ** 2
 
     def phi(self, r):
         return self.strength * r**-3.0 * self._factors[0](self._t(r))
@@ -287,6 +289,30 @@ class MagnetLaw:
 
     def d2phi(self, r):
         return self.strength * r**-5.0 * self._factors[2](self._t(r))
+
+
+@dataclass(frozen=True)
+class SphereLaw(InversePower):
+    """Law of two equal spheres, point dipoles from `contact` (mm) on; below it raises ValueError."""
+
+    contact: float
+
+    def phi(self, r):
+        return super().phi(_apart(r, self.contact))
+
+    def dphi(self, r):
+        return super().dphi(_apart(r, self.contact))
+
+    def d2phi(self, r):
+        return super().d2phi(_apart(r, self.contact))
+
+
+def _apart(r, nearest):
+    """The distances, none of them below `nearest`."""
+    if not np.all(np.real(r) >= nearest):
+        raise ValueError(f'two such magnets {np.min(np.real(r)):g} mm apart are too close: their law starts at {nearest:g} mm; '
+                         'give them more room')
+    return r
 
 
 @lru_cache
@@ -299,10 +325,11 @@ def magnet_law(magnet):
 
     Returns
     -------
-    MagnetLaw or, for spheres, InversePower
+    MagnetLaw or, for spheres, SphereLaw
     """
     if isinstance(magnet, Sphere):
-        return InversePower.dipoles(moment(magnet))
+        dipoles = InversePower.dipoles(moment(magnet))
+        return SphereLaw(dipoles.b, dipoles.a, magnet.contact)
     nearest, strength = magnet.contact + CLEARANCE * magnet.width, units.mu0 * moment(magnet) ** 2 / (4 * np.pi)
 
     def P(x):

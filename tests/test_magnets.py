@@ -325,7 +325,8 @@ def test_grades():
     (lambda: Ring(5, 0, 0, 1.0), 'height must be a positive number in mm, not 0'),
     (lambda: Cuboid(5, np.nan, 1, 1.0), 'width must be a positive number in mm, not nan'),
     (lambda: Sphere(5, 0), r'remanence must be a positive number in N/\(A mm\), not 0'),
-    (lambda: magnet_law(RING).phi(6.4), '6.4 mm apart are too close: their law starts at 6.985 mm, a gap of 0.1 of their width'),
+    (lambda: magnet_law(RING).phi(6.4), '6.4 mm apart are too close: their law starts at 6.985 mm; give them more room'),
+    (lambda: magnet_law(Sphere(5.0, 1.0)).d2phi(np.array([6.0, 4.9])), '4.9 mm apart are too close: their law starts at 5 mm'),
     (lambda: calibrated(RING, 10.0, -0.1), 'f must be a positive number in N, not -0.1'),
 ])
 def test_impossible_magnets_are_refused(make, message):
@@ -380,6 +381,7 @@ def test_scenes_of_other_shapes(tmp_path, table, magnet):
     ([(RING_TABLE, '[law.disc]\ndiameter_m = 6e-3')], "law.disc lacks the key 'height_m'; add the height in m"),
     ([('inner_diameter_m = 1.5875e-3', 'inner_diameter_m = 7e-3')], 'inner must be less than outer = 6.35 mm, not 7'),
     ([('spacing_m = 0.01', 'spacing_m = 0.0065')], '6.5 mm apart are too close'),
+    ([(RING_TABLE, '[law.sphere]\ndiameter_m = 12e-3\n')], '10 mm apart are too close: their law starts at 12 mm'),
     ([('# [law.cal', '[law.cal'), ('# distance_m = 0.01', 'distance_m = 0.006'), ('# force_N', 'force_N')],
      '6 mm apart are too close'),
     ([('# [law.cal', '[law.cal'), ('# distance_m', 'distance_m'), ('# force_N = 0.2369', 'force_N = -1')],
