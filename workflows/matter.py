@@ -1,0 +1,143 @@
+"""Other matter, same theory: colloids, plasma and Wigner crystals, crystals in space, steel balls, two masses by turns."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from magphonon import (
+    AllNeighbours,
+    InversePower,
+    MagneticRepulsion,
+    Yukawa,
+    analytic_bands,
+    finite_displacements,
+    lattices,
+    phonopy_bands,
+    read_scene,
+    ready_scene,
+    sound_speeds,
+)
+from magphonon.bands import bloch_modes
+from magphonon.plotting import COLOURS, new_axes, plot_bands
+from magphonon.scenes import reference
+
+from .checks import Check, Outcome, save_picture
+
+SCENES = {'prototype': 'magnets', 'honeycomb': 'honeycomb, two masses', 'dust': 'dusty plasma', 'wigner': 'Wigner crystal',
+          'fcc': 'soft spheres, fcc', 'steel': 'steel balls'}
+COULOMB, DIPOLES = InversePower(b=1.0, a=2.0), InversePower(b=3.0, a=4.0)
+
+
+def main(out):
+    """Published crystals, phonopy in three dimensions, and how much of the stiffness D* is in each kind of matter."""
+    known = reference()['all_neighbours']
+    cells = {name: read_scene(ready_scene(name)).atoms() for name in SCENES}
+    ratios = {name: static_share(atoms) for name, atoms in cells.items()}
+    checks = [*_planar_crystals(known), *_crystals_in_space(known, cells['fcc']),
+              _mass_defect(),
+              Check('steel balls, D*/D0 of a contact, 2/3 of the overlap over the spacing', ratios['steel'],
+                    2 / 3 * 3e-6 / 0.019997, 1e-9),
+              Check('magnets, D*/D0 of a bond, 1/a', ratios['prototype'], 1 / 4.5824, 1e-12)]
+    checks += [Check(f'{SCENES[name]}: highest change of a squared frequency by D*, over the highest', change, 0, 1e-3, control)
+               for name, change, control in ((n, static_change(cells[n]), n != 'steel') for n in SCENES)]
+    return Outcome(checks, [_draw_bands(out), _draw_shares(out, ratios)])
+
+
+def static_share(atoms):
+    """D*/D0 of nearest neighbours, `-(phi'/r)/phi''`."""
+    r, law = atoms.calc.bonds.lengths.min(), atoms.calc.potential
+    return -law.dphi(r) / r / law.d2phi(r)
+
+
+def static_change(atoms):
+    """Largest part of a squared frequency that D* takes away over the zone, in units of the highest squared frequency."""
+    axis = (np.arange(6) + 0.5) / 6
+    q = np.stack(np.meshgrid(*(axis if periodic else [0.0] for periodic in atoms.pbc)), axis=-1).reshape(-1, 3)
+    complete, conventional = (bloch_modes(atoms, q, model)[0] for model in ('complete', 'conventional'))
+    squares = conventional**2 - complete * abs(complete)
+    return abs(squares).max() / (conventional**2).max()
+
+
+def _planar_crystals(known):
+    cell, n = lattices.triangular(1.0, 1.0), 2 / np.sqrt(3)  # particles per spacing squared
+    cell.calc = AllNeighbours(cell, COULOMB)
+    c_T, _ = sound_speeds(cell)
+    k = 1e-4
+    plasmon = bloch_modes(cell, [[k / (2 * np.pi), k / (4 * np.pi), 0]])[0][0, 1]
+    energy = cell.get_potential_energy() / np.sqrt(np.pi * n)
+    cell.calc = AllNeighbours(cell, DIPOLES)
+    mu = n * sound_speeds(cell)[0] ** 2 / (np.pi * n) ** 1.5
+    golden = known['yukawa_shear_stability']
+    cell.calc = MagneticRepulsion(cell, Yukawa(1.0, golden))
+    nearest, steep = sound_speeds(cell)
+    cell.calc = AllNeighbours(cell, Yukawa(1.0, golden))
+    return [
+        Check('Wigner crystal, energy per electron (e^2/r0)', energy, known['wigner_energy'], 1e-6),
+        Check('Wigner crystal, m c_T^2 (e^2 sqrt(n))', c_T**2 / np.sqrt(n), known['wigner_shear'], 3e-6),
+        Check('Wigner crystal, long plasmon, omega^2/(2 pi n e^2 k/m)', plasmon**2 / (2 * np.pi * n * k), 1, 3e-4),
+        Check('colloidal dipole crystal, shear modulus (kT Gamma/L^2)', mu, known['dipole_shear_modulus'], 1e-9),
+        Check('plasma crystal at kappa L = 1.618, nearest neighbours: c_T/c_L', nearest / steep, 0, 1e-7),
+        Check('control: the same with all neighbours, which hold it', np.divide(*sound_speeds(cell)), 0, 0.1, control=True),
+    ]
+
+
+def _crystals_in_space(known, fcc):
+    from scipy.optimize import brentq
+
+    def energy(kind, kappa):  # per particle, Wigner-Seitz radius one
+        cell = kind(1.0, 1.0)
+        cell.set_cell(cell.cell * (4 * np.pi / 3 / cell.get_volume()) ** (1 / 3))
+        return AllNeighbours(cell, Yukawa(1.0, kappa)).get_potential_energy(cell)
+
+    crossing = brentq(lambda kappa: energy(lattices.fcc, kappa) - energy(lattices.bcc, kappa), 0.8, 1.4, xtol=1e-6)
+    scene = read_scene(ready_scene('fcc'))
+    path = scene.lattice.path('GXWKGL', 60)
+    numerical = phonopy_bands(finite_displacements(fcc, scene.supercell()), path).omega
+    complete, conventional = (analytic_bands(fcc, path, model).omega for model in ('complete', 'conventional'))
+
+    def apart(omega):
+        return abs(omega * abs(omega) - numerical * abs(numerical)).max() / numerical.max() ** 2
+
+    return [
+        Check('Yukawa crystals change from bcc to fcc at kappa', crossing, known['yukawa_bcc_fcc'], 5e-4),
+        Check('fcc, phonopy in space against D0 + D*, squares over the highest', apart(complete), 0, 1e-8),
+        Check('control: fcc, phonopy against D0 alone', apart(conventional), 0, 0.05, control=True),
+    ]
+
+
+def _mass_defect():
+    """A lighter particle in a chain: above the band a mode stands around it, at omega_max/sqrt(1 - e^2), e = 1 - m'/m."""
+    chain = lattices.chain(1.0, 1.0).repeat((41, 1, 1))
+    chain.calc = MagneticRepulsion(chain, DIPOLES)
+    edge = 2 * np.sqrt(DIPOLES.d2phi(1.0))
+    masses = chain.get_masses()
+    masses[20] *= 0.5
+    chain.set_masses(masses)
+    local = bloch_modes(chain, [[0, 0, 0]])[0].max()
+    return Check('mode of a particle of half the mass in a chain, over the band edge', local / edge, (1 - 0.5**2) ** -0.5, 1e-9)
+
+
+def _draw_bands(out):
+    figure = Figure((9.6, 6.2), layout='constrained')
+    for ax, (name, title) in zip(figure.subplots(2, 3).flat, SCENES.items(), strict=True):
+        scene = read_scene(ready_scene(name))
+        atoms, path = scene.atoms(), scene.lattice.path(scene.bands.path, 121)
+        plot_bands(analytic_bands(atoms, path), ax=ax)
+        plot_bands(analytic_bands(atoms, path, 'conventional'), ax=ax, linestyle='--')
+        ax.set_title(title, fontsize='medium')
+    lines = figure.axes[0].lines
+    figure.legend([lines[0], lines[-1]], ['complete, $D^0+D^*$', 'conventional, $D^0$'], loc='outside upper center', ncols=2,
+                  frameon=False)
+    return save_picture(figure, out / 'matter.png',
+                        'Other matter, same theory: D* softens shear the more, the slower the force falls; '
+                        'in steel balls, where it is 1e-4 of D0, the two models are one line.')
+
+
+def _draw_shares(out, ratios):
+    ax = new_axes(5.6, 2.8)
+    order = sorted(ratios, key=ratios.get)
+    bars = ax.barh([SCENES[name] for name in order], [ratios[name] for name in order], color=COLOURS[0])
+    ax.bar_label(bars, fmt='%.2g', padding=3)
+    ax.set(xscale='log', xlim=(3e-5, 3), xlabel="$D^*/D^0$ of nearest neighbours, $-(\\varphi'/r)/\\varphi''$")
+    return save_picture(ax.figure, out / 'matter_shares.png',
+                        'How much static stiffness there is to neglect: 1/a for a force r^-a, next to nothing in a contact of '
+                        'hard balls.')
