@@ -57,10 +57,11 @@ def test_impossible_tables_are_refused(table, message, scene_with):
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
-    (('',), r'has no table \[patch\]; add one'),
+    (('', 'chain'), r'has no table \[patch\]; add one'),
     (('kind = "hexagon"\nside_m = 300',), r'the patch of 2.7e\+09 cells is too large .* check its unit'),
     (('kind = "half_hexagon"\nside_m = 0.01',), 'none of them inside its rim; make it larger'),
     (('kind = "hexagon"\nside_m = 0.05', 'prototype', 'shells = 1', 'shells = 2'), 'law.shells = 2: .* take shells = 1'),
+    (('kind = "hexagon"\nside_m = 0.05', 'prototype', 'shells = 1', 'shells = "all"'), "law.shells = 'all': .* take shells = 1"),
     (('kind = "hexagon"\nside_m = 5', 'chain'), 'cut from a planar cell'),
 ])
 def test_patches_that_cannot_be_cut_are_refused_when_they_are_wanted(arguments, message, scene_with):
