@@ -76,20 +76,13 @@ def vibration(atoms, linear, mode, amplitude):
     norm = np.where(np.arange(HARMONICS + 1) > 0, 2, 1)[:, None] / len(theta)
     h2 = np.arange(HARMONICS + 1)[:, None] ** 2
     W, c = w[mode], np.zeros((HARMONICS + 1, len(w)))
-    moved, rest = atoms.copy(), atoms.get_forces(apply_constraint=False)
-    moved.calc = calc
     failed = Vibration(np.nan, c, ROUNDS * len(theta))
     for rounds in range(1, ROUNDS + 1):
         c[1, mode] = amplitude(W)
         q = cosines.T @ c
-        N = w * abs(w) * q
-        for k, u in enumerate(np.einsum('tm,mix->tix', q, linear.shapes)):
-            moved.positions[:, : calc.dim] = calc.reference.positions[:, : calc.dim] + u
-            try:
-                force = moved.get_forces(apply_constraint=False) - rest
-            except ValueError:  # particles that pass through each other: the amplitude is out of reach
-                return failed
-            N[k] += np.einsum('ix,mix->m', force[:, : calc.dim], linear.shapes)
+        N = w * abs(w) * q + np.einsum('tix,mix->tm', _forces(calc, np.einsum('tm,mix->tix', q, linear.shapes)), linear.shapes)
+        if not np.isfinite(N).all():
+            return failed
         harmonics = norm * (cosines @ N)
         square = w[mode] ** 2 - harmonics[1, mode] / c[1, mode]
         if not square > 0:
@@ -102,3 +95,14 @@ def vibration(atoms, linear, mode, amplitude):
         if abs(W - before) <= SETTLED * W:
             return Vibration(float(W), c, rounds * len(theta))
     return failed
+
+
+def _forces(calc, u):
+    """Forces in N, counted from rest, at many displacements `u` at once; both of the shape (times, particles, dim)."""
+    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
+    bond = R + u[:, bonds.j] - u[:, bonds.i]
+    r = np.linalg.norm(bond, axis=2, keepdims=True)
+    with np.errstate(all='ignore'):  # of an iteration that goes astray
+        pull = calc.potential.dphi(r) / r * bond - (calc.potential.dphi(bonds.lengths) / bonds.lengths)[:, None] * R
+    flat = pull.swapaxes(0, 1).reshape(len(bonds), -1)
+    return -(bonds.incidence.T @ flat).reshape(len(calc.reference), len(u), -1).swapaxes(0, 1) - calc.parameters.foundation * u

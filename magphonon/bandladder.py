@@ -15,7 +15,7 @@ import numpy as np
 
 from .bands import cell_of_free_particles
 from .bonds import Bonds, bonds_within
-from .ladder import EIGENSOLVE, Plan, Rung
+from .ladder import ALL, EIGENSOLVE, Plan, Rung
 from .stiffness import bloch_matrix, bond_stiffness, mass_weighted, signed_root
 
 REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
@@ -24,10 +24,14 @@ STEP = 1.2
 """Ratio of the numbers of shells of two rungs, or one shell more."""
 LINE = 6
 """Times farther on a line, where neighbours are few and no continuum is added."""
-FRACTIONS = (0, 0.03, 0.1, 0.25, 0.5, 0.75, 0.9, 0.97)
+FRACTIONS = (0, 0.03, 0.06, 0.1, 0.17, 0.25, 0.5, 0.75, 0.9, 0.97)
 """Wavevectors looked at, as fractions of a leg of the path."""
-DOUBT = 0.15
+EWALD = 1800
+"""Bonds of a particle whose sum takes as long as the exact one over all of its neighbours, measured."""
+DOUBT = 0.25
 """The error may be larger by this share between the wavevectors looked at."""
+DOUBT_AT_EDGE = 0.05
+"""At the one wavevector of an edge, only for the continuum."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +67,18 @@ def plan_bands(atoms, path, tolerance, edge=None):
     Returns
     -------
     Plan
-        The settings of its rungs are `model` and `shells`.
+        The settings of its rungs are `model` and `shells`, 'all' where the sums are exact.
     """
-    plan = _plan_within(atoms, path, tolerance, edge, REACHES[0], 0.0)
-    for reach in REACHES[1:]:
-        good = [rung.settings['shells'] for rung in plan.rungs if rung.meets(tolerance)]
-        if good and 3 * good[0] <= plan.rungs[-1].settings['shells']:  # half the reach holds a quarter of the shells or more
+    spent = 0.0
+    for reach in REACHES:
+        plan = _plan_within(atoms, path, tolerance, edge, reach, spent)
+        spent = plan.cost
+        summed = [rung for rung in plan.rungs if rung.settings['shells'] != ALL]
+        good = [rung.settings['shells'] for rung in summed if rung.meets(tolerance)]
+        if good and 3 * good[0] <= summed[-1].settings['shells']:  # half the reach holds a quarter of the shells or more
             break
-        plan = _plan_within(atoms, path, tolerance, edge, reach, plan.cost)
+        if plan.rungs[-1].cost < summed[-1].cost:  # the exact sum is cheaper than to look farther
+            break
     return plan
 
 
@@ -92,11 +100,15 @@ def _plan_within(atoms, path, tolerance, edge, reach, spent):
     else:
         error = abs(omega - omega[-1])[:, 0, edge.branch] / abs(omega[-1, 0, edge.branch])
 
-    waves, size = len(path.kpts) if edge is None else 1, D0.shape[-1]
+    waves, doubt, size = (len(path.kpts), DOUBT, D0.shape[-1]) if edge is None else (1, DOUBT_AT_EDGE, D0.shape[-1])
     bonds = np.cumsum([len(shell) for shell in shells])
     rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'Bloch matrix at {waves} wavevector{"s"[: waves > 1]}',
-                  bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(e), DOUBT, {'model': model, 'shells': int(k)})
+                  bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(e), doubt, {'model': model, 'shells': int(k)})
              for model, k, e in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], error[:-1], strict=True)]
+    if hasattr(calc.potential, 'gaussians') and getattr(calc.potential, 'a', np.inf) > 1:
+        rungs.append(Rung('complete linear, all neighbours', f'Ewald sums at {waves} wavevector{"s"[: waves > 1]}',
+                          bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
+                          {'model': 'complete', 'shells': ALL}))
     evidence = (f'compared at {len(q)} wavevector{"s"[: len(q) > 1]} with neighbours to {reach:.3g} spacings'
                 + (' and a continuum beyond' if atoms.pbc.sum() > 1 else ''))
     quantity = f'the bands {path.path}, relative to the highest frequency' if edge is None else f'{edge.name}, relative to itself'

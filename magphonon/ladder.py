@@ -14,6 +14,8 @@ Prices are counted in multiplications, which no machine changes.
 
 from dataclasses import dataclass
 
+ALL = 'all'
+"""Shells of a rung with all neighbours."""
 LAW = 16
 """Multiplications of one evaluation of the law, by its polynomial."""
 EIGENSOLVE = 10

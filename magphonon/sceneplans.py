@@ -9,7 +9,7 @@ import numpy as np
 
 from . import units as u
 from .files import whole_file
-from .ladder import Plan
+from .ladder import ALL, Plan
 
 SAMPLES = 12
 """Frames of a record to a period of the carrier."""
@@ -72,10 +72,14 @@ def scene_plans(scene, tolerance):
 
 def _cell(scene, shells=1):
     """The cell of a scene with as many shells of neighbours as a rung asks for, whatever the scene says."""
+    from .allneighbours import AllNeighbours
     from .calculator import MagneticRepulsion
 
     atoms = scene.lattice.cell()
     foundation = scene.foundation.k if scene.foundation else 0.0
+    if shells == ALL:
+        atoms.calc = AllNeighbours(atoms, scene.law.potential(), foundation=foundation)
+        return atoms
     atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), foundation=foundation, shells=shells)
     return atoms
 

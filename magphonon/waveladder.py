@@ -39,8 +39,8 @@ SHARE = 0.6
 """Of the tolerance that time steps may use up."""
 FRAMES = 12
 """Moments compared in each period of the carrier."""
-DOUBT = 0.04
-"""Relative uncertainty of the pilot for its own structure: what long steps do to a nonlinear difference, 3 % at most in the
+DOUBT = 0.12
+"""Relative uncertainty of the pilot for its own structure: what long steps do to a nonlinear difference, 10 % at most in the
 bursts tried; a quarter with half the step."""
 HALVINGS = 3
 """Most repetitions of the pilot with half the step, where tolerance and estimate are too close to call."""

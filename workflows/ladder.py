@@ -1,0 +1,152 @@
+"""No more model than a scene needs: do the rungs that are chosen meet the tolerance, and is none too dear?
+
+`python -m workflows.ladder` judges all situations (a minute and a half), `python -m workflows ladder` a few of each sort.
+"""
+
+import sys
+from dataclasses import dataclass, replace
+
+import numpy as np
+from tqdm import tqdm
+
+from magphonon.ladder import Plan, Rung
+from magphonon.plotting import COLOURS
+
+from .checks import Check, Outcome, save_picture
+from .situations import TOLERANCES, Peak, situations
+
+MET, DEAR = 0.99, 2.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one plan.
+
+    Attributes
+    ----------
+    situation : object with truth(rung)
+    plan : Plan
+    choice : Rung
+    truth : float
+        True error of the choice.
+    ratio : float
+        Its price over that of the cheapest rung that would have met the tolerance.
+    """
+
+    situation: object
+    plan: Plan
+    choice: Rung
+    truth: float
+    ratio: float
+
+    @property
+    def met(self):
+        return self.truth <= self.plan.tolerance
+
+
+def judge(found, tolerances=TOLERANCES):
+    """Plan every situation for every tolerance and look for the truth; a list of Verdict."""
+    return [verdict(s, s.plan(tolerance)) for s in tqdm(found, desc='situations', leave=False, disable=None)
+            for tolerance in tolerances]
+
+
+def verdict(situation, plan):
+    """The choice of a plan, its true error, and the cheapest rung that would have done."""
+    choice = plan.choice
+    cheaper = sorted((rung for rung in plan.rungs if rung.cost < choice.cost), key=lambda rung: rung.cost)
+    least = next((rung.cost for rung in cheaper if situation.truth(rung) <= plan.tolerance), choice.cost)
+    return Verdict(situation, plan, choice, situation.truth(choice), choice.cost / least)
+
+
+def without_dstar(plan):
+    """The plan of one who takes D* for nothing."""
+    by_rest = {_but_model(rung): rung for rung in plan.rungs if rung.settings['model'] == 'complete'}
+    return replace(plan, rungs=tuple(
+        replace(rung, error=by_rest[_but_model(rung)].error, doubt=0.0) if rung.settings['model'] == 'conventional' else rung
+        for rung in plan.rungs))
+
+
+def _but_model(rung):
+    return tuple((key, value) for key, value in rung.settings.items() if key != 'model')
+
+
+def without_amplitude(plan):
+    """The plan of one who takes every motion for small."""
+    if not any('dt' in rung.settings for rung in plan.rungs):
+        return plan
+    shift = next(rung.error for rung in plan.rungs if rung.settings == {'model': 'complete'})
+    return replace(plan, rungs=tuple(rung if 'dt' in rung.settings else replace(rung, error=max(rung.error - shift, 0.0))
+                                     for rung in plan.rungs))
+
+
+def met_by(distort, verdicts):
+    """Share of the cases that a distorted plan would have met."""
+    plans = [(v.situation, distort(v.plan)) for v in verdicts]
+    return float(np.mean([s.truth(plan.choice) <= plan.tolerance for s, plan in plans]))
+
+
+def statistics(verdicts):
+    """The figures in words."""
+    lines = []
+    for kind in dict.fromkeys(type(v.situation).__name__ for v in verdicts):
+        own = [v for v in verdicts if type(v.situation).__name__ == kind]
+        share = np.median([v.plan.cost / max(rung.cost for rung in v.plan.rungs) for v in own])
+        off = [v.choice.error / v.truth for v in own if v.truth > 1e-12 and v.choice.error > 0]
+        lines.append(f'{kind.lower():9} {len(own):4} cases, {sum(v.met for v in own):4} met, '
+                     f'worst price ratio {max(v.ratio for v in own):.2f}, '
+                     f'estimate/truth {np.min(off):.2g} to {np.max(off):.2g} (median {np.median(off):.2f}), '
+                     f'the estimate costs {share:.1g} of the dearest rung (median)')
+    ratio = max(v.ratio for v in verdicts)
+    met = [v.met for v in verdicts]
+    lines.append(f'all       {len(met):4} cases, {sum(met):4} met ({np.mean(met):.1%}), worst price ratio {ratio:.2f}')
+    return '\n'.join(lines)
+
+
+def main(out, quick=True):
+    """Judge the situations, and those who ignore D* or the amplitude."""
+    verdicts = judge(situations(quick), TOLERANCES[::2] if quick else TOLERANCES)
+    missed, dearest = np.mean([not v.met for v in verdicts]), max(v.ratio for v in verdicts)
+    checks = [
+        Check(f'ladder: share of {len(verdicts)} plans whose rung misses the tolerance', missed, 0.0, 1 - MET),
+        Check('ladder: price of a choice over the cheapest that would have done, above 1', dearest - 1, 0.0, DEAR - 1),
+        Check('control: share met where D* is ignored', met_by(without_dstar, verdicts), 1.0, 0.05, control=True),
+        Check('control: share met where the amplitude is ignored', met_by(without_amplitude, verdicts), 1.0, 0.05, control=True),
+    ]
+    return Outcome(checks, [draw(out, verdicts)])
+
+
+MARKERS = {'Bands': 'o', 'Peak': '^', 'Waveform': 's'}
+
+
+def draw(out, verdicts):
+    """Estimates over truths, and the rung chosen for the oscillator over amplitude and tolerance."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((9.2, 4.0), layout='constrained')
+    ax, regions = figure.subplots(1, 2)
+    for (kind, marker), colour in zip(MARKERS.items(), COLOURS, strict=False):
+        own = [v for v in verdicts if type(v.situation).__name__ == kind and v.truth > 0 and v.choice.error > 0]
+        ax.loglog([v.truth for v in own], [v.choice.error for v in own], marker, color=colour, fillstyle='none', markersize=4,
+                  linestyle='', label=kind.lower())
+    ends = np.array([1e-9, 1.0])
+    ax.plot(ends, ends, color='0.4', lw=0.8, label='estimate = truth')
+    ax.set(xlabel='true relative error of the rung chosen', ylabel='estimated', xlim=ends, ylim=ends)
+    ax.legend(fontsize=8)
+
+    amplitudes, tolerances = np.logspace(-3, -0.8, 40), np.logspace(-5, -0.3, 200)
+    ladders = [Peak('r^-4', 45, A).plan(1e-5).rungs[:2] for A in amplitudes]
+    chosen = [[next((k for k, rung in enumerate(ladder) if rung.meets(x)), 2) for ladder in ladders] for x in tolerances]
+    regions.contourf(amplitudes, tolerances, chosen, levels=[-0.5, 0.5, 1.5, 2.5], colors=['0.97', '0.87', '0.72'])
+    for x, y, name in ((4e-3, 0.25, 'conventional linear'), (4e-3, 3e-3, 'complete linear'), (7e-2, 5e-5, 'nonlinear')):
+        regions.text(x, y, name, ha='center')
+    regions.set(xscale='log', yscale='log', xlabel=r'amplitude at the peak / $L_0$', ylabel='tolerance of the peak frequency',
+                title='oscillator at 45 degrees: the least model')
+    return save_picture(figure, out / 'ladder.png', 'Left: the errors that the ladder estimates against the true ones; those far '
+                        'above the line are bounds. Right: the least model for the resonance of the oscillator.')
+
+
+if __name__ == '__main__':
+    every = judge(situations('--quick' in sys.argv))
+    print(statistics(every))
+    print(f'controls: {met_by(without_dstar, every):.1%} met where D* is ignored, '
+          f'{met_by(without_amplitude, every):.1%} where the amplitude is')

@@ -1,0 +1,226 @@
+"""Hundreds of small scenes whose true errors are found by other means than those by which `magphonon.ladder` estimates them.
+
+    bands       every rung against the exact sums over all neighbours, along the whole path
+    peaks       the oscillator's motion at finite amplitude from one first integral and adaptive integration
+    waveforms   velocity Verlet with short steps, extrapolated to none
+
+Each has a `plan` for a tolerance, and the `truth` about a rung: its error in what is asked.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, Yukawa, analytic_bands, lattices
+from magphonon.allneighbours import AllNeighbours
+from magphonon.bandladder import Edge, plan_bands
+from magphonon.bands import bloch_modes
+from magphonon.peakladder import plan_peak
+from magphonon.stiffness import MODELS
+from magphonon.timestep import highest_frequency
+from magphonon.waveladder import as_model, difference, plan_waveform, strip
+
+TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
+LAWS = {'r^-3': InversePower(1.0, 3.0), 'r^-4': InversePower(1.0, 4.0), 'r^-4.58': InversePower(1.0, 4.58),
+        'Yukawa': Yukawa(1.0, 2.0)}
+"""In units of the spacing, 1 mm."""
+PATHS = {'chain': 'GX', 'square': 'GXMG', 'triangular': 'GMKG', 'honeycomb': 'GMKG', 'kagome': 'GMKG'}
+ANGLES = (0, 30, 45, 90)
+FRAMES = 60
+"""Moments at which waveforms are compared."""
+STEPS = 0.03
+"""Of the true waveform, as a share of the limit 2/omega_max; extrapolated with twice of it."""
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Bands along a path, or one edge of them."""
+
+    kind: str
+    law: str
+    foundation: float
+    edge: str = ''
+
+    @cached_property
+    def _cell(self):
+        return getattr(lattices, self.kind)(1.0, 1.0)
+
+    @cached_property
+    def _path(self):
+        return self._cell.cell.bandpath(PATHS[self.kind], npoints=40, pbc=self._cell.pbc)
+
+    @cached_property
+    def _edge(self):
+        return Edge(self.edge, self._path.special_points[self.edge], 0) if self.edge else None
+
+    def plan(self, tolerance):
+        return plan_bands(self._with(1), self._path, tolerance, self._edge)
+
+    def _with(self, shells):
+        atoms = self._cell.copy()
+        if shells == 'all':
+            atoms.calc = AllNeighbours(atoms, LAWS[self.law], foundation=self.foundation)
+        else:
+            atoms.calc = MagneticRepulsion(atoms, LAWS[self.law], foundation=self.foundation, shells=shells)
+        return atoms
+
+    def _omega(self, model, shells):
+        if self._edge is not None:
+            return bloch_modes(self._with(shells), self._edge.q[None], model)[0][:, 0]
+        return analytic_bands(self._with(shells), self._path, model).omega
+
+    @cached_property
+    def _exact(self):
+        return self._omega('complete', 'all')
+
+    @cached_property
+    def _found(self):
+        return {}
+
+    def truth(self, rung):
+        if rung.name not in self._found:
+            self._found[rung.name] = float(abs(self._omega(**rung.settings) - self._exact).max() / self._exact.max())
+        return self._found[rung.name]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The oscillator, driven along its line to an amplitude (in spacings, about) at its peak."""
+
+    law: str
+    angle: float
+    amplitude: float
+    damping: float = 0.01
+
+    @cached_property
+    def _atoms(self):
+        from ase.constraints import FixedLine
+
+        atoms = lattices.oscillator(np.deg2rad(self.angle), 1.0, 1.0)
+        atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
+        atoms.calc = MagneticRepulsion(atoms, LAWS[self.law], bonds=lattices.OSCILLATOR_BONDS)
+        return atoms
+
+    def plan(self, tolerance):
+        w, where = self._linear('complete'), (3, np.array([0.0, 1.0, 0.0]))
+        return plan_peak(self._atoms, where, where, np.linspace(w / 2, 2 * w, 100), self.damping, tolerance, self._force)
+
+    @property
+    def _force(self):
+        return self.amplitude * self.damping * self._linear('complete')
+
+    def _pull(self, y):
+        """Force along the line at the height y above rest, the static one taken off; the magnets as three points."""
+        s, c = np.sin(np.deg2rad(self.angle)), np.cos(np.deg2rad(self.angle))
+        force = 0.0
+        for x0, y0 in ((c, -s), (-c, -s), (0, -1)):
+            r = np.sqrt(x0**2 + (y - y0) ** 2)
+            force = force - LAWS[self.law].dphi(r) * (y - y0) / r + LAWS[self.law].dphi(1.0) * -y0
+        return force
+
+    def _linear(self, model):
+        if model == 'complete':
+            return float(np.sqrt(-(self._pull(1e-30j)).imag / 1e-30))  # complex step
+        s = np.sin(np.deg2rad(self.angle))
+        return float(np.sqrt(LAWS[self.law].d2phi(1.0) * (2 * s**2 + 1)))
+
+    @cached_property
+    def _true(self):
+        """Frequency at which the first harmonic is that of the force at 90 degrees: A = F/(gamma W)."""
+        from scipy.integrate import solve_ivp
+        from scipy.optimize import brentq
+
+        def vibration(top):
+            done = lambda t, state: state[1]  # at the lower turning point  # noqa: E731
+            done.terminal, done.direction = True, 1
+            half = solve_ivp(lambda t, state: (state[1], self._pull(state[0])), (0, 1e4), (top, 0.0), 'DOP853', events=done,
+                             rtol=1e-11, atol=1e-14, dense_output=True, first_step=1e-3)
+            T = half.t_events[0][0]
+            phase = (np.arange(64) + 0.5) / 64
+            return np.pi / T, 2 * np.mean(half.sol(T * phase)[0] * np.cos(np.pi * phase))
+
+        def excess(top):
+            W, A = vibration(top)
+            return A * self.damping * W / self._force - 1
+
+        return vibration(brentq(excess, 0.5 * self.amplitude, 1.7 * self.amplitude, xtol=1e-12))[0]
+
+    def truth(self, rung):
+        if 'dt' in rung.settings:
+            x = self._true * rung.settings['dt'] / 2
+            return float(np.arcsin(x) / x - 1)
+        return abs(self._linear(rung.settings['model']) / self._true - 1)
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A burst that a row of particles sends through a strip, its force as a share of f(L0)."""
+
+    kind: str
+    law: str
+    foundation: float
+    direction: tuple
+    carrier: float
+    force: float
+    rows: int = 20
+
+    @cached_property
+    def _atoms(self):
+        cell = getattr(lattices, self.kind)(1.0, 1.0)
+        cell.calc = MagneticRepulsion(cell, LAWS[self.law], foundation=self.foundation)
+        return strip(cell, self.rows)
+
+    @cached_property
+    def _burst(self):
+        """Drive, measured row, damping and duration."""
+        atoms, low = self._atoms, np.sqrt(self.foundation)
+        omega = low + self.carrier * (highest_frequency(atoms) - low)
+        inside = np.flatnonzero(atoms.get_tags() == 0)
+        y = atoms.positions[inside, 1]
+        force = -self.force * LAWS[self.law].dphi(1.0)
+        drive = ToneBurst(inside[y < y.min() + 1e-6], self.direction, force, omega, cycles=5)
+        return drive, inside[:: len(inside) // (self.rows - 2)], 0.01 * omega, 1.6 * drive.end
+
+    def plan(self, tolerance):
+        return plan_waveform(self._atoms, *self._burst, tolerance, copies=self.rows)
+
+    def _verlet(self, dt, model='complete', share=1.0):
+        """Displacements of the row at FRAMES equal times, with steps of at most dt."""
+        drive, row, damping, duration = self._burst
+        interval = int(np.ceil(duration / dt / FRAMES))
+        dyn = DrivenVerlet(as_model(self._atoms, model), duration / interval / FRAMES,
+                           [replace(drive, amplitude=share * drive.amplitude)], damping, engine='numpy')
+        record = Recorder(dyn, row, interval)
+        dyn.run(interval * FRAMES)
+        return record.displacements[1:] / share, duration / interval / FRAMES
+
+    def _limit(self, model='complete', share=1.0):
+        dt = STEPS * 2 / highest_frequency(self._atoms)
+        (coarse, h2), (fine, h1) = (self._verlet(h, model, share) for h in (2 * dt, dt))
+        return fine + (fine - coarse) * h1**2 / (h2**2 - h1**2)
+
+    @cached_property
+    def _true(self):
+        return self._limit()
+
+    @cached_property
+    def _linear(self):
+        return {model: self._limit(model, share=1e-7) for model in MODELS}
+
+    def truth(self, rung):
+        if 'dt' in rung.settings:
+            return difference(self._verlet(rung.settings['dt'])[0], self._true)
+        return difference(self._linear[rung.settings['model']], self._true)
+
+
+def situations(quick=False):
+    """All of them, or a few of each sort."""
+    bands = [Bands(kind, law, 0.5 if kind == 'triangular' else 12.0, edge)
+             for law in LAWS for kind in PATHS for edge in ('', 'X' if kind in ('chain', 'square') else 'M')]
+    peaks = [Peak(law, angle, amplitude) for law in LAWS for angle in ANGLES for amplitude in (1e-3, 0.01, 0.03, 0.08)]
+    waves = [Waveform(kind, law, 0.2 if kind == 'triangular' else 8.0, direction, carrier, force)
+             for kind, law in (('triangular', 'r^-4'), ('triangular', 'Yukawa'), ('square', 'r^-4.58'), ('honeycomb', 'r^-4'),
+                               ('kagome', 'r^-3'))
+             for direction, carrier in (((1, 0), 0.3), ((0, 1), 0.6)) for force in (1e-4, 3e-3, 1e-1)]
+    return [*bands[::7], *peaks[::5], *waves[1::15]] if quick else [*bands, *peaks, *waves]
