@@ -31,7 +31,7 @@ def plot_wave(wave, ax=None):
     spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
     with np.errstate(divide='ignore'):
         dB = 10 * np.log10(spectrum.power / spectrum.power.max())
-    lit = spectrum.omega[dB[:, forward].max(axis=1) > FLOOR_dB / 2].max()
+    lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards
     top = min(MARGIN * lit, spectrum.omega[-1])
     shown = spectrum.omega <= top
     image = ax.pcolormesh(spectrum.xi[forward], _hertz(spectrum.omega[shown]), dB[np.ix_(shown, forward)].clip(FLOOR_dB),

@@ -46,6 +46,7 @@ def waves(row, cell, source):
     """The waves along a row, the strongest motion first; one 20 dB weaker than the other is left out.
 
     Waves that spread move the row across and along its line: a ridge of one motion may follow the branch of the other.
+    Where a branch falls with the wavenumber, as shear in a square lattice on springs, phases run backwards: no ridge.
 
     Parameters
     ----------

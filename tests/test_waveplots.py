@@ -45,6 +45,16 @@ def test_the_map_does_not_depend_on_the_amplitude(ideal):
     assert large.min() == -40
 
 
+def test_a_wave_that_runs_backwards_leaves_an_empty_map(ideal):
+    t, n = 2.0 * np.arange(400)[:, None], np.arange(40)
+    u = np.cos(0.07 * t + n)[..., None] * polarisations(ideal, 'row')['transverse']
+    (wave,) = waves(Displacements(t[:, 0], n, u), ideal, 'row')
+    assert wave.ridge is None
+    ax = plot_wave(wave)
+    assert ax.collections[0].get_array().max() < -30
+    assert ax.get_ylim()[1] > 0.07 / (2 * np.pi) * 1e3  # Hz
+
+
 @pytest.fixture
 def passage(ideal):
     """Particles of a patch that move one after the other, up the measured row."""
