@@ -17,7 +17,7 @@ from .sensitivities import Change, frequency_sensitivities, spacing_change
 
 SCAN = 49
 """Spacings looked at in the range; between two of them the wanted value is crossed at most once."""
-VERGE = 1e-12
+VERGE = 1e-9
 """Relative accuracy of the spacing at which the lattice begins to buckle."""
 MESH = 24
 """Wavevectors along each reciprocal vector among which the ends of a branch are looked for; meets M and K."""

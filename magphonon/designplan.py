@@ -94,6 +94,9 @@ class DesignPlan(Table):
         if scene.single or scene.law.shells == ALL:
             what = 'the oscillator' if scene.single else f"law.shells = '{ALL}'"
             raise ValueError(f'design is for lattices with a number of shells, not for {what}; take [design] out')
+        if self.cut_off_Hz is not None and np.ptp(scene.lattice.cell().get_masses()):
+            raise ValueError('design.cut_off_Hz is the frequency of uniform motion, which particles of different masses do not '
+                             'have; take it out, and give the foundation')
         if self.spacing_from is not None:
             self.spacing_from.target(scene)
 
@@ -153,6 +156,8 @@ def tables(scene, design, k):
     """
     lines = ['[lattice]', f'kind = "{scene.lattice.kind}"', f'spacing_m = {design.spacing / u.m:.12g}',
              f'mass_kg = {scene.lattice.mass_kg:.12g}']
+    if scene.lattice.relative_masses is not None:
+        lines.append(f'relative_masses = {list(scene.lattice.relative_masses)}')
     pillar = scene.foundation.pillar if scene.foundation else None
     stiffness = k / (u.N / u.m)
     if pillar is not None:
