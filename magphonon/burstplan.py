@@ -34,6 +34,8 @@ class BurstPlan(Table):
         if len(self.directions_deg) != len(self.carriers_Hz):
             raise ValueError(f'.directions_deg must hold a direction for each of the {len(self.carriers_Hz)} carriers, '
                              f'not {list(self.directions_deg)}')
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f' lists a burst twice, among {", ".join(self.names)}; keep one of them')
         longest = self.cycles / min(self.carriers_Hz)
         if not self.duration_s > longest:
             raise ValueError(f'.duration_s must be longer than the longest burst, {longest:.6g} s, not {self.duration_s!r}')

@@ -125,6 +125,7 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
     (('19.1', '19.1, 20'), r'burst.directions_deg must hold a direction for each of the 2 carriers, not \[0.0\]'),
     ((r'directions_deg = \[0\]', 'directions_deg = [inf]'), r'burst.directions_deg\[0\] must be a finite number, not inf'),
     ((r'directions_deg = \[0\]', 'directions_deg = 0'), 'burst.directions_deg must be a list in brackets, not 0'),
+    ((r'(?s)\[19.1\](.*?)\[0\]', r'[19.1, 19.1]\1[0, 0]'), 'burst lists a burst twice, among 19.1Hz_0deg, 19.1Hz_0deg; keep'),
     (('duration_s = 0.6', 'duration_s = 0.2'), 'burst.duration_s must be longer than the longest burst, 0.26178 s, not 0.2'),
     (('carriers_Hz', 'carrier_Hz'), "burst has no key 'carrier_Hz'; did you mean 'carriers_Hz'"),
     ((r'\[19.1\]', '[91]'), 'the carrier of 91 Hz lies above the highest frequency of the patch, 74'),
