@@ -26,6 +26,8 @@ OVERFLOW = 600.0
 """Largest exponent of growth."""
 RESOLVED = 1e-14
 """Of the impulse of a drive: what round-off leaves of its kinks."""
+UNRESOLVED = 1e-11
+"""Of the largest coefficient: the last ones are larger only if the series is too short, never by round-off."""
 EPS = np.finfo(float).eps
 
 
@@ -193,40 +195,45 @@ def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, 
     -------
     y : ndarray, shape (stops, 2, rows)
     state : ndarray, shape (free, 2)
-        At the last stop; None if this part is the last.
+        At the last stop, unless this part is the last.
     error : float
         Bound in mm.
     products : int
     """
     rate = np.sqrt(interval.highest - interval.lowest)
     edges, courses, patterns = load.between(start, stops, max(rate, gamma))
-    moving = np.flatnonzero(state.any(axis=0))
-    s = np.column_stack([state[:, moving], patterns])
     outputs = np.searchsorted(edges, stops)
+    moving = np.flatnonzero(state.any(axis=0))
 
-    def motions(w2):  # of single oscillators: (stops, 2, columns of s, oscillators)
-        free = np.moveaxis(free_response(w2, gamma, (stops - start)[:, None]), 2, 0)[:, :, moving]
-        return np.concatenate([free, forced_response(w2, gamma, edges, courses, outputs)], axis=2)
+    def free(w2):
+        return np.moveaxis(free_response(w2, gamma, (stops - start)[:, None]), 2, 0)[:, :, moving]
 
     z = rate * (stops[-1] - start)
     terms = int(z / 2 + 6 * np.cbrt(z)) + 20
-    c = coefficients(motions(interval.nodes(terms)))
-    while abs(c[..., -8:]).max(initial=0.0) > 1e-11 * abs(c).max(initial=0.0):
-        terms *= 2
-        c = coefficients(motions(interval.nodes(terms)))
-    weight = (abs(c) / np.array([1.0, rate])[:, None, None]).max(axis=(0, 1)) * np.linalg.norm(s, axis=0)[:, None]
-    left = np.append(np.cumsum(weight.sum(axis=0)[::-1])[::-1], np.zeros(BLOCK)) * size.max(initial=0.0)
-    y, end = np.zeros((len(stops), 2, len(rows))), None if last else np.zeros((2, len(K.indptr) - 1))
-    used = 0
-    if s.shape[1]:
-        for block in chebyshev_blocks(K, interval, s, rows if last else slice(None)):
-            own = c[..., used : used + BLOCK]
-            block = np.swapaxes(block[: own.shape[-1]], 1, 2)  # terms, columns, rows
+    sources = [(state[:, moving], free)] if len(moving) else []
+    width = max(1, LARGEST // (len(stops) * terms))  # patterns at a time
+    for k in range(0, patterns.shape[1], width):
+        own = np.ascontiguousarray(courses[..., k : k + width])
+        sources.append((patterns[:, k : k + width], lambda w2, own=own: forced_response(w2, gamma, edges, own, outputs)))
+
+    y, end = np.zeros((len(stops), 2, len(rows))), np.zeros((2, K.shape[0]))
+    error, products = 0.0, 0
+    for s, motions in sources:
+        c = coefficients(motions(interval.nodes(terms)))  # (stops, 2, columns of s, terms)
+        while abs(c[..., -8:]).max() > UNRESOLVED * abs(c).max():
+            c = coefficients(motions(interval.nodes(2 * c.shape[-1])))
+        weight = (abs(c) / np.array([1.0, rate])[:, None, None]).max(axis=(0, 1)) * np.linalg.norm(s, axis=0)[:, None]
+        left = np.cumsum(weight.sum(axis=0)[::-1])[::-1] * size.max(initial=0.0)
+        left = np.append(left, np.zeros(BLOCK))
+        for n, block in enumerate(chebyshev_blocks(K, interval, s, rows if last else slice(None))):
+            used = (n + 1) * BLOCK
+            own = c[..., used - BLOCK : used]
+            block = block[: own.shape[-1]].swapaxes(1, 2)  # terms, columns, rows
             if not last:
                 end += np.tensordot(own[-1], block, ((2, 1), (0, 1)))
                 block = block[..., rows]
             y += np.tensordot(own, block, ((3, 2), (0, 1)))
-            used += BLOCK
-            if left[min(used, terms)] <= tolerance * (abs(y[:, 0]) * size).max(initial=0.0) or used >= terms:
+            if used >= c.shape[-1] or left[used] * len(sources) <= tolerance * (abs(y[:, 0]) * size).max(initial=0.0):
                 break
-    return y, None if last else end.T, left[min(used, terms)] + EPS * (1 + z) * left[0], used * s.shape[1]
+        error, products = error + left[used] + EPS * (1 + z) * left[0], products + used * s.shape[1]
+    return y, end.T, error, products

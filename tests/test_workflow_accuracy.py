@@ -72,8 +72,9 @@ def test_the_sentence_under_the_transient_reads_the_table():
 def test_the_sentence_under_the_response_reads_the_table():
     magnet = [point(1e-5, 1e-15, 'closed form'), point(0.5, 1e-3, accuracy_frf.STEPPED)]
     patch = [point(200.0, 1e-2, accuracy_frf.STEPPED), point(0.1, 1e-3, accuracy_frf.SERIES),
-             point(0.5, 1e-8, accuracy_frf.SERIES, setting='fine'), point(90.0, 1e-12, accuracy_frf.DIRECT)]
+             point(0.5, 1e-8, accuracy_frf.SERIES, setting='fine'), point(90.0, 1e-12, accuracy_frf.DIRECT),
+             point(3.0, 5e-2, accuracy_frf.IMPULSIVE)]
     said = accuracy_frf.reading({'one magnet': magnet, 'N = 5': patch})
-    assert '2e+02 s for an error of 0.01' in said
+    assert '200 s for an error of 1e-02' in said
     assert '2000 times less' in said
-    assert 'factorisations 90 s' in said
+    assert '0.5 s for 1e-08 (factorisations 90 s)' in said

@@ -27,7 +27,7 @@ from magphonon.linear import reduced
 from magphonon.stiffness import bloch_matrix, model_stiffness
 from magphonon.transfer import forced_response, sampled
 
-from .charts import Chart, panels_of
+from .charts import Chart, panels_of, spoken
 from .checks import Check
 
 CARRIER = 40 * units.Hz        # within the lower branch of the prototype
@@ -281,6 +281,7 @@ def reading(panels):
     best, steps, own = (cheapest([m for m in table if m.method == name or not name], TARGET) for name in ('', VERLET, SERIES))
     rough = [m.error for m in table if m.method == VERLET and m.seconds < best.seconds]
     alone = f'only where an error of {min(rough):.1g} will do' if rough else 'at no error charted here'
-    return (f'At {panel}, an error of {TARGET:.0e} takes {best.method} {best.seconds:.2g} s, propagate (which keeps to a '
-            f'tolerance, in the memory of a few vectors) {own.seconds:.2g} s, and {steps.method} {steps.seconds:.2g} s, '
-            f'{steps.seconds / best.seconds:.0f} and {steps.seconds / own.seconds:.0f} times as long; it is quicker {alone}.')
+    longer, longest = (spoken(steps.seconds / m.seconds) for m in (own, best))
+    return (f'At {panel}, an error of {TARGET:.0e} takes {best.method} {spoken(best.seconds)} s, propagate (which keeps to a '
+            f'tolerance, in the memory of a few vectors) {spoken(own.seconds)} s, and {steps.method} {spoken(steps.seconds)} s, '
+            f'{longest} and {longer} times as long; it is quicker {alone}.')

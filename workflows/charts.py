@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from magphonon.accuracy import Measurement, write_table
 from magphonon.accuracyplots import looks_of, plot_work_precision
 
@@ -61,6 +63,11 @@ def work_precision(chart):
     figure.legend(entries.values(), entries, loc='outside lower center', ncols=2 if len(panels) == 1 else 4, frameon=False,
                   fontsize=9)
     return figure
+
+
+def spoken(number):
+    """A number in two digits, as one would say it: 360, 0.21, 0.00002."""
+    return np.format_float_positional(number, precision=2, fractional=False, trim='-')
 
 
 def save_chart(chart, out, name):
