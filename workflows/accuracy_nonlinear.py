@@ -90,7 +90,7 @@ def chart(quick):
         pluck = Pluck(patch, amplitude)
         table += measure(candidates(pluck, f'Amplitude {amplitude:g} L0'), pluck.error, repeats=2 if quick else 5,
                          patience=0.2 if quick else 1.0)
-    amplitudes = np.logspace(-4, -1, 7)
+    amplitudes = np.logspace(-4, -1, 4)
     linear = np.array([pluck.error(linear_answer(pluck, {})) for pluck in (Pluck(patch, a) for a in amplitudes)])
     enough = float(np.exp(np.interp(np.log(GOOD), np.log(linear), np.log(amplitudes))))
     return Chart('Plucked lattice, nonlinear', table, reading(panels_of(table), enough), checks(table, amplitudes, linear),

@@ -1,0 +1,200 @@
+"""How small may a displacement be: the V-curve of numerical derivatives, and the amplitude window of runs in time."""
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from importlib.util import find_spec
+
+import numpy as np
+from ase import Atoms
+from ase.constraints import FixAtoms
+
+from magphonon import DrivenVerlet, MagneticRepulsion, read_scene, ready_scene
+from magphonon.accuracy import Candidate, measure
+from magphonon.accuracyplots import looks_of
+from magphonon.plotting import legend_above
+from magphonon.stiffness import condense, signed_root
+from magphonon.timestep import highest_frequency
+
+from .accuracy_bands import closed_form, finite_differences
+from .charts import Chart, panels_of
+from .checks import Check
+
+DISTANCES = np.logspace(-9, -1, 17)    # of the spacing
+AMPLITUDES = np.logspace(-12, -1, 12)  # of the spacing
+SIDES = {True: 'plus-minus', False: 'one-sided'}
+LOOPS = {'held': "ASE's loop, FixAtoms", 'ase': "ASE's loop, no constraint", 'numpy': 'NumPy blocks',
+         'compiled': 'compiled blocks'}
+STEPS, SHARE = 400, 0.1                # time steps, and their length over the stability limit
+DIGITS = 1e-10                         # what displacements from rest keep however small they are
+DERIVATIVE, WINDOW = 'finite displacements', f'{STEPS} time steps'
+
+
+def chart(quick):
+    """Error over the displacement, not over time: what a method costs hardly depends on it."""
+    amplitudes = np.append(AMPLITUDES[::2], AMPLITUDES[-1]) if quick else AMPLITUDES
+    repeats = 1 if quick else 3
+    table = displaced(repeats) + kicked(amplitudes, repeats)
+    curves = {(panel, method): np.array([m.error for m in own if m.method == method])
+              for panel, own in panels_of(table).items() for method in dict.fromkeys(m.method for m in own)}
+    return Chart('How small a displacement may be', table, reading(curves, amplitudes), checks(curves, amplitudes),
+                 draw=partial(draw, {DERIVATIVE: DISTANCES, WINDOW: amplitudes}))
+
+
+# --- numerical derivative --------------------------------------------------------------------------------------------
+
+def displaced(repeats):
+    """Frequencies of the prototype from forces on displaced particles, against the closed form."""
+    cell = read_scene(ready_scene('prototype')).atoms()
+    kpts = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc).kpts
+    exact, L0 = closed_form(cell, kpts, real=np.longdouble), cell.cell.lengths()[0]
+    candidates = [Candidate(f'phonopy, {sides}', f'd = {d:.2e} L0',
+                            partial(finite_differences, cell, kpts, (3, 3, 1), d * L0, both), DERIVATIVE)
+                  for both, sides in SIDES.items() for d in DISTANCES]
+    return measure(candidates, lambda omega: abs(omega - exact).max() / exact.max(), repeats)
+
+
+# --- runs in time ----------------------------------------------------------------------------------------------------
+
+@dataclass(frozen=True)
+class Kick:
+    """A periodic lattice at rest in which one particle receives a velocity; a row of others may be held."""
+
+    atoms: Atoms
+    held: bool
+
+    def __post_init__(self):
+        if self.held:
+            self.atoms.set_constraint(FixAtoms(np.flatnonzero(~self.free)))
+
+    @cached_property
+    def free(self):
+        """Whether a particle may move."""
+        y = self.atoms.positions[:, 1]
+        return (y > y.min() + 1e-6) | (not self.held)
+
+    @cached_property
+    def particle(self):
+        """The one that is kicked, in the middle."""
+        return len(self.atoms) // 2 + round(len(self.atoms) ** 0.5) // 2
+
+    @cached_property
+    def dt(self):
+        """Time step in ms."""
+        return SHARE * 2 / highest_frequency(self.atoms)
+
+    @cached_property
+    def linear(self):
+        """Displacements after the last step per velocity of the kick in ms, shape (particles, 2): Verlet's own, in closed form.
+
+        A mode of the frequency w that starts from rest with the velocity v is after n steps at
+        `v dt sin(n a)/sin(a)` with `cos a = 1 - (w dt)^2/2`; so time steps leave no difference.
+        """
+        n, mass = len(self.atoms), self.atoms.get_masses()[0]
+        H = self.atoms.calc.get_hessian(self.atoms).tocsr()
+        in_plane = np.flatnonzero(np.tile([True, True, False], n))
+        w2, modes = np.linalg.eigh(condense(H[in_plane][:, in_plane], self.free).toarray() / mass)
+        start = np.zeros((n, 2))
+        start[self.particle] = self.direction
+        a = 2 * np.arcsin(signed_root(w2) * self.dt / 2)
+        u = np.zeros((n, 2))
+        reached = modes @ (self.dt * np.sin(STEPS * a) / np.sin(a) * (modes.T @ start[self.free].ravel()))
+        u[self.free] = reached.reshape(-1, 2)
+        return u
+
+    @property
+    def direction(self):
+        return np.array([np.cos(0.4), np.sin(0.4)])
+
+    def run(self, amplitude, engine, cost):
+        """Displacements after the last step over those of the linear answer's largest, which is `amplitude` spacings."""
+        cost['force evaluations'] = STEPS
+        atoms = self.atoms.copy()
+        atoms.calc = self.atoms.calc
+        size = amplitude * atoms.calc.bonds.lengths.min()
+        momenta = np.zeros((len(atoms), 3))
+        momenta[self.particle, :2] = size / abs(self.linear).max() * self.direction * atoms.get_masses()[0]
+        atoms.set_momenta(momenta)
+        dyn = DrivenVerlet(atoms, self.dt, engine=engine)
+        dyn.run(STEPS)
+        return dyn.displacements / size
+
+    def departure(self, u):
+        """Largest difference from the linear answer over its largest displacement."""
+        return abs(u - self.linear / abs(self.linear).max()).max()
+
+
+def kicked(amplitudes, repeats):
+    """Departure from the linear response after some hundred steps, of every loop."""
+    cell, table = read_scene(ready_scene('prototype')).atoms(), []
+    for name, method in LOOPS.items():
+        if name == 'compiled' and not find_spec('numba'):
+            continue
+        lattice = cell.repeat((6, 6, 1))
+        lattice.calc = MagneticRepulsion(lattice, cell.calc.potential, **cell.calc.parameters)
+        kick = Kick(lattice, held=name == 'held')
+        engine = 'ase' if name == 'held' else name
+        table += measure([Candidate(method, f'amplitude {a:.0e} L0', partial(kick.run, a, engine), WINDOW) for a in amplitudes],
+                         kick.departure, repeats)
+    return table
+
+
+# --- what they show --------------------------------------------------------------------------------------------------
+
+def slope(x, y, low, high):
+    """Exponent of y as a power of x between two values of x."""
+    inside = (x > 0.9 * low) & (x < 1.1 * high)
+    return np.polyfit(np.log(x[inside]), np.log(y[inside]), 1)[0]
+
+
+def checks(curves, amplitudes):
+    """The slopes on both sides that theory gives, and how many digits are left at the smallest amplitude."""
+    both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
+    first_order = slope(DISTANCES, one, 1e-6, 1e-3)
+    tests = [
+        Check('derivative, plus-minus: power above the floor', slope(DISTANCES, both, 1e-4, 1e-2), 2, 0.05),
+        Check('derivative, plus-minus: power below the floor', slope(DISTANCES, both, 1e-9, 1e-7), -1, 0.2),  # round-off scatters
+        Check('derivative, one-sided: power above the floor', first_order, 1, 0.05),
+        Check('control: one-sided as good as plus-minus', first_order, 2, 0.3, control=True),
+    ]
+    for name in ('held', 'ase'):
+        u = curves[WINDOW, LOOPS[name]]
+        tests += [Check(f'amplitude window, {LOOPS[name]}: power below the floor', slope(amplitudes, u, 1e-12, 1e-8), -1, 0.2),
+                  Check(f'control: {LOOPS[name]}, error at the smallest amplitude', u[0], 0, DIGITS, control=True)]
+    for name in ('numpy', 'compiled'):
+        if (WINDOW, LOOPS[name]) in curves:
+            u = curves[WINDOW, LOOPS[name]]
+            tests += [Check(f'amplitude window, {LOOPS[name]}: power above the floor', slope(amplitudes, u, 1e-7, 1e-3), 1, 0.05),
+                      Check(f'amplitude window, {LOOPS[name]}: error at the smallest amplitude', u[0], 0, DIGITS)]
+    return tests
+
+
+def reading(curves, amplitudes):
+    """What the chart says."""
+    both, one = (curves[DERIVATIVE, f'phonopy, {sides}'] for sides in SIDES.values())
+    held, free, blocks = (curves[WINDOW, LOOPS[name]] for name in ('held', 'ase', 'numpy'))
+    def best(x, errors):
+        return f'{errors.min():.0e}, at {x[errors.argmin()]:.0e} L0'
+
+    return (f'Displaced to both sides, bands are good to {best(DISTANCES, both)}; to one side only to {best(DISTANCES, one)}. '
+            f"In time, ASE's loop with FixAtoms comes to {best(amplitudes, held)}, of the linear response, and without a "
+            f'constraint to {best(amplitudes, free)}; blocks, which carry displacements from rest, are at {blocks[0]:.0e} still '
+            f'at {amplitudes[0]:.0e} L0.')
+
+
+def draw(values, chart):
+    """Error over displacement, a panel for each question, on one scale."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((10.4, 4.8), layout='constrained')
+    axes = figure.subplots(1, 2, sharey=True)
+    titles = 'displacement of the numerical derivative / $L_0$', f'largest displacement after {STEPS} steps / $L_0$'
+    for ax, title, (panel, table) in zip(axes, titles, panels_of(chart.measurements).items(), strict=True):
+        for method, (colour, marker, line) in looks_of(table).items():
+            errors = [m.error for m in table if m.method == method]
+            ax.loglog(values[panel], errors, color=colour, marker=marker, linestyle=line, markersize=4, label=method)
+        ax.set(xlabel=title, ylim=(1e-16, 10))
+        ax.grid(color='0.9', linewidth=0.6)
+        legend_above(ax, ncols=2, fontsize=9)
+    axes[0].set_ylabel('error of a frequency / highest frequency')
+    axes[1].set_ylabel('departure from the linear response')
+    return figure
