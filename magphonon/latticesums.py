@@ -182,9 +182,10 @@ class EwaldSums:
         return onto_I[:, None, None] * np.eye(x.shape[1]) + onto_xx[:, None, None] * xx
 
     def _narrow(self, r):
-        """Nodes and weights of the integral from eta^2 up, for distances `r`; a large exponent s peaks late."""
-        late = 0 if np.isinf(self.decay) else 2 * self.decay
-        return _nodes(self.eta2, self.eta2 + (REACH + 20 + late) / np.min(r, initial=np.inf) ** 2, late)
+        """Nodes and weights of the integral from eta^2 up, for distances `r`; a steep law peaks late and sharply."""
+        shortest = np.min(r, initial=np.inf)
+        late = 2 * (self.decay if np.isfinite(self.decay) else self.law.kappa * shortest)
+        return _nodes(self.eta2, self.eta2 + (REACH + 20 + late) / shortest**2, late)
 
     # --- wide Gaussians, over the reciprocal lattice -----------------------------------------------------------------
 
@@ -359,6 +360,8 @@ class _Wide:
 
 def _nodes(low, high, power=0):
     """Gauss-Legendre nodes and weights of an integral over t, on panels of equal ratio, narrower for a high power of t."""
+    if low >= high:  # so strong a screening that wide Gaussians are absent
+        return np.array([high]), np.zeros(1)
     panels = max(1, int(np.ceil(np.log(high / low) / _PANEL * (1 + power / 32))))
     half = np.log(high / low) / panels / 2
     centre = np.log(low) + half * (2 * np.arange(panels) + 1)
