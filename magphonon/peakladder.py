@@ -14,6 +14,7 @@ from .bands import repulsion_of
 from .frf import HEADSTART, harmonic_response
 from .ladder import EIGENSOLVE, Plan, Rung, force_cost
 from .linear import SMALL, Modes, frequency_response, modes, reduced
+from .replicas import STEADY
 from .stiffness import bond_stiffness
 from .timestep import free_directions, highest_frequency
 
@@ -168,7 +169,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
              Rung('complete linear', method, price, shift, shift_doubt, {'model': 'complete'})]
     if force:
         dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
-        steps = int(np.ceil(2 * np.log(HEADSTART / tolerance) / damping / dt))
+        steps = int(np.ceil(2 * np.log(HEADSTART / STEADY) / damping / dt))
         rungs.append(Rung('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps',
                           points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
                           {'model': 'complete', 'dt': float(dt)}))

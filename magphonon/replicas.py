@@ -10,11 +10,13 @@ from .dynamics import DrivenVerlet
 from .frf import FrequencyResponse, steady_amplitudes
 from .recorder import Recorder
 
+STEADY = 1e-3
+"""What the transient may leave of an amplitude; harmonics of a nonlinear motion disturb the lock-in by less."""
 FRAMES = 12
 """Of a record, to a period."""
 
 
-def stepped_response(atoms, source, answer, omega, damping, force, dt, tolerance):
+def stepped_response(atoms, source, answer, omega, damping, force, dt):
     """The response at a finite force, in time: a replica of the structure for each frequency, run until it is steady.
 
     Parameters
@@ -30,8 +32,6 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt, tolerance
         In N.
     dt : float
         In ms.
-    tolerance : float
-        What the transient may leave.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt, tolerance
     drive = Harmonic(first + source[0], source[1], force, omega, phase=np.pi / 2)
     dyn = DrivenVerlet(many, dt, [*balance, drive], damping)
     recorder = Recorder(dyn, first + answer[0], interval=max(1, int(2 * np.pi / np.max(omega) / FRAMES / dt)))
-    amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, tolerance)
+    amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, STEADY)
     return FrequencyResponse(np.asarray(omega), amplitudes * answer[1][axis] / force, left)
 
 

@@ -116,10 +116,10 @@ def _peak(scene, tolerance):
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
     notes = () if force else ('The response is that to a vanishing force; [plan] force_N = ... asks for another.',)
-    return Wanted('frf', plan, lambda file, **rung: _write_response(scene, file, force, tolerance, **rung), notes)
+    return Wanted('frf', plan, lambda file, **rung: _write_response(scene, file, force, **rung), notes)
 
 
-def _write_response(scene, file, force, tolerance, model, dt=None):
+def _write_response(scene, file, force, model, dt=None):
     from .frf import FrequencyResponse
     from .linear import frequency_response
     from .replicas import stepped_response
@@ -130,7 +130,7 @@ def _write_response(scene, file, force, tolerance, model, dt=None):
         pushed[source[0]] = source[1]
         response = FrequencyResponse(omega, frequency_response(atoms, pushed, omega, damping, [answer[0]])[:, 0] @ answer[1])
     else:
-        response = stepped_response(atoms, source, answer, omega, damping, force, dt, tolerance)
+        response = stepped_response(atoms, source, answer, omega, damping, force, dt)
     response.save(file.with_suffix('.npz'))
     amplitude, phase = abs(response.response) / (u.m / u.N), np.degrees(np.angle(response.response))
     _write_table(file, ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],

@@ -34,21 +34,28 @@ def bond_stiffness(vectors, potential):
     ValueError
         If a vector has no length.
     """
-    r = np.linalg.norm(vectors, axis=1)[:, None, None]
-    for k in np.flatnonzero(~((r > 0) & (r < np.inf)))[:1]:
-        raise ValueError(f'bond {k} has the vector {vectors[k]} mm; a bond joins two particles at a finite distance')
-    n = vectors / r[:, 0]
-    nn = n[:, :, None] * n[:, None, :]
+    r, nn = _lengths_and_axes(vectors)
     D0 = potential.d2phi(r) * nn
     Dstar = potential.dphi(r) / r * (np.eye(vectors.shape[1]) - nn)
     return D0, Dstar
 
 
+def _lengths_and_axes(vectors):
+    """Length r and n(x)n of each bond, shapes (bonds, 1, 1) and (bonds, dim, dim)."""
+    r = np.linalg.norm(vectors, axis=1)[:, None, None]
+    for k in np.flatnonzero(~((r > 0) & (r < np.inf)))[:1]:
+        raise ValueError(f'bond {k} has the vector {vectors[k]} mm; a bond joins two particles at a finite distance')
+    n = vectors / r[:, 0]
+    return r, n[:, :, None] * n[:, None, :]
+
+
 def model_stiffness(vectors, potential, model='complete'):
     """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`."""
-    one_of('model', model, MODELS)
+    if one_of('model', model, MODELS) == 'conventional':
+        r, nn = _lengths_and_axes(vectors)
+        return potential.d2phi(r) * nn
     D0, Dstar = bond_stiffness(vectors, potential)
-    return D0 + Dstar if model == 'complete' else D0
+    return D0 + Dstar
 
 
 def hessian(bonds, K, foundation=0.0):

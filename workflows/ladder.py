@@ -133,13 +133,16 @@ def draw(out, verdicts):
     ax.set(xlabel='true relative error of the rung chosen', ylabel='estimated', xlim=ends, ylim=ends)
     ax.legend(fontsize=8)
 
-    amplitudes, tolerances = np.logspace(-3, -0.8, 40), np.logspace(-5, -0.3, 200)
-    ladders = [Peak('r^-4', 45, A).plan(1e-5).rungs[:2] for A in amplitudes]
-    chosen = [[next((k for k, rung in enumerate(ladder) if rung.meets(x)), 2) for ladder in ladders] for x in tolerances]
-    regions.contourf(amplitudes, tolerances, chosen, levels=[-0.5, 0.5, 1.5, 2.5], colors=['0.97', '0.87', '0.72'])
-    for x, y, name in ((4e-3, 0.25, 'conventional linear'), (4e-3, 3e-3, 'complete linear'), (7e-2, 5e-5, 'nonlinear')):
-        regions.text(x, y, name, ha='center')
-    regions.set(xscale='log', yscale='log', xlabel=r'amplitude at the peak / $L_0$', ylabel='tolerance of the peak frequency',
+    amplitudes = np.logspace(-3, -0.8, 40)
+    ladders = [Peak('r^-4', 45, A).plan(1e-5).rungs for A in amplitudes]
+    frozen, linear = ([ladder[k].error * (1 + ladder[k].doubt) for ladder in ladders] for k in (0, 1))
+    for low, high, grey, place, name in ((frozen, 1, '0.97', (4e-3, 0.3), 'conventional linear'),
+                                         (linear, frozen, '0.87', (4e-3, 3e-3), 'complete linear'),
+                                         (1e-5, linear, '0.72', (7e-2, 5e-5), 'nonlinear')):
+        regions.fill_between(amplitudes, low, high, color=grey, edgecolor='0.3')
+        regions.text(*place, name, ha='center')
+    regions.set(xscale='log', yscale='log', xlim=amplitudes[[0, -1]], ylim=(1e-5, 1),
+                xlabel=r'amplitude at the peak / $L_0$', ylabel='tolerance of the peak frequency',
                 title='oscillator at 45 degrees: the least model')
     return save_picture(figure, out / 'ladder.png', 'Left: the errors that the ladder estimates against the true ones; those far '
                         'above the line are bounds. Right: the least model for the resonance of the oscillator.')
