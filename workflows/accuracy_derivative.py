@@ -176,9 +176,9 @@ def reading(curves, amplitudes):
         return f'{errors.min():.0e}, at {x[errors.argmin()]:.0e} L0'
 
     return (f'Displaced to both sides, bands are good to {best(DISTANCES, both)}; to one side only to {best(DISTANCES, one)}. '
-            f"In time, ASE's loop with FixAtoms comes to {best(amplitudes, held)}, of the linear response, and without a "
-            f'constraint to {best(amplitudes, free)}; blocks, which carry displacements from rest, are at {blocks[0]:.0e} still '
-            f'at {amplitudes[0]:.0e} L0.')
+            f"In time, the least departure from the linear response is {best(amplitudes, held)}, in ASE's loop with FixAtoms, "
+            f'and {best(amplitudes, free)}, without a constraint; blocks, which carry displacements from rest, still follow it to '
+            f'{blocks[0]:.0e} at {amplitudes[0]:.0e} L0.')
 
 
 def draw(values, chart):

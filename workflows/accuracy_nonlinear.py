@@ -88,8 +88,7 @@ def chart(quick):
     patch, table = patch_of(12 if quick else 24), []
     for amplitude in AMPLITUDES:
         pluck = Pluck(patch, amplitude)
-        table += measure(candidates(pluck, f'Amplitude {amplitude:g} L0'), pluck.error, repeats=2 if quick else 5,
-                         patience=0.2 if quick else 1.0)
+        table += measure(candidates(pluck, f'Amplitude {amplitude:g} L0'), pluck.error, repeats=1 if quick else 5)
     amplitudes = np.logspace(-4, -1, 4)
     linear = np.array([pluck.error(linear_answer(pluck, {})) for pluck in (Pluck(patch, a) for a in amplitudes)])
     enough = float(np.exp(np.interp(np.log(GOOD), np.log(linear), np.log(amplitudes))))

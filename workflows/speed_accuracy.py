@@ -7,7 +7,7 @@ from tqdm import tqdm
 from .charts import save_chart
 from .checks import Outcome
 
-QUESTIONS = ('accuracy_transient', 'accuracy_frf')
+QUESTIONS = ('accuracy_bands', 'accuracy_transient', 'accuracy_frf', 'accuracy_nonlinear', 'accuracy_derivative')
 
 
 def main(out, quick=False):
