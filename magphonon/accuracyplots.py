@@ -38,7 +38,7 @@ def plot_work_precision(table, ax=None, looks=None):
     ax = new_axes() if ax is None else ax
     looks = looks_of(table) if looks is None else looks
     front = [m for m in pareto_front(table) if np.isfinite(m.error)]
-    ax.plot(*_points(front), color='0.82', linewidth=7, solid_capstyle='round', zorder=0, label='Pareto front')
+    ax.plot(*_points(front), color='0.82', linewidth=7, marker='o', markersize=10, zorder=0, label='Pareto front')
     for method, (colour, marker, line) in looks.items():
         own = [m for m in table if m.method == method and np.isfinite(m.error)]
         if own:

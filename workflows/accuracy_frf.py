@@ -56,7 +56,7 @@ class Shaken:
 
 def chart(quick):
     """Error against time for one magnet, by closed form, and for patches."""
-    budget = {'repeats': 2 if quick else 5, 'patience': 0.3 if quick else 2.0}
+    budget = {'repeats': 2 if quick else 5, 'patience': 0.3 if quick else 1.0}
     table = one_magnet('one magnet, 121 frequencies', quick, budget)
     checks = [Check(f'frf, one magnet: {m.method} off the closed form', m.error, 0.0, 1e-12)
               for m in table if m.method in ('modal sum', DIRECT)]

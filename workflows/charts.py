@@ -50,9 +50,13 @@ def work_precision(chart):
     from matplotlib.figure import Figure
 
     panels, looks = panels_of(chart.measurements), looks_of(chart.measurements)
-    figure = Figure((1.2 + 3.9 * len(panels), 5.0), layout='constrained')
-    axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
-    for ax, (panel, table) in zip(axes, panels.items(), strict=True):
+    columns = len(panels) if len(panels) < 4 else 2
+    rows = -(-len(panels) // columns)
+    figure = Figure((1.2 + 3.9 * columns, 1.4 + 3.6 * rows), layout='constrained')
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for ax in axes[len(panels):]:
+        ax.remove()
+    for ax, (panel, table) in zip(axes, panels.items(), strict=False):
         plot_work_precision(table, ax, looks)
         ax.set(title=panel, ylabel=chart.error)
         ax.label_outer()
