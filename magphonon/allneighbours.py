@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 from ase.calculators.calculator import Calculator, all_changes
+from ase.geometry import find_mic
 
 from .bonds import bonds_within
 from .errors import not_negative, one_of
@@ -67,11 +68,11 @@ class AllNeighbours(Calculator):
         return AllNeighbours(supercell, self.potential, foundation=self.parameters.foundation, split=self.sums.split)
 
     def displacements(self, atoms):
-        """Displacements from rest in mm, shape (particles, dim)."""
+        """Displacements from rest in mm, shape (particles, dim), by minimum image."""
         if len(atoms) != len(self.reference) or not np.array_equal(atoms.cell.array, self.reference.cell.array):
             raise ValueError(f'the calculator was made for another cell, of {len(self.reference)} particles; '
                              'make one for this cell')
-        return (atoms.positions - self.reference.positions)[:, : self.dim]
+        return find_mic(atoms.positions - self.reference.positions, atoms.cell, atoms.pbc)[0][:, : self.dim]
 
     def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
         super().calculate(atoms, properties, system_changes)

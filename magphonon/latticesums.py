@@ -39,17 +39,17 @@ _X, _W = np.polynomial.legendre.leggauss(16)
 _PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is integrated to round-off, without a power of t
 
 
-def lattice_sum(lattice, s, offset=None, q=None, split=1.0):
-    """`sum_R |R + offset|^-s exp(2 pi i q.R)` over all lattice vectors R, without the one where R + offset = 0.
+def lattice_sum(lattice, law, offset=None, q=None, split=1.0):
+    """`sum_R phi(|R + offset|) exp(2 pi i q.R)` over all lattice vectors R, without the one where R + offset = 0.
 
     Parameters
     ----------
     lattice : array_like, shape (d, dim), or ase.Atoms
         Lattice vectors in rows, d = 1, 2 or 3 of them; of Atoms, those along which they are periodic (their positions
         do not enter: `particle_sums` adds up those).
-    s : float
-        Exponent, positive.  Where s <= d and the wave is uniform (q = 0) the sum diverges; its value is then that
-        with a uniform neutralising background, Epstein's zeta function.
+    law : float or potential
+        The exponent s > 0 of phi = r^-s, or a law such as Yukawa(c, kappa).  Where s <= d and the wave is uniform (q = 0)
+        the sum diverges; its value is then that with a uniform neutralising background, Epstein's zeta function.
     offset : array_like, shape (dim,), optional
         Of the particles from the origin, in the unit of the lattice vectors; also across the lattice.
     q : array_like, shape (d,), optional
@@ -67,21 +67,23 @@ def lattice_sum(lattice, s, offset=None, q=None, split=1.0):
         For an exponent that is not positive, or equals d in a uniform sum: no background makes that one finite.
         For vectors that span no lattice.
     """
-    s = positive('s', s)
     periods = lattice.cell.array[lattice.pbc] if isinstance(lattice, Atoms) else finite('lattice', lattice)
-    law = InversePower(b=s, a=s + 1)
-    sums = EwaldSums(periods, law, split)
+    sums = EwaldSums(periods, _potential(law), split)
     offset = np.zeros(sums.dim) if offset is None else finite('offset', offset, (sums.dim,))
     total = sums.scalar(np.zeros(sums.d) if q is None else finite('q', q, (sums.d,)), offset)
     return complex(total) if q is not None else float(total.real)
 
 
-def particle_sums(atoms, s, split=1.0):
-    """`sum |r|^-s` over all other particles of an infinite structure, as seen from each; shape (particles,).
+def _potential(law):
+    return law if hasattr(law, 'gaussians') else InversePower(b=positive('s', law), a=law + 1)
+
+
+def particle_sums(atoms, law, split=1.0):
+    """`sum phi(|r|)` over all other particles of an infinite structure, as seen from each; shape (particles,).
 
     Parameters and errors as in `lattice_sum`, from which it differs by the sum over the particles of the cell.
     """
-    sums = EwaldSums(atoms.cell.array[atoms.pbc], InversePower(b=positive('s', s), a=s + 1), split)
+    sums = EwaldSums(atoms.cell.array[atoms.pbc], _potential(law), split)
     q = np.zeros(sums.d)
     return np.array([sum(sums.scalar(q, end - start).real for end in atoms.positions) for start in atoms.positions])
 

@@ -175,6 +175,13 @@ def test_energy_and_forces(name):
         assert_allclose(forces[i, x], -slope, rtol=0, atol=1e-9 * abs(forces).max())
 
 
+def test_wrapping_a_particle_changes_nothing():
+    atoms = with_all(lattices.honeycomb(10.0, 1.0), DIPOLES, foundation=0.3)
+    energy = atoms.get_potential_energy()
+    atoms.positions[1] -= atoms.cell[0] - 2 * atoms.cell[1]
+    assert_allclose(atoms.get_potential_energy(), energy, rtol=1e-13)
+
+
 # --- the other road --------------------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('lattice', 'supercell', 'points'), [('triangular', (2, 2, 1), 'GM'), ('honeycomb', (3, 3, 1), 'GK'),

@@ -19,8 +19,8 @@ from magphonon import (
 from magphonon.bands import bloch_modes
 from magphonon.plotting import COLOURS, legend_above, new_axes, plot_bands
 from magphonon.potentials import repulsion
-from magphonon.reach import reach
 from magphonon.scenes import reference
+from magphonon.tails import reach
 
 from .checks import Check, Outcome, pairs, save_picture
 

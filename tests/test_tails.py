@@ -9,8 +9,8 @@ from magphonon import AllNeighbours, InversePower, Yukawa, analytic_bands, latti
 from magphonon.bonds import bonds_within
 from magphonon.calculator import MagneticRepulsion
 from magphonon.potentials import Hertz
-from magphonon.reach import missing_stiffness, reach
 from magphonon.stiffness import bond_stiffness
+from magphonon.tails import missing_stiffness, reach
 
 LAWS = {'magnets': InversePower(6200.0, 4.5824), 'dipoles': InversePower(1e4, 4.0), 'yukawa': Yukawa(20.0, 0.1)}
 
