@@ -23,8 +23,9 @@ ROUND_OFF = 1e-12
 """Of the highest squared frequency: what remains of a zero one."""
 
 CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
-RADIUS = 1e-2
-"""Of the bond length: the circle on which the law is sampled for its higher derivatives, to some 1e-11."""
+RADIUS, STEEPEST = 1e-2, 20.0
+"""The circle on which the law is sampled for its higher derivatives, to some 1e-11: its radius as a share of the bond, or
+of 20 f/f' where the law is steeper, such as that of spheres in contact."""
 
 
 @dataclass(frozen=True)
@@ -125,13 +126,16 @@ def _full(D):
 
 
 def _derivatives(potential, r):
-    """Second, third and fourth derivative of psi(s) = phi(r), s = r^2.
-
-    Those of phi above its second come from phi'' on a circle in the complex plane, by Cauchy's formula.
-    """
-    around = potential.d2phi(r * (1 + RADIUS * CIRCLE))
-    p1, p2 = potential.dphi(r), potential.d2phi(r)
-    p3, p4 = (n * (around * CIRCLE**-n).mean(axis=0).real / (RADIUS * r) ** n for n in (1, 2))
+    """Second, third and fourth derivative of psi(s) = phi(r), s = r^2."""
+    p1, p2, p3, p4 = potential.dphi(r), potential.d2phi(r), *higher_derivatives(potential, r)
     return ((p2 - p1 / r) / (4 * r**2),
             (p3 - 3 * p2 / r + 3 * p1 / r**2) / (8 * r**3),
             (p4 - 6 * p3 / r + 15 * p2 / r**2 - 15 * p1 / r**3) / (16 * r**4))
+
+
+def higher_derivatives(potential, r):
+    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula."""
+    f, slope = abs(potential.dphi(r)), abs(potential.d2phi(r))
+    radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
+    around = potential.d2phi(r + radius * CIRCLE)
+    return tuple(n * (around * CIRCLE**-n).mean(axis=0).real / radius**n for n in (1, 2))

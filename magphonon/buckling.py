@@ -62,7 +62,8 @@ def softest(bonds, K, free, pbc=(False, False, False), foundation=0.0, masses=No
         In g; with them eigenvalues are squared frequencies.
     steps : int, optional
         Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.  By default 48
-        for one particle per cell and fewer for larger cells, whose zone is smaller.  The softest one found is refined.
+        for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  The softest one found is
+        refined.
 
     Returns
     -------
@@ -73,16 +74,20 @@ def softest(bonds, K, free, pbc=(False, False, False), foundation=0.0, masses=No
     if not any(pbc) or free.shape[1] > DENSE:
         return _softest_of_structure(free.T @ hessian(bonds, K, foundation) @ free)
     P = free.toarray()
+    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, pbc, bonds.particles, steps)
 
-    def eigenvalues(q):
-        return np.linalg.eigvalsh(P.T @ bloch_matrix(bonds, K, q, foundation) @ P)
 
-    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil(8 / np.sqrt(bonds.particles)))
+def _over_zone(matrix, pbc, particles, steps):
+    """Softest mode of `matrix(q)` on a mesh over the zone, refined."""
+    pbc = np.array(pbc)
+    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if pbc.all() else 8) / np.sqrt(particles)))
     q = np.stack(np.meshgrid(*(np.arange(steps if periodic else 1) / steps for periodic in pbc)), axis=-1).reshape(-1, 3)
-    spectrum = eigenvalues(q)
+    spectrum = np.linalg.eigvalsh(matrix(q))
     at, highest = spectrum[:, 0].argmin(), spectrum.max()
     found = Softest(spectrum[at, 0], highest, q[at])
-    refined = _refine(lambda q: eigenvalues(q[None])[0, 0], found, np.array(pbc), 1 / steps) if found.needed else found
+    if not found.needed:
+        return found
+    refined = _refine(lambda q: np.linalg.eigvalsh(matrix(q[None]))[0, 0], found, pbc, 1 / steps)
     return refined if found.lowest - refined.lowest > 1e-9 * highest else found  # special points keep their round numbers
 
 
@@ -112,11 +117,15 @@ def _softest_of_structure(D):
     return Softest(float(lowest), float(highest), np.zeros(3))
 
 
-def softest_of(atoms, model='complete', scale=1.0, **options):
-    """`softest` in the plane of `atoms` with their MagneticRepulsion, whose bonds are stretched by the factor `scale`."""
-    calc = repulsion_of(atoms)
-    K = model_stiffness(scale * calc.bonds.vectors[:, : calc.dim], calc.potential, model)
-    return softest(calc.bonds, K, free_directions(atoms), atoms.pbc, **options)
+def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, steps=None):
+    """`softest` of `atoms` with their calculator, whose own foundation does not enter; bonds are stretched by `scale`."""
+    calc = atoms.calc
+    if isinstance(calc, AllNeighbours):  # its sums know the present spacing only
+        root = np.repeat(np.ones(len(atoms)) if masses is None else 1 / np.sqrt(masses), calc.dim)
+        weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.parameters.foundation)
+        return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.pbc, 4 * len(atoms), steps)
+    K = model_stiffness(scale * repulsion_of(atoms).bonds.vectors[:, : calc.dim], calc.potential, model)
+    return softest(calc.bonds, K, free_directions(atoms), atoms.pbc, foundation, masses, steps)
 
 
 def foundation_needed(atoms, model='complete', steps=None):
@@ -144,10 +153,7 @@ def foundation_needed(atoms, model='complete', steps=None):
     ValueError
         For an unknown model, `steps` that is no whole number, or atoms without MagneticRepulsion.
     """
-    if isinstance(atoms.calc, AllNeighbours):
-        found = Softest(*atoms.calc.softest(model, **({} if steps is None else {'steps': whole('steps', steps)})))
-    else:
-        found = softest_of(atoms, model, steps=steps)
+    found = softest_of(atoms, model, steps=steps)
     return found.needed, found.q
 
 

@@ -1,7 +1,7 @@
 """The command `magphonon`: what anybody's scene file asks for, and ready scenes to start from.
 
-Exit status: 0 when all is written, 2 for a mistake in the command, the scene or the place of the results (one
-message, nothing written), 130 when interrupted.
+Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command,
+the scene or the place of the results (one message, nothing written), 130 when interrupted.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from importlib import import_module
 
 from . import __version__
 
-COMMANDS = ('bands', 'burst', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
+COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
 """Each is a module of `magphonon.commands`."""
 
 
@@ -19,17 +19,18 @@ def main(arguments=None):
     """Run the command with `arguments` (by default those of the shell) and return its exit status."""
     options = _parser().parse_args(arguments)
     try:
-        options.run(options)
+        status = options.run(options) or 0
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, `head` for one, has seen enough; Python must not flush to it once more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (ValueError, OSError) as error:
         print(f'magphonon: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print('magphonon: interrupted', file=sys.stderr)
         return 130
-    return 0
+    return status
 
 
 def _parser():

@@ -69,9 +69,9 @@ def finite_displacements(atoms, supercell=None, distance=None):
     from phonopy.structure.atoms import PhonopyAtoms
 
     calc = _cell_calculator(atoms)
-    rest, shortest = calc.reference, calc.bonds.lengths.min()
-    supercell = _enough_cells(calc) if supercell is None else _checked_supercell(calc, supercell)
-    distance = DISTANCE * _scale(calc, shortest) if distance is None else _checked_distance(distance, shortest)
+    rest = calc.reference
+    supercell = _enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
+    distance = default_distance(calc) if distance is None else _checked_distance(distance, calc.bonds.lengths.min())
 
     cell = PhonopyAtoms(symbols=atoms.get_chemical_symbols(), masses=atoms.get_masses(), cell=rest.cell.array,
                         positions=rest.positions)
@@ -110,7 +110,8 @@ def _enough_cells(calc):
     return np.where(calc.reference.pbc, np.floor(2 * calc.bonds.lengths.max() / planes * (1 + 1e-9)).astype(int) + 1, 1)
 
 
-def _checked_supercell(calc, supercell):
+def checked_supercell(calc, supercell):
+    """The `supercell` as three whole numbers, or ValueError if bonds could not be told apart in it."""
     if np.shape(supercell) != (3,):
         raise ValueError(f'supercell must be three numbers of cells, as (3, 3, 1), not {supercell!r}')
     supercell = np.array([whole(f'supercell[{axis}]', n) for axis, n in enumerate(supercell)])
@@ -135,10 +136,11 @@ def _ints(supercell):
     return tuple(map(int, supercell))
 
 
-def _scale(calc, shortest):
-    """Length over which the law changes: the bond, or for spheres in contact a multiple of their overlap, f/(-df/dr)."""
+def default_distance(calc):
+    """Displacement in mm: `DISTANCE` of the shortest bond, or of the length over which a steeper law changes, f/(-df/dr)."""
+    shortest = calc.bonds.lengths.min()
     f, slope = -calc.potential.dphi(shortest), calc.potential.d2phi(shortest)
-    return min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest
+    return DISTANCE * (min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest)
 
 
 def _checked_distance(distance, shortest):

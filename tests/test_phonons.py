@@ -302,7 +302,7 @@ def test_default_displacement_lies_near_the_floor():
 @pytest.mark.parametrize(('supercell', 'right'), [((1, 1, 1), False), ((2, 2, 1), True)])
 def test_a_refused_supercell_would_give_wrong_bands(supercell, right, monkeypatch):
     cell = prototype('honeycomb')
-    monkeypatch.setattr(phonons, '_checked_supercell', lambda calc, supercell: supercell)
+    monkeypatch.setattr(phonons, 'checked_supercell', lambda calc, supercell: supercell)
     path = path_through(cell, 'GMKG')
     error = discrepancy(phonopy_bands(finite_displacements(cell, supercell), path), analytic_bands(cell, path))
     assert error < PROMISE if right else error > 0.1
