@@ -177,8 +177,8 @@ def reading(curves, amplitudes):
 
     return (f'Displaced to both sides, bands are good to {best(DISTANCES, both)}; to one side only to {best(DISTANCES, one)}. '
             f"In time, the least departure from the linear response is {best(amplitudes, held)}, in ASE's loop with FixAtoms, "
-            f'and {best(amplitudes, free)}, without a constraint; blocks, which carry displacements from rest, still follow it to '
-            f'{blocks[0]:.0e} at {amplitudes[0]:.0e} L0.')
+            f'and {best(amplitudes, free)}, without a constraint; blocks, which carry displacements from rest, still follow it '
+            f'to {blocks[0]:.0e} at {amplitudes[0]:.0e} L0.')
 
 
 def draw(values, chart):
