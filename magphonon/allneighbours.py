@@ -79,10 +79,11 @@ class AllNeighbours(Calculator):
         k, u, n = self.parameters.foundation, self.displacements(self.atoms), len(self.atoms)
         bonds = bonds_within(self.atoms, self.sums.radius)
         x = bonds.vectors[:, : self.dim]
-        pull = self.sums.near_slope(bonds.lengths)[:, None] * x  # grad phi on i, and its opposite on j
+        phi, slope = self.sums.near_energy(bonds.lengths)
+        pull = slope[:, None] * x  # grad phi, the force on i, and its opposite on j
         i, j = np.triu_indices(n)
         far, gradient = self.sums.far_energy((self.atoms.positions[j] - self.atoms.positions[i])[:, : self.dim])
-        energy = (self.sums.near_phi(bonds.lengths).sum() + far @ np.where(i == j, 0.5, 1.0)
+        energy = (phi.sum() + far @ np.where(i == j, 0.5, 1.0)
                   - n / 2 * self.sums.wide_at_zero() + k / 2 * (u**2).sum())
         forces = np.zeros((n, 3))
         forces[:, : self.dim] -= k * u
@@ -133,14 +134,15 @@ class AllNeighbours(Calculator):
         """What outgrows k^2 in long waves; see `EwaldSums.singular`."""
         return self.sums.singular(along, PART[one_of('model', model, MODELS)])
 
-    def softest(self, model='complete', steps=24):
+    def softest(self, model='complete', steps=None):
         """Ends of the spectrum of the Bloch matrix without the foundation, on a mesh over the zone.
 
         Parameters
         ----------
         model : {'complete', 'conventional'}
-        steps : int
-            Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.
+        steps : int, optional
+            Wavevectors along each reciprocal vector, by default 24, and 8 in space; a multiple of 6 meets M and K of the
+            hexagonal lattices, one of 8 the special points of the cubic ones.
 
         Returns
         -------
@@ -149,6 +151,7 @@ class AllNeighbours(Calculator):
         q : ndarray, shape (3,)
             Wavevector of the lowest.
         """
+        steps = steps or (24 if self.dim == 2 else 8)
         axis = np.arange(steps) / steps
         q = np.stack(np.meshgrid(*(axis if periodic else [0.0] for periodic in self.reference.pbc)), axis=-1).reshape(-1, 3)
         stiffness = np.linalg.eigvalsh(self.bloch_matrix(q, model)) - self.parameters.foundation

@@ -164,15 +164,12 @@ class EwaldSums:
 
     # --- narrow Gaussians, over the lattice --------------------------------------------------------------------------
 
-    def near_phi(self, r):
-        """What the narrow Gaussians leave of phi at the distances `r` in mm, shape as `r`."""
+    def near_energy(self, r):
+        """What the narrow Gaussians leave of phi and of phi'/r at the distances `r` in mm, shape (2, distances)."""
         t, w = self._narrow(r)
-        return np.exp(-np.multiply.outer(r**2, t)) @ (w * self.law.gaussians(t))
-
-    def near_slope(self, r):
-        """What they leave of phi'/r, shape as `r`."""
-        t, w = self._narrow(r)
-        return np.exp(-np.multiply.outer(r**2, t)) @ (-2 * t * w * self.law.gaussians(t))
+        onto = (w * self.law.gaussians(t))[:, None] * np.stack([np.ones_like(t), -2 * t], axis=1)
+        few = np.array_split(r, max(1, len(r) // 4096))  # large supercells have many bonds
+        return np.concatenate([np.exp(-np.multiply.outer(part**2, t)) @ onto for part in few]).T
 
     def near_stiffness(self, x, part='all'):
         """What they leave of the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
@@ -245,7 +242,7 @@ class EwaldSums:
         r = np.linalg.norm(R + offset, axis=1)
         here = r > 1e-12 * self.radius
         phase = np.exp(2j * np.pi * R[here] @ np.linalg.pinv(self.periods) @ q)
-        total = phase @ self.near_phi(r[here]) + self.far_scalar(self.waves(q[None]), offset)[0]
+        total = phase @ self.near_energy(r[here])[0] + self.far_scalar(self.waves(q[None]), offset)[0]
         # the wide Gaussians of the particle at R + offset = 0, if there is one; its phase is e^{ik.R}
         itself = np.exp(2j * np.pi * R[~here] @ np.linalg.pinv(self.periods) @ q).sum()
         return total - itself * self.wide_at_zero()
