@@ -102,7 +102,7 @@ def _plan_within(atoms, path, tolerance, edge, reach, spent):
 
     waves, doubt, size = (len(path.kpts), DOUBT, D0.shape[-1]) if edge is None else (1, DOUBT_AT_EDGE, D0.shape[-1])
     bonds = np.cumsum([len(shell) for shell in shells])
-    rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'Bloch matrix at {waves} wavevector{"s"[: waves > 1]}',
+    rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix at {waves} wavevector{"s"[: waves > 1]}',
                   bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(e), doubt, {'model': model, 'shells': int(k)})
              for model, k, e in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], error[:-1], strict=True)]
     if hasattr(calc.potential, 'gaussians') and getattr(calc.potential, 'a', np.inf) > 1:
@@ -111,9 +111,9 @@ def _plan_within(atoms, path, tolerance, edge, reach, spent):
                           {'model': 'complete', 'shells': ALL}))
     evidence = (f'compared at {len(q)} wavevector{"s"[: len(q) > 1]} with neighbours to {reach:.3g} spacings'
                 + (' and a continuum beyond' if atoms.pbc.sum() > 1 else ''))
-    quantity = f'the bands {path.path}, relative to the highest frequency' if edge is None else f'{edge.name}, relative to itself'
+    quantity = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
     cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(matrices) * len(q) * EIGENSOLVE * size**3
-    return Plan(quantity, tolerance, tuple(rungs), (evidence,), spent + cost)
+    return Plan(*quantity, tolerance, tuple(rungs), (evidence,), spent + cost)
 
 
 def _neighbours(shells):

@@ -47,9 +47,14 @@ class Rung:
     doubt: float
     settings: dict
 
+    @property
+    def at_most(self):
+        """The error at the upper end of the doubt."""
+        return self.error * (1 + self.doubt)
+
     def meets(self, tolerance):
-        """Whether the error is within the tolerance even at the upper end of the doubt."""
-        return self.error * (1 + self.doubt) <= tolerance
+        """Whether the error is surely within the tolerance."""
+        return self.at_most <= tolerance
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,9 @@ class Plan:
     Attributes
     ----------
     quantity : str
-        What is wanted and in which measure its error is.
+        What is wanted.
+    measure : str
+        What its error is relative to.
     tolerance : float
     rungs : tuple of Rung
         From poor to rich.
@@ -70,6 +77,7 @@ class Plan:
     """
 
     quantity: str
+    measure: str
     tolerance: float
     rungs: tuple
     evidence: tuple
@@ -87,8 +95,8 @@ class Plan:
         good = [rung for rung in self.rungs if rung.meets(self.tolerance)]
         if not good:
             best = min(self.rungs, key=lambda rung: rung.error)
-            raise ValueError(f'no model here meets the tolerance of {self.tolerance:g} for {self.quantity}: '
-                             f'the best, {best.name}, is off by {best.error:.1e}; allow more')
+            raise ValueError(f'no model here gives {self.quantity} to {percent(self.tolerance)}: '
+                             f'the best, {best.name}, is off by {percent(best.error)}; allow more')
         return min(good, key=lambda rung: rung.cost)
 
     def report(self):
@@ -97,13 +105,19 @@ class Plan:
         shown = [rung for k, rung in enumerate(self.rungs) if k in (0, 1, len(self.rungs) - 1) or rung is choice
                  or (k + 1 < len(self.rungs) and self.rungs[k + 1] is choice)]
         width = max(len(rung.name) for rung in shown)
-        lines = [f'{self.quantity}, to {self.tolerance:g}', f'  {"rung":{width}}  error    multiplications']
-        lines += [f'  {rung.name:{width}}  {rung.error:<7.1e}  {rung.cost:<8.1e} {"<- enough" if rung is choice else ""}'.rstrip()
-                  for rung in shown]
+        lines = [f'{self.quantity}, to {percent(self.tolerance)} of {self.measure}',
+                 f'  {"model":{width}}  {"error":>9}  {"at most":>9}  multiplications']
+        lines += [f'  {rung.name:{width}}  {percent(rung.error):>9}  {percent(rung.at_most):>9}  {rung.cost:8.1e}'
+                  + '  <- enough' * (rung is choice) for rung in shown]
         dear = max(self.rungs, key=lambda rung: rung.cost)
-        saved = '' if dear.cost < 2 * choice.cost else f', {times(dear.cost / choice.cost)} cheaper than {dear.name}'
-        lines.append(f'  Take {choice.name}: {choice.method}{saved}.')
-        return '\n'.join(lines + [f'  {fact[0].upper()}{fact[1:]}.' for fact in self.evidence])
+        saved = f', {times(dear.cost / choice.cost)} cheaper than {dear.name}' if dear.cost > 2 * choice.cost else ''
+        return '\n'.join([*lines, f'  Enough: {choice.name}, by {choice.method}{saved}.',
+                          *(f'  {fact[0].upper()}{fact[1:]}.' for fact in self.evidence)])
+
+
+def percent(share):
+    """A relative error in words."""
+    return f'{100 * share:.2g} %' if share < 1 else f'{100 * share:.0f} %'
 
 
 def times(ratio):

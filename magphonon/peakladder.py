@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import units
 from .backbone import ALIKE, vibration
 from .bands import repulsion_of
 from .frf import HEADSTART, harmonic_response
-from .ladder import EIGENSOLVE, Plan, Rung, force_cost
+from .ladder import EIGENSOLVE, Plan, Rung, force_cost, percent
 from .linear import SMALL, Modes, frequency_response, modes, reduced
 from .replicas import STEADY
 from .stiffness import bond_stiffness
@@ -146,34 +147,36 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     w = peak.omega
     stiffening = turning(atoms, peak)
     frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
-    evidence = [f'the peak at {w / (2 * np.pi) * 1e3:.6g} Hz; D* bends it by {frozen:.1e}, to first order' if frozen else
-                f'the peak at {w / (2 * np.pi) * 1e3:.6g} Hz; nothing there turns a bond, so D* has no part in it']
+    where = f'the peak stands at {w / (2 * np.pi) / units.Hz:.6g} Hz'
+    evidence = [f'{where}; D* moves it by {percent(frozen)}, to first order' if frozen else
+                f'{where}; nothing turns a bond there, so D* has no part in it']
     shift, evaluations = 0.0, 0
     if force:
         swing = vibration(atoms, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
         shift, evaluations = abs(swing.omega / w - 1), swing.evaluations
         reach = force * peak.force / (damping * w) * abs(peak.linear.shapes[peak.mode]).max() / calc.bonds.lengths.min()
-        moved = f'moves it by {swing.omega / w - 1:+.1e}' if np.isfinite(shift) else 'drives it beyond a periodic vibration'
-        evidence.append(f'{force:g} N swings it to {reach:.1e} of the spacing, which {moved}')
-        shift = shift if np.isfinite(shift) else np.inf
+        moves = 'beyond a periodic vibration' if np.isnan(shift) else f'which moves the peak by {percent(shift)} ' + (
+            'up' if swing.omega > w else 'down')
+        evidence.append(f'{force:g} N swings it by {percent(reach)} of the spacing, {moves}')
+        shift = np.inf if np.isnan(shift) else shift
 
     points, nearest, free = len(omega), len(calc.bonds), free_directions(atoms).shape[1]
     top, shift_doubt = highest_frequency(atoms), 0.0 if free <= LARGE else DOUBT_ALONE
     if free <= SMALL:
-        method, price = f'sum over {free} mode{"s"[: free > 1]}', EIGENSOLVE * free**3 + points * free
+        method, price = f'a sum over {free} modes' if free > 1 else 'its closed form', EIGENSOLVE * free**3 + points * free
     else:
         products = np.log(1e9) * top**2 / (2 * damping * omega[0])
-        method, price = f'Chebyshev series of {products:.2g} products', products * reduced(atoms).K.nnz
+        method, price = f'a Chebyshev series of some {products:.0f} products with the stiffness', products * reduced(atoms).K.nnz
     rungs = [Rung('conventional linear', method, price, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
                   {'model': 'conventional'}),
              Rung('complete linear', method, price, shift, shift_doubt, {'model': 'complete'})]
     if force:
         dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
         steps = int(np.ceil(2 * np.log(HEADSTART / STEADY) / damping / dt))
-        rungs.append(Rung('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps',
+        rungs.append(Rung('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
                           points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
                           {'model': 'complete', 'dt': float(dt)}))
-    return Plan('the frequency of the highest peak, relative', tolerance, tuple(rungs), tuple(evidence),
+    return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(rungs), tuple(evidence),
                 price + evaluations * nearest * force_cost(calc.dim))
 
 

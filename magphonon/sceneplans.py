@@ -9,12 +9,10 @@ import numpy as np
 
 from . import units as u
 from .files import whole_file
-from .ladder import ALL, Plan
+from .ladder import ALL, Plan, percent
 
 SAMPLES = 12
 """Frames of a record to a period of the carrier."""
-IN_A_PATCH = 0.3
-"""Doubt about what a strip says of a patch: the beam is weaker beside its middle, and spreads."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +88,18 @@ def _bands(scene, tolerance):
     atoms, path, edge = _cell(scene), scene.band_path(), None
     if scene.plan is not None and scene.plan.edge is not None:
         point, branch = scene.plan.edge, scene.plan.branch
-        edge = Edge(f'the frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
+        edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
     return Wanted('bands', plan_bands(atoms, path, tolerance, edge), lambda file, **rung: _write_bands(scene, file, edge, **rung))
+
+
+def _beyond_nearest(scene):
+    """What no rung of a patch has: its rim balances nearest neighbours only."""
+    from .bandladder import plan_bands
+
+    rungs = plan_bands(_cell(scene), scene.lattice.path(None, 60), tolerance=1.0).rungs
+    error = next(rung.error for rung in rungs if rung.settings == {'model': 'complete', 'shells': 1})
+    return (f'All this is for nearest neighbours, which alone the rim of a patch balances; all others would move the bands by '
+            f'{percent(error)}.')
 
 
 def _write_bands(scene, file, edge, model, shells):
@@ -116,6 +124,8 @@ def _peak(scene, tolerance):
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
     notes = () if force else ('The response is that to a vanishing force; [plan] force_N = ... asks for another.',)
+    if not scene.single:
+        notes += (_beyond_nearest(scene),)
     return Wanted('frf', plan, lambda file, **rung: _write_response(scene, file, force, **rung), notes)
 
 
@@ -138,10 +148,8 @@ def _write_response(scene, file, force, model, dt=None):
 
 
 def _burst(scene, tolerance, k):
-    from .drives import ToneBurst
-    from .lattices import RIM
     from .sites import site
-    from .waveladder import plan_waveform, strip
+    from .waveladder import plan_beam, plan_waveform
 
     plan, cell, patch = scene.burst, scene.atoms(), scene.patch_atoms()
     where = site(cell, patch, plan.source)
@@ -149,19 +157,14 @@ def _burst(scene, tolerance, k):
     direction, damping, duration = (np.cos(angle), np.sin(angle)), 2 * plan.damping_ratio * omega, plan.duration_s * u.s
     drive = where.burst(direction, plan.force_N * u.N, omega, plan.cycles)
     if plan.source == 'row':
-        pilot = strip(cell, len(where.row) + 2)
-        inside = np.flatnonzero(pilot.get_tags() != RIM)
-        y = pilot.positions[inside, 1]
-        lowest = inside[y < y.min() + 1e-6 * cell.cell.lengths()[0]]
-        beam = ToneBurst(lowest, direction, plan.force_N * u.N, omega, plan.cycles)
-        row, copies, doubt = inside[:: len(cell)], np.sum(patch.get_tags() != RIM) / len(inside), IN_A_PATCH
+        found = plan_beam(cell, patch, where, drive, damping, duration, tolerance)
     else:
-        pilot, beam, row, copies, doubt = patch, drive, where.row, 1.0, 0.0
-    found = plan_waveform(pilot, beam, row, damping, duration, tolerance, copies, doubt)
-    burst = f'burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
-    found = replace(found, quantity=f'{burst}: {found.quantity}')
+        found = plan_waveform(patch, drive, where.row, damping, duration, tolerance)
+    burst = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
+    found = replace(found, quantity=burst)
     return Wanted(f'burst_{plan.names[k]}', found,
-                  lambda file, **rung: _write_waveform(scene, file, where.row, drive, damping, duration, **rung))
+                  lambda file, **rung: _write_waveform(scene, file, where.row, drive, damping, duration, **rung),
+                  (_beyond_nearest(scene),))
 
 
 def _write_waveform(scene, file, row, drive, damping, duration, model, dt=None):

@@ -108,9 +108,9 @@ def test_choices_meet_the_tolerance_and_are_not_dear_unless_they_ignore_what_mat
 def test_the_cheapest_rung_that_is_surely_good_enough_is_taken():
     rungs = (Rung('poor', '', 1, 0.5, 0.0, {}), Rung('doubtful', '', 2, 0.009, 0.5, {}), Rung('good', '', 3, 0.009, 0.1, {}),
              Rung('better', '', 9, 0.0, 0.0, {}))
-    assert Plan('it', 0.01, rungs, (), 0.0).choice.name == 'good'
-    with pytest.raises(ValueError, match=r'no model here meets the tolerance of 0.001 .* off by 9.0e-03; allow more'):
-        _ = Plan('it', 0.001, rungs[:3], (), 0.0).choice
+    assert Plan('it', 'itself', 0.01, rungs, (), 0.0).choice.name == 'good'
+    with pytest.raises(ValueError, match=r'no model here gives it to 0.1 %: .* off by 0.9 %; allow more'):
+        _ = Plan('it', 'itself', 0.001, rungs[:3], (), 0.0).choice
 
 
 def test_a_loose_tolerance_needs_no_shells_and_a_tight_one_the_exact_sum():
@@ -191,7 +191,7 @@ def test_one_particle_needs_no_lattice(monkeypatch):
                  'magphonon.linear.chebyshev_blocks'):
         monkeypatch.setattr(name, lattice)
     (wanted,) = scene_plans(scene, 1e-3)
-    assert wanted.plan.choice.method == 'sum over 1 mode'
+    assert wanted.plan.choice.method == 'its closed form'
 
 
 # --- scenes and the command ------------------------------------------------------------------------------------------
@@ -224,7 +224,7 @@ def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
     assert sorted(file.name for file in (tmp_path / 'out').iterdir()) == files
     text = capsys.readouterr().out
     assert '<- enough' in text
-    assert 'Take complete linear' in text
+    assert 'Enough: complete linear' in text
 
 
 def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
@@ -234,7 +234,7 @@ def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
     text = scene.read_text().replace('points = 961', 'points = 5').replace('from_Hz = 16.0', 'from_Hz = 32.0')
     scene.write_text(text.replace('to_Hz = 64.0', 'to_Hz = 36.0'))
     assert main(['plan', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert 'Take nonlinear: velocity Verlet' in capsys.readouterr().out
+    assert 'Enough: nonlinear, by velocity Verlet' in capsys.readouterr().out
     rows = np.loadtxt(tmp_path / 'out' / 'frf.csv', delimiter=',', skiprows=1)
     assert rows[:, 0] == pytest.approx([32, 33, 34, 35, 36])
     assert rows[:, 1].argmax() == 2  # 33.76 Hz

@@ -115,7 +115,7 @@ def main(out, quick=True):
     return Outcome(checks, [draw(out, verdicts)])
 
 
-MARKERS = {'Bands': 'o', 'Peak': '^', 'Waveform': 's'}
+MARKERS = {'Bands': 'o', 'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
 
 
 def draw(out, verdicts):
@@ -126,6 +126,8 @@ def draw(out, verdicts):
     ax, regions = figure.subplots(1, 2)
     for (kind, marker), colour in zip(MARKERS.items(), COLOURS, strict=False):
         own = [v for v in verdicts if type(v.situation).__name__ == kind and v.truth > 0 and v.choice.error > 0]
+        if not own:
+            continue
         ax.loglog([v.truth for v in own], [v.choice.error for v in own], marker, color=colour, fillstyle='none', markersize=4,
                   linestyle='', label=kind.lower())
     ends = np.array([1e-9, 1.0])

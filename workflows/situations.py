@@ -17,9 +17,10 @@ from magphonon.allneighbours import AllNeighbours
 from magphonon.bandladder import Edge, plan_bands
 from magphonon.bands import bloch_modes
 from magphonon.peakladder import plan_peak
+from magphonon.sites import site
 from magphonon.stiffness import MODELS
 from magphonon.timestep import highest_frequency
-from magphonon.waveladder import as_model, difference, plan_waveform, strip
+from magphonon.waveladder import as_model, difference, plan_beam, plan_waveform, strip
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 LAWS = {'r^-3': InversePower(1.0, 3.0), 'r^-4': InversePower(1.0, 4.0), 'r^-4.58': InversePower(1.0, 4.58),
@@ -214,6 +215,44 @@ class Waveform:
         return difference(self._linear[rung.settings['model']], self._true)
 
 
+@dataclass(frozen=True)
+class Beam(Waveform):
+    """A burst from a row of a patch, its force falling off to the sides; the plan sees a strip."""
+
+    rows: int = 14
+
+    @cached_property
+    def _cell(self):
+        cell = getattr(lattices, self.kind)(1.0, 1.0)
+        cell.calc = MagneticRepulsion(cell, LAWS[self.law], foundation=self.foundation)
+        return cell
+
+    @cached_property
+    def _atoms(self):
+        return patch_with_law(self._cell, lattices.parallelogram(self._cell, self.rows, self.rows))
+
+    @cached_property
+    def _site(self):
+        return site(self._cell, self._atoms, 'row')
+
+    @cached_property
+    def _burst(self):
+        low = np.sqrt(self.foundation)
+        omega = low + self.carrier * (highest_frequency(self._atoms) - low)
+        drive = self._site.burst(self.direction, -self.force * LAWS[self.law].dphi(1.0), omega)
+        return drive, self._site.row, 0.01 * omega, 1.6 * drive.end
+
+    def plan(self, tolerance):
+        drive, _, damping, duration = self._burst
+        return plan_beam(self._cell, self._atoms, self._site, drive, damping, duration, tolerance)
+
+
+def patch_with_law(cell, patch):
+    """A patch of a cell with the law and foundation of the cell."""
+    patch.calc = MagneticRepulsion(patch, cell.calc.potential, **cell.calc.parameters)
+    return patch
+
+
 def situations(quick=False):
     """All of them, or a few of each sort."""
     bands = [Bands(kind, law, 0.5 if kind == 'triangular' else 12.0, edge)
@@ -223,4 +262,6 @@ def situations(quick=False):
              for kind, law in (('triangular', 'r^-4'), ('triangular', 'Yukawa'), ('square', 'r^-4.58'), ('honeycomb', 'r^-4'),
                                ('kagome', 'r^-3'))
              for direction, carrier in (((1, 0), 0.3), ((0, 1), 0.6)) for force in (1e-4, 3e-3, 1e-1)]
-    return [*bands[::7], *peaks[::5], *waves[1::15]] if quick else [*bands, *peaks, *waves]
+    beams = [Beam(kind, 'r^-4', k, direction, carrier, force) for kind, k in (('triangular', 0.2), ('square', 8.0))
+             for direction, carrier in (((1, 0), 0.3), ((0, 1), 0.6)) for force in (1e-3, 3e-2)]
+    return [*bands[::7], *peaks[::5], *waves[1::15]] if quick else [*bands, *peaks, *waves, *beams]
