@@ -134,30 +134,6 @@ class AllNeighbours(Calculator):
         """What outgrows k^2 in long waves; see `EwaldSums.singular`."""
         return self.sums.singular(along, PART[one_of('model', model, MODELS)])
 
-    def softest(self, model='complete', steps=None):
-        """Ends of the spectrum of the Bloch matrix without the foundation, on a mesh over the zone.
-
-        Parameters
-        ----------
-        model : {'complete', 'conventional'}
-        steps : int, optional
-            Wavevectors along each reciprocal vector, by default 24, and 8 in space; a multiple of 6 meets M and K of the
-            hexagonal lattices, one of 8 the special points of the cubic ones.
-
-        Returns
-        -------
-        lowest, highest : float
-            In N/mm; the lowest is negative if the static forces buckle the lattice, zero to round-off if it holds itself.
-        q : ndarray, shape (3,)
-            Wavevector of the lowest.
-        """
-        steps = steps or (24 if self.dim == 2 else 8)
-        axis = np.arange(steps) / steps
-        q = np.stack(np.meshgrid(*(axis if periodic else [0.0] for periodic in self.reference.pbc)), axis=-1).reshape(-1, 3)
-        stiffness = np.linalg.eigvalsh(self.bloch_matrix(q, model)) - self.parameters.foundation
-        lowest = stiffness[:, 0].argmin()
-        return float(stiffness[lowest, 0]), float(stiffness.max()), q[lowest]
-
     def onsite(self, part='all'):
         """Sum of the stiffness of all bonds of each particle, without the foundation.
 

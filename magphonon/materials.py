@@ -243,11 +243,17 @@ class Pillar(Table):
     youngs_modulus_Pa: Positive = Field(description="Young's modulus in Pa")
     radius_m: Positive = Field(description='the radius in m')
     height_m: Positive = Field(description='the height in m')
+    density_kg_per_m3: Positive | None = None
 
     @property
     def stiffness_N_per_m(self):
         """`k = 3 E I/H^3` with `I = pi R^4/4`."""
         return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
+
+    @property
+    def moving_mass_kg(self):
+        """Rayleigh's 33/140 of its mass, which moves with the tip; zero for a pillar of unknown density."""
+        return 33 / 140 * (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m
 
 
 class Foundation(Table):
@@ -267,3 +273,8 @@ class Foundation(Table):
     def k(self):
         """Stiffness in N/mm."""
         return (self.stiffness_N_per_m if self.pillar is None else self.pillar.stiffness_N_per_m) * u.N / u.m
+
+    @property
+    def moving_mass(self):
+        """Mass that each particle drags along in g."""
+        return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0

@@ -206,7 +206,7 @@ def test_scenes_of_all_neighbours(name):
 
 
 def with_bonds(scene, shells):
-    atoms = scene.lattice.cell()
+    atoms = scene.cell()
     k = scene.foundation.k if scene.foundation else 0.0
     atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), shells=shells, foundation=k)
     return atoms
@@ -237,6 +237,17 @@ def test_masses_by_turns_part_the_branches_at_K():
         gaps.append(f[2] - f[1])
     assert gaps[0] > 10
     assert abs(gaps[1]) < 1e-9
+
+
+def test_pillars_with_mass(scene_file):
+    """Aluminium pillars: 33/140 of 0.802 g moves with each magnet, 27 % of its mass."""
+    scene = read_scene(scene_file({'foundation.pillar.density_kg_per_m3': 2700}))
+    expected = 0.707 + 33 / 140 * 2700e-6 * math.pi * 0.79375**2 * 150
+    assert_allclose(scene.atoms().get_masses(), expected, rtol=1e-12)
+    assert_allclose(scene.patch_atoms().get_masses(), expected, rtol=1e-12)
+    assert expected / 0.707 == pytest.approx(1.27, abs=0.005)
+    message = refusal(scene_file({'foundation.pillar.density_kg_per_m3': 2700, 'uncertainty': {'mass_kg': 1e-5}}))
+    assert message.startswith('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] know pillars without mass')
 
 
 def test_a_patch_of_all_neighbours_is_refused(scene_file):

@@ -24,8 +24,6 @@ from magphonon.tails import reach
 
 from .checks import Check, Outcome, pairs, save_picture
 
-ALUMINIUM = 2700 * units.kg / units.m**3  # of which a modulus of 71 GPa tells
-TIP = 33 / 140  # of a cantilever's mass moves with its tip (Rayleigh)
 M = np.array([0.5, 0, 0])
 RADII = np.array([1.2, 1.8, 2.2, 2.8, 3.2, 4.2, 5.7, 7.7, 10.3, 14.2, 20.3, 28.3])  # in spacings, between shells
 
@@ -66,8 +64,8 @@ def _closed_forms(known):
 
 def _prototype(known):
     scene = read_scene(ready_scene('neighbours'))
-    nearest, everyone = read_scene(ready_scene('prototype')).atoms(), scene.atoms()
-    heavier = _with_pillars(scene)
+    nearest, heavier = read_scene(ready_scene('prototype')).atoms(), scene.atoms()
+    everyone = _without_pillars(heavier, nearest)
     direct, law = nearest.copy(), nearest.calc.potential
     direct.calc = MagneticRepulsion(direct, law, foundation=nearest.calc.parameters.foundation, cutoff=reach(direct, law, 1e-4))
     shear = [bloch_modes(atoms, [M])[0][0, 0] / (2 * np.pi) / units.Hz for atoms in (nearest, everyone, heavier, direct)]
@@ -82,12 +80,12 @@ def _prototype(known):
     ]
 
 
-def _with_pillars(scene):
-    """The prototype with the effective mass of its pillars added to the magnets'."""
-    atoms, pillar = scene.atoms(), scene.foundation.pillar
-    volume = np.pi * pillar.radius_m**2 * pillar.height_m * units.m**3
-    atoms.set_masses(atoms.get_masses() + TIP * ALUMINIUM * volume)
-    return atoms
+def _without_pillars(atoms, others):
+    """The same cell with the masses of others."""
+    lighter = atoms.copy()
+    lighter.calc = atoms.calc
+    lighter.set_masses(others.get_masses())
+    return lighter
 
 
 def _draw_shells(out):
@@ -115,8 +113,9 @@ def _draw_shells(out):
 
 def _draw_prototype(out):
     scene = read_scene(ready_scene('neighbours'))
-    cells = {'nearest neighbours (the paper)': read_scene(ready_scene('prototype')).atoms(), 'all neighbours': scene.atoms(),
-             'all neighbours, moving mass of the pillars': _with_pillars(scene)}
+    nearest, heavier = read_scene(ready_scene('prototype')).atoms(), scene.atoms()
+    cells = {'nearest neighbours (the paper)': nearest, 'all neighbours': _without_pillars(heavier, nearest),
+             'all neighbours, moving mass of the pillars': heavier}
     ax = new_axes()
     for (label, atoms), style in zip(cells.items(), ('-', '--', '-.'), strict=True):
         plot_bands(analytic_bands(atoms, scene.band_path()), ax=ax, linestyle=style, label=label)
