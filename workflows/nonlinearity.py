@@ -1,0 +1,217 @@
+"""Nonlinearity: the oscillator's backbone, the second harmonic of a wave, the dilatation under a burst; perturbation theory.
+
+A chain of bonds phi'', phi''' carries u = A cos(k n - w t).  To second order in A, with L0 = 1,
+
+    second harmonic, forced     u_2 = B sin(2 k n - 2 w t),  B = -phi'''/(4 phi'') A^2 cot(k/2)
+    strain under a burst        e_0 = -phi'''/phi'' A(x)^2        (phi''' < 0: the burst pushes the chain apart)
+
+each with free waves that make up for the start from a linear wave.  For f ~ r^-a, -phi'''/phi'' = (a + 1)/L0.
+"""
+
+import numpy as np
+from ase.constraints import FixedLine
+
+from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
+from magphonon.anharmonic import frequency_shifts
+from magphonon.plotting import COLOURS, new_axes
+from magphonon.scenes import reference
+
+from .checks import Check, Outcome, save_picture
+from .frf import batch
+from .oscillator import oscillator
+
+L0 = 1 * units.m
+SHIFTS = {0.0: -275 / 48, 0.5: -35 / 48}  # dw/w over (A/L0)^2 by theta0/pi, for a = 4
+AMPLITUDES = np.array([0.005, 0.01, 0.02, 0.035, 0.05, 0.07, 0.1])  # of L0
+DT = 0.15 * units.ms   # w dt <= 0.052
+PERIODS = 12
+
+LAW = InversePower(b=1.0, a=4.0)  # a chain of unit mass and spacing: phi'' = 4, phi''' = -20, c = 2
+RATIO = 5.0                       # -phi'''/phi'' = a + 1
+WAVES = np.array([1e-4, 1e-3, 1e-2])   # amplitudes of the waves in the chain, of L0
+RING, RING_K = 8, np.pi / 4            # one wavelength
+LONG, BURST_K, WIDTH = 768, np.pi / 2, 16.0
+FLIGHT = 150.0                         # until the burst has left its free waves behind
+STEP = 0.03                            # w_max dt = 0.12
+
+
+def main(out):
+    """Coefficients and slopes against closed forms, the frozen bond directions of D0 as the control."""
+    angles = np.pi * np.array(reference()['oscillator']['theta0_over_pi'])
+    measured = backbones(angles)
+    theory = np.array([shift(theta0) for theta0 in angles])
+    checks = []
+    for theta0, here, analytic in zip(angles, measured[0] / AMPLITUDES[0] ** 2, theory, strict=True):
+        at = f'theta0 = {theta0 / np.pi:.3g} pi'
+        # the next order, some 30 (A/L0)^2 of this one, and Verlet's own, (w dt)^2/24, leave 1e-3
+        checks.append(Check(f'backbone dw/w / (A/L0)^2 in the time domain, {at}', here, analytic, 5e-3))
+    for theta0, closed in SHIFTS.items():
+        checks.append(Check(f'backbone by perturbation theory, theta0 = {theta0:.3g} pi', shift(np.pi * theta0), closed, 1e-9))
+    frozen = backbones(angles[:1], 'conventional')[0, 0] / AMPLITUDES[0] ** 2
+    checks.append(Check('control: backbone with D0 alone, theta0 = 0', frozen, SHIFTS[0.0], 0.5, control=True))
+
+    harmonics = [second_harmonic(A) for A in WAVES]
+    growth = [abs(h).max() for h, _ in harmonics]
+    h, expected = harmonics[-2]
+    checks += [
+        # Verlet moves 2 w - w_2, which is small, by 0.25 %: 1.6 % of the phase at the end of the beat
+        Check('second harmonic over time - closed form, largest', abs(h - expected).max() / abs(expected).max(), 0, 2e-2),
+        # at 0.01 L0 it is 6 % of the wave and takes from it
+        Check('second harmonic against amplitude, slope', slope(WAVES, growth), 2, 1e-2),
+    ]
+    strains = [strain(A) for A in WAVES]
+    x, e, forms = strains[-2]
+    under = [dilatation(x, e) for x, e, _ in strains]
+    checks += [
+        Check('strain under a burst, sum over bonds / L0', under[-2], RATIO * WAVES[-2] ** 2 * WIDTH * np.sqrt(np.pi), 1e-2),
+        Check('strain along the chain - closed form, largest', abs(e - forms).max() / abs(forms).max(), 0, 0.05),
+        Check('strain under a burst against amplitude, slope', slope(WAVES, under), 2, 1e-3),
+        Check('control: third power for the second', slope(WAVES, np.array(under) * WAVES), 2, 0.1, control=True),
+    ]
+    return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_growth(out, growth, under),
+                            draw_strain(out, x, e, forms)])
+
+
+def slope(x, y):
+    """Of a straight line on logarithmic axes."""
+    return np.polyfit(np.log(x), np.log(y), 1)[0]
+
+
+def shift(theta0):
+    """`dw/w` over (A/L0)^2 of the oscillator on its vertical line, by perturbation theory."""
+    atoms = oscillator(theta0)
+    atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
+    return frequency_shifts(atoms).curvature[0] * L0**2
+
+
+def backbones(angles, model='complete'):
+    """Relative change of frequency of free vibrations at AMPLITUDES, all in one run, shape (amplitudes, angles)."""
+    from scipy.interpolate import CubicSpline
+
+    which = np.tile(np.arange(len(angles)), len(AMPLITUDES))
+    atoms, replicas = batch(angles, which, model)
+    static = atoms.get_forces(apply_constraint=False)[replicas, 1]
+    softest = np.sqrt(min(stiffness(theta0, model) for theta0 in angles) / units.kg)
+    atoms.set_constraint([*atoms.constraints, FixedLine(replicas, (0, 1, 0))])
+    atoms.positions[replicas, 1] -= L0 * np.repeat(AMPLITUDES, len(angles))
+    dyn = DrivenVerlet(atoms, DT, drives=[Constant(replicas, (0, -1), static)])
+    record = Recorder(dyn, replicas, interval=4)
+    dyn.run(int(PERIODS * 2 * np.pi / softest / DT))
+    omega = np.empty(len(replicas))
+    amplitude = np.empty(len(replicas))
+    for r, y in enumerate(record.displacements[..., 1].T):
+        curve = CubicSpline(record.times, y)
+        rising = [t for t in curve.roots(extrapolate=False) if curve(t, 1) > 0]
+        omega[r] = 2 * np.pi * (len(rising) - 1) / (rising[-1] - rising[0])
+        turns = curve(curve.derivative().roots(extrapolate=False))
+        amplitude[r] = np.ptp(turns) / 2 / L0
+    omega_0 = np.sqrt([stiffness(theta0, model) / units.kg for theta0 in angles])[which]
+    omega_0 = 2 / DT * np.arcsin(omega_0 * DT / 2)  # Verlet's
+    # to a common amplitude: that of the start is one turning point, not half the way between both
+    return ((omega / omega_0 - 1) * (np.repeat(AMPLITUDES, len(angles)) / amplitude) ** 2).reshape(-1, len(angles))
+
+
+def stiffness(theta0, model):
+    """Vertical stiffness in N/mm."""
+    atoms = oscillator(theta0, model)
+    return atoms.calc.get_hessian(atoms)[10, 10]
+
+
+def evolved(psi, t):
+    """The complex wave psi of a linear ring, travelling to the right, at the time t, and its rate of change."""
+    q = 2 * np.pi * np.fft.fftfreq(len(psi))
+    iw = 4j * np.sin(q / 2)  # w = 2 sqrt(phi''/m) sin(q/2)
+    later = np.exp(-iw * t) * np.fft.fft(psi)
+    return np.fft.ifft(later), np.fft.ifft(-iw * later)
+
+
+def ring(psi, frames, every):
+    """Times and displacements of a ring that starts with the linear wave `Re psi`, travelling to the right."""
+    cell = lattices.chain(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, LAW)
+    atoms = cell.repeat((len(psi), 1, 1))
+    atoms.calc = cell.calc.on(atoms)
+    u, v = evolved(psi, 0.0)
+    atoms.positions[:, 0] += u.real
+    momenta = np.zeros((len(psi), 3))
+    momenta[:, 0] = v.real
+    atoms.set_momenta(momenta)
+    dyn = DrivenVerlet(atoms, STEP)
+    record = Recorder(dyn, interval=every)
+    dyn.run(frames * every)
+    return record.times, record.displacements[..., 0]
+
+
+def second_harmonic(A):
+    """Complex amplitude h of the component Im(h e^{2 i k n}) over a beat, and its closed form; starts at zero."""
+    n = np.arange(RING)
+    t, u = ring(A * np.exp(1j * RING_K * n), frames=45, every=20)
+    h = 1j * u @ np.exp(-2j * RING_K * n) * 2 / RING
+    B = RATIO / 4 * A**2 / np.tan(RING_K / 2)
+    w, w2 = (4 * np.sin(k / 2) for k in (RING_K, 2 * RING_K))
+    forced, free = B * np.exp(-2j * w * t), B * (np.cos(w2 * t) - 2j * w / w2 * np.sin(w2 * t))
+    return h, forced - free
+
+
+def strain(A):
+    """Slowly varying strain at the end of the flight of a burst, and its closed form: under the burst, and two free waves."""
+    n, start = np.arange(LONG), LONG / 2
+    psi = A * np.exp(-((n - start) ** 2) / (2 * WIDTH**2) + 1j * BURST_K * n)
+    _, u = ring(psi, frames=1, every=int(FLIGHT / STEP))
+    q = 2 * np.pi * np.fft.fftfreq(LONG)
+    slow = np.fft.ifft(np.where(abs(q) < 0.4, np.exp(1j * q) - 1, 0) * np.fft.fft(u[-1])).real
+
+    def free(speed):
+        return -RATIO * A**2 * np.exp(-((n + 0.5 - start - speed * FLIGHT) ** 2) / WIDTH**2)
+
+    v, c = np.cos(BURST_K / 2), 2.0  # group velocity, as a share of that of sound
+    burst = RATIO * abs(evolved(psi, FLIGHT)[0]) ** 2
+    return n - start, slow, burst + (1 + v) / 2 * free(c) + (1 - v) / 2 * free(-c)
+
+
+def dilatation(x, e):
+    """Sum of the strains under the burst, far from the free waves."""
+    return e[abs(x - np.sqrt(2) * FLIGHT) < 44].sum()  # they are 88 ahead
+
+
+def draw_backbones(out, angles, measured, theory):
+    """Change of frequency over amplitude."""
+    ax = new_axes()
+    A = np.linspace(0, AMPLITUDES[-1], 60)
+    for k, (theta0, marker) in enumerate(zip(angles, 'os^D', strict=True)):
+        ax.plot(A, 100 * theory[k] * A**2, color=COLOURS[k], linestyle=('-', '--', '-.', ':')[k])
+        ax.plot(AMPLITUDES, 100 * measured[:, k], marker, color=COLOURS[k], fillstyle='none',
+                label=rf'$\theta_0 = {np.rad2deg(theta0):.0f}°$: {theory[k]:+.3f} $(A/L_0)^2$')
+    ax.set(xlabel='amplitude $A/L_0$', ylabel='change of frequency (%)')
+    ax.legend(fontsize=8)
+    return save_picture(ax.figure, out / 'backbone.png',
+                        'Backbones of the oscillator: free vibrations in the time domain (marks), perturbation theory (lines).')
+
+
+def draw_growth(out, growth, under):
+    """Second harmonic and dilatation over amplitude."""
+    ax = new_axes()
+    B = RATIO / 4 * WAVES**2 / np.tan(RING_K / 2)
+    ax.loglog(WAVES, growth, 'o', color=COLOURS[0], fillstyle='none', label='second harmonic, largest')
+    ax.loglog(WAVES, under, 's', color=COLOURS[1], fillstyle='none', label='dilatation under the burst')
+    ax.loglog(WAVES, growth[0] / B[0] * B, color=COLOURS[0], label='slope 2')
+    ax.loglog(WAVES, RATIO * WAVES**2 * WIDTH * np.sqrt(np.pi), '--', color=COLOURS[1],
+              label=r'$(a+1)\,(A/L_0)^2 \sigma\sqrt{\pi}$')
+    ax.set(xlabel='amplitude of the wave $A/L_0$', ylabel='displacement $/L_0$')
+    ax.legend(fontsize=8)
+    return save_picture(ax.figure, out / 'harmonics.png',
+                        'Second harmonic of a wave, and how far a burst pushes the chain apart, against the amplitude.')
+
+
+def draw_strain(out, x, e, forms):
+    """Slow strain along the chain."""
+    ax = new_axes()
+    ax.plot(x, 1e6 * e, color=COLOURS[0], label='time domain, slow part')
+    ax.plot(x, 1e6 * forms, '--', color=COLOURS[1], label='closed form')
+    ax.set(xlabel='place $x/L_0$', ylabel='strain ($10^{-6}$)', xlim=(-384, 384))
+    ax.legend(fontsize=8)
+    for speed, text, y in ((np.sqrt(2), 'burst', 3.5), (2, 'free wave', -3), (-2, 'free wave', -1.2)):
+        ax.text(speed * FLIGHT - 20, y, text, ha='right' if speed > 0 else 'left')
+    return save_picture(ax.figure, out / 'dilatation.png',
+                        'A burst of the amplitude 0.001 L0 on its way: it carries a dilatation with it, and two free waves of '
+                        'compression, which run at the speed of sound, make up for it.')
