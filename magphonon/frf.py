@@ -11,7 +11,6 @@ import numpy as np
 from .bands import repulsion_of
 from .errors import finite, not_negative, positive
 from .files import saved_arrays, whole_file
-from .stiffness import signed_root
 
 LEAST_PERIODS = 3
 """Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
@@ -141,47 +140,6 @@ def _free_directions(atoms):
     share, directions = np.linalg.eigh(P)
     B = sparse.bsr_array((directions, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
     return sparse.csc_array(B)[:, share.ravel() > 0.5]
-
-
-def natural_frequencies(atoms):
-    """Frequencies of the free vibrations that the constraints allow.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        At rest, with MagneticRepulsion; constraints as in `harmonic_response`.
-
-    Returns
-    -------
-    ndarray, shape (free directions,)
-        Ascending, in rad/ms; an unstable vibration, which grows at the rate s, is there as -s.
-    """
-    B = _free_directions(atoms)
-    root = np.sqrt(np.repeat(atoms.get_masses(), 3))
-    H = repulsion_of(atoms).get_hessian(atoms)
-    return signed_root(np.linalg.eigvalsh((B.T @ (H / root / root[:, None]) @ B).toarray()))
-
-
-def receptance(atoms, source, answer, omega, damping):
-    """Displacement of one particle per harmonic force on one, each along its own direction.
-
-    Parameters
-    ----------
-    atoms, omega, damping
-        As in `harmonic_response`.
-    source, answer : tuple of int and array_like, shape (3,)
-        The particle and the unit vector of the direction: where the force acts, and where its effect is seen.
-
-    Returns
-    -------
-    FrequencyResponse
-        Of shape (frequencies,).
-    """
-    (driven, push), (seen, along) = source, answer
-    force = np.zeros((len(atoms), 3))
-    force[driven] = push
-    omega = np.atleast_1d(omega)
-    return FrequencyResponse(omega, harmonic_response(atoms, force, omega, damping)[:, seen] @ along)
 
 
 def lock_in(signal, dt, omega, start=0.0):

@@ -19,7 +19,7 @@ from .blocks import freedom
 from .chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, stable_interval, whole_interval
 from .errors import finite, not_negative, positive, whole
 from .files import saved_arrays, whole_file
-from .frf import harmonic_response
+from .frf import FrequencyResponse, harmonic_response
 from .stiffness import hessian, model_stiffness, signed_root
 from .timestep import free_directions, linear_model
 
@@ -145,6 +145,11 @@ def modes(atoms, count=None):
     return Modes(signed_root(squares[order]), shapes)
 
 
+def natural_frequencies(atoms):
+    """Frequencies of all `modes` without their shapes, in a third of the time; ascending, in rad/ms, shape (modes,)."""
+    return signed_root(np.linalg.eigvalsh(reduced(atoms).K.toarray()))
+
+
 def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1e-9):
     """Steady displacements under a harmonic force at many frequencies: what `frf.harmonic_response` solves one by one.
 
@@ -196,6 +201,28 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     except Outside:
         _refuse_unstable(whole_interval(scene.K))
     return u
+
+
+def receptance(atoms, source, answer, omega, damping):
+    """Displacement of one particle per harmonic force on one, each along its own direction.
+
+    Parameters
+    ----------
+    atoms, omega, damping
+        As for `frequency_response`.
+    source, answer : tuple of int and array_like, shape (3,)
+        The particle and the unit vector of the direction: where the force acts, and where its effect is seen.
+
+    Returns
+    -------
+    FrequencyResponse
+        Of shape (frequencies,).
+    """
+    (driven, push), (seen, along) = source, answer
+    force = np.zeros((len(atoms), 3))
+    force[driven] = push
+    omega = np.atleast_1d(omega)
+    return FrequencyResponse(omega, frequency_response(atoms, force, omega, damping, np.array([seen]))[:, 0] @ along)
 
 
 def _refuse_unstable(spectrum):

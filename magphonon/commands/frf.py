@@ -4,7 +4,7 @@ HELP = 'frequency response of the oscillator or of a patch'
 SHOWN = 12
 """Peaks on the terminal, the highest; the table holds the whole curve."""
 MANY = 3000
-"""Free directions above which the natural frequencies, a dense eigenvalue problem, are left out: some ten seconds."""
+"""Free directions above which the natural frequencies, a dense eigenvalue problem, are left out: half a minute."""
 
 
 def add_arguments(parser):
@@ -16,8 +16,8 @@ def run(options):
     import numpy as np
 
     from ..files import whole_directory
-    from ..frf import natural_frequencies, receptance
     from ..lattices import RIM
+    from ..linear import natural_frequencies, receptance
     from ..responseplots import plot_response
     from ..scenes import read_scene
 
@@ -27,9 +27,10 @@ def run(options):
         responses = {}
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model)
+            natural = natural_frequencies(atoms) if 2 * np.sum(atoms.get_tags() != RIM) <= MANY else np.empty(0)
+            _refuse_unstable(natural)
             responses[model] = receptance(atoms, source, answer, plan.omega, plan.damping)
             responses[model].save(folder / f'frf_{model}.npz')
-            natural = natural_frequencies(atoms) if 2 * np.sum(atoms.get_tags() != RIM) <= MANY else np.empty(0)
             axes = plot_response(responses[model], natural, axes, label=model, linestyle=style)
             lines += _report(model, responses[model], natural)
         _write_table(folder / 'frf.csv', responses)
@@ -37,6 +38,15 @@ def run(options):
         axes[0].figure.savefig(folder / 'frf.png')
     print('\n'.join(lines))
     print(f'picture and data are in {options.output}')
+
+
+def _refuse_unstable(natural):
+    from .. import units
+
+    growing = natural[natural < 0] * -units.s
+    if len(growing):
+        raise ValueError(f'the static forces make {len(growing)} vibrations grow by themselves, the fastest at '
+                         f'{growing[0]:.4g} 1/s: there is no steady response; give it a stiffer foundation or more space')
 
 
 def _write_table(file, responses):
@@ -53,7 +63,7 @@ def _write_table(file, responses):
 
 
 def _report(model, result, natural):
-    """What the terminal shows of a model: natural frequencies, what grows, and the highest peaks."""
+    """What the terminal shows of a model: natural frequencies and the highest peaks."""
     import numpy as np
     from scipy.signal import find_peaks
 
@@ -61,13 +71,10 @@ def _report(model, result, natural):
 
     f, amplitude = result.omega / (2 * np.pi) / units.Hz, abs(result.response) / (units.m / units.N)
     lines = ['', model]
-    stable = natural[natural >= 0] / (2 * np.pi) / units.Hz
-    if len(stable):
-        ends = f'{stable[0]:.6g} Hz' if len(stable) == 1 else f'{len(stable)} from {stable[0]:.6g} to {stable[-1]:.6g} Hz'
-        lines.append(f'  natural frequencies: {ends}')
-    if len(stable) < len(natural):
-        lines.append(f'  UNSTABLE: {len(natural) - len(stable)} vibrations grow by themselves, the fastest at '
-                     f'{-natural[0] / (1 / units.s):.4g} 1/s; no steady response will be seen')
+    if len(natural):
+        of = natural / (2 * np.pi) / units.Hz
+        lines.append(f'  natural frequencies: {of[0]:.6g} Hz' if len(of) == 1 else
+                     f'  natural frequencies: {len(of)} from {of[0]:.6g} to {of[-1]:.6g} Hz')
     peaks, _ = find_peaks(amplitude)
     highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN:]])
     lines.append(f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
