@@ -73,7 +73,7 @@ def _cell(scene, shells=1):
     from .allneighbours import AllNeighbours
     from .calculator import MagneticRepulsion
 
-    atoms = scene.lattice.cell()
+    atoms = scene.cell()
     foundation = scene.foundation.k if scene.foundation else 0.0
     if shells == ALL:
         atoms.calc = AllNeighbours(atoms, scene.law.potential(), foundation=foundation)
