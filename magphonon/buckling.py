@@ -123,7 +123,8 @@ def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, 
     if isinstance(calc, AllNeighbours):  # its sums know the present spacing only
         root = np.repeat(np.ones(len(atoms)) if masses is None else 1 / np.sqrt(masses), calc.dim)
         weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.parameters.foundation)
-        return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.pbc, 4 * len(atoms), steps)
+        steps = (24 if calc.dim == 2 else 8) if steps is None else steps  # as dear as they are
+        return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.pbc, len(atoms), steps)
     K = model_stiffness(scale * repulsion_of(atoms).bonds.vectors[:, : calc.dim], calc.potential, model)
     return softest(calc.bonds, K, free_directions(atoms), atoms.pbc, foundation, masses, steps)
 
