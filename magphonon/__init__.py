@@ -74,6 +74,13 @@ _HOME = {
     'modes': 'linear',
     'frequency_response': 'linear',
     'propagate': 'propagation',
+    'frequency_sensitivities': 'sensitivities',
+    'response_sensitivities': 'sensitivities',
+    'Tolerances': 'uncertainty',
+    'frequency_spread': 'uncertainty',
+    'response_spread': 'uncertainty',
+    'spacings_for': 'design',
+    'foundation_for': 'design',
     'read_scene': 'scenes',
     'ready_scene': 'scenes',
 }

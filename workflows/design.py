@@ -1,0 +1,96 @@
+"""Design: the prototype found again from two of its frequencies, and stability as a constraint where it is active."""
+
+import numpy as np
+
+from magphonon import read_scene, ready_scene, units
+from magphonon.bands import bloch_modes
+from magphonon.designplan import DesignPlan
+from magphonon.plotting import COLOURS, new_axes
+from magphonon.scenes import reference
+from magphonon.tolerances import varied
+
+from .checks import Check, Outcome, save_picture
+
+HERTZ = 2 * np.pi * units.Hz
+M = [[0.5, 0, 0]]
+SOFT = 2.5        # an exponent below 3: without a foundation the triangular lattice buckles
+WEAK = 10.0       # a foundation in N/m that holds it from some spacing on
+SHARE = 0.6       # of the cut-off: the frequency wanted of it
+SPACINGS_m = 0.007, 0.02
+
+
+def main(out):
+    """Spacing and foundation against the paper's; the soft lattice against its closed form; a wish that cannot be met."""
+    paper = reference()['prototype']
+    scene = read_scene(ready_scene('design'))
+    k, (found,) = scene.design.solve(scene)
+    m, a = paper['mass'], paper['a']
+    f_over_L = ((2 * np.pi * paper['M_complete_Hz'][0]) ** 2 * m - paper['k_eq']) / (2 * a)  # if the edge were D0's
+    conventional = (paper['b'] / f_over_L) ** (1 / (a + 1))
+    checks = [
+        Check('design: spacing of the prototype (m)', found.spacing / units.m, paper['spacing'], 1e-9),
+        Check('design: its foundation (N/m)', k / (units.N / units.m), paper['k_eq'], 1e-9),
+        Check('control: spacing designed with D0 alone (m)', conventional, paper['spacing'], 0.1, control=True),
+    ]
+
+    soft, verge, cut_off = soft_lattice(scene, paper['f_at_spacing'] * paper['spacing'] ** SOFT)
+    expected = verge * (1 - SHARE**2) ** (-1 / (SOFT + 1))  # w^2 = (k/m) (1 - (verge/L)^(a+1))
+    _, (held,) = wish(soft, SHARE * cut_off).solve(soft)
+    checks.append(Check(f'design: a = {SOFT}, M shear at {SHARE:g} of the cut-off, spacing (m)', held.spacing / units.m, expected,
+                        1e-9))
+    reach = cut_off * np.sqrt(1 - (verge / SPACINGS_m[1]) ** (SOFT + 1))
+    checks.append(Check('design: largest frequency offered when too much is asked (Hz)', offered(soft, 2 * reach), reach, 1e-5))
+    return Outcome(checks, [draw(out, scene, found, soft, held, verge)])
+
+
+def soft_lattice(scene, b):
+    """The scene with an exponent below 3 and a weak foundation; its verge in m, where `2 (3 - a) f/L = k`; its cut-off in Hz."""
+    law = scene.law.model_copy(update={'a': SOFT, 'b_N_m_a': b})
+    foundation = scene.foundation.model_copy(update={'pillar': None, 'stiffness_N_per_m': WEAK})
+    verge = (2 * (3 - SOFT) * b / WEAK) ** (1 / (SOFT + 1))
+    return (scene.model_copy(update={'law': law, 'foundation': foundation}), verge,
+            np.sqrt(WEAK / scene.lattice.mass_kg) / (2 * np.pi))
+
+
+def wish(scene, frequency):
+    """A [design] that wants this frequency in Hz of the shear branch at M."""
+    return DesignPlan(edge={'point': 'M', 'branch': 1, 'frequency_Hz': frequency}, spacings_m=list(SPACINGS_m))
+
+
+def offered(scene, frequency):
+    """The upper end of the range that the refusal of a wish names, Hz."""
+    try:
+        wish(scene, frequency).solve(scene)
+    except ValueError as error:
+        return float(str(error).rpartition(' to ')[2].removesuffix(' Hz'))
+    return np.nan
+
+
+def draw(out, scene, found, soft, held, verge):
+    """M shear over the spacing, in both lattices and models, with what was found."""
+    ax = new_axes()
+    spacings = np.linspace(*SPACINGS_m, 60) * units.m
+    foundation = reference()['prototype']['k_eq'] * units.N / units.m
+    for case, k, colour, name in ((scene, foundation, COLOURS[0], 'prototype, a = 4.58'),
+                                  (soft, WEAK * units.N / units.m, COLOURS[1], f'weak pillars, a = {SOFT}')):
+        for model, line in (('complete', '-'), ('conventional', ':')):
+            f = [shear(case, L, k, model) for L in spacings]
+            ax.plot(spacings / units.m * 1e3, f, line, color=colour, label=f'{name}, {model}')
+    ax.plot(found.spacing / units.m * 1e3, found.value / HERTZ, 'o', color='k', label='found, 58.23 Hz wanted')
+    ax.plot(held.spacing / units.m * 1e3, held.value / HERTZ, 's', color='k', fillstyle='none',
+            label=f'found, {held.value / HERTZ:.3g} Hz wanted')
+    ax.axvline(verge * 1e3, color=COLOURS[1], linewidth=0.8)
+    ax.text(verge * 1e3 - 0.1, 12, f'a = {SOFT} buckles ←', ha='right', va='center', fontsize=8)
+    ax.set(xlabel='spacing $L_0$ (mm)', ylabel='M shear (Hz)', xlim=(SPACINGS_m[0] * 1e3, SPACINGS_m[1] * 1e3), ylim=(0, 170))
+    ax.legend(fontsize=8)
+    return save_picture(ax.figure, out / 'design.png',
+                        'Spacings found for a wanted shear edge. For a below 3 the static forces buckle the lattice at small '
+                        'spacings; the conventional model knows nothing of that, nor of the true spacing of the other.')
+
+
+def shear(scene, spacing, k, model):
+    """The lower frequency at M in Hz, NaN where that mode is unstable."""
+    atoms = varied(scene, {'spacing': spacing / (scene.lattice.spacing_m * units.m)}).atoms()
+    atoms.calc.set(foundation=k)
+    omega = bloch_modes(atoms, M, model)[0][0, 0]
+    return omega / HERTZ if omega >= 0 else np.nan
