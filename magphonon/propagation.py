@@ -12,7 +12,7 @@ import numpy as np
 from .bands import repulsion_of
 from .blocks import static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
-from .drives import Constant, Drives
+from .drives import Constant, Drives, ToneBurst
 from .errors import finite, not_negative, positive
 from .files import saved_arrays, whole_file
 from .linear import recorded, reduced, sizes
@@ -43,7 +43,7 @@ class Transient:
     displacements, velocities : ndarray, shape (times, recorded, dim)
         In mm and mm/ms.
     error : float
-        Bound of the error of any displacement by the end of its series and by round-off, mm.
+        Estimate, rather too high, of the error of any displacement by the end of its series and by round-off, mm.
     products : int
         Matrix-vector products taken.
     """
@@ -145,8 +145,7 @@ class _Load:
         self._varying, self._dim, self._tolerance = Drives(varying, len(atoms)), scene.dim, tolerance
         driven = self._varying.particles[:, None] * scene.dim + np.arange(scene.dim)
         self._shapes = scene.shapes[driven.ravel()]
-        kinks = [getattr(d, name) for d in varying for name in ('start', 'end') if hasattr(d, name)]
-        self._kinks = np.array(kinks, dtype=float)
+        self._kinks = np.array([t for d in varying if isinstance(d, ToneBurst) for t in (d.start, d.end)])
 
     def _forces(self, times):
         forces = self._varying.forces(times)
@@ -179,17 +178,18 @@ def _propagate(scene, interval, gamma, state, load, times, particles, tolerance)
     for k, end in enumerate(ends):
         wanted = times[part == k]
         stops = wanted if end in wanted[-1:] else np.append(wanted, end)
-        y, state, missed, taken = _part(scene.K, interval, gamma, state, load, start, stops, rows, size, tolerance / parts,
+        y, state, missed, taken = _part(scene.K, interval, gamma, state, load, start, stops, rows, size, tolerance,
                                         last=k + 1 == parts)
         found.append(y[: len(wanted)])
-        error, products, start = error + missed, products + taken, end
+        growth = np.exp(np.sqrt(-interval.lowest) * (end - start))
+        error, products, start = growth * error + missed, products + taken, end
     y = np.concatenate(found)
     motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), scene.dim)
     return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
 
 def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, last):
-    """Motion at the `stops` after the `state` at `start`.
+    """Motion at the `stops` after the `state` at `start`; to round-off, for the next part, unless it is the last one.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, 
     state : ndarray, shape (free, 2)
         At the last stop, unless this part is the last.
     error : float
-        Bound in mm.
+        As in Transient.
     products : int
     """
     rate = np.sqrt(interval.highest - interval.lowest)
@@ -233,7 +233,8 @@ def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, 
                 end += np.tensordot(own[-1], block, ((2, 1), (0, 1)))
                 block = block[..., rows]
             y += np.tensordot(own, block, ((3, 2), (0, 1)))
-            if used >= c.shape[-1] or left[used] * len(sources) <= tolerance * (abs(y[:, 0]) * size).max(initial=0.0):
+            enough = tolerance * (abs(y[:, 0]) * size).max(initial=0.0) / len(sources) if last else 0.0
+            if used >= c.shape[-1] or left[used] <= enough:
                 break
         error, products = error + left[used] + EPS * (1 + z) * left[0], products + used * s.shape[1]
     return y, end.T, error, products
