@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixedLine
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, lattices, propagation, stiffness
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, Yukawa, lattices, propagation, stiffness
 from magphonon.backbone import vibration
 from magphonon.bandladder import plan_bands
 from magphonon.ladder import Plan, Rung
@@ -19,7 +19,7 @@ from magphonon.waveladder import plan_waveform, strip
 from workflows.ladder import judge, met_by, without_amplitude, without_dstar
 from workflows.situations import Bands, Peak, Waveform
 
-LAW = InversePower(1.0, 4.0)
+LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
 UP = (3, np.array([0.0, 1.0, 0.0]))
 
 
@@ -92,9 +92,10 @@ def test_a_vibration_through_the_magnets_is_refused_as_none():
 
 def sample():
     """Some situations of each sort; `python -m workflows.ladder` judges hundreds."""
-    yield from (Bands('triangular', 'r^-4.58', 0.5), Bands('kagome', 'r^-4', 12.0, 'M'), Bands('honeycomb', 'Yukawa', 12.0))
-    yield from (Peak('r^-4', 0, 0.02), Peak('Yukawa', 90, 0.08), Peak('r^-3', 45, 1e-3))
-    yield Waveform('triangular', 'r^-4', 0.2, (1, 0), 0.3, 3e-3, rows=14)
+    yield from (Bands('triangular', InversePower(1.0, 4.58), 0.5), Bands('kagome', LAW, 12.0, 'M'))
+    yield Bands('honeycomb', YUKAWA, 12.0)
+    yield from (Peak(LAW, 0, 0.02), Peak(YUKAWA, 90, 0.08), Peak(InversePower(1.0, 3.0), 45, 1e-3))
+    yield Waveform('triangular', LAW, 0.2, (1, 0), 0.3, 3e-3, rows=14)
 
 
 def test_choices_meet_the_tolerance_and_are_not_dear_unless_they_ignore_what_matters():

@@ -23,11 +23,10 @@ from magphonon.timestep import highest_frequency
 from magphonon.waveladder import as_model, difference, plan_beam, plan_waveform, strip
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-LAWS = {'r^-3': InversePower(1.0, 3.0), 'r^-4': InversePower(1.0, 4.0), 'r^-4.58': InversePower(1.0, 4.58),
-        'Yukawa': Yukawa(1.0, 2.0)}
+LAWS = InversePower(1.0, 3.0), InversePower(1.0, 4.0), InversePower(1.0, 4.58), Yukawa(1.0, 2.0)
 """In units of the spacing, 1 mm."""
 PATHS = {'chain': 'GX', 'square': 'GXMG', 'triangular': 'GMKG', 'honeycomb': 'GMKG', 'kagome': 'GMKG'}
-ANGLES = (0, 30, 45, 90)
+EDGES = {'chain': 'X', 'square': 'XM', 'triangular': 'MK', 'honeycomb': 'MK', 'kagome': 'MK'}
 FRAMES = 60
 """Moments at which waveforms are compared."""
 STEPS = 0.03
@@ -39,7 +38,7 @@ class Bands:
     """Bands along a path, or one edge of them."""
 
     kind: str
-    law: str
+    law: object
     foundation: float
     edge: str = ''
 
@@ -61,9 +60,9 @@ class Bands:
     def _with(self, shells):
         atoms = self._cell.copy()
         if shells == 'all':
-            atoms.calc = AllNeighbours(atoms, LAWS[self.law], foundation=self.foundation)
+            atoms.calc = AllNeighbours(atoms, self.law, foundation=self.foundation)
         else:
-            atoms.calc = MagneticRepulsion(atoms, LAWS[self.law], foundation=self.foundation, shells=shells)
+            atoms.calc = MagneticRepulsion(atoms, self.law, foundation=self.foundation, shells=shells)
         return atoms
 
     def _omega(self, model, shells):
@@ -89,7 +88,7 @@ class Bands:
 class Peak:
     """The oscillator, driven along its line to an amplitude (in spacings, about) at its peak."""
 
-    law: str
+    law: object
     angle: float
     amplitude: float
     damping: float = 0.01
@@ -100,7 +99,7 @@ class Peak:
 
         atoms = lattices.oscillator(np.deg2rad(self.angle), 1.0, 1.0)
         atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
-        atoms.calc = MagneticRepulsion(atoms, LAWS[self.law], bonds=lattices.OSCILLATOR_BONDS)
+        atoms.calc = MagneticRepulsion(atoms, self.law, bonds=lattices.OSCILLATOR_BONDS)
         return atoms
 
     def plan(self, tolerance):
@@ -117,14 +116,14 @@ class Peak:
         force = 0.0
         for x0, y0 in ((c, -s), (-c, -s), (0, -1)):
             r = np.sqrt(x0**2 + (y - y0) ** 2)
-            force = force - LAWS[self.law].dphi(r) * (y - y0) / r + LAWS[self.law].dphi(1.0) * -y0
+            force = force - self.law.dphi(r) * (y - y0) / r + self.law.dphi(1.0) * -y0
         return force
 
     def _linear(self, model):
         if model == 'complete':
             return float(np.sqrt(-(self._pull(1e-30j)).imag / 1e-30))  # complex step
         s = np.sin(np.deg2rad(self.angle))
-        return float(np.sqrt(LAWS[self.law].d2phi(1.0) * (2 * s**2 + 1)))
+        return float(np.sqrt(self.law.d2phi(1.0) * (2 * s**2 + 1)))
 
     @cached_property
     def _true(self):
@@ -159,7 +158,7 @@ class Waveform:
     """A burst that a row of particles sends through a strip, its force as a share of f(L0)."""
 
     kind: str
-    law: str
+    law: object
     foundation: float
     direction: tuple
     carrier: float
@@ -169,7 +168,7 @@ class Waveform:
     @cached_property
     def _atoms(self):
         cell = getattr(lattices, self.kind)(1.0, 1.0)
-        cell.calc = MagneticRepulsion(cell, LAWS[self.law], foundation=self.foundation)
+        cell.calc = MagneticRepulsion(cell, self.law, foundation=self.foundation)
         return strip(cell, self.rows)
 
     @cached_property
@@ -179,7 +178,7 @@ class Waveform:
         omega = low + self.carrier * (highest_frequency(atoms) - low)
         inside = np.flatnonzero(atoms.get_tags() == 0)
         y = atoms.positions[inside, 1]
-        force = -self.force * LAWS[self.law].dphi(1.0)
+        force = -self.force * self.law.dphi(1.0)
         drive = ToneBurst(inside[y < y.min() + 1e-6], self.direction, force, omega, cycles=5)
         return drive, inside[:: len(inside) // (self.rows - 2)], 0.01 * omega, 1.6 * drive.end
 
@@ -224,7 +223,7 @@ class Beam(Waveform):
     @cached_property
     def _cell(self):
         cell = getattr(lattices, self.kind)(1.0, 1.0)
-        cell.calc = MagneticRepulsion(cell, LAWS[self.law], foundation=self.foundation)
+        cell.calc = MagneticRepulsion(cell, self.law, foundation=self.foundation)
         return cell
 
     @cached_property
@@ -239,7 +238,7 @@ class Beam(Waveform):
     def _burst(self):
         low = np.sqrt(self.foundation)
         omega = low + self.carrier * (highest_frequency(self._atoms) - low)
-        drive = self._site.burst(self.direction, -self.force * LAWS[self.law].dphi(1.0), omega)
+        drive = self._site.burst(self.direction, -self.force * self.law.dphi(1.0), omega)
         return drive, self._site.row, 0.01 * omega, 1.6 * drive.end
 
     def plan(self, tolerance):
@@ -254,14 +253,40 @@ def patch_with_law(cell, patch):
 
 
 def situations(quick=False):
-    """All of them, or a few of each sort."""
+    """On a grid: all of them, or a few of each sort."""
+    r3, r4, r458, yukawa = LAWS
     bands = [Bands(kind, law, 0.5 if kind == 'triangular' else 12.0, edge)
-             for law in LAWS for kind in PATHS for edge in ('', 'X' if kind in ('chain', 'square') else 'M')]
-    peaks = [Peak(law, angle, amplitude) for law in LAWS for angle in ANGLES for amplitude in (1e-3, 0.01, 0.03, 0.08)]
+             for law in LAWS for kind in PATHS for edge in ('', *EDGES[kind][:1])]
+    peaks = [Peak(law, angle, amplitude) for law in LAWS for angle in (0, 30, 45, 90) for amplitude in (1e-3, 0.01, 0.03, 0.08)]
     waves = [Waveform(kind, law, 0.2 if kind == 'triangular' else 8.0, direction, carrier, force)
-             for kind, law in (('triangular', 'r^-4'), ('triangular', 'Yukawa'), ('square', 'r^-4.58'), ('honeycomb', 'r^-4'),
-                               ('kagome', 'r^-3'))
+             for kind, law in (('triangular', r4), ('triangular', yukawa), ('square', r458), ('honeycomb', r4), ('kagome', r3))
              for direction, carrier in (((1, 0), 0.3), ((0, 1), 0.6)) for force in (1e-4, 3e-3, 1e-1)]
-    beams = [Beam(kind, 'r^-4', k, direction, carrier, force) for kind, k in (('triangular', 0.2), ('square', 8.0))
+    beams = [Beam(kind, r4, k, direction, carrier, force) for kind, k in (('triangular', 0.2), ('square', 8.0))
              for direction, carrier in (((1, 0), 0.3), ((0, 1), 0.6)) for force in (1e-3, 3e-2)]
     return [*bands[::7], *peaks[::5], *waves[1::15]] if quick else [*bands, *peaks, *waves, *beams]
+
+
+def drawn(count, seed):
+    """As many of each sort but beams, at random, each with a tolerance: nothing in the ladder was adjusted to these."""
+    draw = np.random.default_rng(seed)
+    for _ in range(count):
+        laws = [InversePower(1.0, draw.uniform(2.5, 10)), Yukawa(1.0, draw.uniform(0.5, 4))]
+        law = laws[draw.integers(2)]
+        kind = draw.choice(list(PATHS))
+        edge = draw.choice(['', *EDGES[kind]])
+        yield Bands(str(kind), law, held(str(kind), law, draw), str(edge)), 10 ** draw.uniform(-4, -1)
+        yield Peak(law, draw.uniform(0, 90), 10 ** draw.uniform(-3, -1)), 10 ** draw.uniform(-4, -1)
+        kind, angle = str(draw.choice(['square', 'triangular', 'honeycomb', 'kagome'])), draw.uniform(0, 2 * np.pi)
+        yield (Waveform(kind, law, held(kind, law, draw), (np.cos(angle), np.sin(angle)), draw.uniform(0.15, 0.8),
+                        10 ** draw.uniform(-4, -1)), 10 ** draw.uniform(-4, -1))
+
+
+def held(kind, law, draw):
+    """A foundation that holds the lattice, with some to spare, in N/mm."""
+    cell = getattr(lattices, kind)(1.0, 1.0)
+    cell.calc = AllNeighbours(cell, law)
+    nearest = cell.copy()
+    nearest.calc = MagneticRepulsion(nearest, law)
+    q = np.stack(np.meshgrid(*2 * [np.arange(12) / 12], [0.0]), axis=-1).reshape(-1, 3)
+    lowest = min((abs(w) * w).min() for w, _ in (bloch_modes(atoms, q) for atoms in (cell, nearest)))
+    return float(max(-lowest, 0) * draw.uniform(1.1, 2) + draw.uniform(0.2, 1))
