@@ -328,18 +328,21 @@ class _Wide:
     """Integrals over the wide Gaussians, `int f(t) (pi/t)^{d/2}/V exp(-p^2/4t - t x^2) dt` up to eta^2, one for each p^2."""
 
     def __init__(self, sums, p2, x2):
-        self.sums, self.x2 = sums, x2
+        self.sums = sums
         algebraic = np.isfinite(sums.decay)
-        self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic  # there the integral is algebraic, and done in closed form
-        softest = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
-        low = softest if algebraic else softest + sums.law.kappa**2
-        low = low / 4 / (REACH + 20)
+        # p = 0: below t = 1/x^2 the integral is algebraic, and done in closed form but for what the shift across leaves
+        self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
+        self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
+        low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
+        low = (low if algebraic else low + sums.law.kappa**2) / 4 / (REACH + 20)
         if x2 > 0 and algebraic:
-            low = min(low, sums.eta2 * np.exp(-80))  # for the rest, algebraic too, that a shift across leaves of the uniform term
-        self.t, w = _nodes(low, sums.eta2, 2 * sums.decay if algebraic else 0)
+            low = min(low, self.flat * np.exp(-80))
+        power = 2 * sums.decay if algebraic else 0
+        self.t, w = (np.concatenate(both) for both in zip(_nodes(low, self.flat, power), _nodes(self.flat, sums.eta2, power),
+                                                          strict=True))
         self.w = w * (np.pi / self.t) ** (sums.d / 2) / sums.volume
         self.gauss = np.exp(-p2[..., None] / (4 * self.t)) * np.exp(-self.t * x2)
-        self.gauss[self.uniform] = np.expm1(-self.t * x2)
+        self.gauss[self.uniform] = np.where(self.t < self.flat, np.expm1(-self.t * x2), np.exp(-self.t * x2))
 
     def moment(self, f, m, uniform=True):
         """The integral of a function that falls like rho t^m towards t = 0; without the term p = 0 if not `uniform`."""
@@ -353,7 +356,7 @@ class _Wide:
         if abs(exponent) < 1e-12:
             raise ValueError(f'the sum of r^-{sums.decay:g} over {sums.d} dimensions diverges with the logarithm of the size, '
                              'and no background mends it; choose another exponent, or a number of shells')
-        closed = sums.eta2 * f(sums.eta2) * (np.pi / sums.eta2) ** (sums.d / 2) / sums.volume / exponent
+        closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume / exponent
         return result + np.where(self.uniform, closed, 0.0)
 
 

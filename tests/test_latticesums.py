@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.special import zeta
 
-from magphonon import Yukawa, lattices
+from magphonon import AllNeighbours, InversePower, Yukawa, lattices
 from magphonon.latticesums import EwaldSums, lattice_sum, particle_sums, points_within
 from magphonon.scenes import reference
 
@@ -44,6 +44,25 @@ def test_planar_lattices_factorise_into_two_series(s):
     assert_allclose(particle_sums(lattices.kagome(1, 1), s), [triangular * (2 + 2**-s) / 3] * 3, rtol=ROUND_OFF)
     assert_allclose(lattice_sum(TRIANGULAR, s, offset=[0.5, np.sqrt(1 / 12)]), triangular * (3 ** (s / 2) - 1) / 2,
                     rtol=10 * ROUND_OFF)  # of the centres of its triangles
+
+
+def test_charges_in_several_sublattices():
+    """The continued series in 50-digit arithmetic, 6 zeta(1/2) L_{-3}(1/2); each sublattice brings its own background."""
+    triangular = -4.213422636136906890029546
+    assert_allclose(lattice_sum(TRIANGULAR, 1), triangular, rtol=ROUND_OFF)
+    for atoms, share in ((lattices.honeycomb(1, 1), (1 + 3**-0.5) / 2), (lattices.kagome(1, 1), (2 + 2**-1) / 3)):
+        assert_allclose(particle_sums(atoms, 1), [share * triangular] * len(atoms), rtol=ROUND_OFF)
+        atoms.calc = AllNeighbours(atoms, InversePower(b=1.0, a=2.0))
+        assert_allclose(atoms.get_potential_energy(), len(atoms) * share * triangular / 2, rtol=ROUND_OFF)
+
+
+def test_layers_above_a_lattice():
+    """Far above a plane of density n a particle feels the plane as a whole: 2 pi n h^(2-s)/(s - 2)."""
+    plane = np.append(TRIANGULAR, [[0], [0]], axis=1)
+    for s, height in ((3.0, 8.0), (6.5, 9.0)):
+        smooth = 2 * np.pi / np.sqrt(0.75) * height ** (2 - s) / (s - 2)
+        assert_allclose(lattice_sum(plane, s, offset=[0.1, 0.2, height]), smooth, rtol=1e-13)  # waves fall like e^{-7 h}
+        assert abs(lattice_sum(plane, s, offset=[0.1, 0.2, 0.7]) / (smooth * (0.7 / height) ** (2 - s)) - 1) > 1e-2
 
 
 def test_the_dipole_sum_of_the_triangular_lattice():
