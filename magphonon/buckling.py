@@ -173,7 +173,7 @@ def spacing_held(atoms):
     k = atoms.calc.parameters.foundation
 
     def lacking(scale):
-        found = softest_of(atoms, scale=scale)
+        found = softest_of(atoms, scale=scale, steps=12)  # what is negative is refined
         return -found.lowest - k - (ROUND_OFF * found.highest if found.needed <= 0 else 0)
 
     from scipy.optimize import brentq

@@ -38,7 +38,7 @@ def highest_frequency(atoms, dt=np.inf):
     mobile = np.zeros(len(atoms), bool)
     mobile[P.nonzero()[0] // calc.dim] = True
     bound = np.sqrt(_row_bound(bonds, K, k, masses)[mobile].max(initial=0.0))
-    if bound * dt <= 2:
+    if not bound or bound * dt <= 2:
         return bound
     free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, calc.dim))) @ P
     return np.sqrt(max(_largest_eigenvalue(free.T @ hessian(bonds, K, k) @ free), 0.0))

@@ -1,9 +1,22 @@
-"""How large a foundation the static forces ask for, against published thresholds and against the bands."""
+"""How large a foundation the static forces ask for, and the verdict: on both sides of each of its limits."""
 
+import numpy as np
 import pytest
+from ase import Atoms
+from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, foundation_needed, lattices
+from magphonon import (
+    Constant,
+    InversePower,
+    MagneticRepulsion,
+    analytic_bands,
+    foundation_needed,
+    lattices,
+    spacing_held,
+    support_needed,
+    verdict,
+)
 
 
 @pytest.mark.parametrize(('lattice', 'a', 'needed'), [
@@ -31,3 +44,90 @@ def test_foundation_needed_is_where_the_bands_touch_zero(lattice):
         atoms.calc = MagneticRepulsion(atoms, law, foundation=share * needed)
         lowest[share] = analytic_bands(atoms, path).omega.min()
     assert lowest[0.999] < 0 < lowest[1.001]
+
+
+# --- the verdict -----------------------------------------------------------------------------------------------------
+
+def judged(**options):
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, options.pop('a', 4.0)), foundation=options.pop('k', 0.0),
+                                  model=options.pop('model', 'complete'))
+    return verdict(cell, **options)
+
+
+@pytest.mark.parametrize(('options', 'word'), [
+    # each beside its nearest good neighbour.  The step: 2/sqrt(6a - 2) = 0.42640.  Displacements: from 5e-17/1e-6 to
+    # sqrt(6e-6/((a + 1)(a + 2))) = 4.5e-4, as the fourth derivative of r^(1 - a) over its second is (a + 1)(a + 2).
+    ({'timestep': 0.4265}, 'over the limit 2/omega_max'), ({'timestep': 0.4263}, None),
+    ({'distance': 4.6e-4}, 'the curvature of the law'), ({'distance': 4.4e-4}, None),
+    ({'distance': 4e-11}, 'round-off'), ({'distance': 6e-11}, None),
+    ({'supercell': (2, 2, 1)}, 'cannot be told apart'), ({'supercell': (3, 3, 1)}, None),
+    ({'a': 2.0, 'k': 1.99}, 'buckles'), ({'a': 2.0, 'k': 2.01}, None),
+    ({'a': 2.0, 'model': 'conventional'}, 'without a sign'), ({'a': 4.0, 'model': 'conventional'}, None),
+])
+def test_each_fault_is_found_and_its_neighbour_is_not(options, word):
+    found = judged(**options)
+    assert found.fine == (word is None)
+    if word:
+        assert any(word in fault for fault in found.faults)
+
+
+def test_contact_is_seen_in_the_present_positions():
+    pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]])
+    pair.set_constraint(FixAtoms([0, 1]))
+    pair.calc = MagneticRepulsion(pair, InversePower(1.0, 4.0))
+    for distance, fine in ((0.11, True), (0.09, False)):
+        pair.positions[1, 0] = distance
+        assert verdict(pair).fine == fine
+
+
+def test_balanced_by_a_constant_force():
+    atoms = lattices.oscillator(0.0, 1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), bonds=lattices.OSCILLATOR_BONDS)
+    assert verdict(atoms).residual == pytest.approx(1.0, rel=1e-12)  # the lower magnet alone: the outer two cancel
+    assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
+
+
+@pytest.mark.parametrize('n', [8, 12])
+def test_patch_by_lanczos_and_whole(n, monkeypatch):
+    """The rim of a patch stiffens it: it needs less than the lattice, the less the smaller it is; both solvers agree."""
+    patch = lattices.parallelogram(lattices.triangular(1.0, 1.0), n, n)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 2.0))
+    needed = []
+    for dense in (10_000, 10):
+        monkeypatch.setattr('magphonon.buckling.DENSE', dense)
+        needed.append(foundation_needed(patch)[0])
+    assert needed[1] == pytest.approx(needed[0], rel=1e-6)
+    assert 1.0 < needed[0] < 2.0
+
+
+def test_spacing_that_a_foundation_holds():
+    # needed 4 f/L0 = 4 s^-(a+1)
+    chain = lattices.chain(1.0, 1.0)
+    for k in (2.0, 6.0):
+        chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0), foundation=k)
+        assert spacing_held(chain) == pytest.approx((4 / k) ** 0.2, rel=1e-8)
+    chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0))
+    assert spacing_held(chain) is None  # no spacing helps where there is no foundation
+
+
+@pytest.mark.parametrize(('lattice', 'wave', 'alone'), [
+    ('chain', 4, 2), ('square', 8, 4), ('triangular', 9, 6), ('honeycomb', 6, 3)])
+def test_supports_out_of_the_plane(lattice, wave, alone):
+    """Magnets: (a - 1) f/r a bond, by Laplace's equation; the worst wave is at X, M, K and between the two sublattices."""
+    atoms = getattr(lattices, lattice)(1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0))
+    assert_allclose(support_needed(atoms), (3 * wave, 3 * alone), rtol=1e-12)
+    assert_allclose(support_needed(atoms, magnets=False), (wave, alone), rtol=1e-12)
+
+
+def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
+    # two dipoles normal to the plane at height difference z: U = c (1/d^3 - 3 z^2/d^5), c = mu0 m^2/(4 pi)
+    law = InversePower.dipoles(moment=500.0)
+    c, z = law.b / 3, 1e-3 * 10.0
+    d = np.hypot(10.0, z)
+    U = [c * (1 / d**3 - 3 * z**2 / d**5), c / 10.0**3]
+    pair = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
+    pair.set_constraint(FixAtoms([0]))
+    pair.calc = MagneticRepulsion(pair, law)
+    assert support_needed(pair)[1] == pytest.approx(-2 * (U[0] - U[1]) / z**2, rel=1e-4)  # the next order: (z/r)^2

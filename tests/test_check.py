@@ -1,0 +1,73 @@
+"""`magphonon check` on good and bad scenes: its words, its numbers from closed forms, its exit status."""
+
+import numpy as np
+import pytest
+
+from magphonon import cli
+from magphonon.scenes import ready_scene
+
+GOLDEN = (1 + np.sqrt(5)) / 2
+
+FINE, BAD = 0, 1
+
+# scene, changes of its text, exit status, what it must say.  The ideal law has f(L0)/L0 = 10 kN/m.
+SCENES = {
+    'prototype': ('prototype', {}, FINE, [
+        'The lattice: Fine.', 'The patch: Fine.', 'holds itself in its plane and needs no foundation',
+        # 9 (a - 1) f/L0 at K, 6 (a - 1) f/L0 alone, 9 f/L0 for a central force, with a = 4.5824 and f/L0 = 23.6895 N/m
+        '763.8 N/m there if these are magnets normal to the plane (509.2 N/m for one that moves alone), 213.2 N/m if',
+        'highest frequency of 149.5 Hz']),
+    'chain on springs': ('chain', {}, FINE, [
+        'Its foundation of 5e+04 N/m holds it in its plane, 25 % more than the 4e+04 N/m that it needs',
+        'down to a spacing of 0.9564 m']),  # 4 f/L0 = 4e4 s^-5 = 5e4
+    'chain on too soft springs': ('chain', {'5e4': '3e4'}, BAD, [
+        'The lattice: Not as it stands.', 'buckles in its plane, most of all at q = (0.5, 0, 0)',
+        'grows e-fold in 0.01 s',  # sqrt((4e4 - 3e4)/1 kg) = 100/s
+        'needs a foundation of 4e+04 N/m and has 3e+04 N/m', 'A spacing above 1.059 m would do as well']),  # (4/3)^(1/5)
+    'triangular, a = 2.9': ('ideal', {'a = 4.0': 'a = 2.9'}, BAD, [
+        'needs a foundation of 2000 N/m and has 0 N/m']),  # 2 (3 - a) f/L0
+    'triangular, a = 3.1': ('ideal', {'a = 4.0': 'a = 3.1'}, FINE, [
+        'holds itself in its plane and needs no foundation', 'The linear answer is for small motion']),
+    'square on nothing': ('ideal', {'kind = "triangular"': 'kind = "square"', 'GMKG': 'GXM'}, BAD, [
+        'needs a foundation of 4e+04 N/m and has 0 N/m']),
+    'kagome just held': ('ideal', {'kind = "triangular"': 'kind = "kagome"',
+                                   '[bands]': '[foundation]\nstiffness_N_per_m = 6.06e4\n\n[bands]'}, FINE, [
+        '1 % more than the 6e+04 N/m that it needs']),  # 6 f/L0
+    'supercell of one cell': ('ideal', {'supercell = [3, 3]': 'supercell = [1, 1]'}, BAD, [
+        'Finite differences would be wrong: the supercell (1, 1, 1) repeats every 1000 mm', 'give supercell=(3, 3, 1)',
+        'holds itself in its plane']),
+    'oscillator at 60 degrees': ('oscillator', {'theta0_deg = 30.0': 'theta0_deg = 60.0'}, FINE, [
+        # (1 + 2 sin 60) f; freed, D_xx = (2 (a + 1) cos^2 - 3) f/L0 = -0.5 f/L0
+        'A constant force of -27320.5 N', 'Only its guide keeps it', 'unless a foundation of 5000 N/m held it']),
+    'dust, nearest neighbours only': ('dust', {'shells = "all"': 'shells = 1'}, BAD, [
+        'buckles in its plane', 'has 0 N/m']),  # kappa L0 = 1 is below the golden ratio
+    'steel balls': ('steel', {}, FINE, [
+        'below a spacing of 0.01333 m it would buckle']),  # a_loc = 1.5 r/(D - r) > 3 until r = 2 D/3
+}
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_verdict_says_what_theory_says(name, tmp_path, capsys):
+    base, changes, status, words = SCENES[name]
+    text = ready_scene(base).read_text()
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    file = tmp_path / 'my.toml'
+    file.write_text(text)
+    assert cli.main(['check', str(file)]) == status
+    said = capsys.readouterr().out
+    for phrase in words:
+        assert phrase in said
+    assert ('Not as it stands' in said) == (status == BAD)
+
+
+def test_unreadable_scene_is_a_mistake_and_no_verdict(tmp_path, capsys):
+    assert cli.main(['check', str(tmp_path / 'none.toml')]) == 2
+    assert 'cannot be read' in capsys.readouterr().err
+
+
+def test_lattices_of_all_neighbours_are_judged_too(capsys):
+    """The screened crystal that its six neighbours alone cannot hold holds itself with all of them."""
+    assert cli.main(['check', str(ready_scene('dust'))]) == FINE
+    assert 'holds itself in its plane' in capsys.readouterr().out
