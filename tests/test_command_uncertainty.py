@@ -10,8 +10,8 @@ from magphonon import cli
 from magphonon.scenes import ready_scene
 from magphonon.uncertainty import Spread
 
-BANDS = {'bands.png', 'contributions.png', 'band_uncertainty.csv', 'band_uncertainty.npz'}
-FRF = {'frf.png', 'frf_uncertainty.csv', 'frf_uncertainty.npz'}
+BANDS = {'band_uncertainty.png', 'contributions.png', 'band_uncertainty.csv', 'band_uncertainty.npz'}
+FRF = {'frf_uncertainty.png', 'frf_uncertainty.csv', 'frf_uncertainty.npz'}
 
 
 def scene_file(folder, text):

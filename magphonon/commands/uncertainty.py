@@ -51,7 +51,7 @@ def _bands(folder, scene, tolerances):
     _write_table(folder / 'band_uncertainty.csv', path, spread)
     ax = plot_band_ribbons(Bands(path, spread.values), spread, label=r'complete, $\pm 2\sigma$')
     ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'bands.png')
+    ax.figure.savefig(folder / 'band_uncertainty.png')
 
     # at the special points, each frequency once
     points = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
@@ -117,7 +117,7 @@ def _response(folder, scene, tolerances):
                delimiter=',', header='frequency_Hz,amplitude_m_per_N,std_m_per_N', comments='')
     ax = plot_response_ribbon(omega, spread, label=r'complete, $\pm 2\sigma$')
     ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'frf.png')
+    ax.figure.savefig(folder / 'frf_uncertainty.png')
     relative = spread.std / spread.values
     lost = np.mean(relative > LINEAR)
     lines = ['', f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
