@@ -304,7 +304,10 @@ def _smoothing(design, target, bends):
 
 
 def scene_entry(fit):
-    """The table [law] of a scene file, TOML in SI units with all digits: b makes sense only with the a beside it."""
+    """The table [law] of a scene file, TOML in SI units with all digits: b makes sense only with the a beside it.
+
+    An inverse power comes with the table [uncertainty], in which b, a and their correlation make sense only together.
+    """
     lines = ['[law]', f'# {fit.name}: f = {fit.at_spacing[0] / u.N:.6g} +- {fit.sigma[0] / u.N:.1g} N, df/dr = '
              f'{fit.at_spacing[1] / (u.N / u.m):.6g} +- {fit.sigma[1] / (u.N / u.m):.1g} N/m at {fit.spacing / u.m:g} m']
     if fit.offset:
@@ -313,7 +316,12 @@ def scene_entry(fit):
         lines += ['kind = "inverse_power"', f'b_N_m_a = {fit.law.b / (u.N * u.m**fit.law.a)!r}', f'a = {fit.law.a!r}']
     else:
         lines += ['kind = "table"', f'distances_m = {(fit.law.r / u.m).tolist()}', f'forces_N = {(fit.law.f / u.N).tolist()}']
-    return '\n'.join([*lines, 'shells = 1   # the number of shells of neighbours that interact', ''])
+    lines.append('shells = 1   # the number of shells of neighbours that interact')
+    (b, both), (_, a) = fit.strength_covariance
+    if isinstance(fit.law, InversePower) and b * a > both**2:
+        lines += ['', '[uncertainty]', f'b_percent = {float(100 * np.sqrt(b))!r}', f'a = {float(np.sqrt(a))!r}',
+                  f'correlation_a_b = {float(both / np.sqrt(b * a))!r}']
+    return '\n'.join([*lines, ''])
 
 
 def _enough(r, least, what):

@@ -14,7 +14,8 @@ from magphonon.cli import main
 from magphonon.fits import Forces, curvature, fit_inverse_power, fit_spline, read_forces, scene_entry, synthetic_forces
 from magphonon.magnets import local_exponent
 from magphonon.potentials import repulsion
-from magphonon.scenes import read_scene, ready_scene
+from magphonon.scenes import Scene, read_scene, ready_scene
+from magphonon.uncertainty import frequency_spread
 
 L0, A = 10.0, 4.5824
 LAW = InversePower(0.2369 * L0**A, A)
@@ -274,3 +275,18 @@ def test_a_spacing_outside_the_data_leaves_the_curve_out(capsys):
     out = capsys.readouterr().out
     assert 'no smooth curve: the spacing 0.02 m lies outside the data, 0.008 to 0.015 m' in out
     assert 'kind = "inverse_power"' in out
+
+
+def test_entry_carries_the_uncertainty_of_the_fit_to_the_bands():
+    """At M, m w^2 = k - 2 f' - 6 f/L on the triangular lattice: linear in the force and its slope, whose covariance is the fit's;
+    b, a and their correlation, pasted into a scene, must say the same."""
+    fit = fit_inverse_power(synthetic_forces(LAW, R, NOISE, 1), L0)
+    data = tomllib.loads(ready_scene('prototype').read_text()) | tomllib.loads(scene_entry(fit))
+    scene = Scene.model_validate(data)
+    spread = frequency_spread(scene.atoms(), [[0.5, 0, 0]], scene.uncertainty.tolerances(scene))
+    by_force = np.array([-6 / fit.spacing, -2.0])
+    expected = np.sqrt(by_force @ fit.covariance @ by_force) / scene.atoms().get_masses()[0] / (2 * spread.values[0, 0])
+    # correlated to 1 - 1e-4 or so, the product of the two loses that many digits
+    assert spread.std[0, 0] == pytest.approx(expected, rel=1e-9)
+    apart = scene.uncertainty.model_copy(update={'correlation_a_b': None}).tolerances(scene)
+    assert frequency_spread(scene.atoms(), [[0.5, 0, 0]], apart).std[0, 0] > 5 * expected  # the control
