@@ -28,6 +28,8 @@ FRACTIONS = (0, 0.03, 0.06, 0.1, 0.17, 0.25, 0.5, 0.75, 0.9, 0.97)
 """Wavevectors looked at, as fractions of a leg of the path."""
 EWALD = 1800
 """Bonds of a particle whose sum takes as long as the exact one over all of its neighbours, measured."""
+ROUND_OFF = 1e-6
+"""Of the highest frequency: the root of the round-off in a square."""
 DOUBT = 0.25
 """The error may be larger by this share between the wavevectors looked at."""
 DOUBT_AT_EDGE = 0.05
@@ -68,6 +70,11 @@ def plan_bands(atoms, path, tolerance, edge=None):
     -------
     Plan
         The settings of its rungs are `model` and `shells`, 'all' where the sums are exact.
+
+    Raises
+    ------
+    ValueError
+        For an edge at a frequency that is zero or imaginary.
     """
     spent = 0.0
     for reach in REACHES:
@@ -98,7 +105,10 @@ def _plan_within(atoms, path, tolerance, edge, reach, spent):
     if edge is None:
         error = abs(omega - omega[-1]).max(axis=(1, 2)) / omega[-1].max()
     else:
-        error = abs(omega - omega[-1])[:, 0, edge.branch] / abs(omega[-1, 0, edge.branch])
+        exact = omega[-1, 0, edge.branch]
+        if not exact > ROUND_OFF * abs(omega[-1]).max():
+            raise ValueError(f'{edge.name} is zero or imaginary, and has no relative error; choose another edge, or all bands')
+        error = abs(omega - omega[-1])[:, 0, edge.branch] / exact
 
     waves, doubt, size = (len(path.kpts), DOUBT, D0.shape[-1]) if edge is None else (1, DOUBT_AT_EDGE, D0.shape[-1])
     bonds = np.cumsum([len(shell) for shell in shells])

@@ -15,6 +15,7 @@ import numpy as np
 from ase.constraints import FixAtoms
 
 from .bands import repulsion_of
+from .blocks import Diverged
 from .calculator import MagneticRepulsion
 from .dynamics import DrivenVerlet
 from .ladder import Plan, Rung, force_cost, percent
@@ -35,6 +36,8 @@ WHISPER = 1e-6
 """Of the burst: linear to six digits, and far above round-off."""
 CAUTION = 5
 """Of the bound: harmonics build up on the way, by a factor of 2 or less in all bursts tried."""
+LOUD = 0.5
+"""Nonlinearity beyond which the error of time steps is not that of a whisper."""
 SHARE = 0.6
 """Of the tolerance that time steps may use up."""
 FRAMES = 12
@@ -133,6 +136,11 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
     -------
     Plan
         The settings of its rungs are `model` and, where time is stepped, `dt` in ms.
+
+    Raises
+    ------
+    ValueError
+        If the burst throws particles into each other.
     """
     calc = repulsion_of(atoms)
     top = highest_frequency(atoms)
@@ -164,6 +172,8 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
                 break
         evidence[1] = (f'nonlinearity changes it by {percent(nonlinear)}, as a pilot of {len(atoms)} particles and '
                        f'{steps * fine} steps shows, whose long steps alone change it by {percent(stepping / fine**2)}')
+        if nonlinear > LOUD:
+            evidence.append('at such a strength nothing tells how long the time step may be: halve it, and compare')
     doubt += own_doubt
 
     rungs = []
@@ -202,7 +212,10 @@ def _stepped(atoms, drive, row, damping, dt, interval, steps):
     """Displacements of a row, every `interval` steps from rest."""
     dyn = DrivenVerlet(as_model(atoms, 'complete'), dt, [drive], damping, engine='numpy')
     record = Recorder(dyn, row, interval)
-    dyn.run(steps)
+    try:
+        dyn.run(steps)
+    except Diverged as error:
+        raise ValueError(f'this burst throws particles into each other or away, so there is nothing to plan: {error}') from None
     return record.displacements[1:]
 
 

@@ -204,10 +204,9 @@ def scene_file(folder, name, extra):
     return file
 
 
-def test_the_plan_of_an_edge_is_that_of_its_frequency(tmp_path):
-    """Of the prototype's shear at M all neighbours make 67.4 Hz out of 58.2: 14 % (issue of all neighbours)."""
-    text = '\n[plan]\nedge = "M"\nbranch = 1\n'
-    scene = read_scene(scene_file(tmp_path, 'prototype', text))
+def test_the_plan_of_an_edge_is_that_of_its_frequency():
+    """Of the prototype's shear at M all neighbours make 67.4 Hz out of 58.2: 14 %."""
+    scene = read_scene(ready_scene('prototype'))
     plan = next(iter(scene_plans(scene, 1e-2))).plan
     nearest = next(rung for rung in plan.rungs if rung.settings == {'model': 'complete', 'shells': 1})
     assert nearest.error == pytest.approx(1 - 58.2326897819 / 67.4, abs=1e-3)  # 67.4 has three digits
@@ -231,9 +230,13 @@ def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
 def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
     from magphonon.cli import main
 
-    scene = scene_file(tmp_path, 'oscillator', '\n[plan]\nforce_N = 40.0\n')
-    text = scene.read_text().replace('points = 961', 'points = 5').replace('from_Hz = 16.0', 'from_Hz = 32.0')
-    scene.write_text(text.replace('to_Hz = 64.0', 'to_Hz = 36.0'))
+    text = ready_scene('oscillator').read_text(encoding='utf-8')
+    for old, new in (('force_N = 20.0', 'force_N = 40.0'), ('points = 961', 'points = 5'), ('from_Hz = 16.0', 'from_Hz = 32.0'),
+                     ('to_Hz = 64.0', 'to_Hz = 36.0')):
+        assert old in text
+        text = text.replace(old, new)
+    scene = tmp_path / 'scene.toml'
+    scene.write_text(text)
     assert main(['plan', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
     assert 'Enough: nonlinear, by velocity Verlet' in capsys.readouterr().out
     rows = np.loadtxt(tmp_path / 'out' / 'frf.csv', delimiter=',', skiprows=1)
@@ -268,6 +271,19 @@ def test_bad_plans_are_refused_with_words(tmp_path, capsys, extra, arguments, me
 
     assert main(['plan', str(scene_file(tmp_path, 'chain', extra)), *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_an_edge_at_zero_frequency_and_a_burst_that_scatters_the_lattice_are_refused(tmp_path, capsys):
+    from magphonon.cli import main
+
+    text = ready_scene('ideal').read_text(encoding='utf-8')
+    (tmp_path / 'scene.toml').write_text(text + '\n[plan]\nedge = "G"\n')
+    assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
+    assert 'Frequency of branch 1 at G is zero or imaginary' in capsys.readouterr().err
+    text = text.replace('force_N = 1.0', 'force_N = 1e12').replace('= 60 ', '= 10 ')
+    (tmp_path / 'scene.toml').write_text(text)
+    assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
+    assert 'there is nothing to plan' in capsys.readouterr().err
 
 
 def test_a_scene_that_asks_for_nothing_is_refused(tmp_path, capsys):
