@@ -95,6 +95,8 @@ def refusal(atoms):
         return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
     if atoms.calc.dim != 2:
         return 'the structure is not planar'
+    if atoms.get_momenta()[:, 2].any():
+        return 'particles move out of the plane'
     try:
         freedom(atoms)
     except ValueError as error:

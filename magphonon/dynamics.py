@@ -202,7 +202,8 @@ class DrivenVerlet(VelocityVerlet):
 
     def _current_setting(self):
         calc, constraints = self.atoms.calc, self.atoms.constraints
-        return calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in constraints]
+        return (calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in constraints],
+                self.atoms.get_masses().tobytes(), self.damping.tobytes())
 
     @property
     def _fast(self):

@@ -118,6 +118,7 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
 
 @pytest.mark.parametrize(('change', 'message'), [
     (('force_N = 1.0', 'force_N = 0.0'), 'burst.force_N must be a positive number, not 0.0'),
+    (('force_N = 1.0', 'force_N = 1e6'), 'burst 19.1Hz_0deg, complete simulation: at .* ms particle .* less drive'),
     (('cycles = 5', 'cycles = nan'), 'burst.cycles must be a positive number, not nan'),
     (('damping_ratio = 0.01', 'damping_ratio = -1'), 'burst.damping_ratio must be a zero or positive number, not -1'),
     (('"row"', '"line"'), "burst.source must be one of 'row', 'point', not 'line'"),

@@ -96,14 +96,12 @@ class NaiveDamping(VelocityVerlet):
 
 @pytest.mark.parametrize('engine', ['ase', 'numpy'])
 def test_second_order_in_the_step_with_drive_and_damping(engine):
-    drive, gamma = Harmonic([24], (1, 0), 0.02, 0.3), 0.4
+    drive, gamma = Harmonic([12], (1, 0), 0.02, 0.3), 0.4
 
     def end(dt, make):
         atoms = patch(5, speed=0.05)
         make(atoms, dt).run(round(12.8 / dt))
         return atoms.calc.displacements(atoms)
-
-    drive = Harmonic([12], (1, 0), 0.02, 0.3)
 
     def order(make):
         coarse, middle, fine = (end(dt, make) for dt in (0.2, 0.1, 0.05))
@@ -325,6 +323,19 @@ def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():
     assert apart(dyn.displacements, whole[-1]) < 1e-11  # through positions nothing would be left
 
 
+def test_masses_and_damping_may_change_between_runs():
+    def run(engine):
+        dyn = DrivenVerlet(patch(speed=0.05), DT, damping=0.01, engine=engine)
+        dyn.run(50)
+        dyn.atoms.set_masses(1.5 * dyn.atoms.get_masses())
+        dyn.run(50)
+        dyn.damping = np.full(49, 0.1)
+        dyn.run(50)
+        return dyn.displacements
+
+    assert apart(run('numpy'), run('ase')) < 1e-9  # the round-off of test_blocks_follow_ases_loop
+
+
 def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
     dyn = DrivenVerlet(patch(), DT)
     dyn.run(2)
@@ -334,6 +345,14 @@ def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
     dyn = DrivenVerlet(atoms, DT)
     assert dyn.engine == 'ase'
     with pytest.raises(ValueError, match=r"engine='numpy' cannot .* FixCartesian.*use engine='ase'"):
+        DrivenVerlet(atoms, DT, engine='numpy')
+    atoms = patch()
+    atoms.set_momenta(np.outer(np.arange(49) == 24, (0, 0, 1)))
+    dyn = DrivenVerlet(atoms, DT)
+    dyn.run(2)
+    assert dyn.engine == 'ase'
+    assert atoms.positions[24, 2] > 0
+    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* out of the plane"):
         DrivenVerlet(atoms, DT, engine='numpy')
     monkeypatch.setattr('magphonon.dynamics.COMPILING_PAYS', 1)
     monkeypatch.setattr('magphonon.dynamics.find_spec', lambda name: None)

@@ -40,8 +40,13 @@ def _send(scene, k, cell, model):
     """Patch, site and passage of burst number k in one model; the row as the vibrometer of the scene sees it."""
     from dataclasses import replace
 
+    from ..blocks import Diverged
+
     patch = scene.patch_atoms(model)
-    site, passage = scene.burst.send(k, cell, patch)
+    try:
+        site, passage = scene.burst.send(k, cell, patch)
+    except Diverged as error:
+        raise ValueError(f'burst {scene.burst.names[k]}, {model} simulation: {error}') from error
     if scene.vibrometer is not None:
         passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
     return patch, site, passage
