@@ -91,39 +91,46 @@ def plan_bands(atoms, path, tolerance, edge=None):
 
 def _plan_within(atoms, path, tolerance, edge, reach, spent):
     """Plan with the neighbours within `reach` spacings; `spent` is what earlier estimates have cost."""
-    calc = cell_of_free_particles(atoms)
+    calc, size = cell_of_free_particles(atoms), len(atoms) * atoms.calc.dim
     q = _looked_at(path) if edge is None else np.array([edge.q])
     shells = neighbour_shells(atoms, reach)
+    counts = np.unique(np.floor(STEP ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(STEP)))).astype(int))
+    continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
+    errors = _errors(atoms, q, edge, shells, counts, continuum)
+
+    waves, doubt = (len(path.kpts), DOUBT) if edge is None else (1, DOUBT_AT_EDGE)
+    at = f'at {waves} wavevectors' if waves > 1 else 'at its wavevector'
+    bonds = np.cumsum([len(shell) for shell in shells])
+    rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
+                  bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), doubt, {'model': model, 'shells': int(k)})
+             for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
+    if hasattr(calc.potential, 'gaussians') and getattr(calc.potential, 'a', np.inf) > 1:
+        rungs.append(Rung('complete linear, all neighbours', f'Ewald sums {at}',
+                          bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
+                          {'model': 'complete', 'shells': ALL}))
+    farthest = shells[-1].lengths.mean() / shells[0].lengths.mean()
+    evidence = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} spacings'
+                + (' and a continuum beyond' if continuum.any() else ''))
+    what = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
+    cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(errors) * len(q) * EIGENSOLVE * size**3
+    return Plan(*what, tolerance, tuple(rungs), (evidence,), spent + cost)
+
+
+def _errors(atoms, q, edge, shells, counts, continuum):
+    """Error of the conventional model with one shell, then of the complete one with each number of shells in `counts`."""
+    calc = atoms.calc
     parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.potential) for shell in shells]
     D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
                  for k in (0, 1))
-    counts = np.unique(np.floor(STEP ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(STEP)))).astype(int))
-    onsite = calc.parameters.foundation * np.eye(D0.shape[-1])
-    richest = D0[-1] + Dstar[-1] + _continuum(atoms, shells[-1].lengths.mean(), q)
-    matrices = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], richest[None]]) + onsite
-    omega = signed_root(np.linalg.eigvalsh(mass_weighted(matrices, atoms.get_masses())))
+    richest = D0[-1] + Dstar[-1] + continuum
+    D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], richest[None]]) + calc.parameters.foundation * np.eye(D0.shape[-1])
+    *omega, exact = signed_root(np.linalg.eigvalsh(mass_weighted(D, atoms.get_masses())))
     if edge is None:
-        error = abs(omega - omega[-1]).max(axis=(1, 2)) / omega[-1].max()
-    else:
-        exact = omega[-1, 0, edge.branch]
-        if not exact > ROUND_OFF * abs(omega[-1]).max():
-            raise ValueError(f'{edge.name} is zero or imaginary, and has no relative error; choose another edge, or all bands')
-        error = abs(omega - omega[-1])[:, 0, edge.branch] / exact
-
-    waves, doubt, size = (len(path.kpts), DOUBT, D0.shape[-1]) if edge is None else (1, DOUBT_AT_EDGE, D0.shape[-1])
-    bonds = np.cumsum([len(shell) for shell in shells])
-    rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix at {waves} wavevector{"s"[: waves > 1]}',
-                  bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(e), doubt, {'model': model, 'shells': int(k)})
-             for model, k, e in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], error[:-1], strict=True)]
-    if hasattr(calc.potential, 'gaussians') and getattr(calc.potential, 'a', np.inf) > 1:
-        rungs.append(Rung('complete linear, all neighbours', f'Ewald sums at {waves} wavevector{"s"[: waves > 1]}',
-                          bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
-                          {'model': 'complete', 'shells': ALL}))
-    evidence = (f'compared at {len(q)} wavevector{"s"[: len(q) > 1]} with neighbours to {reach:.3g} spacings'
-                + (' and a continuum beyond' if atoms.pbc.sum() > 1 else ''))
-    quantity = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
-    cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(matrices) * len(q) * EIGENSOLVE * size**3
-    return Plan(*quantity, tolerance, tuple(rungs), (evidence,), spent + cost)
+        return abs(omega - exact).max(axis=(1, 2)) / exact.max()
+    wanted = exact[0, edge.branch]
+    if not wanted > ROUND_OFF * abs(exact).max():
+        raise ValueError(f'{edge.name} is zero or imaginary, and has no relative error; choose another edge, or all bands')
+    return abs(omega - exact)[:, 0, edge.branch] / wanted
 
 
 def _neighbours(shells):

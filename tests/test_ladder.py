@@ -7,6 +7,7 @@ import pytest
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, Yukawa, lattices, propagation, stiffness
+from magphonon.anharmonic import frequency_shifts
 from magphonon.backbone import vibration
 from magphonon.bandladder import plan_bands
 from magphonon.ladder import Plan, Rung
@@ -67,6 +68,20 @@ def test_a_vibration_of_a_patch_returns_after_its_period():
     assert miss(linear.omega[0]) > 10 * miss(found.omega)
 
 
+def test_the_backbone_starts_with_the_curvature_of_second_order():
+    """Of a patch without symmetry, softest and stiffest mode; the other way there contracts third and fourth derivatives."""
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, LAW)
+    patch = lattices.parallelogram(cell, 5, 6)
+    patch.calc = MagneticRepulsion(patch, LAW, foundation=0.3)
+    linear, shifts, A = modes(patch), frequency_shifts(patch), 1e-3
+    for mode, curvature in zip((0, -1), shifts.curvature, strict=True):
+        largest = np.linalg.norm(linear.shapes[mode], axis=1).max()
+        found = vibration(patch, linear, mode, lambda W, largest=largest: A / largest)
+        # the next order is A^2 times some hundred
+        assert found.omega / linear.omega[mode] - 1 == pytest.approx(curvature * A**2, rel=3e-4)
+
+
 def test_the_driven_peak_stands_on_the_backbone():
     """The steady response in time steps peaks where the plan says, not at the linear frequency."""
     atoms, damping = oscillator(90), 0.1
@@ -112,6 +127,15 @@ def test_the_cheapest_rung_that_is_surely_good_enough_is_taken():
     assert Plan('it', 'itself', 0.01, rungs, (), 0.0).choice.name == 'good'
     with pytest.raises(ValueError, match=r'no model here gives it to 0.1 %: .* off by 0.9 %; allow more'):
         _ = Plan('it', 'itself', 0.001, rungs[:3], (), 0.0).choice
+
+
+@pytest.mark.parametrize(('name', 'settings'), [
+    ('steel', {'model': 'conventional', 'shells': 1}),  # contacts end at the nearest neighbour, and D*/D0 is some 1e-4
+    ('fcc', {'model': 'complete', 'shells': 1}),        # r^-13 falls fast, D* is 10 %
+    ('wigner', {'model': 'complete', 'shells': 'all'}),  # Coulomb reaches everywhere
+])
+def test_each_matter_gets_its_own_model(name, settings):
+    assert next(scene_plans(read_scene(ready_scene(name)), 1e-2)).plan.choice.settings == settings
 
 
 def test_a_loose_tolerance_needs_no_shells_and_a_tight_one_the_exact_sum():
