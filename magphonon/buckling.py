@@ -101,7 +101,8 @@ def _refine(lowest_at, start, periodic, step):
 
     x = start.q[periodic]
     simplex = np.concatenate([[x], x + step / 2 * np.eye(len(x))])
-    end = minimize(lambda x: lowest_at(at(x)), x, method='Nelder-Mead', options={'initial_simplex': simplex, 'fatol': 0})
+    options = {'initial_simplex': simplex, 'xatol': 1e-5, 'fatol': ROUND_OFF * abs(start.highest)}
+    end = minimize(lambda x: lowest_at(at(x)), x, method='Nelder-Mead', options=options)
     return Softest(end.fun, start.highest, at(end.x))
 
 

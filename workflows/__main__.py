@@ -10,7 +10,7 @@ from tqdm import tqdm
 from .report import text_table, write_html, write_summary
 
 NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads', 'bursts', 'vibrometer', 'magnets',
-         'neighbours', 'matter', 'uncertainty', 'nonlinearity', 'design', 'speed_accuracy', 'ladder')
+         'neighbours', 'stability', 'matter', 'uncertainty', 'nonlinearity', 'design', 'speed_accuracy', 'ladder')
 SHORTENED = ('speed_accuracy',)
 """Those that are shorter with --quick, and when all are run."""
 

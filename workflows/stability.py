@@ -1,8 +1,173 @@
 """Where it holds and where it does not: maps of buckling, complete beside conventional, and the time step of integrators."""
 
 import numpy as np
+from ase import Atoms
+from ase.constraints import FixAtoms, FixedLine
 from ase.md.verlet import VelocityVerlet
+from scipy.optimize import brentq
 
+from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, foundation_needed, lattices
+from magphonon.plotting import COLOURS, UNSTABLE
+from magphonon.scenes import reference
+from magphonon.stiffness import MODELS, model_stiffness
+
+from .checks import Check, Outcome, save_picture
+
+# Spacing, mass and static force are 1 here, so that stiffness is in f/L0 and rates in sqrt(f/(L0 m)).
+EXPONENTS = np.linspace(1, 8, 15)  # with the corner at a = 3
+FOUNDATIONS = np.linspace(0, 7.5, 61)
+KINDS = {  # foundation needed in closed form, and a cell in which the softest wave fits
+    'chain': (lambda a: 4.0 + 0 * a, (2, 1, 1)),
+    'square': (lambda a: 4.0 + 0 * a, (2, 1, 1)),
+    'triangular': (lambda a: np.maximum(0, 2 * (3 - a)), (2, 1, 1)),
+    'honeycomb': (lambda a: 3.0 + 0 * a, (3, 3, 1)),
+    'kagome': (lambda a: 6.0 + 0 * a, (1, 1, 1)),
+}
+RUNS = 1.5, 2.5, 6.0  # exponents at which runs on both sides of the border tell whether it is one
+ANGLES = np.deg2rad(np.linspace(0, 90, 61))
+STEPS = np.concatenate([np.linspace(0.05, 0.95, 19), np.linspace(1.0, 2.2, 25)])  # omega dt
+ZETAS = 0.0, 0.5, 5.0
+MOST_GROWTH = 3.0  # of a step, beyond which a run is not linear for long
+
+
+def main(out):
+    """Borders against closed forms, in the zone and by runs; angles of the oscillator; growth per step of three integrators."""
+    needed = {model: {name: np.array([foundation_needed(cell(name, a), model, steps=12)[0] for a in EXPONENTS]) for name in KINDS}
+              for model in MODELS}
+    fates = {(name, model): runs(name, model) for name in KINDS for model in MODELS}
+    checks = []
+    for name, (closed, _) in KINDS.items():
+        misfit = {model: abs(needed[model][name] - closed(EXPONENTS)).max() for model in MODELS}
+        grown = {model: fates[name, model] for model in MODELS}
+        checks += [
+            Check(f'{name}: foundation needed, largest misfit over a from 1 to 8 (f/L0)', misfit['complete'], 0, 1e-9),
+            Check(f'control: {name}, D0 alone (f/L0)', misfit['conventional'], 0, 0.5, control=True),
+            Check(f'{name}: runs 5 % off the border that go the wrong way', wrong(grown['complete']), 0, 0),
+            Check(f'control: {name}, D0 alone, runs that go the wrong way', wrong(grown['conventional']), 0, 0, control=True),
+            Check(f'{name}: growth rates of runs, largest misfit', misfit_of_rates(grown['complete']), 0, 1e-3),
+        ]
+    checks += _angles()
+    measured, laws = {z: integrators(z) for z in ZETAS}, {z: (exact_split(STEPS, z), explicit(STEPS, z)) for z in ZETAS}
+    checks += _steps(measured, laws)
+    return Outcome(checks, [_draw_maps(out, needed, fates), _draw_oscillator(out), _draw_steps(out, measured, laws)])
+
+
+# --- lattices --------------------------------------------------------------------------------------------------------
+
+def cell(name, a, foundation=0.0, model='complete', repeat=(1, 1, 1)):
+    """Some cells of a lattice, unit spacing, mass and static force."""
+    atoms = getattr(lattices, name)(1.0, 1.0).repeat(repeat)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=foundation, model=model)
+    return atoms
+
+
+def runs(name, model):
+    """Runs on both sides of the border: exponent, foundation, rate expected (zero where stable) and found, one row each."""
+    closed, repeat = KINDS[name]
+    rows = []
+    for a in RUNS:
+        for share in (0.95, 1.05):
+            k = share * closed(a) if closed(a) else 0.05 * (share > 1)
+            expected = np.sqrt(max(closed(a) - k, 0.0))
+            rows.append((a, k, expected, growth(cell(name, a, k, model, repeat), expected or 0.5)))
+    return np.array(rows)
+
+
+def growth(atoms, rate, dt=0.1):
+    """Rate at which a tiny random start grows over the last third of a run in which `rate` would give e^15; zero if it stays."""
+    atoms.positions[:, :2] += 1e-12 * np.random.default_rng(0).normal(size=(len(atoms), 2))
+    steps = round(5 / rate / dt)
+    dyn = DrivenVerlet(atoms, dt, engine='numpy', allow_unstable=True)
+    size = []
+    for _ in range(3):
+        dyn.run(steps)
+        size.append(np.linalg.norm(dyn.displacements))
+    return np.log(size[2] / size[1]) / (steps * dt) if size[2] > 1e-9 else 0.0
+
+
+def wrong(rows):
+    """How many runs grew that should stay, or stayed that should grow."""
+    return int(np.sum((rows[:, 2] > 0) != (rows[:, 3] > 0)))
+
+
+def misfit_of_rates(rows):
+    """Largest difference between the rates found and expected."""
+    return abs(rows[:, 3] - rows[:, 2]).max()
+
+
+def _draw_maps(out, needed, fates):
+    from matplotlib.figure import Figure
+
+    figure = Figure((11, 4.6), layout='constrained')
+    axes = figure.subplots(2, len(KINDS), sharex=True, sharey=True)
+    levels = np.linspace(0, np.sqrt(6), 7)
+    for row, model in zip(axes, MODELS, strict=True):
+        for ax, (name, (closed, _)) in zip(row, KINDS.items(), strict=True):
+            rate = np.sqrt(np.maximum(needed[model][name] - FOUNDATIONS[:, None], 0))
+            shades = ax.contourf(EXPONENTS, FOUNDATIONS, rate, levels=[1e-6, *levels[1:]], cmap='YlOrBr', extend='max')
+            ax.plot(EXPONENTS, closed(EXPONENTS), color='black', linestyle='-' if model == 'complete' else ':')
+            found = fates[name, model]
+            grew = found[:, 3] > 0
+            grown, = ax.plot(*found[grew, :2].T, 'x', color='black', markersize=6)
+            stayed, = ax.plot(*found[~grew, :2].T, 'o', color='black', fillstyle='none', markersize=5)
+            ax.set_title(f'{name}, {"$D^0+D^*$" if model == "complete" else "$D^0$ alone"}', fontsize='medium')
+    for ax in axes[1]:
+        ax.set_xlabel('exponent $a$')
+    figure.supylabel('foundation ($f/L_0$)', fontsize='medium')
+    figure.colorbar(shades, ax=axes, label=r'growth rate ($\sqrt{f/(L_0M)}$)', format='%.2g', ticks=levels[1:])
+    names = 'closed form of the border', 'run that grew', 'run that stayed'
+    figure.legend([axes[0, 0].lines[0], grown, stayed], names, ncols=3, loc='outside upper center', frameon=False)
+    return save_picture(figure, out / 'stability_map.png',
+                        'Foundation that each lattice needs. Only the triangular one can hold itself, for a > 3; below the '
+                        'border the shaded motion grows. With D0 alone every point is stable: the model hides all of it.')
+
+
+# --- the oscillator --------------------------------------------------------------------------------------------------
+
+def sideways(theta0, a, model='complete'):
+    """Horizontal stiffness of the oscillator in f/L0."""
+    positions = lattices.oscillator(float(theta0), 1.0, 1.0).positions[:, :2]
+    return model_stiffness(positions[3] - positions[:3], InversePower(1.0, a), model).sum(axis=0)[0, 0]
+
+
+def critical(a):
+    """Angle above which it runs away sideways: cos^2 = 3/(2 (a + 1))."""
+    return np.arccos(np.sqrt(3 / (2 * (a + 1))))
+
+
+def _angles():
+    checks = [Check(f'oscillator: critical angle at a = {a:g} (deg)',
+                    np.rad2deg(brentq(lambda t, a=a: sideways(t, a), 0.1, 1.5, xtol=1e-13)), np.rad2deg(critical(a)), 1e-9)
+              for a in (2.0, 4.0, 8.0)]
+    paper = reference()['oscillator']['theta_critical_deg']
+    lowest = min(sideways(t, a, 'conventional') for t in ANGLES for a in (1.0, 4.0))
+    return [*checks, Check('the same at a = 4, from the table of references (deg)', np.rad2deg(critical(4.0)), paper, 1e-9),
+            Check('control: least horizontal stiffness at a = 4 and 90 degrees, D0 alone (f/L0)', lowest, -3, 0.9, control=True)]
+
+
+def _draw_oscillator(out):
+    from matplotlib.figure import Figure
+
+    figure = Figure((8, 3.6), layout='constrained')
+    exponents = np.linspace(1, 8, 57)
+    for ax, model in zip(figure.subplots(1, 2, sharey=True), MODELS, strict=True):
+        D = np.array([[sideways(t, a, model) for a in exponents] for t in ANGLES])
+        lines = ax.contour(exponents, np.rad2deg(ANGLES), D, levels=[-2, -1, 1, 2, 4, 8, 12], colors=COLOURS[0], linewidths=0.8)
+        ax.clabel(lines, fmt='%g', fontsize='small')
+        if (D < -1e-9).any():
+            shaded = ax.contourf(exponents, np.rad2deg(ANGLES), D, [-9, 0], colors=[UNSTABLE['facecolor']], hatches=['///'])
+            shaded.set(edgecolor=UNSTABLE['edgecolor'], linewidth=0, zorder=0)
+        style = {'label': r'$\cos^2\theta_0 = 3/(2(a+1))$', 'linestyle': '-' if model == 'complete' else ':'}
+        ax.plot(exponents, np.rad2deg(critical(exponents)), color='black', linewidth=2, **style)
+        ax.set(title='$D^0+D^*$' if model == 'complete' else '$D^0$ alone', xlabel='exponent $a$', ylim=(0, 90))
+        ax.legend(loc='lower right')
+    figure.axes[0].set_ylabel(r'angle $\theta_0$ (deg)')
+    return save_picture(figure, out / 'stability_oscillator.png',
+                        'Horizontal stiffness of the oscillator in f/L0. In the hatched region above the closed form it is '
+                        'negative and the free magnet runs away sideways; with D0 alone it never is.')
+
+
+# --- integrators -----------------------------------------------------------------------------------------------------
 
 class ExplicitDamping(VelocityVerlet):
     """The control: velocity Verlet with -m gamma v among the forces, from the latest velocity known."""
@@ -17,3 +182,95 @@ class ExplicitDamping(VelocityVerlet):
         atoms.set_positions(atoms.get_positions() + self.dt * p / self.masses)
         p += self.dt / 2 * (atoms.get_forces() + self.push - self.damping * p)
         atoms.set_momenta(p)
+
+
+def exact_split(w, zeta):
+    """Trace and determinant of one step of DrivenVerlet at omega dt = w."""
+    det = np.exp(-2 * zeta * w)
+    return (1 + det) * (1 - w**2 / 2), det
+
+
+def explicit(w, zeta):
+    """The same of ExplicitDamping."""
+    left = 1 - zeta * w  # of the velocity after half a step
+    return 1 + left**2 - w**2 / 2 * (1 + left), left**2
+
+
+def growth_per_step(trace, det):
+    """Logarithm of the larger root of `x^2 - trace x + det`."""
+    root = np.sqrt(np.asarray(trace, complex) ** 2 / 4 - det)
+    return np.log(np.maximum(abs(trace / 2 + root), abs(trace / 2 - root)))
+
+
+def fitted_growth(y):
+    """Growth per step of a record that obeys `y[n+1] = trace y[n] - det y[n-1]`."""
+    fit, _, rank, _ = np.linalg.lstsq(np.stack([y[1:-1], -y[:-2]], axis=1), y[2:], rcond=1e-6)
+    return growth_per_step(*fit) if rank == 2 else np.log(abs(y[-1] / y[-2]))  # of one root alone
+
+
+def integrators(zeta):
+    """Growth per step of each oscillator of `STEPS`, measured: DrivenVerlet and ExplicitDamping, NaN where it is too much.
+
+    All oscillators are one structure: particles of different mass, each repelled along a line by one that is fixed.
+    """
+    found = []
+    for number, law in enumerate((exact_split, explicit)):
+        w = STEPS[growth_per_step(*law(STEPS, zeta)) < np.log(MOST_GROWTH)]
+        n, a = len(w), 4.0
+        atoms = Atoms([lattices.SYMBOL] * (n + 1), [[0, 0, 0]] + [[1, 0, 0]] * n, masses=[1, *(a / w**2)])
+        atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), bonds=[(0, r) for r in range(1, n + 1)])
+        atoms.set_constraint([FixAtoms([0]), FixedLine(np.arange(1, n + 1), (1, 0, 0))])
+        atoms.positions[1:, 0] += 1e-9
+        damping = np.append(0, 2 * zeta * w)
+        if number:
+            dyn = ExplicitDamping(atoms, 1.0, damping, push=np.outer(np.arange(n + 1) > 0, (-1.0, 0, 0)))
+            frames = [1e-9 * np.ones(n)]
+            for _ in range(8):
+                dyn.run(1)
+                frames.append(atoms.positions[1:, 0] - 1)
+        else:
+            dyn = DrivenVerlet(atoms, 1.0, [Constant(np.arange(1, n + 1), (-1, 0), 1.0)], damping, 'numpy', allow_unstable=True)
+            recorder = Recorder(dyn, interval=1)
+            dyn.run(8)
+            frames = recorder.displacements[:, 1:, 0]
+        x = np.array(frames)[:9]
+        measured = np.full(len(STEPS), np.nan)
+        measured[np.isin(STEPS, w)] = [fitted_growth(y / abs(y).max()) for y in x.T]
+        found.append(measured)
+    return found
+
+
+def _steps(measured, laws):
+    checks = []
+    for zeta in ZETAS:
+        for number, name in enumerate(('exact split', 'explicit damping')):
+            law = growth_per_step(*laws[zeta][number])
+            checks.append(Check(f'growth factor of a step, {name}, zeta = {zeta:g}, largest misfit',
+                                np.nanmax(abs(np.exp(measured[zeta][number]) - np.exp(law))), 0, 1e-4))
+        limit = [brentq(lambda w, law=law, zeta=zeta: growth_per_step(*law(w, zeta)) - 1e-9, low, 2.3, xtol=1e-12)
+                 for law, low in ((exact_split, 1.9), (explicit, 0.39 if zeta > 1 else 1.9))]
+        checks.append(Check(f'limit of omega dt, exact split, zeta = {zeta:g}', limit[0], 2, 1e-6))
+        if zeta > 1:
+            checks.append(Check(f'control: limit of omega dt, explicit damping, zeta = {zeta:g}', limit[1], 2, 0.5, control=True))
+            checks.append(Check('the same against 2/zeta', limit[1], 2 / zeta, 1e-6))
+    return checks
+
+
+def _draw_steps(out, measured, laws):
+    from matplotlib.figure import Figure
+
+    figure = Figure((10, 3.6), layout='constrained')
+    axes = figure.subplots(1, len(ZETAS), sharey=True)
+    for ax, zeta in zip(axes, ZETAS, strict=True):
+        ax.axhspan(0, 2, **UNSTABLE)
+        for number, (name, line, mark) in enumerate((('Verlet with exact decay', '-', 'o'), ('explicit damping', '--', 'x'))):
+            colour = COLOURS[number]
+            ax.plot(STEPS, growth_per_step(*laws[zeta][number]), line, color=colour, label=f'{name}, closed form')
+            ax.plot(STEPS, measured[zeta][number], mark, color=colour, fillstyle='none', markersize=4, label=f'{name}, runs')
+        ax.axvline(2, color='0.3', linewidth=0.8)
+        ax.set(title=rf'$\zeta = {zeta:g}$', xlabel=r'$\omega\,\Delta t$', ylim=(-1.5, 1.5), xlim=(0, 2.25))
+    axes[0].set_ylabel(r'growth in one step, $\ln|\lambda|$')
+    figure.legend(*axes[0].get_legend_handles_labels(), ncols=4, loc='outside upper center', frameon=False)
+    return save_picture(figure, out / 'stability_steps.png',
+                        'Growth in one time step (hatched: unstable). The exact decay keeps the limit omega dt = 2 at every '
+                        'damping; damping among the forces fails beyond 2/zeta once zeta exceeds one.')
