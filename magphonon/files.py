@@ -1,5 +1,6 @@
 """Writing files whole: under a temporary name first, renamed when complete."""
 
+import errno
 import os
 import shutil
 import tempfile
@@ -88,5 +89,9 @@ def whole_directory(path):
         path.mkdir(exist_ok=True)
         for file in sorted(partial.iterdir()):
             os.replace(file, path / file.name)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        raise OSError(f'no space left for results in {path}, nothing was written; make room or choose another place') from None
     finally:
         shutil.rmtree(partial)

@@ -104,6 +104,9 @@ def report(records):
             rows.append((record, wave.motion, f'{dB:.1f} dB', str(len(wave.ridge.xi) if wave.ridge else 0), *bins))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ['  '.join(f'{cell:{"<" if k < 2 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows]
+    if any(wave.ridge is None for found in records.values() for wave in found):
+        lines += ['', 'Without points: nothing runs along the row above its background; it decays, drowns in noise, or its',
+                  'phases run backwards.']
     resolution = next(iter(records.values()))[0].spectrum.bin_xi
     return '\n'.join(["The ridge of each motion, and its rms distance from the branches, complete and conventional ('), in bins",
                       f'of the wavenumber; one, 2 pi by the points of the row, is {resolution:.4g} rad per step:', '', *lines])

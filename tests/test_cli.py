@@ -162,7 +162,7 @@ def test_no_traceback_in_a_shell(name, desk):
 
 
 @pytest.mark.parametrize(('accident', 'status', 'words'), [
-    (KeyboardInterrupt(), 130, 'interrupted'), (OSError(28, 'No space left on device'), 2, 'No space left')])
+    (KeyboardInterrupt(), 130, 'interrupted'), (OSError(28, 'No space left on device'), 2, 'nothing was written; make room')])
 @pytest.mark.parametrize('existing', [False, True])
 def test_accident_leaves_nothing(accident, status, words, existing, desk, capsys, monkeypatch):
     """The bands are computed and saved, but not all is drawn, when it happens."""
