@@ -5,6 +5,7 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
+from scipy.optimize import minimize_scalar
 
 from magphonon import (
     Constant,
@@ -131,3 +132,20 @@ def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
     pair.set_constraint(FixAtoms([0]))
     pair.calc = MagneticRepulsion(pair, law)
     assert support_needed(pair)[1] == pytest.approx(-2 * (U[0] - U[1]) / z**2, rel=1e-4)  # the next order: (z/r)^2
+
+
+@pytest.mark.parametrize('steps', [None, 12, 5])
+def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
+    """Two shells of the triangular lattice at a = 2.5 buckle in a shear wave along a row, at no special point."""
+    angle = np.pi / 6 * np.arange(12)
+    R = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.where(np.arange(12) % 2, np.sqrt(3), 1)[:, None]
+    r, a = np.linalg.norm(R, axis=1), 2.5
+    across = r ** (-a - 1) * ((a + 1) * (R[:, 1] / r) ** 2 - 1)  # the yy part of a nn - (I - nn), times f/r
+    softest = minimize_scalar(lambda k: across @ (1 - np.cos(k * R[:, 0])), (1.0, 1.3, 1.6), tol=1e-10)
+    atoms = lattices.triangular(1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), shells=2)
+    needed, q = foundation_needed(atoms, steps=steps)
+    assert needed == pytest.approx(-softest.fun, rel=1e-8)
+    k = 2 * np.pi * q @ atoms.cell.reciprocal()
+    assert min(abs(np.linalg.norm(k - 2 * np.pi * np.array(G) @ atoms.cell.reciprocal()) - softest.x)
+               for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
