@@ -15,9 +15,13 @@ from .calculator import MagneticRepulsion
 from .drives import Constant, Drives
 from .errors import positive
 from .phonons import checked_supercell, default_distance
+from .potentials import Hertz, Yukawa
 from .timestep import DENSE, free_directions, highest_frequency, linear_model
 
 __all__ = ['Verdict', 'foundation_needed', 'verdict']
+
+CENTRAL = Yukawa, Hertz
+"""Laws of particles that are no magnets."""
 
 LINEAR_ERROR = 0.01
 """Of a frequency: the error of the linear answer up to which it is called good."""
@@ -63,7 +67,8 @@ class Verdict:
         The one to be judged, ms.
     support, alone, central : float or None
         Stiffness that supports must provide out of the plane if the particles are magnets normal to it, for every wave and
-        for one that moves alone, and if the force is central, for every wave; N/mm.  None in space.
+        for one that moves alone, and if the force is central, for every wave; N/mm.  None where that cannot be, or is not
+        judged.
     amplitude : float or None
         Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged.
     closest : float
@@ -157,10 +162,12 @@ class Verdict:
         if np.isfinite(self.timestep_limit):
             said.append(f'Time steps up to {self.timestep_limit / u.s:.4g} s are stable, 2/omega_max with the highest frequency '
                         f'of {self.omega_max / (2 * np.pi) / u.Hz:.4g} Hz; a tenth of that is accurate.')
-        if self.support:
+        if self.central:
             said.append('Out of the plane, where nothing moves here, repulsion drives particles apart: supports must provide '
-                        f'{_stiffness(self.support)} there if these are magnets normal to the plane ({_stiffness(self.alone)} '
-                        f'for one that moves alone), {_stiffness(self.central)} if the force is central.')
+                        + (f'{_stiffness(self.central)} there.' if self.support is None else
+                           f'{_stiffness(self.support)} there if these are magnets normal to the plane '
+                           f'({_stiffness(self.alone)} for one that moves alone), {_stiffness(self.central)} if the force is '
+                           'central.'))
         if self.amplitude is not None and np.isfinite(self.amplitude):
             said.append(self._linear())
         if self.speed is not None:
@@ -212,7 +219,8 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     """Judge a structure before it runs.
 
     A periodic cell is judged as the lattice that it stands for, by its whole zone; a finite structure as it is.  Of more
-    than a hundred particles, and with AllNeighbours, the spacing and the linear amplitude are not judged.
+    than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and the way into
+    contact are not judged.
 
     Parameters
     ----------
@@ -244,7 +252,9 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     bare = softest_of(atoms)
     stable = bare.needed <= k
     held = spacing_held(atoms) if small else None
-    wave, alone = support_needed(atoms) if near and calc.dim == 2 else (None, None)
+    apart = small and calc.dim == 2  # out of the plane
+    magnets = apart and not isinstance(calc.potential, CENTRAL)
+    wave, alone = support_needed(atoms) if magnets else (None, None)
     return Verdict(
         planar=calc.dim == 2,
         model=calc.parameters.get('model', 'complete'),
@@ -263,10 +273,10 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         timestep=None if timestep is None else positive('timestep', timestep, 'ms'),
         support=wave,
         alone=alone,
-        central=None if wave is None else support_needed(atoms, magnets=False)[0],
+        central=support_needed(atoms, magnets=False)[0] if apart else None,
         amplitude=frequency_shifts(atoms).amplitude(LINEAR_ERROR) if small and stable else None,
         closest=_closest(atoms),
-        speed=_contact_speed(calc, shortest, atoms.get_masses().min()),
+        speed=_contact_speed(calc, shortest, atoms.get_masses().min()) if small else None,
         displacements=_safe_displacements(calc, shortest),
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),

@@ -40,7 +40,8 @@ SCENES = {
         # (1 + 2 sin 60) f; freed, D_xx = (2 (a + 1) cos^2 - 3) f/L0 = -0.5 f/L0
         'A constant force of -27320.5 N', 'Only its guide keeps it', 'unless a foundation of 5000 N/m held it']),
     'dust, nearest neighbours only': ('dust', {'shells = "all"': 'shells = 1'}, BAD, [
-        'buckles in its plane', 'has 0 N/m']),  # kappa L0 = 1 is below the golden ratio
+        'buckles in its plane', 'has 0 N/m', 'A spacing above 0.001294 m would do as well',  # kappa L0 at the golden ratio
+        'supports must provide 4.268e-10 N/m there.']),  # 9 f/L0 at K of a central force, f = 2 c/(e L0^2)
     'steel balls': ('steel', {}, FINE, [
         'below a spacing of 0.01333 m it would buckle']),  # a_loc = 1.5 r/(D - r) > 3 until r = 2 D/3
 }
