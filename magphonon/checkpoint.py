@@ -5,16 +5,19 @@ from hashlib import sha256
 import numpy as np
 
 from .calculator import MagneticRepulsion
+from .drives import Constant, Harmonic, ToneBurst
 from .files import whole_file
 
 
 def scene_digest(dyn):
     """Fingerprint of everything that decides what a run computes, the state it starts from included."""
     atoms, calc = dyn.atoms, dyn.atoms.calc
-    times = dyn.dt * np.array([0.0, 0.7, 11.3, 157.9, 3101.1])  # a drive is known by what it does
+    times = dyn.dt * np.array([0.0, 0.7, 11.3, 157.9, 3101.1])  # a function is known by what it does
     parts = [dyn.nsteps, dyn.dt, dyn.damping, dyn.drives.particles, dyn.drives.forces(times), dyn.asked_engine,
              *(atoms.arrays[name] for name in ('positions', 'momenta')), atoms.get_masses(), atoms.cell.array, atoms.pbc,
              *(repr(constraint.todict()) for constraint in atoms.constraints),
+             *(part for drive in dyn._drive_list if isinstance(drive, Constant | Harmonic | ToneBurst)
+               for part in vars(drive).values()),
              *(part for recorder in dyn.recorders for part in (recorder.particles, recorder.interval)), type(calc).__name__]
     if isinstance(calc, MagneticRepulsion):
         r0 = calc.bonds.lengths

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, lattices
+from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, ToneBurst, lattices
 from magphonon.blocks import Diverged
 
 LAW = InversePower(b=8900.0, a=4.5)
@@ -103,7 +103,7 @@ def test_a_resumed_run_keeps_its_engine(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize('change', [
     {'dt': 0.11}, {'amplitude': 0.021}, {'foundation': 0.021}, {'interval': 8}, {'seed': 4}, {'engine': 'ase'},
-    {'more': [Constant([9], (0, 1), 1e-9)]},
+    {'more': [Constant([9], (0, 1), 1e-9)]}, {'more': [ToneBurst([9], (0, 1), 1e-3, 0.5, start=20.0)]},
 ])
 def test_a_foreign_checkpoint_is_refused(change, tmp_path):
     path = tmp_path / 'state.npz'
