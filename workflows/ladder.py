@@ -1,6 +1,6 @@
 """No more model than a scene needs: do the rungs that are chosen meet the tolerance, and is none too dear?
 
-`python -m workflows.ladder` judges a thousand on a grid and three hundred drawn at random, in some three minutes;
+`python -m workflows.ladder` judges a thousand on a grid and three hundred drawn at random, in some four minutes;
 `python -m workflows ladder` a few of each sort.
 """
 

@@ -267,7 +267,10 @@ def situations(quick=False):
 
 
 def drawn(count, seed):
-    """As many of each sort but beams, at random, each with a tolerance: nothing in the ladder was adjusted to these."""
+    """As many of each sort but beams, at random, each with a tolerance: nothing in the ladder was adjusted to these.
+
+    The oscillator stays below 0.03 L0: farther up, steep laws push it out between the upper two magnets.
+    """
     draw = np.random.default_rng(seed)
     for _ in range(count):
         laws = [InversePower(1.0, draw.uniform(2.5, 10)), Yukawa(1.0, draw.uniform(0.5, 4))]
@@ -275,7 +278,7 @@ def drawn(count, seed):
         kind = draw.choice(list(PATHS))
         edge = draw.choice(['', *EDGES[kind]])
         yield Bands(str(kind), law, held(str(kind), law, draw), str(edge)), 10 ** draw.uniform(-4, -1)
-        yield Peak(law, draw.uniform(0, 90), 10 ** draw.uniform(-3, -1)), 10 ** draw.uniform(-4, -1)
+        yield Peak(law, draw.uniform(0, 90), 10 ** draw.uniform(-3, -1.5)), 10 ** draw.uniform(-4, -1)
         kind, angle = str(draw.choice(['square', 'triangular', 'honeycomb', 'kagome'])), draw.uniform(0, 2 * np.pi)
         yield (Waveform(kind, law, held(kind, law, draw), (np.cos(angle), np.sin(angle)), draw.uniform(0.15, 0.8),
                         10 ** draw.uniform(-4, -1)), 10 ** draw.uniform(-4, -1))
