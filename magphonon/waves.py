@@ -13,6 +13,9 @@ MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
 """The lowest two, from below: repulsion makes shear the softer of the two sounds."""
 
+FAR = 3
+"""Bins; a record of which no ridge is nearer to any branch was not taken in this lattice, or in other units."""
+
 RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2')
 
 
@@ -107,6 +110,9 @@ def report(records):
     if any(wave.ridge is None for found in records.values() for wave in found):
         lines += ['', 'Without points: nothing runs along the row above its background; it decays, drowns in noise, or its',
                   'phases run backwards.']
+    far = [misfit.bins > FAR for found in records.values() for wave in found for misfit in wave.misfits.values()]
+    if far and all(far):
+        lines += ['', f'No ridge comes within {FAR} bins of a branch: are times in seconds, row and lattice those of the scene?']
     resolution = next(iter(records.values()))[0].spectrum.bin_xi
     return '\n'.join(["The ridge of each motion, and its rms distance from the branches, complete and conventional ('), in bins",
                       f'of the wavenumber; one, 2 pi by the points of the row, is {resolution:.4g} rad per step:', '', *lines])

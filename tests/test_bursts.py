@@ -177,6 +177,9 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     assert {tuple(line.split()[4:]) for line in table[4:6]} == {('0', *4 * '-')}
     assert table[-2].startswith('Without points: nothing runs along the row')
     assert 'Without points' not in report({'loud': wave})
+    assert 'are times in seconds' not in report({'loud': wave})
+    record = travelling(1, 0, ideal)
+    assert 'are times in seconds' in report({'in ms': waves(replace(record, t=1e3 * record.t), ideal, 'row')})
     assert table[6].split()[:5] == ['loud', 'transverse', '0.0', 'dB', str(len(wave[0].ridge.xi))]
     write_ridges(tmp_path / 'ridges.csv', {'quiet': noise, 'loud': wave})
     header, *rows = (tmp_path / 'ridges.csv').read_text().splitlines()
