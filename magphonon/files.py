@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,45 @@ def saved_arrays(path, kind):
         raise FileNotFoundError(f'there is no file {path}; compute {kind} and save() them there') from None
     except Exception as error:
         raise ValueError(f'{path} is no complete file of {kind} ({error}); compute them again and save()') from error
+
+
+class Saved:
+    """A frozen dataclass of arrays, numbers and tuples of names that can be kept in a file.
+
+    Parameters
+    ----------
+    kind : str
+        What a file holds, for its errors: `class Spectrum(Saved, kind='spectra')`.
+    """
+
+    def __init_subclass__(cls, kind):
+        cls._kind = kind
+
+    def save(self, path):
+        """Write to a .npz file, whole or not at all."""
+        with whole_file(path, 'wb') as file:
+            np.savez(file, **{field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path):
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no such file.
+        ValueError
+            If it is truncated or holds something else.
+        """
+        with saved_arrays(path, cls._kind) as data:
+            return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls)})
+
+
+def _restored(array, kind):
+    """The number or the tuple that numpy has made an array of, or the array."""
+    if array.ndim == 0:
+        return array.item()
+    return tuple(array.tolist()) if kind is tuple else array
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 
 from .bands import repulsion_of
 from .errors import finite, not_negative, positive
-from .files import saved_arrays, whole_file
+from .files import Saved
 
 LEAST_PERIODS = 3
 """Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
@@ -19,7 +19,7 @@ HEADSTART = 1e3
 
 
 @dataclass(frozen=True)
-class FrequencyResponse:
+class FrequencyResponse(Saved, kind='frequency responses'):
     """Displacement per force over frequency.
 
     Attributes
@@ -40,23 +40,6 @@ class FrequencyResponse:
     def peak(self):
         """Frequency of the largest amplitude in rad/ms, shape (...)."""
         return self.omega[abs(self.response).argmax(axis=0)]
-
-    def save(self, path):
-        """Write to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, **vars(self))
-
-    @classmethod
-    def load(cls, path):
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file is truncated or holds something else.
-        """
-        with saved_arrays(path, 'frequency responses') as data:
-            return cls(data['omega'], data['response'], float(data['transient']))
 
 
 def harmonic_response(atoms, force, omega, damping):

@@ -18,7 +18,7 @@ from .bands import repulsion_of
 from .blocks import freedom
 from .chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, stable_interval, whole_interval
 from .errors import finite, not_negative, positive, whole
-from .files import saved_arrays, whole_file
+from .files import Saved
 from .frf import FrequencyResponse, harmonic_response
 from .stiffness import hessian, model_stiffness, signed_root
 from .timestep import free_directions, linear_model
@@ -32,7 +32,7 @@ ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Saved, kind='modes'):
     """Natural frequencies and mode shapes of a structure.
 
     Attributes
@@ -45,17 +45,6 @@ class Modes:
 
     omega: np.ndarray
     shapes: np.ndarray
-
-    def save(self, path):
-        """Write to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, **vars(self))
-
-    @classmethod
-    def load(cls, path):
-        """Read what `save` wrote; ValueError if the file is truncated or holds something else."""
-        with saved_arrays(path, 'modes') as data:
-            return cls(data['omega'], data['shapes'])
 
 
 @dataclass(frozen=True)

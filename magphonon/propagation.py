@@ -14,7 +14,7 @@ from .blocks import static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from .drives import Constant, Drives, ToneBurst
 from .errors import finite, not_negative, positive
-from .files import saved_arrays, whole_file
+from .files import Saved
 from .linear import recorded, reduced, sizes
 from .transfer import forced_response, free_response, sampled, separated
 
@@ -32,7 +32,7 @@ EPS = np.finfo(float).eps
 
 
 @dataclass(frozen=True)
-class Transient:
+class Transient(Saved, kind='transients'):
     """Motion at chosen times.
 
     Attributes
@@ -54,18 +54,6 @@ class Transient:
     velocities: np.ndarray
     error: float
     products: int
-
-    def save(self, path):
-        """Write to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, **vars(self))
-
-    @classmethod
-    def load(cls, path):
-        """Read what `save` wrote; ValueError if the file is truncated or holds something else."""
-        with saved_arrays(path, 'transients') as data:
-            names = ('times', 'particles', 'displacements', 'velocities')
-            return cls(*(data[name] for name in names), float(data['error']), int(data['products']))
 
 
 def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e-9):

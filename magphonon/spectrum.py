@@ -19,7 +19,7 @@ import numpy as np
 
 from .bands import bloch_modes
 from .errors import finite, one_of, positive
-from .files import saved_arrays, whole_file
+from .files import Saved
 
 PAD = 4
 """Zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
@@ -35,7 +35,7 @@ BRANCH_POINTS = 2001
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class Spectrum(Saved, kind='spectra'):
     """Power over phase per step and frequency.
 
     Attributes
@@ -59,24 +59,6 @@ class Spectrum:
     omega_centre: np.ndarray
     bin_xi: float
     bin_omega: float
-
-    def save(self, path):
-        """Write to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, **vars(self))
-
-    @classmethod
-    def load(cls, path):
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file is truncated or holds something else.
-        """
-        with saved_arrays(path, 'spectra') as data:
-            bins = {name: float(data[name]) for name in ('bin_xi', 'bin_omega')}
-            return cls(**{name: data[name] for name in cls.__dataclass_fields__ if name not in bins}, **bins)
 
 
 def wavenumber_frequency(displacements, dt):

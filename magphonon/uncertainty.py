@@ -10,7 +10,7 @@ import numpy as np
 
 from .bands import bloch_modes
 from .errors import finite, whole
-from .files import saved_arrays, whole_file
+from .files import Saved
 from .sensitivities import frequency_sensitivities, response_sensitivities
 
 ROUND_OFF = 1e-12
@@ -56,7 +56,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class Spread:
+class Spread(Saved, kind='uncertainties'):
     """Values of one kind, and what the tolerances make of them to first order.
 
     Attributes
@@ -93,23 +93,6 @@ class Spread:
         members = [np.flatnonzero(group == g) for g in dict.fromkeys(group)]
         return {', '.join(self.names[p] for p in who): _std(self.covariance[np.ix_(who, who)], self.slopes[who])
                 for who in members}
-
-    def save(self, path):
-        """Write to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, **vars(self) | {'names': np.array(self.names)})
-
-    @classmethod
-    def load(cls, path):
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file is truncated or holds something else.
-        """
-        with saved_arrays(path, 'uncertainties') as data:
-            return cls(tuple(data['names'].tolist()), data['covariance'], data['values'], data['slopes'])
 
 
 def _std(covariance, slopes):

@@ -10,7 +10,7 @@ from ase.geometry import minkowski_reduce
 from . import units
 from .bands import group_velocities
 from .errors import whole
-from .files import saved_arrays, whole_file
+from .files import Saved
 
 PLANAR = (True, True, False)
 ROUND_OFF = 1e-6
@@ -41,7 +41,7 @@ def first_zone(cell):
 
 
 @dataclass(frozen=True)
-class ZoneMap:
+class ZoneMap(Saved, kind='frequencies over the zone'):
     """Frequencies and group velocities on a mesh that covers the first Brillouin zone.
 
     The mesh runs along the reciprocal vectors, contains Gamma and shares the symmetry of the lattice.
@@ -72,23 +72,6 @@ class ZoneMap:
     def frequencies_Hz(self):
         """Frequencies in Hz, shape (n1, n2, branches)."""
         return self.omega / (2 * np.pi) / units.Hz
-
-    def save(self, path):
-        """Write to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, cell=self.cell, q=self.q, omega=self.omega, velocity=self.velocity)
-
-    @classmethod
-    def load(cls, path):
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file is truncated or holds something else.
-        """
-        with saved_arrays(path, 'frequencies over the zone') as data:
-            return cls(data['cell'], data['q'], data['omega'], data['velocity'])
 
 
 def zone_map(atoms, steps=96, model='complete'):
