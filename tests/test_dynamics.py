@@ -45,7 +45,11 @@ def test_blocks_follow_ases_loop(model, held):
     assert apart(runs['numpy'], states_of(patch(model=other, speed=0.05, held=held), 500, 10, engine='ase')) > 1e-4
 
 
-def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes():
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+
     def run(engine):
         atoms = patch(speed=0.01)
         atoms.set_constraint([*atoms.constraints, FixedLine([24], (0.6, 0.8, 0)), FixedPlane([17, 18], (1, 0, 0)),
@@ -54,13 +58,13 @@ def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes():
                   Constant([31], (1, 0), 1e-3), lambda t: 1e-4 * t * np.outer(np.arange(49) == 32, (1, 0, 0))]
         return states_of(atoms, 600, 7, engine=engine, drives=drives, damping=np.linspace(0, 0.05, 49))
 
-    ase, numpy = run('ase'), run('numpy')
-    assert apart(numpy, ase) < 1e-9
+    ase, blocks = run('ase'), run(engine)
+    assert apart(blocks, ase) < 1e-9
     assert not ase[:, 30].any()  # a line along z
-    assert not numpy[:, 30].any()
-    across = numpy[:, 24] @ (0.8, -0.6)
+    assert not blocks[:, 30].any()
+    across = blocks[:, 24] @ (0.8, -0.6)
     assert abs(across).max() < 1e-15 * L0  # round-off of u - dt v
-    assert abs(numpy[:, 24] @ (0.6, 0.8)).max() > 1e-3 * L0
+    assert abs(blocks[:, 24] @ (0.6, 0.8)).max() > 1e-3 * L0
 
 
 def test_small_amplitudes_keep_their_digits_in_blocks_and_lose_them_in_ases_loop():
