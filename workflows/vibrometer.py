@@ -16,8 +16,9 @@ HALF_A_BIN = 0.5
 GAP = 2 * np.pi * 15 * units.Hz   # the carrier below the cut-off of 26.55 Hz; the rest is chosen
 CYCLES, DURATION = 10, 800 * units.ms
 # Source, direction of its force and the motion that it drives; steps where that wave rules, which the fit takes:
-# near a point all others decay first, while behind a row, whose ends send longitudinal waves, the first steps are clean
-DECAYS = {'point': ((0, 1), 'longitudinal', slice(6, 16), 0.025), 'row': ((1, 0), 'transverse', slice(4), 0.3)}
+# near a point all others decay first, while behind a row, whose ends send longitudinal waves, the first steps are clean.
+# From a point the models are 3.7 % apart, and the steps of the fit move it by 2 %: only the row has the other as its control.
+DECAYS = {'point': ((0, 1), 'longitudinal', slice(6, 16), None), 'row': ((1, 0), 'transverse', slice(4), 0.3)}
 
 
 def main(out):
@@ -62,8 +63,9 @@ def gap(scene, out):
         expected = {model: slowest(cell, source, motion, model) for model in MODELS}
         record = f'burst of 15 Hz from a {source}, {motion} motion'
         checks += [Check(f'{record}: points of a ridge', sum(points), 0, 0),
-                   Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], 0.025),
-                   Check(f'control: {record}: decay, against D0 alone', decay, expected['conventional'], apart, control=True)]
+                   Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], 0.025)]
+        if apart:
+            checks.append(Check(f'control: {record}: decay, D0 alone', decay, expected['conventional'], apart, control=True))
         draw(ax, amplitude, n, expected, source, motion, marker)
     ax.set(xlabel='steps $R_2$ from the source', ylabel='amplitude at 15 Hz / that of the source',
            xlim=(-0.5, 20), ylim=(1e-5, 2), xticks=range(0, 21, 5))
