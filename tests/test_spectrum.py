@@ -190,6 +190,13 @@ def test_motion_that_stands_or_decays_has_no_ridge():
     np.testing.assert_allclose(ridge(wavenumber_frequency(np.sin(0.1 * t - 0.15 * n), 1.0)).xi, 0.15, atol=0.01)
 
 
+def test_the_flank_of_a_backward_wave_at_the_edge_of_the_zone_is_no_crest():
+    n, t = np.arange(40), np.arange(400.0)[:, None]
+    with pytest.raises(ValueError, match='no wave along the row'):
+        ridge(wavenumber_frequency(np.cos(0.5 * t + 3.1 * n), 1.0))
+    np.testing.assert_allclose(ridge(wavenumber_frequency(np.cos(0.5 * t - 3.1 * n), 1.0)).xi, 3.1, atol=0.01)
+
+
 def test_beside_a_stronger_wave_that_runs_backwards_a_weak_one_is_dropped():
     n, t = np.arange(64), np.arange(256.0)[:, None]
     for amplitude in (0.05, 0.2):  # -26 and -14 dB; the limit is -20
