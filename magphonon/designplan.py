@@ -3,7 +3,7 @@
 from typing import Annotated
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from . import units as u
 from .buckling import foundation_needed
@@ -57,8 +57,8 @@ def _check_branch(key, branch, scene, above):
 
 
 def _range(value):
-    if not isinstance(value, list) or len(value) != 2 or not 0 < value[0] < value[1]:
-        raise ValueError(f' must be a range [least, largest], not {value!r}')
+    if len(value) != 2 or not value[0] < value[1]:
+        raise ValueError(f' must be a range [least, largest], not {list(value)!r}')
     return value
 
 
@@ -71,7 +71,7 @@ class DesignPlan(Table):
     cut_off_Hz: Positive | None = None
     edge: EdgePlan | None = None
     gap: GapPlan | None = None
-    spacings_m: Annotated[Numbers, BeforeValidator(_range)] | None = None
+    spacings_m: Annotated[Numbers, AfterValidator(_range)] | None = None
 
     @model_validator(mode='after')
     def _something(self):

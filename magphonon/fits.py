@@ -73,7 +73,7 @@ def read_forces(path, contact=0.0):
         If it cannot be read, or is no such table; the message says what and where.
     """
     try:
-        with open(path, newline='', encoding='utf-8') as file:
+        with open(path, newline='', encoding='utf-8-sig') as file:
             lines = [(number, line) for number, line in enumerate(file, 1) if line.strip() and not line.startswith('#')]
     except OSError as error:
         raise type(error)(f'{path} cannot be read ({error.strerror})') from None
@@ -85,7 +85,7 @@ def read_forces(path, contact=0.0):
         raise ValueError(f'{path} begins with {",".join(header)[:60]!r}; its header must be r_m,f_N or r_m,f_N,sigma_N')
     for number, row in zip(numbers[1:], rows[1:], strict=True):
         try:
-            good = len([float(cell) for cell in row]) == len(header)
+            good = len(row) == len(header) and np.isfinite([float(cell) for cell in row]).all()
         except ValueError:
             good = False
         if not good:

@@ -43,6 +43,9 @@ FAR = 4.0
 DIGITS = 1e-13
 """Of the energy: how small the end of its series is, and how well the rims are summed."""
 
+ENOUGH = 1e-10
+"""The same where a series has become long: more terms would cost more than they give."""
+
 
 def grade_remanence(grade):
     """Middle of the range of remanence of an NdFeB grade such as 'N42', in units of the package.
@@ -326,6 +329,11 @@ def magnet_law(magnet):
     Returns
     -------
     MagnetLaw or, for spheres, SphereLaw
+
+    Raises
+    ------
+    ValueError
+        For rods so slender that the series does not settle, from some 30 diameters on.
     """
     if isinstance(magnet, Sphere):
         dipoles = InversePower.dipoles(moment(magnet))
@@ -336,10 +344,13 @@ def magnet_law(magnet):
         r = nearest / np.sqrt((x + 1) / 2)
         return np.array([pair_energy(magnet, d) for d in r]) * r**3 / strength
 
-    for degree in (31, 63, 127):  # long rods need the most: their faces see each other as single poles
+    for degree in (31, 63, 127, 255):  # long rods need the most: their faces see each other as single poles
         series = chebinterpolate(P, degree)
-        if abs(series[-3:]).max() < DIGITS * abs(series).max():
+        if abs(series[-3:]).max() < (DIGITS if degree < 127 else ENOUGH) * abs(series).max():
             break
+    else:
+        raise ValueError(f'the law of {magnet} takes more than {degree} terms; such slender rods act as single poles: '
+                         'take an inverse power with a = 2')
     return MagnetLaw(float(strength), float(nearest), series)
 
 

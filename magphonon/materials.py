@@ -3,7 +3,6 @@
 This is the border: fields are in SI, what the methods return is in mm, g and ms.
 """
 
-import csv
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from . import lattices
 from . import units as u
 from .errors import not_negative, one_of, positive, whole
+from .fits import read_forces
 from .magnettables import Datasheet
 from .potentials import Hertz, InversePower, Tabulated, Yukawa
 from .tables import NotNegative, Numbers, Positive, Spacing, Table, Text
@@ -185,7 +185,7 @@ class TableLaw(Table):
             raise ValueError(f'.file must be the name of a file in quotes, not {table["file"]!r}')
         for key in table.keys() & {'distances_m', 'forces_N'}:
             raise ValueError(f' has both file and {key}; keep one of them')
-        return table | _read_columns(info.context['folder'], table['file'])
+        return table | _read_columns(info.context['folder'] / table['file'])
 
     @model_validator(mode='after')
     def _smooth(self):
@@ -206,20 +206,13 @@ class MagnetsLaw(Datasheet):
     shells: Shells
 
 
-def _read_columns(folder, name):
-    """Distances and forces from a CSV file with the header r_m,f_N."""
+def _read_columns(file):
+    """Distances and forces from a table of the kind that "magphonon fit" takes."""
     try:
-        with open(folder / name, newline='') as file:
-            header, *rows = list(csv.reader(file)) or [[]]
-        if [title.strip() for title in header] != ['r_m', 'f_N']:
-            raise ValueError(f'its header is {",".join(header)!r}')
-        return {'distances_m': [float(r) for r, _ in rows], 'forces_N': [float(f) for _, f in rows]}
-    except OSError as error:
-        reason = error.strerror
-    except ValueError as error:
-        reason = error
-    raise ValueError(f'.file = {name!r} cannot be used ({reason}); '
-                     'it needs the header r_m,f_N and two columns of numbers, beside the scene')
+        forces = read_forces(file)
+    except (OSError, ValueError) as error:
+        raise ValueError(f'.file: {error}') from None
+    return {'distances_m': list(forces.r / u.m), 'forces_N': list(forces.f / u.N)}
 
 
 LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'coulomb': CoulombLaw, 'yukawa': YukawaLaw, 'hertz': HertzLaw,

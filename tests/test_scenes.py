@@ -172,10 +172,11 @@ def test_foundation_in_each_form(scene_file):
 def test_law_from_a_file_beside_the_scene(scene_file, tmp_path):
     columns = LAWS['table']
     rows = zip(columns['distances_m'], columns['forces_N'], strict=True)
-    (tmp_path / 'law.csv').write_text('r_m, f_N\n' + ''.join(f'{r},{f}\n' for r, f in rows))
+    text = '# from a spreadsheet\nr_m, f_N\n' + ''.join(f'{r},{f}\n' for r, f in rows) + '\n'
+    (tmp_path / 'law.csv').write_text(text, encoding='utf-8-sig')
     inside = read_scene(scene_file({'law': {'kind': 'table', **columns, 'shells': 1}}))
     beside = read_scene(scene_file({'law': {'kind': 'table', 'file': 'law.csv', 'shells': 1}}))
-    assert beside.law.distances_m == inside.law.distances_m
+    assert beside.law.distances_m == pytest.approx(inside.law.distances_m, rel=4e-16)  # m into mm and back
     assert beside.law.forces_N == inside.law.forces_N
 
 
@@ -409,8 +410,7 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
     ({'lattice.relative_masses': [1.0, 2.0]},
      'lattice.relative_masses must hold 1 numbers, one for each particle of the triangular cell, not [1.0, 2.0]'),
     ({'lattice.relative_masses': [0.0]}, 'lattice.relative_masses[0] must be a positive number, not 0.0'),
-    ({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}},
-     "law.file = 'law.csv' cannot be used (No such file or directory); it needs the header r_m,f_N and two columns of numbers"),
+    ({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}}, 'law.file: '),
     ({'law': {'kind': 'table', 'shells': 1, 'file': 3}}, 'law.file must be the name of a file in quotes, not 3'),
 ], ids=str)
 def test_refused_with_its_name_and_value_and_the_mend(changes, message, scene_file):
@@ -418,13 +418,14 @@ def test_refused_with_its_name_and_value_and_the_mend(changes, message, scene_fi
 
 
 @pytest.mark.parametrize(('content', 'reason'), [
-    ('', "its header is ''"), ('r,f\n1,2\n', "its header is 'r,f'"),
-    ('r_m,f_N\n0.01,strong\n', "could not convert string to float: 'strong'"), ('r_m,f_N\n0.01\n', 'not enough values')])
+    ('', "begins with ''; its header must be r_m,f_N"), ('r,f\n1,2\n', "begins with 'r,f'; its header must be r_m,f_N"),
+    ('r_m,f_N\n0.01,strong\n', "line 2: '0.01,strong' is not 2 numbers"), ('r_m,f_N\n0.01\n', "line 2: '0.01' is not 2 numbers"),
+    ('r_m,f_N\n0.01,nan\n', "line 2: '0.01,nan' is not 2 numbers"), ('r_m,f_N\n0.01,-1\n', 'force 1 is -1 N')])
 def test_refused_file_of_a_law(content, reason, scene_file, tmp_path):
     (tmp_path / 'law.csv').write_text(content)
     message = refusal(scene_file({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}}))
-    assert message.startswith(f"law.file = 'law.csv' cannot be used ({reason}")
-    assert message.endswith('it needs the header r_m,f_N and two columns of numbers, beside the scene')
+    assert message.startswith(f'law.file: {tmp_path / "law.csv"}')
+    assert reason in message
 
 
 def test_all_faults_are_named_at_once(scene_file):
