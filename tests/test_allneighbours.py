@@ -87,6 +87,16 @@ def test_wigner_crystal():
         assert_allclose(w[0], c_T * k, rtol=1e-3 + 1e-8 / k**2)
 
 
+@pytest.mark.parametrize(('kind', 's', 'model', 'signs'), [
+    ('chain', 0.3, 'complete', [-1, 1]), ('chain', 0.7, 'complete', [-1, 1]), ('triangular', 1.0, 'conventional', [1, 1])])
+def test_speeds_without_bound_have_the_signs_of_long_waves(kind, s, model, signs):
+    cell = with_all(getattr(lattices, kind)(1.0, 1.0), InversePower(1.0, s + 1))
+    assert (sound_speeds(cell, model=model) == np.inf * np.array(signs)).all()
+    slow, fast = (bloch_modes(cell, [[k, 0, 0]], model)[0][0] / k for k in (1e-3, 1e-5))
+    assert (np.sign(fast) == signs).all()
+    assert (abs(fast) > 1.5 * abs(slow)).all()  # (k/k')^((d-s)/2): a factor 2 at the least
+
+
 def test_square_wigner_crystal_is_unstable():
     """Bonsall and Maradudin found its transverse speed along a side imaginary; D0 alone does not know."""
     square = with_all(lattices.square(1.0, 1.0), COULOMB)
