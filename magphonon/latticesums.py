@@ -149,6 +149,11 @@ class EwaldSums:
         """Exponent s of a law with an algebraic tail, infinite for a screened one."""
         return np.inf if hasattr(self.law, 'kappa') else self.law.a - 1
 
+    @property
+    def splits(self):
+        """Whether the sums of D0 and of D* converge each by itself, not only together."""
+        return self.decay + 2 > self.d
+
     def mixture(self, part):
         """The functions alpha(t), or None where it is zero, and beta(t) of a part of the stiffness."""
         rho, W = self.law.gaussians, self.law.gaussian_moment
@@ -157,7 +162,7 @@ class EwaldSums:
             'Dstar': (lambda t: W(t) / t - 2 * t * rho(t), lambda t: W(t) / (2 * t**2)),
             'D0': (lambda t: 2 * t * rho(t) - W(t) / t, lambda t: rho(t) - W(t) / (2 * t**2)),
         }[one_of('part', part, PARTS)]
-        if part != 'all' and self.decay + 2 <= self.d:
+        if part != 'all' and not self.splits:
             raise ValueError(f'with all neighbours of a law r^-{self.decay:g} in {self.d} dimensions D0 and D* diverge each by '
                              'itself, only their sum exists; choose the complete model, or a number of shells')
         return alpha, beta

@@ -84,6 +84,20 @@ def test_instability_off_the_path_is_called_too(scene_file, tmp_path, capsys):
     assert 'needs a foundation of 40000 N/m and has 20000 N/m' in capsys.readouterr().out
 
 
+def test_coulomb_crystal_in_space_has_no_conventional_model(scene_file, tmp_path, capsys):
+    """At H all branches of bcc have w_p/sqrt(3), w_p^2 = 4 pi n Q^2/(4 pi eps0 M); D0 alone diverges, and is left out."""
+    text = scene_file('wigner').read_text().replace('"triangular"', '"bcc"').replace('"GMKG"', '"GH"')
+    (tmp_path / 'bcc.toml').write_text(text.replace('points = 300', 'points = 5').replace('[6, 6]', '[2, 2, 2]'))
+    assert cli.main(['bands', str(tmp_path / 'bcc.toml'), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    assert 'no conventional model: the sums of D0 and D* diverge' in shown
+    n = 3 * 3**0.5 / 4 / 5.1e-6**3  # two particles in a cube of 2/sqrt(3) L0
+    plasma = (n * 1.602176634e-19**2 / 8.8541878128e-12 / 9.1093837e-31) ** 0.5
+    omega = Bands.load(tmp_path / 'out' / 'bands_complete.npz').frequencies_Hz[-1] * 2 * np.pi
+    assert_allclose(omega, plasma / 3**0.5, rtol=1e-8)  # eps0 is printed to 1e-9
+    assert not (tmp_path / 'out' / 'bands_conventional.npz').exists()
+
+
 def test_results_replace_those_of_the_run_before(scene_file, tmp_path, capsys):
     out = tmp_path / 'out'
     out.mkdir()

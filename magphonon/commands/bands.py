@@ -22,14 +22,20 @@ def run(options):
     with whole_directory(options.output) as folder:
         atoms, path = scene.atoms(), scene.band_path()
         phonon = finite_displacements(atoms, scene.supercell())
-        bands = {'complete': analytic_bands(atoms, path, vectors=True),
-                 'conventional': analytic_bands(atoms, path, model='conventional', vectors=True),
-                 'phonopy': phonopy_bands(phonon, path, vectors=True)}
+        bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in _models(atoms)}
+        bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)
         _draw(folder, scene, bands)
         report = _report(scene, atoms, bands, phonon)
     print(report)
     print(f'pictures and data are in {options.output}')
+
+
+def _models(atoms):
+    """The models that exist: of a Coulomb crystal in space the sums of D0 and D* over all neighbours diverge each by itself."""
+    from ..stiffness import MODELS
+
+    return MODELS if not hasattr(atoms.calc, 'sums') or atoms.calc.sums.splits else MODELS[:1]
 
 
 def _save(folder, bands, phonon):
@@ -65,7 +71,8 @@ def _draw(folder, scene, bands):
     from ..zoneplots import plot_zone
 
     ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
-    plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
+    if 'conventional' in bands:
+        plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
     road = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
     plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=road)
     ax.figure.suptitle(scene.title, fontsize='medium')
@@ -92,7 +99,7 @@ def _report(scene, atoms, bands, phonon):
                 for branch, row in enumerate(table)]
 
     path, lattice = bands['complete'].path, scene.lattice
-    highest = bands['conventional'].frequencies_Hz.max()
+    highest = max(result.frequencies_Hz.max() for result in bands.values())
     everyone = scene.law.shells == ALL
     force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
     lines = [scene.title,
@@ -101,10 +108,12 @@ def _report(scene, atoms, bands, phonon):
     for name in dict.fromkeys(name for leg in parse_path_string(path.path) for name in leg):
         at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
-    speeds = [sound_speeds(atoms, model=model) for model in ('complete', 'conventional')]
+    speeds = [sound_speeds(atoms, model=model) for model in _models(atoms)]
     lines += ['speed of sound along x (m/s; without the foundation, negative where the lattice would buckle)',
               *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]
 
+    if 'conventional' not in bands:
+        lines += ['', 'no conventional model: the sums of D0 and D* diverge each by itself, only together they converge']
     needed, softest = foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
     given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.parameters.foundation, recovered, needed))
@@ -115,7 +124,7 @@ def _report(scene, atoms, bands, phonon):
     if everyone:
         waves = path.kpts * scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
-        lines.append(f'  where the wave fits its supercell by {difference[fits].max():.1e}; it interpolates between, '
+        lines.append(f'  where the wave fits its supercell by {difference[fits].max(initial=0):.1e}; it interpolates between, '
                      'as no supercell holds all neighbours')
     if abs(phonon.force_constants).max() <= KEPT:
         lines.append('phonopy_params.yaml is left out: its 15 decimals are too few for force constants of '
