@@ -31,10 +31,13 @@ class Passage:
         Of the measured row.
     field : Displacements
         Of all particles, at a few moments.
+    largest : float
+        Displacement in mm that no particle exceeds where it is driven, along the row and at these moments.
     """
 
     row: Displacements
     field: Displacements
+    largest: float
 
 
 def send(patch, site, drive, damping, duration, engine='auto'):
@@ -74,6 +77,9 @@ def send(patch, site, drive, damping, duration, engine='auto'):
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
     steps = int(duration / dt)
     dyn = DrivenVerlet(patch, dt, [drive], damping, engine)
-    row, field = Recorder(dyn, site.row, interval), Recorder(dyn, interval=max(1, steps // SNAPSHOTS))
+    row, source = (Recorder(dyn, particles, interval) for particles in (site.row, site.driven))
+    field = Recorder(dyn, interval=max(1, steps // SNAPSHOTS))
     dyn.run(steps)
-    return Passage(*(Displacements(record.times, record.particles, record.displacements) for record in (row, field)))
+    largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))
+    return Passage(*(Displacements(record.times, record.particles, record.displacements) for record in (row, field)),
+                   float(largest))

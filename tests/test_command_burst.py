@@ -78,6 +78,25 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, scene_file, tm
         assert Spectrum.load(again / f'{name}_transverse.npz').power.max() > 0
 
 
+def test_loud_bursts_are_told_from_quiet_ones(scene_file, tmp_path, capsys):
+    """By second-order perturbation theory a frequency of the lattice is 1 % off at 2.37 % of the spacing."""
+    told = []
+    for force in ('1.0', '300.0'):
+        scene = scene_file(('force_N = 1.0', f'force_N = {force}'))
+        assert cli.main(['burst', str(scene), '-o', str(tmp_path / force)]) == 0
+        lines = [line for line in capsys.readouterr().out.splitlines() if 'largest displacement' in line]
+        assert [line.split(':')[0] for line in lines] == list(NAMES)
+        told.append([float(re.search(r'displacement ([0-9.e-]+) m', line)[1]) for line in lines])
+        for u, line in zip(told[-1], lines, strict=True):
+            assert f'{u:.3g} m, {u:.2%} of the spacing' in line  # of 1 m
+            assert ('LOUD: above 0.0237 m' in line) == (u > 0.0237)
+    (quiet, stiff), (loud, _) = told
+    assert stiff < quiet < 0.0237 < loud
+    record = np.loadtxt(tmp_path / '1.0' / f'{NAMES[0]}.csv', delimiter=',', skiprows=1)
+    measured = np.hypot(*record[:, 2:].T).max()
+    assert quiet == pytest.approx(2 * measured, rel=0.15)  # the row starts half way up the beam, whose middle moves most
+
+
 def test_the_row_to_measure_and_an_animation_on_request(scene_file, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('magphonon.bursts.SNAPSHOTS', 5)  # frames are slow to draw
     assert cli.main(['burst', str(scene_file()), '-o', str(tmp_path / 'out'), '--animation']) == 0

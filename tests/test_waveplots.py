@@ -64,7 +64,8 @@ def passage(ideal):
     rise = np.zeros((len(where.row), len(patch), 2))
     rise[np.arange(len(where.row)), where.row, 1] = 3 * u.mm
     t = 100.0 * np.arange(len(where.row)) * u.ms
-    return patch, where, Passage(Displacements(t, where.row, rise[:, where.row]), Displacements(t, np.arange(len(patch)), rise))
+    return patch, where, Passage(Displacements(t, where.row, rise[:, where.row]), Displacements(t, np.arange(len(patch)), rise),
+                                 3 * u.mm)
 
 
 def test_a_snapshot_shows_where_particles_rest_and_how_far_they_are(passage):

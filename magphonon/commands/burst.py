@@ -19,7 +19,7 @@ def run(options):
     scene = read_scene(options.scene)
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
     with whole_directory(options.output) as folder:
-        records = {}
+        records, largest = {}, {}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
             passages = {model: _send(scene, k, cell, model) for model in MODELS}
             found = {model: waves(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
@@ -28,9 +28,11 @@ def run(options):
             if options.animation:
                 _animate(folder, name, passages)
             records |= {f'{name}_{model}': found[model] for model in MODELS}
+            largest |= {f'{name}_{model}': passage.largest for model, (*_, passage) in passages.items()}
         _write_row(folder / 'row.csv', *passages['complete'][:2])
         write_ridges(folder / 'ridges.csv', records)
-        text = '\n'.join([scene.title, '', report(records), *_decays(plan, cell, records), *_unstable(cell)])
+        text = '\n'.join([scene.title, '', report(records), *_amplitudes(cell, largest), *_decays(plan, cell, records),
+                          *_unstable(cell)])
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
@@ -98,6 +100,22 @@ def _animate(folder, name, passages):
 
     for model, (patch, site, passage) in passages.items():
         save_animation(folder / f'{name}_{model}.gif', patch, passage.field, site)
+
+
+def _amplitudes(cell, largest):
+    """How far each burst moves the particles, and whether linear bands still are a measure of it."""
+    from .. import units
+    from ..anharmonic import frequency_shifts
+    from ..stability import LINEAR_ERROR
+
+    spacing, bound = cell.calc.bonds.lengths.min(), frequency_shifts(cell).amplitude(LINEAR_ERROR)
+    lines = ['']
+    for record, u in largest.items():
+        lines.append(f'{record}: largest displacement {u / units.m:.3g} m, {u / spacing:.2%} of the spacing')
+        if u > bound:
+            lines[-1] += (f'; LOUD: above {bound / units.m:.3g} m linear frequencies, such as the bands, are more than '
+                          f'{LINEAR_ERROR:.0%} off; lower force_N')
+    return lines
 
 
 def _decays(plan, cell, records):
