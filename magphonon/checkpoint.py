@@ -53,5 +53,6 @@ def load_checkpoint(path, digest):
         raise ValueError(f'{path} is no complete checkpoint ({error}); delete it and start again') from error
     if scene != digest:
         raise ValueError(f'the checkpoint {path} belongs to another run: structure, law, drives, time step, start or '
-                         'recorders differ; move it away, or restore what was changed')
+                         'recorders differ; move it away, or restore what was changed (a run that has moved already goes on '
+                         'with atoms and dynamics prepared afresh)')
     return state

@@ -38,6 +38,7 @@ class DrivenVerlet(VelocityVerlet):
     rounded, so only runs with the same observers have the same bits).  'ase' is ASE's own loop, for any calculator;
     'numpy' and 'compiled' move planar structures with MagneticRepulsion by blocks of steps between two observer
     calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
+    With MagneticRepulsion a run that diverges raises Diverged; with other calculators nobody notices.
 
     Parameters
     ----------
@@ -152,6 +153,8 @@ class DrivenVerlet(VelocityVerlet):
         except Diverged as error:
             if self.engine == 'ase':
                 self.nsteps, self.atoms.arrays['positions'][:], self.atoms.arrays['momenta'][:] = good
+                for recorder in self.recorders:
+                    recorder.forget_after(self.get_time())
             else:
                 self._blocks.write()
             error.atoms, error.last_good = self.atoms, self.get_time()
@@ -230,7 +233,10 @@ class DrivenVerlet(VelocityVerlet):
         steps : int
         checkpoint : path, optional
             File that keeps the whole state, recorders included (their frames beside it).  If it is there already, left
-            by a run that was killed, this run goes on from it and ends in the same bits as if nothing had happened.
+            by a run that was killed, this run goes on from it and ends in the same bits as if nothing had happened.  It
+            is known by the state that the run started from, so a run goes on with atoms, dynamics and recorders prepared
+            afresh, as in a new process, not with those that have moved.  A `trajectory=` holds the frames of the last
+            part only; those of a Recorder are complete.
         every : int
             Steps between two checkpoints.
 

@@ -69,6 +69,17 @@ class Recorder:
         with whole_file(path, 'wb') as file:
             np.savez(file, times=self.times, displacements=self.displacements, particles=self.particles)
 
+    def forget_after(self, time):
+        """Drop the frames later than `time` (ms), those of a run that has gone wrong."""
+        self._cut(int(np.searchsorted(self._frames, time, side='right')))
+
+    def _cut(self, frames):
+        size = 8 * int(np.prod(self._shape)) * frames
+        self._file.flush()
+        self._file.truncate(size)
+        self._file.seek(size)
+        del self._frames[frames:]
+
     def keep_at(self, path, times=None):
         """Keep the frames in a file from now on; with `times`, go on after that many frames which are there already.
 
@@ -86,9 +97,8 @@ class Recorder:
         if not os.path.exists(path) or os.path.getsize(path) < size:
             raise ValueError(f'{path} does not hold the {len(times)} frames of its checkpoint; delete both and start again')
         self._open(open(path, 'r+b'))  # noqa: SIM115
-        self._file.truncate(size)
-        self._file.seek(size)
         self._frames = list(times)
+        self._cut(len(times))
 
     def keep(self):
         """Make sure that the frames are on the disk; returns their times."""

@@ -133,17 +133,31 @@ def test_a_damaged_checkpoint_is_refused(tmp_path):
         prepare()[1].run(200, checkpoint=tmp_path / 'new.npz', every=0)
 
 
-def test_the_last_good_state_of_a_run_that_goes_wrong_is_saved(tmp_path):
-    def prepared():
-        atoms, dyn, _ = prepare()
-        atoms.positions[9, 0] += 0.1
-        dyn.attach(lambda: atoms.set_momenta(np.outer(np.arange(len(atoms)) == 9, [0.7 * 97, 0, 0])), -130)
-        return atoms, dyn
-
-    atoms, dyn = prepared()
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_the_last_good_state_of_a_run_that_goes_wrong_is_saved(engine, tmp_path):
+    atoms, dyn, recorder = prepare(engine, interval=1)
+    seen = []
+    dyn.attach(lambda: seen.append(dyn.get_time()), 1)
+    atoms.positions[9, 0] += 0.1
+    dyn.attach(lambda: atoms.set_momenta(np.outer(np.arange(len(atoms)) == 9, [0.7 * 97, 0, 0])), -130)
     with pytest.raises(Diverged) as caught:
         dyn.run(400, checkpoint=tmp_path / 'state.npz', every=EVERY)
     with np.load(tmp_path / 'state.npz') as saved:
         assert saved['nsteps'] * 0.1 == pytest.approx(caught.value.last_good)
         assert caught.value.last_good >= 13 - 1e-9  # of the steps after 130, not of the last checkpoint
         assert np.array_equal(saved['positions'], atoms.positions)
+        assert np.array_equal(saved['frames0'], recorder.times)
+    # ASE's loop has shown observers a state that is not good; no frame of it is left
+    assert (seen[-1] > caught.value.last_good) == (engine == 'ase')
+    assert recorder.times[-1] == caught.value.last_good == dyn.get_time()
+    assert len(recorder.displacements) == dyn.nsteps + 1
+    # the momenta set by hand made the blocks start from positions again, which round to 1e-15 of 50 mm
+    np.testing.assert_allclose(recorder.displacements[-1], dyn.displacements, atol=1e-13)
+    assert (tmp_path / 'state.npz.frames0').stat().st_size == recorder.displacements.nbytes
+
+
+def test_a_run_that_has_moved_is_told_to_be_prepared_afresh(tmp_path):
+    _, dyn, _ = prepare()
+    dyn.run(200, checkpoint=tmp_path / 'state.npz', every=EVERY)
+    with pytest.raises(ValueError, match='goes on with atoms and dynamics prepared afresh'):
+        dyn.run(200, checkpoint=tmp_path / 'state.npz', every=EVERY)
