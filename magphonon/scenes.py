@@ -114,6 +114,9 @@ class Scene(Table):
 
     def _check_scale(self, atoms):
         calc = atoms.calc
+        if not calc.potential.dphi(calc.bonds.lengths).any():
+            raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r} is so wide that nothing repels; spheres repel only '
+                             'where the spacing is less than their diameter')
         stiffness = abs(calc.potential.d2phi(calc.bonds.lengths)).max() + calc.parameters.foundation
         f = np.sqrt(stiffness / atoms.get_masses()[0]) / (2 * np.pi) / u.Hz
         if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:

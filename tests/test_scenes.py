@@ -405,6 +405,8 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
     ({'law': {'kind': 'table', **LAWS['table'], 'shells': 'all'}},
      "law.shells = 'all': the sum over all neighbours is known for inverse powers and Yukawa repulsion, not for Tabulated"),
     ({'law.shells': 'all', 'law.a': 0.9}, "law.shells = 'all': the force r^-0.9 has no energy r^-s with s = a - 1 > 0"),
+    ({'law': {'kind': 'hertz', **LAWS['hertz'], 'shells': 1}, 'lattice.spacing_m': 10 * LAWS['hertz']['diameter_m']},
+     'lattice.spacing_m = '),
     ({'law': {'kind': 'hertz', **LAWS['hertz'], 'poisson_ratio': 0.6, 'shells': 1}},
      'law.poisson_ratio must not exceed 0.5, not be 0.6'),
     ({'lattice.relative_masses': [1.0, 2.0]},
