@@ -20,7 +20,7 @@ class AllNeighbours(Calculator):
     The counterpart of `MagneticRepulsion` for periodic cells and laws that reach far, with the sums of
     `magphonon.latticesums`: bands, speeds of sound and phonopy's finite displacements take either calculator.  The energy is that
     of one cell, not relative to anything; where the sum over all neighbours diverges (r^-s with s <= d in d
-    dimensions, such as Coulomb's) it includes a uniform neutralising background.
+    dimensions, such as Coulomb's) it includes a uniform neutralising background; where s = d its zero is arbitrary.
 
     Parameters
     ----------

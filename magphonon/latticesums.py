@@ -243,6 +243,9 @@ class EwaldSums:
 
     def scalar(self, q, offset):
         """`sum_R phi(R + offset) e^{2 pi i q.R}` at one wavevector, without R + offset = 0."""
+        if abs(self.decay - self.d) < 1e-12 and not (q % 1).any():
+            raise ValueError(f'the sum of r^-{self.decay:g} over {self.d} dimensions diverges with the logarithm of the size, '
+                             'and no background mends it; choose another exponent, or a number of shells')
         R = points_within(self.periods, -offset, self.radius)
         r = np.linalg.norm(R + offset, axis=1)
         here = r > 1e-12 * self.radius
@@ -358,10 +361,9 @@ class _Wide:
         if not uniform:
             return np.where(self.uniform, 0.0, result)
         exponent = (sums.decay - sums.d) / 2 + m
-        if abs(exponent) < 1e-12:
-            raise ValueError(f'the sum of r^-{sums.decay:g} over {sums.d} dimensions diverges with the logarithm of the size, '
-                             'and no background mends it; choose another exponent, or a number of shells')
-        closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume / exponent
+        # where it is zero, a logarithm of the size, the same for all: energies then count from an arbitrary zero
+        factor = 1 / exponent if abs(exponent) > 1e-12 else np.log(self.flat * sums.volume ** (2 / sums.d))
+        closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume * factor
         return result + np.where(self.uniform, closed, 0.0)
 
 

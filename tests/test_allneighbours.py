@@ -185,6 +185,31 @@ def test_energy_and_forces(name):
         assert_allclose(forces[i, x], -slope, rtol=0, atol=1e-9 * abs(forces).max())
 
 
+@pytest.mark.parametrize(('make', 's', 'supercell'), [(lambda: lattices.chain(10.0, 1.0), 1.0, (4, 1, 1)),
+                                                      (lambda: lattices.honeycomb(10.0, 1.0), 2.0, (2, 2, 1))])
+def test_sums_that_diverge_with_a_logarithm_have_forces(make, s, supercell):
+    """s = d: a chain of charges, magnets with a = 3 in the plane.  The energy has no zero of its own, its slopes are there."""
+    law = InversePower(50.0, s + 1)
+    with pytest.raises(ValueError, match='logarithm of the size'):
+        lattice_sum(make(), s)
+    atoms = with_all(make().repeat(supercell), law)
+    atoms.positions[:, :2] += np.random.default_rng(2).uniform(-0.5, 0.5, (len(atoms), 2))
+    energies = [with_all(atoms.copy(), law, split=split).get_potential_energy() for split in (1.0, 1.3)]
+    assert_allclose(energies[1], energies[0], rtol=1e-12)
+    slope = []
+    for step in (-2e-3, -1e-3, 1e-3, 2e-3):
+        displaced = atoms.copy()
+        displaced.positions[1, 1] += step
+        slope.append(with_all(displaced, law).get_potential_energy())
+    assert_allclose(atoms.get_forces()[1, 1], -np.dot([1, -8, 8, -1], slope) / 12e-3, rtol=1e-7)
+    cell = with_all(make(), law)
+    q = np.divide([1, 0, 0], supercell)
+    path = cell.cell.bandpath('GX', npoints=2, special_points={'G': [0, 0, 0], 'X': q}, pbc=cell.pbc)
+    expected = analytic_bands(cell, path).omega
+    phonon = finite_displacements(cell, supercell)
+    assert_allclose(phonopy_bands(phonon, path).omega[1], expected[1], rtol=1e-8)
+
+
 def test_wrapping_a_particle_changes_nothing():
     atoms = with_all(lattices.honeycomb(10.0, 1.0), DIPOLES, foundation=0.3)
     energy = atoms.get_potential_energy()
