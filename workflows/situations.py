@@ -261,7 +261,8 @@ def situations(quick=False):
     waves = [Waveform(kind, law, 0.2 if kind == 'triangular' else 8.0, direction, carrier, force)
              for kind, law in (('triangular', r4), ('triangular', yukawa), ('square', r458), ('honeycomb', r4), ('kagome', r3))
              for direction, carrier in (((1, 0), 0.3), ((0, 1), 0.6)) for force in (1e-4, 3e-3, 1e-1)]
-    beams = [Beam(kind, r4, k, direction, carrier, force) for kind, k in (('triangular', 0.2), ('square', 8.0))
+    beams = [Beam(kind, r4, k, direction, carrier, force)
+             for kind, k in (('triangular', 0.0), ('triangular', 0.2), ('square', 8.0))
              for direction, carrier in (((1, 0), 0.3), ((0, 1), 0.6)) for force in (1e-3, 3e-2)]
     return [*bands[::7], *peaks[::5], *waves[1::15]] if quick else [*bands, *peaks, *waves, *beams]
 
