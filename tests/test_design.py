@@ -50,7 +50,7 @@ def test_prototype_is_found_from_its_cut_off_and_its_shear(tmp_path, capsys):
 
 
 def test_design_by_d0_alone_is_another_lattice():
-    """The control: who takes 58.2 Hz for a conventional shear edge, sqrt(2 a f/(L m) + k/m), spaces the magnets 25 % wider."""
+    """The control: who takes 58.2 Hz for a conventional shear edge, sqrt(2 a f/(L m) + k/m), spaces the magnets 21 % wider."""
     paper = reference()['prototype']
     k, m, a = paper['k_eq'], paper['mass'], paper['a']
     f_over_L = ((2 * np.pi * paper['M_complete_Hz'][0]) ** 2 * m - k) / (2 * a)
