@@ -12,13 +12,24 @@ import numpy as np
 
 
 @contextmanager
+def room_for(path):
+    """Where the disk turns out to be full: raise OSError with the name of the file and what to do."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        raise OSError(errno.ENOSPC, 'no space left; make room or choose another place', str(path)) from None
+
+
+@contextmanager
 def whole_file(path, mode='w'):
     """Open `path` for writing so that it appears only when it is complete.
 
     Raises
     ------
     OSError
-        If the directory does not exist or cannot be written; nothing is left behind.
+        If the directory does not exist or cannot be written, or the disk is full; nothing is left behind.
     """
     path = Path(path)
     partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
@@ -27,11 +38,12 @@ def whole_file(path, mode='w'):
     except OSError as error:
         raise type(error)(f'{path} cannot be written ({error.strerror}); choose another place') from None
     try:
-        with out as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
+        with room_for(path):
+            with out as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -130,7 +142,8 @@ def whole_directory(path):
         for file in sorted(partial.iterdir()):
             os.replace(file, path / file.name)
     except OSError as error:
-        if error.errno != errno.ENOSPC:
+        elsewhere = error.filename and not Path(error.filename).is_relative_to(partial)  # such as frames of a long record
+        if error.errno != errno.ENOSPC or elsewhere:
             raise
         raise OSError(f'no space left for results in {path}, nothing was written; make room or choose another place') from None
     finally:

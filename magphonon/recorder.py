@@ -1,13 +1,14 @@
 """Displacements of a run, frame by frame, in bounded memory."""
 
 import os
-from tempfile import SpooledTemporaryFile
+from contextlib import suppress
+from tempfile import SpooledTemporaryFile, gettempdir
 from weakref import finalize
 
 import numpy as np
 
 from .errors import whole
-from .files import whole_file
+from .files import room_for, whole_file
 
 MEMORY = 2**26
 """Bytes of frames kept in memory; more go to a temporary file."""
@@ -35,16 +36,17 @@ class Recorder:
             raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
         self._frames = []  # their times
         self._shape = len(self.particles), dyn.displacements.shape[1]
-        self._open(SpooledTemporaryFile(MEMORY))  # noqa: SIM115  open as long as the recorder
+        self._open(SpooledTemporaryFile(MEMORY), gettempdir())  # noqa: SIM115  open as long as the recorder
         dyn.recorders.append(self)
         dyn.attach(self, self.interval)
 
-    def _open(self, file):
-        self._file = file
-        finalize(self, file.close)
+    def _open(self, file, place):
+        self._file, self._place = file, place
+        finalize(self, _close, file)
 
     def __call__(self):
-        self._file.write(self._dyn.displacements[self.particles].tobytes())
+        with room_for(self._place):
+            self._file.write(self._dyn.displacements[self.particles].tobytes())
         self._frames.append(self._dyn.get_time())
 
     @property
@@ -90,18 +92,24 @@ class Recorder:
         """
         if times is None:
             frames = self.displacements
-            self._open(open(path, 'w+b'))  # noqa: SIM115
+            self._open(open(path, 'w+b'), path)  # noqa: SIM115
             self._file.write(frames.tobytes())
             return
         size = 8 * int(np.prod(self._shape)) * len(times)
         if not os.path.exists(path) or os.path.getsize(path) < size:
             raise ValueError(f'{path} does not hold the {len(times)} frames of its checkpoint; delete both and start again')
-        self._open(open(path, 'r+b'))  # noqa: SIM115
+        self._open(open(path, 'r+b'), path)  # noqa: SIM115
         self._frames = list(times)
         self._cut(len(times))
 
     def keep(self):
         """Make sure that the frames are on the disk; returns their times."""
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with room_for(self._place):
+            self._file.flush()
+            os.fsync(self._file.fileno())
         return self.times
+
+
+def _close(file):
+    with suppress(OSError):  # what a full disk has not taken was reported when it was written
+        file.close()

@@ -1,5 +1,6 @@
 """Runs that are killed go on to the same bits; checkpoints that do not belong to a run are refused."""
 
+import errno
 import os
 import signal
 import time
@@ -161,3 +162,15 @@ def test_a_run_that_has_moved_is_told_to_be_prepared_afresh(tmp_path):
     dyn.run(200, checkpoint=tmp_path / 'state.npz', every=EVERY)
     with pytest.raises(ValueError, match='goes on with atoms and dynamics prepared afresh'):
         dyn.run(200, checkpoint=tmp_path / 'state.npz', every=EVERY)
+
+
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='needs a device that is always full')
+@pytest.mark.parametrize(('file', 'named'), [(f'.state.npz.{os.getpid()}.partial', 'state.npz'),
+                                             ('state.npz.frames0', 'state.npz.frames0')])
+def test_a_full_disk_is_named_with_the_file_and_what_to_do(file, named, tmp_path):
+    (tmp_path / file).symlink_to('/dev/full')
+    _, dyn, _ = prepare()
+    with pytest.raises(OSError, match=rf"no space left; make room .*: '.*/{named}'$") as caught:
+        dyn.run(200, checkpoint=tmp_path / 'state.npz', every=EVERY)
+    assert caught.value.errno == errno.ENOSPC
+    assert not (tmp_path / 'state.npz').exists()
