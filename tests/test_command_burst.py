@@ -208,17 +208,31 @@ def test_noise_is_a_map_without_ridge(measured, tmp_path, capsys):
     assert ridges(tmp_path / 'out') == {}
 
 
-def test_killed_burst_leaves_no_result(scene_file, tmp_path):
-    """Killed between the first files and the last: what there is stands under no result's name."""
+def struck(number, scene_file, tmp_path):
+    """A burst that a signal strikes between the first files and the last: its directory, exit status and last words."""
     scene = scene_file((r'\[19.1\]', '[19.1, 18, 17, 16]'), (r'directions_deg = \[0\]', 'directions_deg = [0, 0, 0, 0]'))
     out = tmp_path / 'out'
     out.mkdir()
-    process = subprocess.Popen([sys.executable, '-m', 'magphonon', 'burst', str(scene), '-o', str(out)])
+    process = subprocess.Popen([sys.executable, '-m', 'magphonon', 'burst', str(scene), '-o', str(out)],
+                               stderr=subprocess.PIPE, text=True)
     try:
         while process.poll() is None and not list(out.glob('.partial-*/*.csv')):
             time.sleep(0.02)
     finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        process.send_signal(number)
+        words = process.communicate()[1]
+    return out, process.returncode, words
+
+
+def test_killed_burst_leaves_no_result(scene_file, tmp_path):
+    """What there is stands under no result's name."""
+    out, _, _ = struck(signal.SIGKILL, scene_file, tmp_path)
     assert list(out.glob('.partial-*/*.csv'))  # it was struck in its midst
     assert not [file for file in out.iterdir() if not file.name.startswith('.partial-')]
+
+
+def test_terminated_burst_leaves_nothing(scene_file, tmp_path):
+    """As a batch system ends a job that has run for too long."""
+    out, status, words = struck(signal.SIGTERM, scene_file, tmp_path)
+    assert (status, words) == (143, 'magphonon: terminated\n')
+    assert not list(out.iterdir())
