@@ -155,7 +155,7 @@ class Scene(Table):
         patch = self.wanted('patch').cut(self.cell())
         if self.law.shells != 1:
             raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
-                             'forces between nearest neighbours only; take shells = 1')
+                             'forces between nearest neighbours only; take shells = 1, or in Python magphonon.relaxed(patch)')
         calc = self.atoms().calc
         patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.parameters.foundation, model=model)
         return patch
