@@ -50,9 +50,13 @@ class BurstPlan(Table):
         """Send burst number k through a patch; returns its Site and Passage."""
         from .bursts import send
         from .sites import site
+        from .spectrum import FEWEST
 
         omega, angle = 2 * np.pi * self.carriers_Hz[k] * u.Hz, self.directions_deg[k] * u.deg
         where = site(cell, patch, self.source)
+        if len(where.row) < FEWEST:
+            raise ValueError(f'the row along R2 has {len(where.row)} particles inside the rim, and a map of waves needs at least '
+                             f'{FEWEST}; enlarge [patch]')
         drive = where.burst((np.cos(angle), np.sin(angle)), self.force_N * u.N, omega, self.cycles)
         return where, send(patch, where, drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
 

@@ -21,6 +21,9 @@ from .bands import bloch_modes
 from .errors import finite, one_of, positive
 from .files import Saved
 
+FEWEST = 8
+"""Frames, and points, that a map is made of at least."""
+
 PAD = 4
 """Zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
 
@@ -83,8 +86,8 @@ def wavenumber_frequency(displacements, dt):
     """
     u = finite('displacements', displacements)
     dt = positive('dt', dt, 'ms')
-    if u.ndim != 2 or min(u.shape) < 8:
-        raise ValueError(f'a map needs displacements of the shape (frames, points), at least 8 of each, not {u.shape}')
+    if u.ndim != 2 or min(u.shape) < FEWEST:
+        raise ValueError(f'a map needs displacements of the shape (frames, points), at least {FEWEST} of each, not {u.shape}')
     if not u.any():
         raise ValueError('the row is at rest throughout the record; record longer, or another component')
     frames, points = u.shape

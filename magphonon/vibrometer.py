@@ -138,6 +138,8 @@ def _columns(path):
         rows = ((n, next(csv.reader([line]))) for n, line in lines)
         try:
             header = [name.strip() for name in next(rows, (0, []))[1]]
+            if not header:
+                raise ValueError(f'{path} is empty; its first line must name {", ".join(COLUMNS)}, separated by commas')
             missing = [name for name in COLUMNS if name not in header]
             if missing:
                 raise ValueError(f'{path} lacks the column {missing[0]} (its header is {",".join(header)!r}); '

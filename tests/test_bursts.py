@@ -125,7 +125,7 @@ def test_the_record_begins_at_rest_and_follows_the_force(ideal):
 
 
 @pytest.mark.parametrize(('omega', 'duration', 'message'), [
-    (0.5, 600, 'the carrier of 79.5775 Hz lies above the highest frequency of the patch, 7[0-9.]+ Hz'),
+    (0.5, 600, 'the carrier of 79.5775 Hz lies above the highest frequency of the patch in the complete model, 7[0-9.]+ Hz'),
     (0.12, 200, 'the record of 200 ms ends before the burst does, at 261.799 ms; record longer'),
     (0.12, np.nan, 'duration must be a positive number in ms'),
 ])

@@ -91,6 +91,12 @@ def test_oscillator_is_the_closed_form(theta0, oscillator, scene_file, tmp_path,
     assert apart > 1 if theta0 < 90 else apart < 1e-11  # the wrong model is seen, except where it is right
 
 
+def test_a_curve_without_peak_says_so_and_lists_none(oscillator, scene_file, tmp_path, capsys):
+    run(scene_file(oscillator, ('from_Hz = 16.0', 'from_Hz = 60.0')), tmp_path / 'out')
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if 'peaks' in line] == 2 * ['  0 peaks from 60 to 64 Hz, in steps of 0.00417 Hz']
+
+
 def test_files(oscillator, scene_file, tmp_path):
     found = run(scene_file(oscillator), tmp_path / 'out')
     assert {file.name for file in (tmp_path / 'out').iterdir()} == {'frf.png', 'frf.csv', 'frf_complete.npz',

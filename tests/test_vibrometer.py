@@ -75,7 +75,7 @@ def jittered(lines):
 
 
 @pytest.mark.parametrize(('spoil', 'message'), [
-    (lambda a: [], 'lacks the column time_s'),
+    (lambda a: [], 'table.csv is empty; its first line must name time_s, particle'),
     (lambda a: a[:1], 'no samples below its header'),
     (lambda a: [a[0].replace('u_y_m', 'u_y_mm'), *a[1:]], r"lacks the column u_y_m \(its header is '.*,u_x_m,u_y_mm'\)"),
     (lambda a: [line.replace(',', ';') for line in a], 'separated by commas'),

@@ -78,5 +78,5 @@ def _report(model, result, natural):
     peaks, _ = find_peaks(amplitude)
     highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN:]])
     lines.append(f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
-                 + (f'; the {SHOWN} highest:' if len(peaks) > SHOWN else ':'))
+                 + (f'; the {SHOWN} highest:' if len(peaks) > SHOWN else ':' if len(peaks) else ''))
     return lines + [f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest]
