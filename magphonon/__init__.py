@@ -59,6 +59,7 @@ _HOME = {
     'plan_waveform': 'waveladder',
     'scene_plans': 'sceneplans',
     'DrivenVerlet': 'dynamics',
+    'Diverged': 'blocks',
     'Constant': 'drives',
     'Harmonic': 'drives',
     'ToneBurst': 'drives',
@@ -85,7 +86,8 @@ _HOME = {
     'ready_scene': 'scenes',
 }
 _MODULES = ('units', 'potentials', 'lattices', 'bonds', 'stiffness', 'calculator', 'bands', 'phonons', 'drives', 'dynamics',
-            'sites', 'bursts', 'spectrum', 'waves', 'vibrometer', 'evanescent', 'linear', 'accuracy', 'plotting', 'scenes')
+            'sites', 'bursts', 'spectrum', 'waves', 'vibrometer', 'evanescent', 'frf', 'linear', 'accuracy', 'plotting',
+            'scenes')
 
 __all__ = sorted([*_HOME, *_MODULES])
 

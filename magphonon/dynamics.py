@@ -38,7 +38,7 @@ class DrivenVerlet(VelocityVerlet):
     rounded, so only runs with the same observers have the same bits).  'ase' is ASE's own loop, for any calculator;
     'numpy' and 'compiled' move planar structures with MagneticRepulsion by blocks of steps between two observer
     calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
-    With MagneticRepulsion a run that diverges raises Diverged; with other calculators nobody notices.
+    With MagneticRepulsion a run that diverges stops with Diverged; with other calculators this is not noticed.
 
     Parameters
     ----------

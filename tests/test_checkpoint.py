@@ -8,8 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, ToneBurst, lattices
-from magphonon.blocks import Diverged
+from magphonon import Constant, Diverged, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, ToneBurst, lattices
 
 LAW = InversePower(b=8900.0, a=4.5)
 EVERY = 100

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import magphonon
 from magphonon import Bands, cli
 from magphonon.scenes import read_scene, ready_scene, ready_scenes, reference
 
@@ -200,6 +201,14 @@ def test_reader_that_has_seen_enough_is_no_error():
         done = subprocess.run([sys.executable, '-m', 'magphonon', 'scene', 'prototype'], stdout=pipe, stderr=subprocess.PIPE,
                               text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, '')
+
+
+def test_every_public_name_is_there_and_listed():
+    for name in magphonon.__all__:
+        assert getattr(magphonon, name).__doc__, name
+    assert {'Diverged', 'frf', 'DrivenVerlet'} <= set(dir(magphonon))
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = magphonon.nonsense
 
 
 # --- what an import costs --------------------------------------------------------------------------------------------
