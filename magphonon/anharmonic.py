@@ -54,8 +54,8 @@ class Shifts:
 def frequency_shifts(atoms):
     """Shifts of the modes that bound the spectrum of a structure; the complete model is meant, whatever that of `atoms` is.
 
-    Of a periodic cell these are the standing waves with q = 1/2 along one or more reciprocal vectors, the edges of its
-    bands; of a finite structure its softest and its stiffest mode.  Between them a mode may be in 2:1 resonance with
+    Of a periodic cell these are the standing waves with q = 0 or 1/2 along the reciprocal vectors, the edges of its bands;
+    of a finite structure its softest and its stiffest mode.  Between them a mode may be in 2:1 resonance with
     another and exchange energy with it at any amplitude, which no shift describes.
 
     Parameters
@@ -78,7 +78,7 @@ def frequency_shifts(atoms):
         return P.T @ bloch_matrix(bonds, K, np.array([q]), k)[0].real @ P if zone else P.T @ hessian(bonds, K, k) @ P
 
     law, rest = _derivatives(calc.potential, bonds.lengths), stiffness((0.0, 0.0, 0.0))
-    edges = [q for q in product(*((0.0, 0.5) if zone and along else (0.0,) for along in atoms.pbc)) if any(q) or not zone]
+    edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in atoms.pbc))
     rows = []
     for q in edges:
         C = bonds.incidence_at(q).real

@@ -60,7 +60,8 @@ class Verdict:
     unguided : float or None
         Foundation needed if FixedLine and FixedPlane guided nothing, N/mm; None without them.
     held : float or None
-        Shortest bond at which the foundation begins or ceases to hold the structure, mm; None if it never does, or is not judged.
+        Shortest bond at which the foundation begins or ceases to hold the structure, mm; None if it never does, or is not
+        judged, as of balls in contact.
     omega_max : float
         Highest angular frequency of the calculator's model, rad/ms.
     timestep : float or None
@@ -70,7 +71,8 @@ class Verdict:
         for one that moves alone, and if the force is central, for every wave; N/mm.  None where that cannot be, or is not
         judged.
     amplitude : float or None
-        Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged.
+        Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged, as where the
+        softest wave fits in no two cells.
     closest : float
         The present shortest distance of bonded particles as a share of that at rest.
     speed : float or None
@@ -190,8 +192,10 @@ class Verdict:
             room = '' if self.held is None else f'; below a spacing of {self.held / u.m:.4g} m it would buckle'
             return f'It holds itself{self._where} and needs no foundation{room}.'
         room = '' if self.held is None else f', and would down to a spacing of {self.held / u.m:.4g} m'
-        return (f'Its foundation of {_stiffness(self.foundation)} holds it{self._where}, '
-                f'{100 * (self.foundation / self.needed - 1):.2g} % more than the {_stiffness(self.needed)} that it needs{room}.')
+        ratio = self.foundation / self.needed
+        more = f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
+        return (f'Its foundation of {_stiffness(self.foundation)} holds it{self._where}, {more} the {_stiffness(self.needed)} '
+                f'that it needs{room}.')
 
     def _linear(self):
         share = self.amplitude / self.spacing
@@ -251,7 +255,10 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     pushes = _unbalanced(atoms, drives) if near else np.zeros(1)  # without an edge
     bare = softest_of(atoms)
     stable = bare.needed <= k
-    held = spacing_held(atoms) if small else None
+    touching = isinstance(calc.potential, Hertz)  # other spacings are no contacts
+    held = spacing_held(atoms) if small and not touching else None
+    # whether the softest wave is among those of `frequency_shifts`
+    shifted = not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q))
     apart = small and calc.dim == 2  # out of the plane
     magnets = apart and not isinstance(calc.potential, CENTRAL)
     wave, alone = support_needed(atoms) if magnets else (None, None)
@@ -274,9 +281,9 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         support=wave,
         alone=alone,
         central=support_needed(atoms, magnets=False)[0] if apart else None,
-        amplitude=frequency_shifts(atoms).amplitude(LINEAR_ERROR) if small and stable else None,
+        amplitude=frequency_shifts(atoms).amplitude(LINEAR_ERROR) if small and stable and shifted else None,
         closest=_closest(atoms),
-        speed=_contact_speed(calc, shortest, atoms.get_masses().min()) if small else None,
+        speed=_contact_speed(calc, shortest, atoms.get_masses().min()) if small and not touching else None,
         displacements=_safe_displacements(calc, shortest),
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),

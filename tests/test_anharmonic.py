@@ -66,6 +66,21 @@ def test_wave_at_m_is_shifted_as_in_a_run(mode):
         assert run(amplitude) == pytest.approx(curvature * amplitude**2, rel=100 * amplitude**2, abs=4e-6)
 
 
+@pytest.mark.parametrize('a', [4.0, 5.0])
+def test_the_twist_of_kagome_stiffens_by_its_closed_form(a):
+    # triangles turn rigidly, so that a particle moves by A and each bond of a cell's six grows to sqrt(1 + 3 A^2): its energy is
+    # 3/2 (k - 6) A^2 + 27/4 (a + 1) A^4 with three particles of unit mass
+    cell = lattices.kagome(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, a), foundation=6.06)
+    shifts = frequency_shifts(cell)
+    softest = shifts.omega.argmin()
+    assert shifts.omega[softest] ** 2 == pytest.approx(0.06, rel=1e-9)
+    assert shifts.curvature[softest] == pytest.approx(27 / 8 * (a + 1) / 0.06, rel=1e-6)  # circles in the plane: 1e-11/0.06
+    # the control: the edges of the zone alone know nothing of it
+    edges = shifts.q.any(axis=1)
+    assert abs(shifts.curvature[edges]).max() < 0.1 * shifts.curvature[softest]
+
+
 def test_an_unstable_mode_does_not_vibrate():
     chain = lattices.chain(1.0, 1.0)
     chain.calc = MagneticRepulsion(chain, LAW)

@@ -43,7 +43,8 @@ SCENES = {
         'buckles in its plane', 'has 0 N/m', 'A spacing above 0.001294 m would do as well',  # kappa L0 at the golden ratio
         'supports must provide 4.268e-10 N/m there.']),  # 9 f/L0 at K of a central force, f = 2 c/(e L0^2)
     'steel balls': ('steel', {}, FINE, [
-        'below a spacing of 0.01333 m it would buckle']),  # a_loc = 1.5 r/(D - r) > 3 until r = 2 D/3
+        # 9 f/L0 at K, f = A (D - r)^1.5 = 55.45 N; no word of other spacings, at which balls are not in contact
+        'holds itself in its plane and needs no foundation.\n', 'supports must provide 2.496e+04 N/m there.']),
 }
 
 

@@ -102,6 +102,18 @@ def test_patch_by_lanczos_and_whole(n, monkeypatch):
     assert 1.0 < needed[0] < 2.0
 
 
+def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
+    def amplitude(name, k):
+        cell = getattr(lattices, name)(1.0, 1.0)
+        cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
+        return verdict(cell).amplitude
+
+    # the twist of kagome stiffens by 27/8 (a + 1) A^2/(k - 6), see test_anharmonic
+    assert amplitude('kagome', 6.06) == pytest.approx(np.sqrt(0.01 * 0.06 * 8 / (27 * 5)), rel=1e-6)
+    # the softest wave of honeycomb, at K, repeats every third cell, and no shift of it is known
+    assert amplitude('honeycomb', 3.03) is None
+
+
 def test_spacing_that_a_foundation_holds():
     # needed 4 f/L0 = 4 s^-(a+1)
     chain = lattices.chain(1.0, 1.0)
