@@ -1,4 +1,4 @@
-"""Many copies of a small structure in one Atoms, each at a frequency of its own: a response at finite amplitude in one run."""
+"""Many small structures in one Atoms, each at a frequency of its own: a response at finite amplitude in one run."""
 
 import numpy as np
 from ase import Atoms
@@ -40,7 +40,7 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
     axis = int(abs(np.asarray(answer[1])).argmax())
     if abs(abs(answer[1][axis]) - 1) > 1e-9:
         raise ValueError(f'a response in time steps is seen along x or y, not along {answer[1]}; turn [frf.response]')
-    many = replicas(atoms, len(omega))
+    many = replicas(len(omega) * [atoms])
     first = len(atoms) * np.arange(len(omega))
     static = atoms.get_forces()  # what holds the oscillator against its three magnets
     sizes = np.linalg.norm(static, axis=1)
@@ -52,12 +52,28 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
     return FrequencyResponse(np.asarray(omega), amplitudes * answer[1][axis] / force, left)
 
 
-def replicas(atoms, count):
-    """Many copies of a structure in one Atoms, which do not feel each other."""
-    shift = len(atoms) * np.arange(count)[:, None]
-    many = Atoms(np.tile(atoms.numbers, count), np.tile(atoms.positions, (count, 1)), masses=np.tile(atoms.get_masses(), count))
-    own = [(type(c), (c.index + shift).ravel(), () if isinstance(c, FixAtoms) else (c.dir,)) for c in atoms.constraints]
-    many.set_constraint([kind(particles, *direction) for kind, particles, direction in own])
-    bonds = [(int(i + s), int(j + s)) for s in shift[:, 0] for i, j in zip(atoms.calc.bonds.i, atoms.calc.bonds.j, strict=True)]
-    many.calc = MagneticRepulsion(many, atoms.calc.potential, bonds=bonds, **atoms.calc.parameters)
+def replicas(structures):
+    """Structures of one law and model in one Atoms, one after the other, which do not feel each other.
+
+    Parameters
+    ----------
+    structures : sequence of ase.Atoms
+        With their MagneticRepulsion, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may stand at one place
+        and may be the same: only the bonds within each act.
+
+    Returns
+    -------
+    ase.Atoms
+    """
+    first = np.cumsum([0, *(len(atoms) for atoms in structures)])
+    many = Atoms(np.concatenate([atoms.numbers for atoms in structures]), np.concatenate([a.positions for a in structures]),
+                 masses=np.concatenate([atoms.get_masses() for atoms in structures]))
+    held, bonds = {}, []
+    for shift, atoms in zip(first, structures, strict=False):
+        for c in atoms.constraints:
+            held.setdefault((type(c), () if isinstance(c, FixAtoms) else tuple(c.dir)), []).extend(c.index + shift)
+        bonds += zip((atoms.calc.bonds.i + shift).tolist(), (atoms.calc.bonds.j + shift).tolist(), strict=True)
+    many.set_constraint([kind(particles, *([direction] if direction else ())) for (kind, direction), particles in held.items()])
+    calc = structures[0].calc
+    many.calc = MagneticRepulsion(many, calc.potential, bonds=bonds, **calc.parameters)
     return many

@@ -1,16 +1,16 @@
 """The oscillator's frequency response (Fig. 3): every angle and frequency in one run, against the closed form."""
 
 import numpy as np
-from ase import Atoms
-from ase.constraints import FixAtoms, FixedLine
+from ase.constraints import FixedLine
 
-from magphonon import Constant, DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
+from magphonon import Constant, DrivenVerlet, Harmonic, Recorder, units
 from magphonon.frf import harmonic_response, impulse_response, steady_amplitudes
 from magphonon.plotting import COLOURS
+from magphonon.replicas import replicas
 from magphonon.scenes import reference
 
 from .checks import Check, Outcome, save_picture
-from .oscillator import LAW, oscillator
+from .oscillator import oscillator
 
 # The paper gives neither damping nor force nor time step.  These are chosen:
 OMEGA = np.linspace(100, 400, 121) * units.rad / units.s
@@ -93,17 +93,17 @@ def respond(angles, omega, model='complete', dt=DT, steady=STEADY):
     which = [np.broadcast_to(one, on_line), np.broadcast_to(one[:-1], off_line), one]
     frequencies = [np.broadcast_to(omega[:, None], on_line), np.broadcast_to(few[:, None], off_line)]
     which, frequencies = (np.concatenate([x.ravel() for x in parts]) for parts in (which, frequencies))
-    atoms, replicas = batch(angles, which, model)
-    guided, free, struck = np.split(replicas, np.cumsum([np.prod(on_line), np.prod(off_line)]))
+    atoms, magnets = batch(angles, which, model)
+    guided, free, struck = np.split(magnets, np.cumsum([np.prod(on_line), np.prod(off_line)]))
     driven = np.append(guided, free)
 
-    static = atoms.get_forces()[replicas, 1]
+    static = atoms.get_forces()[magnets, 1]
     atoms.set_constraint([*atoms.constraints, FixedLine(np.append(guided, struck), (0, 1, 0))])
     momenta = np.zeros((len(atoms), 3))
     momenta[free, 0] = momenta[struck, 1] = IMPULSE
     atoms.set_momenta(momenta)
     dyn = DrivenVerlet(atoms, dt, damping=DAMPING, drives=[
-        Constant(replicas, (0, -1), static), Harmonic(driven, (0, 1), FORCE, frequencies, phase=np.pi / 2)])
+        Constant(magnets, (0, -1), static), Harmonic(driven, (0, 1), FORCE, frequencies, phase=np.pi / 2)])
     ringing, recorder = (Recorder(dyn, particles, interval=round(FRAME / dt)) for particles in (struck, driven))
     amplitudes, _ = steady_amplitudes(dyn, recorder, frequencies, axis=1, tolerance=steady)
     on, off = np.split(amplitudes / FORCE, [len(guided)])
@@ -112,19 +112,9 @@ def respond(angles, omega, model='complete', dt=DT, steady=STEADY):
 
 
 def batch(angles, which, model):
-    """Many oscillators in one Atoms, replica r at `angles[which[r]]`, and the indices of their free magnets.
-
-    They all stand at one place and do not feel each other: only the listed bonds act.  Fixed magnets feel nothing at all,
-    so the replicas of one angle share theirs.
-    """
-    fixed = np.concatenate([lattices.oscillator(t, 1 * units.m, 1 * units.kg).positions[:3] for t in angles])
-    replicas = len(fixed) + np.arange(len(which))
-    positions = np.append(fixed, np.zeros((len(which), 3)), axis=0)
-    atoms = Atoms([lattices.SYMBOL] * len(positions), positions, masses=[1 * units.kg] * len(positions))
-    atoms.set_constraint(FixAtoms(np.arange(len(fixed))))
-    bonds = [(3 * k + magnet, r) for k, r in zip(which, replicas, strict=True) for magnet in range(3)]
-    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=bonds, model=model)
-    return atoms, replicas
+    """Many oscillators in one Atoms, number r at `angles[which[r]]`, and the indices of their free magnets."""
+    each = [oscillator(theta0, model) for theta0 in angles]
+    return replicas([each[k] for k in which]), 3 + 4 * np.arange(len(which))
 
 
 def draw(out, paper, guided, free, complete):
