@@ -70,8 +70,8 @@ def send(patch, site, drive, damping, duration, engine='auto'):
     top = highest_frequency(patch)
     if drive.omega > top:
         model = patch.calc.parameters.model
-        raise ValueError(f'the carrier of {drive.omega / (2 * np.pi) / units.Hz:.6g} Hz lies above the highest frequency of the '
-                         f'patch in the {model} model, {top / (2 * np.pi) / units.Hz:.6g} Hz, where nothing propagates; lower it'
+        raise ValueError(f'the carrier of {units.hertz(drive.omega):.6g} Hz lies above the highest frequency of the '
+                         f'patch in the {model} model, {units.hertz(top):.6g} Hz, where nothing propagates; lower it'
                          + (' (the conventional model reaches higher)' if model == 'complete' else ''))
     dt = STEP * 2 / top
     interval = max(1, int(2 * np.pi / drive.omega / SAMPLES / dt))

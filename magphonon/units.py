@@ -28,3 +28,8 @@ mu0 = 1.25663706127e-6 * N / A**2
 
 c = 299792458 * m / s
 """Speed of light."""
+
+
+def hertz(omega):
+    """Frequency in Hz of an angular frequency in rad/ms."""
+    return omega / (2 * pi) / Hz

@@ -34,24 +34,21 @@ def plot_wave(wave, ax=None):
     lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards
     top = min(MARGIN * lit, spectrum.omega[-1])
     shown = spectrum.omega <= top
-    image = ax.pcolormesh(spectrum.xi[forward], _hertz(spectrum.omega[shown]), dB[np.ix_(shown, forward)].clip(FLOOR_dB),
+    image = ax.pcolormesh(spectrum.xi[forward], units.hertz(spectrum.omega[shown]), dB[np.ix_(shown, forward)].clip(FLOOR_dB),
                           cmap='Greys', vmin=FLOOR_dB, vmax=0, shading='nearest', rasterized=True)
     ax.figure.colorbar(image, ax=ax, label='power (dB)')
     for (model, name), branch in wave.branches.items():
         colour, line = LINES[model]
-        ax.plot(branch.xi, _hertz(branch.omega), line, color=colour, linewidth=1.6, label=model if name == 'shear' else None)
+        ax.plot(branch.xi, units.hertz(branch.omega), line, color=colour, linewidth=1.6, label=model if name == 'shear' else None)
     if wave.ridge:
         ridge = wave.ridge
-        ax.errorbar(ridge.xi, _hertz(ridge.omega), _hertz(ridge.sigma_omega), ridge.sigma_xi, fmt='o', color=COLOURS[3],
+        ax.errorbar(ridge.xi, units.hertz(ridge.omega), units.hertz(ridge.sigma_omega), ridge.sigma_xi, fmt='o', color=COLOURS[3],
                     markersize=3.5, markerfacecolor='white', linewidth=0.9, label='ridge')
-    ax.set(xlabel=r'phase per step $\xi = k\cdot R_2$ (rad)', ylabel='frequency (Hz)', xlim=(0, np.pi), ylim=(0, _hertz(top)))
+    ax.set(xlabel=r'phase per step $\xi = k\cdot R_2$ (rad)', xlim=(0, np.pi),
+           ylabel='frequency (Hz)', ylim=(0, units.hertz(top)))
     ax.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
     legend_above(ax, title=f'{wave.motion} motion')
     return ax
-
-
-def _hertz(omega):
-    return omega / (2 * np.pi) / units.Hz
 
 
 def plot_snapshot(patch, field, frame, site, ax=None):

@@ -133,10 +133,6 @@ def write_ridges(path, records):
             for wave in found:
                 if wave.ridge:
                     r = wave.ridge
-                    columns = r.xi, r.sigma_xi, _hertz(r.omega), _hertz(r.sigma_omega), r.power / units.m**2
+                    columns = r.xi, r.sigma_xi, units.hertz(r.omega), units.hertz(r.sigma_omega), r.power / units.m**2
                     for point in np.transpose(columns).tolist():
                         print(name, wave.motion, *point, sep=',', file=file)
-
-
-def _hertz(omega):
-    return omega / (2 * np.pi) / units.Hz

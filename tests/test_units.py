@@ -38,3 +38,4 @@ def test_a_harmonic_oscillator_comes_out_in_hertz():
     # 1 kg on 4 pi^2 N/m swings once a second
     omega = math.sqrt(4 * math.pi**2 * u.N / u.m / u.kg)
     assert omega / (2 * math.pi) / u.Hz == pytest.approx(1, rel=EXACT)
+    assert u.hertz(omega) == pytest.approx(1, rel=EXACT)
