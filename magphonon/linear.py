@@ -232,10 +232,8 @@ def _by_modes(scene, s, omega, gamma, particles):
 
 
 def _inner(z):
-    """`z - sqrt(z^2 - 1)`, of the two roots the one within the unit circle."""
-    root = np.sqrt(z - 1) * np.sqrt(z + 1)  # with the branch cut on the interval
-    w = z - root
-    return np.where(abs(w) <= 1, w, z + root)
+    """`z - sqrt(z^2 - 1)` within the unit circle, without its cancellation at large z."""
+    return 1 / (z + np.sqrt(z - 1) * np.sqrt(z + 1))  # the branch cut lies on the interval
 
 
 def _scaled(K, omega, gamma):
