@@ -73,10 +73,12 @@ def freedom(atoms):
     barred = {}
     for constraint in atoms.constraints:
         if type(constraint) not in (FixAtoms, FixedLine, FixedPlane):
-            raise ValueError(f'blocks of steps know FixAtoms, FixedLine and FixedPlane, not {constraint!r}')
+            raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are known, not {constraint!r}')
         if isinstance(constraint, FixAtoms):
             mobile[constraint.index] = False
             continue
+        if getattr(atoms.calc, 'dim', 2) == 3:
+            raise ValueError(f'{constraint!r} guides a particle of a lattice in three dimensions; there only FixAtoms is known')
         d = constraint.dir[:2]
         if isinstance(constraint, FixedLine) and not d.any():
             mobile[constraint.index] = False

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bands import repulsion_of
+from .blocks import freedom
 from .errors import finite, not_negative, positive
 from .files import Saved
+from .timestep import free_directions
 
 LEAST_PERIODS = 3
 """Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
@@ -94,7 +96,8 @@ def resolvents(atoms, omega, damping):
     not_negative('damping', float(gamma.min()), '1/ms')
     M = np.repeat(atoms.get_masses(), 3)
     H = repulsion_of(atoms).get_hessian(atoms)
-    B = _free_directions(atoms)
+    freedom(atoms)  # refuses constraints that free_directions does not know
+    B = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, repulsion_of(atoms).dim)) @ free_directions(atoms)
     for w in omega:
         dynamic = H + sparse.diags_array(-(w**2) * M + 1j * w * np.repeat(np.broadcast_to(gamma, n), 3) * M)
         try:
@@ -103,26 +106,6 @@ def resolvents(atoms, omega, damping):
             raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
                              'damp it or move the frequency') from error
         yield lambda F, solve=solve: B @ solve(B.T @ F)
-
-
-def _free_directions(atoms):
-    """Unit vectors along which the constraints let particles move, sparse, shape (3 particles, free directions)."""
-    from scipy import sparse
-
-    n = len(atoms)
-    P = np.zeros((n, 3, 3))
-    for axis in range(repulsion_of(atoms).dim):
-        field = np.zeros((n, 3))
-        field[:, axis] = 1
-        for constraint in atoms.constraints:
-            constraint.adjust_forces(atoms, field)
-        P[:, :, axis] = field
-    if not np.allclose(P @ P, P, atol=1e-9) or not np.allclose(P, P.swapaxes(1, 2), atol=1e-9):
-        raise ValueError(f'the constraints {atoms.constraints} do more than fix directions of single particles; '
-                         'use FixAtoms, FixedLine or FixedPlane within the plane')
-    share, directions = np.linalg.eigh(P)
-    B = sparse.bsr_array((directions, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
-    return sparse.csc_array(B)[:, share.ravel() > 0.5]
 
 
 def lock_in(signal, dt, omega, start=0.0):

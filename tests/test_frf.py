@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixCom, FixedLine, FixedPlane
+from oracles import lattice
 
 from magphonon import lattices, units
 from magphonon.calculator import MagneticRepulsion
@@ -104,13 +105,34 @@ def test_two_particles_with_dampers_of_their_own():
     assert abs(even / u - 1).max() > 0.1
 
 
+def test_in_three_dimensions_particles_are_held_and_lines_refused():
+    """An fcc crystal in which one particle alone is free: its stiffness is the sum over its twelve bonds, D0 and D*."""
+    atoms = lattice('fcc').repeat(3)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=4000.0, a=4.0))
+    atoms.set_constraint(FixAtoms(range(1, 27)))
+    f, slope = 0.4, 4 * 0.04  # f = 4000/r^4 and -f' = 4 f/r, at 10 mm
+    k = 12 / 3 * (slope - 2 * f / 10.0)  # along x, y or z lies a third of the squared directions of the 12 bonds
+    force = np.zeros((27, 3))
+    force[0] = 1, 2, 3
+    u = harmonic_response(atoms, force, [0.4], 0.1)[0]
+    np.testing.assert_allclose(u[0], force[0] / (k - 0.7 * 0.4**2 + 0.7j * 0.1 * 0.4), rtol=1e-12)
+    assert not u[1:].any()
+    atoms.set_constraint(FixedLine(0, (0, 0, 1)))
+    with pytest.raises(ValueError, match='three dimensions; there only FixAtoms'):
+        harmonic_response(atoms, force, [0.4], 0.1)
+    # ASE's own loop respects the line; its time step is judged as if there were none
+    dyn = DrivenVerlet(atoms, 0.01, [Constant([0], (1, 2, 3), 1e-3)])
+    dyn.run(5)
+    assert np.flatnonzero(dyn.displacements[0]).tolist() == [2]
+
+
 @pytest.mark.parametrize(('change', 'message'), [
     ({'force': np.zeros((3, 3))}, r'force must have the shape \(4, 3\)'),
     ({'force': push((np.nan, 0))}, r'force\[3, 0\] is nan'),
     ({'omega': [np.inf]}, r'omega\[0\] is inf'),
     ({'damping': -1.0}, 'damping must be a zero or positive number in 1/ms, not -1.0'),
     ({'damping': [1.0, 2.0]}, r'one number or one for each of the 4 particles, not \(2,\)'),
-    ({'atoms': free_magnet(0.0, FixCom())}, 'more than fix directions of single particles'),
+    ({'atoms': free_magnet(0.0, FixCom())}, 'only FixAtoms, FixedLine and FixedPlane are known'),
 ])
 def test_impossible_requests_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
