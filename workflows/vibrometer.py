@@ -19,7 +19,7 @@ CYCLES, DURATION = 10, 800 * units.ms
 # Direction of the force, motion that it drives, and the steps compared: further out what rings on past the end of the record
 # counts as well.
 SOURCES = {'point': ((0, 1), 'longitudinal', slice(16)), 'row': ((1, 0), 'transverse', slice(6))}
-LINEAR = 5e-3      # off the linear response; a record of 0.8 s costs 2e-3 where 1 % of the amplitude is left
+LINEAR = 5e-3      # off the linear response: what rings on past the record costs 2e-3, past one of twice its length 8e-4
 # Behind a row the wave falls by e^{-Im k R2} at first.  The decay comes out 0.3, 1.6 and 3.5 % larger over 4, 5 and 6 steps, as
 # waves from the ends catch up.  Around a point a fit moves by 6 % with its steps, and the models are 3.7 % apart: none there.
 PLAIN, DECAY = slice(4), 0.05
@@ -96,11 +96,11 @@ def shaken(scene, cell, source, force, motion):
 def draw(ax, measured, responses, decay, title):
     """Amplitudes along the row, those of both models, and the slope of the complex wavenumber of the complete one."""
     n, first = np.arange(len(measured)), abs(measured[0])
-    ax.semilogy(n, abs(measured) / first, 'o', color='k', markersize=4, fillstyle='none', label='measured')
+    ax.semilogy(n, abs(measured) / first, 'o', color='k', markersize=4, fillstyle='none', label='simulated burst')
     for k, ((model, U), line) in enumerate(zip(responses.items(), ('-', '--'), strict=True)):
         ax.semilogy(n, abs(U) / first, line, color=COLOURS[k], label=f'linear response, {model}')
     ax.semilogy(n, np.exp(-decay * n), ':', color='0.4', label=r'slope of Im $k$, complete')
-    ax.set(xlabel='steps $R_2$ from the source', ylabel='amplitude / that measured at step 0',
+    ax.set(xlabel='steps $R_2$ from the source', ylabel='amplitude / that of the burst at step 0',
            xlim=(-0.5, 20), ylim=(1e-5, 3), xticks=range(0, 21, 5))
     legend_above(ax, ncols=2, title=title)
 
