@@ -1,11 +1,14 @@
 """`python -m workflows [NAME ...] [--quick] [-o DIR]`: run the workflows, print one table, write the report."""
 
 import argparse
+import os
 import sys
 from importlib import import_module
 from pathlib import Path
 
 from tqdm import tqdm
+
+os.environ.setdefault('OMP_NUM_THREADS', '1')  # before numpy is loaded: threads get in the way of its small matrices
 
 from .report import text_table, write_html, write_summary
 
