@@ -1,8 +1,9 @@
 """The ladder for bands: which model and how many shells of neighbours a band diagram, or one band edge, needs.
 
 The rungs are compared at a few wavevectors: the special points of the path and some between them, most of them near the
-points, where long-ranged forces show.  Neighbours are summed to a reach; beyond it they are a continuum, whose own
-motion averages out within a wavelength: what remains is the spring to a medium at rest, of rho particles per area,
+points, where long-ranged forces show, or at all of them where the lattice is unstable.  Neighbours are summed to a
+reach; beyond it they are a continuum, whose own motion averages out within a wavelength: what remains is the spring to a
+medium at rest, of rho particles per area,
 
     sum over r > R of (phi'' + phi'/r)/2  ->  pi rho integral of (r phi')'  =  pi rho R f(R)
 
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bands import cell_of_free_particles
+from .bands import bloch_modes, cell_of_free_particles
 from .bonds import Bonds, bonds_within
 from .ladder import ALL, EIGENSOLVE, Plan, Rung
 from .stiffness import bloch_matrix, bond_stiffness, mass_weighted, signed_root
@@ -76,9 +77,11 @@ def plan_bands(atoms, path, tolerance, edge=None):
     ValueError
         For an edge at a frequency that is zero or imaginary.
     """
-    spent = 0.0
+    spent, q = 0.0, _looked_at(path) if edge is None else np.array([edge.q])
+    if edge is None and (omega := bloch_modes(atoms, q)[0]).min() < -ROUND_OFF * omega.max():
+        q = path.kpts  # a frequency is steep where its square changes sign: a few wavevectors do not show the largest error
     for reach in REACHES:
-        plan = _plan_within(atoms, path, tolerance, edge, reach, spent)
+        plan = _plan_within(atoms, path, tolerance, edge, q, reach, spent)
         spent = plan.cost
         summed = [rung for rung in plan.rungs if rung.settings['shells'] != ALL]
         good = [rung.settings['shells'] for rung in summed if rung.meets(tolerance)]
@@ -89,10 +92,9 @@ def plan_bands(atoms, path, tolerance, edge=None):
     return plan
 
 
-def _plan_within(atoms, path, tolerance, edge, reach, spent):
-    """Plan with the neighbours within `reach` spacings; `spent` is what earlier estimates have cost."""
+def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
+    """Plan with the neighbours within `reach` spacings, looked at `q`; `spent` is what earlier estimates have cost."""
     calc, size = cell_of_free_particles(atoms), len(atoms) * atoms.calc.dim
-    q = _looked_at(path) if edge is None else np.array([edge.q])
     shells = neighbour_shells(atoms, reach)
     counts = np.unique(np.floor(STEP ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(STEP)))).astype(int))
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from ase.constraints import FixedLine
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, Yukawa, lattices, propagation, stiffness
+from magphonon import (
+    AllNeighbours,
+    DrivenVerlet,
+    InversePower,
+    MagneticRepulsion,
+    ToneBurst,
+    Yukawa,
+    analytic_bands,
+    lattices,
+    propagation,
+    stiffness,
+)
 from magphonon.anharmonic import frequency_shifts
 from magphonon.backbone import vibration
 from magphonon.bandladder import plan_bands
@@ -159,6 +170,21 @@ def test_a_loose_tolerance_needs_no_shells_and_a_tight_one_the_exact_sum():
     assert plan_bands(cell, path, 1e-9).choice.settings == {'model': 'complete', 'shells': 'all'}
 
 
+@pytest.mark.parametrize('tolerance', [0.1, 0.03, 0.01, 0.003])
+def test_plans_of_an_unstable_lattice_hold_where_its_squares_change_sign(tolerance):
+    """The square lattice without foundation; the truth are exact sums at every wavevector of the path."""
+    cell = lattices.square(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1e4, 4.0))
+    path = cell.cell.bandpath('GXMG', npoints=300, pbc=cell.pbc)
+    chosen = plan_bands(cell, path, tolerance).choice.settings
+    law, exact, found = cell.calc.potential, cell.copy(), cell.copy()
+    exact.calc = AllNeighbours(exact, law)
+    found.calc = exact.calc if chosen['shells'] == 'all' else MagneticRepulsion(found, law, shells=chosen['shells'])
+    truth = analytic_bands(exact, path).omega
+    assert truth.min() < -0.01 * truth.max()  # unstable indeed
+    assert abs(analytic_bands(found, path, model=chosen['model']).omega - truth).max() < tolerance * truth.max()
+
+
 # --- what simple scenes are spared -----------------------------------------------------------------------------------
 
 
@@ -298,6 +324,8 @@ def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize(('extra', 'arguments', 'message'), [
     ('', ['--tolerance', '-1'], '--tolerance must be a positive number'),
+    ('', ['--tolerance', '1e-8'], '--tolerance must lie between 1e-07 and 1, not 1e-08'),
+    ('', ['--tolerance', '5'], '--tolerance must lie between 1e-07 and 1, not 5'),
     ('', ['--run'], '--run and -o DIR belong together'),
     ('\n[plan]\nedge = "K"\n', [], 'plan.edge of the chain lattice must be one of'),
     ('\n[plan]\nedge = "X"\nbranch = 3\n', [], 'plan.branch must be at most 2, not 3'),

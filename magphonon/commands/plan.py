@@ -1,6 +1,8 @@
 """`magphonon plan SCENE.toml --tolerance 1e-3 [--run -o DIR]`: the least model that a scene needs, and its run."""
 
 HELP = 'the least model that a scene needs for a tolerance, and its run'
+FINEST = 1e-7
+"""Tolerance: at Gamma the root of the round-off in a square is a few 1e-8 of the highest frequency."""
 
 
 def add_arguments(parser):
@@ -18,6 +20,9 @@ def run(options):
     from ..scenes import read_scene
 
     tolerance = positive('--tolerance', options.tolerance)
+    if not FINEST <= tolerance < 1:
+        raise ValueError(f'--tolerance must lie between {FINEST:g} and 1, not {tolerance:g}; '
+                         'a frequency, the root of a square, is good for no more digits where it is low')
     if options.answer != (options.output is not None):
         raise ValueError('--run and -o DIR belong together: say where to write what is run')
     scene = read_scene(options.scene)
