@@ -338,20 +338,27 @@ def magnet_law(magnet):
     if isinstance(magnet, Sphere):
         dipoles = InversePower.dipoles(moment(magnet))
         return SphereLaw(dipoles.b, dipoles.a, magnet.contact)
-    nearest, strength = magnet.contact + CLEARANCE * magnet.width, units.mu0 * moment(magnet) ** 2 / (4 * np.pi)
+    nearest = magnet.contact + CLEARANCE * magnet.width
+    return MagnetLaw(_strength(magnet), float(nearest), _series(replace(magnet, remanence=1.0), nearest))
 
+
+def _strength(magnet):
+    return float(units.mu0 * moment(magnet) ** 2 / (4 * np.pi))
+
+
+@lru_cache(maxsize=64)
+def _series(magnet, nearest):
+    """Chebyshev coefficients of P, which does not depend on the remanence; they take most of the time."""
     def P(x):
         r = nearest / np.sqrt((x + 1) / 2)
-        return np.array([pair_energy(magnet, d) for d in r]) * r**3 / strength
+        return np.array([pair_energy(magnet, d) for d in r]) * r**3 / _strength(magnet)
 
     for degree in (31, 63, 127, 255):  # long rods need the most: their faces see each other as single poles
         series = chebinterpolate(P, degree)
         if abs(series[-3:]).max() < (DIGITS if degree < 127 else ENOUGH) * abs(series).max():
-            break
-    else:
-        raise ValueError(f'the law of {magnet} takes more than {degree} terms; such slender rods act as single poles: '
-                         'take an inverse power with a = 2')
-    return MagnetLaw(float(strength), float(nearest), series)
+            return series
+    raise ValueError(f'the law of {magnet} takes more than {degree} terms; such slender rods act as single poles: '
+                     'take an inverse power with a = 2')
 
 
 def calibrated(magnet, r, f):

@@ -21,6 +21,7 @@ WHERE = {
     'strength': ('law', 'strength_J_m'),
     'screening_length': ('law', 'screening_length_m'),
     'forces': ('law', 'forces_N'),
+    'remanence': ('law', 'remanence_T'),  # unless a grade or a measured force tells it
     'stiffness': ('foundation', 'stiffness_N_per_m'),
     'youngs_modulus': ('foundation', 'pillar', 'youngs_modulus_Pa'),
     'radius': ('foundation', 'pillar', 'radius_m'),
@@ -34,6 +35,7 @@ LAW_CHANGES = {
     'coulomb': {'charge': partial(force_change, power=2)},
     'yukawa': {'strength': force_change, 'screening_length': screening_change},
     'table': {'forces': force_change},
+    'magnets': {'remanence': partial(force_change, power=2)},
 }
 PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}
 """Of k = 3 E (pi R^4/4)/H^3."""
@@ -96,7 +98,8 @@ def _changes(scene):
     """Every parameter that the scene has, and what it changes."""
     law, k = scene.law.potential(), scene.foundation.k if scene.foundation else 0.0
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
-    changes |= {name: Change(law=change(law)) for name, change in LAW_CHANGES.get(scene.law.kind, {}).items()}
+    changes |= {name: Change(law=change(law)) for name, change in LAW_CHANGES.get(scene.law.kind, {}).items()
+                if _at(scene, WHERE[name]) is not None and getattr(scene.law, 'calibration', None) is None}
     if k and scene.foundation.pillar:
         changes |= {name: Change(foundation=power * k) for name, power in PILLAR_POWERS.items()}
     elif k:

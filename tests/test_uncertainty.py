@@ -143,7 +143,8 @@ def test_response_spread_is_that_of_ten_thousand_oscillators():
     ({'kind': 'dipoles', 'moment_A_m2': 0.0889}, 'moment'), ({'kind': 'coulomb', 'charge_C': 5e-8}, 'charge'),
     ({'kind': 'yukawa', 'strength_J_m': 1.5e-5, 'screening_length_m': 0.02}, 'strength'),
     ({'kind': 'yukawa', 'strength_J_m': 1.5e-5, 'screening_length_m': 0.02}, 'screening_length'),
-    ({'kind': 'table', 'distances_m': [0.008, 0.01, 0.012, 0.015], 'forces_N': [0.66, 0.2369, 0.103, 0.037]}, 'forces')])
+    ({'kind': 'table', 'distances_m': [0.008, 0.01, 0.012, 0.015], 'forces_N': [0.66, 0.2369, 0.103, 0.037]}, 'forces'),
+    ({'kind': 'magnets', 'remanence_T': 1.3, 'disc': {'diameter_m': 6e-3, 'height_m': 3e-3}}, 'remanence')])
 def test_parameter_of_each_law_is_the_one_that_the_scene_varies(law, name, scene):
     data = tomllib.loads(ready_scene('prototype').read_text())
     data = {'title': 'x', 'lattice': data['lattice'], 'law': law | {'shells': 1}, 'foundation': {'stiffness_N_per_m': 20.0}}
@@ -184,6 +185,15 @@ def test_impossible_covariance_is_refused(covariance):
 def test_tolerances_that_make_no_sense_are_refused(table, words, scene):
     with pytest.raises(ValueError, match=words):
         Uncertainty(**table).tolerances(scene)
+
+
+@pytest.mark.parametrize('told', [{'grade': 'N42'}, {'remanence_T': 1.3, 'calibration': {'distance_m': 0.01, 'force_N': 0.24}}])
+def test_remanence_that_something_else_tells_is_no_parameter(told, scene):
+    law = {'kind': 'magnets', 'disc': {'diameter_m': 6e-3, 'height_m': 3e-3}, 'shells': 1} | told
+    data = tomllib.loads(ready_scene('prototype').read_text())
+    scene = Scene.model_validate({'title': 'x', 'lattice': data['lattice'], 'law': law})
+    with pytest.raises(ValueError, match='remanence is no parameter of this scene; its parameters are spacing, mass'):
+        Uncertainty(remanence_percent=1.0).tolerances(scene)
 
 
 def test_all_neighbours_are_refused(scene):
