@@ -164,7 +164,8 @@ def test_a_run_that_has_moved_is_told_to_be_prepared_afresh(tmp_path):
 
 
 @pytest.mark.skipif(not os.path.exists('/dev/full'), reason='needs a device that is always full')
-@pytest.mark.parametrize(('file', 'named'), [('.state.npz.{pid}.partial', 'state.npz'), ('state.npz.frames0', 'state.npz.frames0')])
+@pytest.mark.parametrize(('file', 'named'), [('.state.npz.{pid}.partial', 'state.npz'),
+                                             ('state.npz.frames0', 'state.npz.frames0')])
 def test_a_full_disk_is_named_with_the_file_and_what_to_do(file, named, tmp_path):
     (tmp_path / file.format(pid=os.getpid())).symlink_to('/dev/full')
     _, dyn, _ = prepare()
