@@ -46,12 +46,6 @@ class Vibration:
     harmonics: np.ndarray
     evaluations: int
 
-    @property
-    def impurity(self):
-        """Norm of all but the first harmonic over that of the first."""
-        others = np.delete(self.harmonics, 1, axis=0)
-        return float(np.linalg.norm(others) / np.linalg.norm(self.harmonics[1]))
-
 
 def vibration(atoms, linear, mode, amplitude):
     """The periodic vibration of one mode at a finite amplitude.

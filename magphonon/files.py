@@ -48,6 +48,12 @@ def whole_file(path, mode='w'):
         partial.unlink(missing_ok=True)
 
 
+def write_columns(path, names, columns):
+    """Write columns of numbers to a CSV file with their names in its first line, whole or not at all."""
+    with whole_file(path) as file:
+        np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
+
+
 @contextmanager
 def saved_arrays(path, kind):
     """The arrays of a .npz file of `kind`, such as 'bands', for reading.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import units as u
-from .files import whole_file
+from .files import write_columns
 from .ladder import ALL, Plan, percent
 
 SAMPLES = 12
@@ -114,7 +114,7 @@ def _write_bands(scene, file, edge, model, shells):
     else:
         x, frequencies = np.zeros(1), bloch_modes(atoms, edge.q[None], model)[0] / (2 * np.pi) / u.Hz
     names = ['path_rad_per_m'] + [f'branch_{k + 1}_Hz' for k in range(frequencies.shape[1])]
-    _write_table(file, names, np.column_stack([x, frequencies]))
+    write_columns(file.with_suffix('.csv'), names, [x, *frequencies.T])
 
 
 def _peak(scene, tolerance):
@@ -130,21 +130,18 @@ def _peak(scene, tolerance):
 
 
 def _write_response(scene, file, force, model, dt=None):
-    from .frf import FrequencyResponse
-    from .linear import frequency_response
+    from .linear import receptance
     from .replicas import stepped_response
 
     (atoms, source, answer), omega, damping = scene.shaken(model), scene.frf.omega, scene.frf.damping
     if dt is None:
-        pushed = np.zeros((len(atoms), 3))
-        pushed[source[0]] = source[1]
-        response = FrequencyResponse(omega, frequency_response(atoms, pushed, omega, damping, [answer[0]])[:, 0] @ answer[1])
+        response = receptance(atoms, source, answer, omega, damping)
     else:
         response = stepped_response(atoms, source, answer, omega, damping, force, dt)
     response.save(file.with_suffix('.npz'))
     amplitude, phase = abs(response.response) / (u.m / u.N), np.degrees(np.angle(response.response))
-    _write_table(file, ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],
-                 np.column_stack([omega / (2 * np.pi) / u.Hz, amplitude, phase]))
+    write_columns(file.with_suffix('.csv'), ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],
+                  [omega / (2 * np.pi) / u.Hz, amplitude, phase])
 
 
 def _burst(scene, tolerance, k):
@@ -184,8 +181,3 @@ def _write_waveform(scene, file, row, drive, damping, duration, model, dt=None):
         dyn.run(int(duration / dt))
         record = Displacements(recorder.times, recorder.particles, recorder.displacements)
     write_displacements(file.with_name(file.name + '.csv'), record)
-
-
-def _write_table(file, names, columns):
-    with whole_file(file.with_suffix('.csv')) as out:
-        np.savetxt(out, columns, fmt='%.15g', delimiter=',', header=','.join(names), comments='')

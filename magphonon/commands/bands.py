@@ -51,9 +51,8 @@ def _save(folder, bands, phonon):
 
 def _write_table(file, bands):
     """One row for each wavevector: its place on the path, its fractions, the frequencies of each road."""
-    import numpy as np
-
     from .. import units
+    from ..files import write_columns
 
     path = bands['complete'].path
     names = ['path_rad_per_m', 'q1', 'q2', 'q3']
@@ -61,7 +60,7 @@ def _write_table(file, bands):
     for name, result in bands.items():
         names += [f'{name}_{mode + 1}_Hz' for mode in range(result.omega.shape[1])]
         columns += [*result.frequencies_Hz.T]
-    np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
+    write_columns(file, names, columns)
 
 
 def _draw(folder, scene, bands):

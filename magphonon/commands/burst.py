@@ -68,10 +68,10 @@ def _write_row(file, patch, site):
     import numpy as np
 
     from .. import units
+    from ..files import write_columns
 
     columns = np.arange(len(site.row)), site.row, *patch.calc.reference.positions[site.row, :2].T / units.m
-    np.savetxt(file, np.transpose(columns), fmt=('%d', '%d', '%.15g', '%.15g'), delimiter=',', header='step,particle,x_m,y_m',
-               comments='')
+    write_columns(file, ['step', 'particle', 'x_m', 'y_m'], columns)
 
 
 def _draw(folder, name, passages, found):

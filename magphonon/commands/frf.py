@@ -54,12 +54,13 @@ def _write_table(file, responses):
     import numpy as np
 
     from .. import units
+    from ..files import write_columns
 
     names, columns = ['frequency_Hz'], [responses['complete'].omega / (2 * np.pi) / units.Hz]
     for model, result in responses.items():
         names += [f'{model}_amplitude_m_per_N', f'{model}_phase_deg']
         columns += [abs(result.response) / (units.m / units.N), np.degrees(np.angle(result.response))]
-    np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
+    write_columns(file, names, columns)
 
 
 def _report(model, result, natural):

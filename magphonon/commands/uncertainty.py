@@ -5,8 +5,6 @@ SAMPLES = 1000
 """Lattices drawn at random to check the linear propagation; their standard deviation is known to 1/sqrt(2 SAMPLES), 2.2 %."""
 APART = 5 / (2 * SAMPLES) ** 0.5
 """Relative difference of standard deviations that chance does not make."""
-
-
 LINEAR = 0.3
 """Relative standard deviation of an amplitude beyond which the flank of a peak is no straight line."""
 
@@ -91,18 +89,20 @@ def _write_table(file, path, spread):
     import numpy as np
 
     from .. import units
+    from ..files import write_columns
 
     names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
     for mode in range(spread.values.shape[1]):
         names += [f'frequency_{mode + 1}_Hz', f'std_{mode + 1}_Hz']
         columns += [values[:, mode] / (2 * np.pi) / units.Hz for values in (spread.values, spread.std)]
-    np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
+    write_columns(file, names, columns)
 
 
 def _response(folder, scene, tolerances):
     import numpy as np
 
     from .. import units
+    from ..files import write_columns
     from ..uncertainty import response_spread
     from ..uncertaintyplots import plot_response_ribbon
 
@@ -113,8 +113,8 @@ def _response(folder, scene, tolerances):
     spread = response_spread(atoms, force, answer, omega, scene.frf.damping, tolerances)
     spread.save(folder / 'frf_uncertainty.npz')
     f, unit = omega / (2 * np.pi) / units.Hz, units.m / units.N
-    np.savetxt(folder / 'frf_uncertainty.csv', np.transpose([f, spread.values / unit, spread.std / unit]), fmt='%.15g',
-               delimiter=',', header='frequency_Hz,amplitude_m_per_N,std_m_per_N', comments='')
+    write_columns(folder / 'frf_uncertainty.csv', ['frequency_Hz', 'amplitude_m_per_N', 'std_m_per_N'],
+                  [f, spread.values / unit, spread.std / unit])
     ax = plot_response_ribbon(omega, spread, label=r'complete, $\pm 2\sigma$')
     ax.figure.suptitle(scene.title, fontsize='medium')
     ax.figure.savefig(folder / 'frf_uncertainty.png')
