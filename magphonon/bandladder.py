@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bands import bloch_modes, cell_of_free_particles
-from .bonds import Bonds, bonds_within
+from .bonds import SHELL_WIDTH, Bonds, bonds_within
 from .ladder import ALL, EIGENSOLVE, Plan, Rung
 from .stiffness import bloch_matrix, bond_stiffness, mass_weighted, signed_root
 
@@ -159,7 +159,8 @@ def neighbour_shells(atoms, reach):
     spacing = calc.bonds.lengths.min()
     every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else LINE * reach) * spacing)
     order = np.argsort(every.lengths, kind='stable')
-    ends = np.flatnonzero(np.diff(every.lengths[order]) > 1e-6 * spacing) + 1
+    lengths = every.lengths[order]
+    ends = np.flatnonzero(np.diff(lengths) > SHELL_WIDTH * lengths[1:]) + 1
     shells = [Bonds(every.i[s], every.j[s], every.shift[s], every.vectors[s], every.particles) for s in np.split(order, ends)]
     return shells[: _known(calc.potential, [shell.lengths.mean() for shell in shells])]
 

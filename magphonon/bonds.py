@@ -16,8 +16,29 @@ import numpy as np
 
 from .errors import positive, whole
 
-SHELL_WIDTH = 1e-6
-"""Distances that differ by less than this fraction belong to one shell of neighbours."""
+SHELL_WIDTH = 1e-4
+"""Distances that follow each other within this fraction belong to one shell of neighbours.
+
+People write lattice constants with three or more digits (8.66 for 5 sqrt(3) moves a distance by 2e-5) and files with eight
+decimals; of the usual lattices, two of the first hundred shells are never closer than 1e-3, two of the first thousand 1e-4.
+"""
+
+EXACT = 1e-9
+"""Distances that differ by less than this fraction are equal: round-off of the positions, no rounding."""
+
+CLEAR = 4.0
+"""The narrowest gap between two shells must be this many times the widest one inside a shell, where positions are rounded."""
+
+CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
+"""Two shells may be one that rounding split if their gap is narrow and a gap beside it is `CONTRAST` times wider.
+
+Narrow is `CLOSE` after the last shell wanted, where neighbours would be lost, and `ROUNDED` between the shells before it, where
+only their number is in doubt; crystals differ more (the two first distances in cobalt and magnesium by 3e-3).  In the usual
+lattices, where shells crowd at large distances, the ratio stays below 20 over the first three thousand shells.
+"""
+
+ON_SHELL = 1e-6
+"""A cutoff nearer to a shell than this fraction of itself falls on it: displacements of finite differences would cross it."""
 
 SCATTER = 0.1
 """Particles without a bond, while the next distance is longer by less than this fraction, betray positions that scatter."""
@@ -87,7 +108,8 @@ def find_bonds(atoms, shells=1, cutoff=None):
     atoms : ase.Atoms
         The rest configuration; its periodic directions are honoured.
     shells : int
-        Number of neighbour shells (distinct distances in the structure); ignored when `cutoff` is given.
+        Number of neighbour shells; ignored when `cutoff` is given.  A shell is a group of distances that follow each other
+        within `SHELL_WIDTH`, so that rounded lattice constants and coordinates keep their bonds.
     cutoff : float, optional
         Distance in mm.
 
@@ -99,8 +121,8 @@ def find_bonds(atoms, shells=1, cutoff=None):
     ------
     ValueError
         If particles coincide, none lies within reach, or the cutoff falls on a shell of neighbours, where the
-        smallest displacement would make and break bonds and corrupt every finite difference.  If the positions know no
-        shells: measured ones scatter, each distance is then a shell of its own, and particles would stay without bonds.
+        smallest displacement would make and break bonds and corrupt every finite difference.  If the shells cannot be told
+        apart: the next one follows so closely that rounding may have split one shell in two, or positions scatter.
     """
     if cutoff is None:
         cutoff = _shell_cutoff(atoms, whole('shells', shells))
@@ -108,11 +130,11 @@ def find_bonds(atoms, shells=1, cutoff=None):
         _refuse_scatter(atoms, bonds)
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
-    distances = _distances(atoms, cutoff * (1 + 2 * SHELL_WIDTH))
+    distances = _distances(atoms, cutoff * (1 + 2 * ON_SHELL))
     if not len(distances):
         raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it')
     near = distances[np.argmin(abs(distances - cutoff))]
-    if abs(near - cutoff) <= SHELL_WIDTH * cutoff:
+    if abs(near - cutoff) <= ON_SHELL * cutoff:
         raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
                          'move it between two shells, or give shells=')
     return bonds_within(atoms, cutoff)
@@ -147,7 +169,7 @@ def _pairs(atoms, cutoff):
         k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
         raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
     periods = atoms.cell.array[atoms.pbc]
-    if np.linalg.matrix_rank(periods) < len(periods):
+    if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # of no vectors NumPy before 2.4.5 knows no rank
         raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
                          'set its cell, or its pbc to False')
     inverse = np.linalg.pinv(periods)
@@ -180,14 +202,56 @@ def _shell_cutoff(atoms, shells):
     reach = 1.8 * np.linalg.norm(others, axis=1).min()  # the two first shells of the common lattices: 1 and sqrt(2) or sqrt(3)
     while True:
         distances = _distances(atoms, reach)
-        last = np.flatnonzero(np.diff(distances) > SHELL_WIDTH * distances[1:])  # of each shell that another one follows
-        if len(last) >= shells:
+        gaps = np.diff(distances) / distances[1:]
+        last = np.flatnonzero(gaps > SHELL_WIDTH)  # of each shell that another one follows
+        complete = reach >= extent and not atoms.pbc.any()
+        if len(last) > shells or (complete and len(last) == shells):
+            _refuse_unclear_shells(atoms, distances, gaps, last, shells)
             return distances[last[shells - 1] : last[shells - 1] + 2].mean()
-        if reach >= extent and not atoms.pbc.any():
+        if complete:
             if len(last) + 1 == shells:
                 return reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
         reach = 1.5 * reach + 1e-6 * extent  # the sum: where particle 0 coincides with another, the reach starts from zero
+
+
+def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
+    """Refuse to end at a shell that rounding may have split, or to count shells that are no clearer than the rounding.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    distances : ndarray, shape (n,)
+        Different distances in ascending order.
+    gaps : ndarray, shape (n - 1,)
+        Between them, over the longer one.
+    last : ndarray of int
+        The last distance of each shell that another one follows.
+    shells : int
+        The number of shells that were asked for.
+    """
+    end = last[shells - 1]
+    between = np.concatenate([[1.0], gaps[last[: shells + 1]]])  # before the first shell there is nothing
+    beside = np.maximum(between[:-1], np.append(between[2:], 0)[: len(between) - 1])[:shells]
+    between = between[1 : shells + 1]
+    narrow = np.append(np.full(shells - 1, ROUNDED), CLOSE)
+    split = (between < narrow) & (CONTRAST * between < beside)
+    inside = gaps[:end][(gaps[:end] > EXACT) & (gaps[:end] <= SHELL_WIDTH)].max(initial=0)
+    if not split.any() and between.min() >= CLEAR * inside:
+        return
+    if split.any():
+        end = last[split.argmax()]
+    raise ValueError(f'the shells of neighbours are not clear: one ends at {distances[end]:.9g} mm, and the next '
+                     f'distance is {distances[end + 1]:.9g} mm, {100 * gaps[end]:.2g} % longer; if rounded or measured positions '
+                     'split one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
+                     f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
+
+
+def _widest_gap(atoms, last):
+    """A cutoff in the widest gap between the distances up to `2 * last` (mm), where true shells most likely part."""
+    distances = np.append(_distances(atoms, 2 * last), 2 * last)
+    gap = np.argmax(np.diff(np.log(distances)))
+    return distances[gap : gap + 2].mean()
 
 
 def _refuse_scatter(atoms, bonds):
@@ -195,12 +259,10 @@ def _refuse_scatter(atoms, bonds):
     alone, last = np.flatnonzero(bonds.coordination == 0), bonds.lengths.max(initial=0)
     following = 2 * bonds.cutoff - last  # the cutoff is midway
     if len(alone) and following < (1 + SCATTER) * last:
-        distances = _distances(atoms, 2 * last)
-        gap = np.argmax(np.diff(np.log(np.append(distances, 2 * last))))
-        between = np.append(distances, 2 * last)[gap : gap + 2].mean()
         raise ValueError(f'the shells of neighbours end at {last:.6g} mm, the next distance is {following:.6g} mm, and '
                          f'{len(alone)} particles such as {alone[0]} have no bond: the positions scatter, so that every distance '
-                         f'is a shell of its own; give a cutoff= between true shells ({between:.4g} mm lies in the widest gap)')
+                         'is a shell of its own; give a cutoff= between true shells '
+                         f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
 
 
 def _refuse_coincident(i, j, lengths, scale):

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .bonds import SHELL_WIDTH, bonds_within
+from .bonds import ON_SHELL, bonds_within
 from .errors import positive
 
 MANY = 300_000
@@ -92,6 +92,6 @@ def reach(atoms, potential, tolerance=1e-5):
             raise ValueError(f'{potential!r} reaches so far that {pairs:.0e} neighbours leave more than {tolerance:g} of the '
                              'stiffness; ask for less, or for AllNeighbours')
     lengths = np.unique(bonds_within(atoms, 1.1 * cutoff).lengths)
-    gaps = np.flatnonzero(np.diff(lengths) > 4 * SHELL_WIDTH * lengths[1:])
+    gaps = np.flatnonzero(np.diff(lengths) > 4 * ON_SHELL * lengths[1:])
     last = gaps[lengths[gaps] >= cutoff / 1.05][0]
     return float(lengths[last : last + 2].mean())

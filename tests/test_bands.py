@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from ase import Atoms
 from ase.dft.kpoints import BandPath
 from oracles import LATTICES, LAWS, lattice
 from scipy.special import zeta
 
 from magphonon import Bands, InversePower, MagneticRepulsion, Yukawa, analytic_bands, group_velocities, lattices, sound_speeds
+from magphonon import units as u
 from magphonon.bands import bloch_modes, path_of
 from magphonon.potentials import repulsion
 
@@ -327,3 +329,21 @@ def test_a_constrained_cell_is_refused(prototype):
     held.set_constraint(FixAtoms([0]))
     with pytest.raises(ValueError, match=r'FixAtoms.*set_constraint'):
         bloch_modes(held, [[0.1, 0.2, 0]])
+
+
+@pytest.mark.parametrize('height', [8.66, 8.6603])
+def test_a_rounded_cell_has_the_bands_of_the_ideal_one(prototype, height):
+    """8.66 for 5 sqrt(3) moves a distance by 2.2e-5; a frequency goes with the power (a + 2)/2 of it, and less on springs."""
+    typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0), masses=prototype.get_masses())
+    law, k = prototype.calc.potential, prototype.calc.parameters.foundation
+    typed.calc = MagneticRepulsion(typed, law, foundation=k)
+    M = [[0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0]]
+    found = bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz
+    np.testing.assert_allclose(found, np.tile([58.2326897819, 149.476338113], (3, 1)), rtol=2e-4)
+    conventional = bloch_modes(typed, M, 'conventional')[0] / (2 * np.pi) / u.Hz
+    np.testing.assert_allclose(conventional, np.tile([92.1059950118, 155.0505], (3, 1)), rtol=2e-4)
+
+    # control: the bonds that a width of 1e-6 kept, those along y and its mirror image, or along x alone
+    typed.calc = MagneticRepulsion(typed, law, foundation=k, bonds=[(0, 0, (1, 0, 0))] if height == 8.6603 else
+                                   [(0, 0, (0, 1, 0)), (0, 0, (-1, 1, 0))])
+    assert abs(bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz / found - 1).max() > 0.1

@@ -177,17 +177,119 @@ def test_incidence_matrix(name):
     assert bonds.incidence.dtype == float
 
 
-@pytest.mark.parametrize('scatter', [1e-4, 1e-2, 0.1, 0.5])
+def scattered(scatter):
+    """A patch of spacing 10, and the same with each coordinate off by about `scatter`."""
+    patch = parallelogram(lattice('triangular'), 6, 5)
+    moved = patch.copy()
+    moved.positions[:, :2] += np.random.default_rng(7).normal(0, scatter, (len(patch), 2))
+    return patch, moved
+
+
+@pytest.mark.parametrize('scatter', [1e-2, 0.1, 0.5])
 @pytest.mark.parametrize('shells', [1, 3])
 def test_measured_positions_that_scatter_are_refused(scatter, shells):
     """Each distance is then a shell of its own: one shell would be a single bond."""
-    patch = parallelogram(lattice('triangular'), 6, 5)
-    exact = find_bonds(patch)
-    patch.positions[:, :2] += np.random.default_rng(7).normal(0, scatter, (len(patch), 2))
-    with pytest.raises(ValueError, match='the positions scatter') as refusal:
-        find_bonds(patch, shells=shells)
+    patch, moved = scattered(scatter)
+    with pytest.raises(ValueError, match=r'positions scatter|shells of neighbours are not clear') as refusal:
+        find_bonds(moved, shells=shells)
     advised = float(re.search(r'\(([\d.]+) mm lies', str(refusal.value)).group(1))
-    assert as_set(find_bonds(patch, cutoff=advised)) == as_set(exact)
+    assert as_set(find_bonds(moved, cutoff=advised)) == as_set(find_bonds(patch))
+
+
+@pytest.mark.parametrize('scatter', [1e-9, 1e-6, 1e-4])
+def test_positions_good_to_a_hundred_thousandth_keep_their_bonds(scatter):
+    patch, moved = scattered(scatter)
+    assert as_set(find_bonds(moved)) == as_set(find_bonds(patch))
+
+
+def ideal_bonds(name, shells):
+    """Bonds in a cell of the ideal lattice, by brute force: its distances differ by much more than they are rounded here."""
+    lengths = np.sort(np.round([np.linalg.norm(v) for *_, v in neighbour_vectors(lattice(name), 32.0)], 6))
+    farthest = np.unique(lengths)[shells - 1]
+    return int((lengths <= farthest).sum()) // 2
+
+
+def written(atoms, decimals, turn):
+    """A structure turned about z, or about all axes if it fills space, and written with so many decimals."""
+    axis = (1, 2, 3) if atoms.pbc.all() else 'z'
+    turned = atoms.copy()
+    turned.rotate(turn, axis, rotate_cell=True)
+    turned.set_cell(np.round(turned.cell.array, decimals))
+    turned.positions = np.round(turned.positions, decimals)
+    return turned
+
+
+@settings(max_examples=150, deadline=None)
+@given(name=st.sampled_from(LATTICES), shells=st.integers(1, 3), decimals=st.integers(2, 8),
+       turn=st.one_of(st.just(0.0), st.floats(0, 360)))
+def test_rounded_structures_keep_their_bonds_or_are_refused(name, shells, decimals, turn):
+    """Spacing 10: two decimals move a vector by up to 7e-4 of it, four by 7e-6, and those must be understood."""
+    atoms = written(lattice(name), decimals, turn)
+    try:
+        found = len(find_bonds(atoms, shells=shells))
+    except ValueError as error:
+        if decimals >= 4 or 'shells of neighbours are not clear' not in str(error):
+            raise
+    else:
+        assert found == ideal_bonds(name, shells)
+
+
+@pytest.mark.parametrize('height', [8.66, 8.6603, 8.66025])
+def test_triangular_lattices_as_people_type_them(height):
+    typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0))
+    for shells in range(1, 4):
+        assert len(find_bonds(typed, shells=shells)) == ideal_bonds('triangular', shells)
+
+
+@pytest.mark.parametrize('height', [8.65, 8.67, 8.7, 8.72])
+def test_a_shell_split_by_coarse_rounding_is_refused_with_both_distances(height):
+    typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0))
+    with pytest.raises(ValueError, match='not clear') as refusal:
+        find_bonds(typed)
+    for distance in (10, np.hypot(5, height)):
+        assert f'{distance:.9g} mm' in str(refusal.value)
+    advised = float(re.search(r'\(([\d.]+) mm lies', str(refusal.value)).group(1))
+    assert len(find_bonds(typed, cutoff=advised)) == 3
+
+
+@pytest.mark.parametrize('spacing', [1e-3, 2e-3, 1e-4])
+@pytest.mark.parametrize('name', ['triangular', 'honeycomb', 'kagome'])
+def test_bonds_survive_a_file_of_eight_decimals(name, spacing, tmp_path):
+    from ase.io import read, write
+
+    cell = lattice(name, spacing)
+    for structure in (cell, parallelogram(cell, 6, 5)):
+        write(tmp_path / 'structure.xyz', structure, format='extxyz')
+        again = read(tmp_path / 'structure.xyz')
+        for shells in range(1, 4):
+            assert as_set(find_bonds(again, shells=shells)) == as_set(find_bonds(structure, shells=shells))
+
+
+@pytest.mark.parametrize(('name', 'shells'), [('chain', 300), ('square', 290), ('triangular', 250), ('honeycomb', 250),
+                                              ('kagome', 250), ('fcc', 250), ('bcc', 290)])
+def test_far_shells_of_exact_lattices_stay_apart(name, shells):
+    """Their squared distances are whole numbers of one unit, and two that follow each other are 6e-4 to 3e-3 apart."""
+    unit = {'bcc': 1 / 3, 'fcc': 1.0}.get(name, 1.0)
+    bonds = find_bonds(lattice(name, 1.0), shells=shells)
+    whole = np.unique(np.round(bonds.lengths**2 / unit).astype(int))
+    assert len(whole) == shells
+    np.testing.assert_allclose(np.unique(np.round(bonds.lengths, 9)) ** 2 / unit, whole, rtol=1e-7)
+
+
+@settings(max_examples=40, deadline=None)
+@given(excess=st.floats(2e-3, 0.1), sign=st.sampled_from([-1, 1]))
+def test_crystals_with_nearly_the_ideal_axial_ratio(excess, sign):
+    """hcp: six neighbours in the plane, six beside it; both groups together are twelve, by one shell or by two."""
+    ratio = np.sqrt(8 / 3) * (1 + sign * excess)
+    cell = 10 * np.array([[1, 0, 0], [-1 / 2, np.sqrt(3) / 2, 0], [0, 0, ratio]])
+    hcp = Atoms('Nd2', cell=cell, scaled_positions=[[0, 0, 0], [1 / 3, 2 / 3, 1 / 2]], pbc=True)
+    assert (find_bonds(hcp, shells=2).coordination == 12).all()
+    apart = abs(np.sqrt(1 / 3 + ratio**2 / 4) - 1)
+    if apart > 1.1e-2:
+        assert (find_bonds(hcp).coordination == 6).all()
+    elif apart < 0.9e-2:
+        with pytest.raises(ValueError, match='not clear'):
+            find_bonds(hcp)
 
 
 def test_a_pair_far_from_the_others_is_no_scatter():
