@@ -233,12 +233,16 @@ class DrivenVerlet(VelocityVerlet):
         steps : int
         checkpoint : path, optional
             File that keeps the whole state, recorders included (their frames beside it).  If it is there already, left
-            by a run that was killed, this run goes on from it and ends in the same bits as if nothing had happened.  It
-            is known by the state that the run started from, so a run goes on with atoms, dynamics and recorders prepared
-            afresh, as in a new process, not with those that have moved.  A `trajectory=` holds the frames of the last
-            part only; those of a Recorder are complete.
+            by a run that was killed, this run goes on from it, and ends in the same bits as the same call of `run` that
+            was never killed, on the same machine; whatever differs from that run is refused by name.  A run without a
+            checkpoint, or with another `every`, differs in the last bits: blocks of steps end at each checkpoint.  A run is
+            known by the state that it started from, so it goes on with atoms, dynamics and recorders prepared afresh, as in
+            a new process, not with those that have moved.  A `trajectory=` holds the frames of the last part only; those of
+            a Recorder are complete.  Of other observers only the intervals are known, not what they do; of a calculator
+            that is not MagneticRepulsion its class, parameters and first forces.  A run that has ended goes on if it is asked
+            for more steps.
         every : int
-            Steps between two checkpoints.
+            Steps between two checkpoints; a part of the run, as its drives are.
 
         Returns
         -------
@@ -248,11 +252,12 @@ class DrivenVerlet(VelocityVerlet):
         Raises
         ------
         Diverged
-            If particles collide or leave; a ValueError for a checkpoint that is damaged or belongs to another run.
+            If particles collide or leave; a ValueError for a checkpoint that is damaged or belongs to another run, and for
+            drives or laws that could not be known again.
         """
         target = self.nsteps + whole('steps', steps, 0)
         self._stops = [] if checkpoint is None else [whole('every', every)]
-        save = self._keep_checkpoints(checkpoint, target) if checkpoint is not None else None
+        save = self._keep_checkpoints(checkpoint, target, every) if checkpoint is not None else None
         converged = self.nsteps == target
         with tqdm(total=target, initial=self.nsteps, unit='step', delay=2, disable=None) as progress:
             try:
@@ -266,26 +271,28 @@ class DrivenVerlet(VelocityVerlet):
                 raise
         return converged
 
-    def _keep_checkpoints(self, path, target):
+    def _keep_checkpoints(self, path, target, every):
         """Go on from the checkpoint if there is one; return the function that writes it."""
-        from .checkpoint import load_checkpoint, save_checkpoint, scene_digest
+        from .checkpoint import load_checkpoint, run_parts, save_checkpoint
 
         self._prepare(target - self.nsteps)
-        digest = scene_digest(self)
-        state = load_checkpoint(path, digest)
+        parts = run_parts(self, every)
+        state = load_checkpoint(path, parts)
         if state is not None and state['nsteps'] > target:
             raise ValueError(f'the checkpoint {path} is at step {state["nsteps"]}, but the run is to end at step {target}; '
                              'move it away, or run for longer')
         for k, recorder in enumerate(self.recorders):
-            recorder.keep_at(f'{path}.frames{k}', state and state[f'frames{k}'])
+            kept = () if state is None else (state[f'frames{k}'], str(state[f'checksum{k}']))
+            recorder.keep_at(f'{path}.frames{k}', *kept)
         if state is not None:
             self._restore(state)
-        return lambda: save_checkpoint(path, digest, self._state())
+        return lambda: save_checkpoint(path, parts, self._state())
 
     def _state(self):
         state = {'nsteps': self.nsteps, 'engine': self.engine}
         state |= {name: self.atoms.arrays[name] for name in ('positions', 'momenta')}
-        state |= {f'frames{k}': recorder.keep() for k, recorder in enumerate(self.recorders)}
+        for k, recorder in enumerate(self.recorders):
+            state[f'frames{k}'], state[f'checksum{k}'] = recorder.keep()
         return state if self.engine == 'ase' else state | self._blocks.state()
 
     def _restore(self, state):

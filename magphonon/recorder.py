@@ -2,6 +2,7 @@
 
 import os
 from contextlib import suppress
+from hashlib import sha256
 from tempfile import SpooledTemporaryFile, gettempdir
 from weakref import finalize
 
@@ -12,6 +13,8 @@ from .files import room_for, whole_file
 
 MEMORY = 2**26
 """Bytes of frames kept in memory; more go to a temporary file."""
+PIECE = 2**22
+"""Bytes of frames read at a time for their checksum."""
 
 
 class Recorder:
@@ -36,6 +39,7 @@ class Recorder:
             raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
         self._frames = []  # their times
         self._shape = len(self.particles), dyn.displacements.shape[1]
+        self._sum = None  # of the frames in a file beside a checkpoint
         self._open(SpooledTemporaryFile(MEMORY), gettempdir())  # noqa: SIM115  open as long as the recorder
         dyn.recorders.append(self)
         dyn.attach(self, self.interval)
@@ -45,8 +49,11 @@ class Recorder:
         finalize(self, _close, file)
 
     def __call__(self):
+        frame = self._dyn.displacements[self.particles].tobytes()
         with room_for(self._place):
-            self._file.write(self._dyn.displacements[self.particles].tobytes())
+            self._file.write(frame)
+        if self._sum is not None:
+            self._sum.update(frame)
         self._frames.append(self._dyn.get_time())
 
     @property
@@ -79,35 +86,52 @@ class Recorder:
         size = 8 * int(np.prod(self._shape)) * frames
         self._file.flush()
         self._file.truncate(size)
+        if self._sum is not None:
+            self._sum = self._checksum(size)
         self._file.seek(size)
         del self._frames[frames:]
 
-    def keep_at(self, path, times=None):
+    def _checksum(self, size):
+        """Checksum of the first `size` bytes of frames; reading takes about a second for each GB."""
+        total = sha256()
+        self._file.seek(0)
+        while size and (piece := self._file.read(min(PIECE, size))):
+            total.update(piece)
+            size -= len(piece)
+        return total
+
+    def keep_at(self, path, times=None, checksum=None):
         """Keep the frames in a file from now on; with `times`, go on after that many frames which are there already.
 
         Raises
         ------
         ValueError
-            If the file is shorter than that.
+            If the file is shorter than that, or its frames are not those of the `checksum`; it is left as it is.
         """
         if times is None:
-            frames = self.displacements
+            frames = self.displacements.tobytes()
             self._open(open(path, 'w+b'), path)  # noqa: SIM115
-            self._file.write(frames.tobytes())
+            self._file.write(frames)
+            self._sum = sha256(frames)
             return
         size = 8 * int(np.prod(self._shape)) * len(times)
         if not os.path.exists(path) or os.path.getsize(path) < size:
             raise ValueError(f'{path} does not hold the {len(times)} frames of its checkpoint; delete both and start again')
         self._open(open(path, 'r+b'), path)  # noqa: SIM115
+        self._sum = self._checksum(size)
+        if self._sum.hexdigest() != checksum:
+            raise ValueError(f'the frames in {path} are not those that were written with its checkpoint; '
+                             'delete both and start again')
         self._frames = list(times)
-        self._cut(len(times))
+        self._file.truncate(size)  # frames later than the checkpoint are computed again
+        self._file.seek(size)
 
     def keep(self):
-        """Make sure that the frames are on the disk; returns their times."""
+        """Make sure that the frames are on the disk; returns their times and their checksum."""
         with room_for(self._place):
             self._file.flush()
             os.fsync(self._file.fileno())
-        return self.times
+        return self.times, self._sum.hexdigest()
 
 
 def _close(file):
