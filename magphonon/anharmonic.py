@@ -15,9 +15,10 @@ from itertools import product
 import numpy as np
 from scipy import sparse
 
-from .bands import repulsion_of
+from .constraints import free_directions
+from .rest import repulsion_of
 from .stiffness import bloch_matrix, hessian, model_stiffness
-from .timestep import DENSE, free_directions
+from .timestep import DENSE
 
 ROUND_OFF = 1e-12
 """Of the highest squared frequency: what remains of a zero one."""

@@ -9,9 +9,9 @@ from ase.dft.kpoints import BandPath
 
 from . import units
 from .allneighbours import AllNeighbours
-from .calculator import MagneticRepulsion
 from .errors import finite
 from .files import saved_arrays, whole_file
+from .rest import repulsion_of
 from .stiffness import bloch_gradient, mass_weighted, model_stiffness, signed_root
 
 BATCH_BYTES = 2**26  # of Bloch matrices diagonalised at a time; the whole of a large zone need not fit in memory
@@ -89,20 +89,6 @@ class Bands:
             special = dict(zip(data['names'].tolist(), data['points'], strict=True))
             band_path = BandPath(Cell(data['cell']), data['kpts'], special, str(data['path']))
             return cls(band_path, data['omega'], data.get('vectors'))
-
-
-def repulsion_of(atoms):
-    """The MagneticRepulsion attached to `atoms`.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
-    if not isinstance(atoms.calc, MagneticRepulsion):
-        raise ValueError(f'the atoms carry {atoms.calc!r} as calculator; '
-                         'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
-    return atoms.calc
 
 
 def cell_of_free_particles(atoms):

@@ -1,20 +1,19 @@
 """The exact state of a run between two looks at it: displacements and velocities, moved on by a kernel."""
 
 import numpy as np
-from ase.constraints import FixAtoms, FixedLine, FixedPlane
 
 from .calculator import MagneticRepulsion
-from .drives import Constant, Drives
+from .constraints import freedom
+from .drives import Constant, Drives, in_plane
 from .increments import RANGES, Increments
 from .kernels import Kernel, Motion
 from .layout import arrange
+from .rest import static_forces
 
 CONTACT = 0.1
 """Bonded particles closer than this fraction of their rest distance have collided."""
 FLOWN = 1e3
 """Bonded particles farther apart than this multiple of their rest distance have left."""
-BALANCED = 1e-11
-"""A static force below this fraction of the forces that cancel in it is round-off."""
 
 
 class Diverged(RuntimeError):
@@ -50,45 +49,6 @@ def inspect(calc, u, time):
         r = np.einsum('bx,bx->b', bond, R) / r0
     for b in np.flatnonzero((r < CONTACT * r0) | (r > FLOWN * r0))[:1]:
         raise Diverged(calc.bonds.i[b], time, f'is {r[b]:g} mm from its neighbour {calc.bonds.j[b]} instead of {r0[b]:g} mm')
-
-
-def freedom(atoms):
-    """What the constraints leave free in the plane.
-
-    Returns
-    -------
-    mobile : ndarray of bool, shape (particles,)
-        False where FixAtoms holds the particle.
-    guided : ndarray of int
-        Particles that FixedLine or FixedPlane guides.
-    barred : ndarray, shape (guided, 2, 2)
-        Projector on the direction barred to each of them.
-
-    Raises
-    ------
-    ValueError
-        For other constraints.
-    """
-    mobile = np.ones(len(atoms), bool)
-    barred = {}
-    for constraint in atoms.constraints:
-        if type(constraint) not in (FixAtoms, FixedLine, FixedPlane):
-            raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are known, not {constraint!r}')
-        if isinstance(constraint, FixAtoms):
-            mobile[constraint.index] = False
-            continue
-        if getattr(atoms.calc, 'dim', 2) == 3:
-            raise ValueError(f'{constraint!r} guides a particle of a lattice in three dimensions; there only FixAtoms is known')
-        d = constraint.dir[:2]
-        if isinstance(constraint, FixedLine) and not d.any():
-            mobile[constraint.index] = False
-            continue
-        if (d.any() and constraint.dir[2]) or set(constraint.index) & set(barred):
-            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that is guided already')
-        dd = np.outer(d, d)
-        barred |= dict.fromkeys(constraint.index.tolist(), np.eye(2) - dd if isinstance(constraint, FixedLine) else dd)
-    guided = np.array([k for k in sorted(barred) if mobile[k] and barred[k].any()], int)
-    return mobile, guided, np.array([barred[k] for k in guided]).reshape(-1, 2, 2)
 
 
 def refusal(atoms):
@@ -208,7 +168,7 @@ class Blocks:
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
         if not len(self._static):
             return np.zeros((len(times), 0, 2))
-        varying = _in_plane(self._varying.forces(times))
+        varying = in_plane(self._varying.forces(times))
         total = np.repeat(self._static[None], len(times), axis=0)
         total[:, self._to] += varying[:, self._from]
         return total
@@ -251,25 +211,3 @@ class Blocks:
         for mine, name in zip(self._state, 'uva', strict=True):
             mine[:] = state[name]
         self._stale = bool(state['stale'])
-
-
-def static_forces(calc, constant):
-    """Forces at rest of the bonds and of constant drives in N, shape (particles, dim); zero where they balance."""
-    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
-    r0 = np.linalg.norm(R, axis=1)
-    pull = -(calc.potential.dphi(r0) / r0)[:, None] * R
-    total = np.zeros((bonds.particles, calc.dim))
-    pushes = constant.forces(np.zeros(1))[0]
-    total[constant.particles] = _in_plane(pushes) if calc.dim == 2 else pushes
-    size = abs(total).max(axis=1)
-    for end, sign in ((bonds.j, 1), (bonds.i, -1)):
-        total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)
-        size += np.bincount(end, np.linalg.norm(pull, axis=1), bonds.particles)
-    total[abs(total) <= BALANCED * size[:, None]] = 0
-    return total
-
-
-def _in_plane(forces):
-    if forces[..., 2].any():
-        raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
-    return forces[..., :2]

@@ -82,6 +82,21 @@ class Bonds:
         """Number of bonds that end at each particle, shape (particles,)."""
         return np.bincount(np.concatenate([self.i, self.j]), minlength=self.particles)
 
+    def at(self, atoms):
+        """The same pairs of particles with the vectors that they have in `atoms`, in whatever periodic image these stand."""
+        vectors = atoms.positions[self.j] + self.shift @ atoms.cell.array - atoms.positions[self.i]
+        if np.array_equal(vectors, self.vectors):
+            return self
+        shift, change = self.shift, vectors - self.vectors
+        if atoms.pbc.any() and (np.linalg.norm(change, axis=1) > self.lengths / 2).any():
+            from ase.geometry import find_mic
+
+            jump = change - find_mic(change, atoms.cell, atoms.pbc)[0]  # of particles that stand in another cell now
+            shift = shift - np.round(jump @ np.linalg.pinv(atoms.cell.array)).astype(int)
+            vectors = vectors - jump
+        same = np.allclose(vectors, self.vectors, rtol=0, atol=1e-9 * self.lengths.max(initial=0))
+        return Bonds(self.i, self.j, shift, vectors, self.particles, self.cutoff if same else None)
+
     @cached_property
     def incidence(self):
         """Incidence matrix C at q = 0, sparse, shape (bonds, particles); a self-image bond has an empty row."""
@@ -337,27 +352,35 @@ def repeat_bonds(bonds, atoms, supercell):
     ValueError
         If the supercell does not consist of images of the cell's particles.
     """
-    from scipy.spatial import cKDTree
-
-    to_cell, to_super = np.linalg.inv(atoms.cell.array), np.linalg.inv(supercell.cell.array)
-
-    def site_of(points, inverse, tree):
-        wrapped = np.mod(points @ inverse, 1.0) % 1.0  # twice: mod of -1e-17 is 1.0
-        distance, index = tree.query(wrapped)
-        if distance.size and distance.max() > 1e-6:
-            raise ValueError('the supercell does not consist of images of the cell; build it with repeat() or phonopy')
-        return index
-
-    def tree_of(structure, inverse):
-        return cKDTree(np.mod(structure.positions @ inverse, 1.0) % 1.0, boxsize=1.0)
-
-    # the particle of the cell of which each particle of the supercell is an image
-    origin = site_of(supercell.positions, to_cell, tree_of(atoms, to_cell))
+    origin = image_of(atoms, supercell)
     images = [np.flatnonzero(origin == k) for k in range(len(atoms))]
     counts = [len(images[k]) for k in bonds.i]
     i = np.concatenate([images[k] for k in bonds.i])
     vectors = np.repeat(bonds.vectors, counts, axis=0)
     ends = supercell.positions[i] + vectors
-    j = site_of(ends, to_super, tree_of(supercell, to_super))
-    shift = np.round((ends - supercell.positions[j]) @ to_super).astype(int)
+    j = _site_of(ends, supercell)
+    shift = np.round((ends - supercell.positions[j]) @ np.linalg.inv(supercell.cell.array)).astype(int)
     return Bonds(i, j, shift, vectors, len(supercell), bonds.cutoff)
+
+
+def image_of(atoms, supercell):
+    """The particle of the periodic cell `atoms` of which each particle of a supercell is an image, shape (particles,).
+
+    Raises
+    ------
+    ValueError
+        If the supercell does not consist of images of the cell's particles.
+    """
+    return _site_of(supercell.positions, atoms)
+
+
+def _site_of(points, atoms):
+    """The particle of `atoms` of which an image stands at each of the points."""
+    from scipy.spatial import cKDTree
+
+    inverse = np.linalg.inv(atoms.cell.array)
+    tree = cKDTree(np.mod(atoms.positions @ inverse, 1.0) % 1.0, boxsize=1.0)  # twice: mod of -1e-17 is 1.0
+    distance, index = tree.query(np.mod(points @ inverse, 1.0) % 1.0)
+    if distance.size and distance.max() > 1e-6:
+        raise ValueError('the supercell does not consist of images of the cell; build it with repeat() or phonopy')
+    return index

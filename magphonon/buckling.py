@@ -11,10 +11,11 @@ import numpy as np
 from scipy import sparse
 
 from .allneighbours import AllNeighbours
-from .bands import repulsion_of
+from .constraints import free_directions
 from .errors import whole
+from .rest import repulsion_of
 from .stiffness import bloch_matrix, hessian, model_stiffness
-from .timestep import DENSE, free_directions
+from .timestep import DENSE
 
 ROUND_OFF = 1e-12
 """Of the largest eigenvalue: what remains of a zero one."""

@@ -7,8 +7,8 @@ import numpy as np
 from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
 from scipy import sparse
 
-from .bonds import Bonds, explicit_bonds, find_bonds, repeat_bonds
-from .errors import not_negative, one_of, positive
+from .bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
+from .errors import finite, not_negative, one_of, positive
 from .stiffness import bloch_matrix, bloch_series, bond_stiffness, hessian, model_stiffness
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
@@ -22,8 +22,12 @@ class MagneticRepulsion(Calculator):
     With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
     the displacement u of each particle from rest, the energy is
 
-        complete      E = sum_bonds [phi(|R + du|) - phi(r0)] + sum_particles k u^2 / 2
-        conventional  E = sum_bonds [phi(r0 + n.du) - phi(r0)] + sum_particles k u^2 / 2
+        complete      E = sum_bonds [phi(|R + du|) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
+        conventional  E = sum_bonds [phi(r0 + n.du) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
+
+    Rest and anchors are two things.  A foundation spring is slack at its anchor; at rest it pulls with -k (rest - anchor),
+    and with the dead load this makes the constant force h = load - k (rest - anchor).  In a perfect lattice both places
+    coincide and h = 0; after `magphonon.relaxed` they differ where a defect or a rim has moved the particles.
 
     The conventional model freezes the bond directions.  The paper's own words, "only the magnitude is updated",
     can also mean the force -phi'(|R + du|) n: `model='literal'`.  That force is not conservative, so it has
@@ -35,37 +39,41 @@ class MagneticRepulsion(Calculator):
     Parameters
     ----------
     reference : ase.Atoms
-        The rest configuration.  Positions are anchors of the foundation and, modulo periodic images, the origin of
-        displacements; the energy is zero there.
+        The rest configuration: its positions are, modulo periodic images, the origin of displacements; the energy is zero
+        there.  That forces balance in it is not required here, but it is for every linear answer (`magphonon.rest`).
     potential : object with phi, dphi and d2phi
         Pair law in mm, mJ (`magphonon.potentials`).
     foundation : float
-        Stiffness of the spring between each particle and its rest position, N/mm.
+        Stiffness of the spring between each particle and its anchor, N/mm.
+    anchors : array_like, shape (particles, 3), optional
+        Where the foundation springs are slack, in mm; the positions of the reference if not given.
+    load : array_like, shape (particles, 3), optional
+        Dead load: a constant force on each particle in N, such as the weight or the push that holds an oscillator against
+        its magnets.  What acts on a held particle has no effect.
     model : {'complete', 'conventional', 'literal'}
     shells : int
         Number of neighbour shells that interact.
     cutoff : float, optional
         Instead of `shells`: the distance in mm within which particles interact.
     bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
-        Instead of either: the interacting pairs.
+        Instead of either: the interacting pairs.  Their vectors are taken at the reference.
 
     Raises
     ------
     ValueError
         For a reference that is not planar, coincident particles, a mass or parameter that is not positive, a cutoff
-        on a shell of neighbours, an unknown model.
+        on a shell of neighbours, an unknown model; for Bonds that belong to other positions.
     """
 
     implemented_properties = ('energy', 'free_energy', 'energies', 'forces', 'hessian')
     default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
 
-    def __init__(self, reference, potential, *, foundation=0.0, model='complete', shells=1, cutoff=None, bonds=None):
+    def __init__(self, reference, potential, *, foundation=0.0, model='complete', shells=1, cutoff=None, bonds=None,
+                 anchors=None, load=None):
         missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(potential, name, None))]
         if missing:
             raise ValueError(f'the potential {potential!r} lacks the method {missing[0]}(r); see magphonon.potentials')
-        masses = reference.get_masses()
-        for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
-            positive(f'mass of particle {k}', masses[k], 'g')
+        masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
         self.potential = potential
@@ -77,15 +85,24 @@ class MagneticRepulsion(Calculator):
         if bonds.particles != len(reference):
             raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(reference)}; '
                              'find them in this structure, or use repeat_bonds')
+        bonds = _fitting(bonds, self.reference)
         height = max(np.ptp(reference.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
         if self.dim == 2 and height > 1e-9 * bonds.lengths.min():
             raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
                              'a structure in space is periodic along three vectors')
         self.bonds = bonds
-        force = np.asarray(potential.dphi(bonds.lengths))
-        for b in np.flatnonzero(~np.isfinite(force))[:1]:
-            raise ValueError(f'the potential {potential!r} gives the force {-force[b]} N at the distance {bonds.lengths[b]:g} mm '
-                             f'of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters and their units (mm, N)')
+        shape = (len(reference), 3)
+        self.anchors = self.reference.get_positions() if anchors is None else finite('anchors', anchors, shape).copy()
+        self.load = np.zeros(shape) if load is None else finite('load', load, shape).copy()
+        if self.dim == 2 and self.load[:, 2].any():
+            raise ValueError(f'the load pushes particle {np.flatnonzero(self.load[:, 2])[0]} along z, but the structure is '
+                             'planar; give it a direction in the plane')
+        force, stiffness = -np.asarray(potential.dphi(bonds.lengths)), np.asarray(potential.d2phi(bonds.lengths))
+        for what, unit, value in (('force', 'N', force), ('stiffness', 'N/mm', stiffness)):
+            for b in np.flatnonzero(~np.isfinite(value))[:1]:
+                raise ValueError(f'the potential {potential!r} gives the {what} {value[b]} {unit} at the distance '
+                                 f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters '
+                                 'and their units (mm, N)')
         super().__init__(foundation=foundation, model=model)
 
     def set(self, **parameters):
@@ -109,7 +126,20 @@ class MagneticRepulsion(Calculator):
     def on(self, supercell):
         """The same calculator on a supercell of its reference, whatever the order of the particles there."""
         bonds = repeat_bonds(self.bonds, self.reference, supercell)
-        return MagneticRepulsion(supercell, self.potential, bonds=bonds, **self.parameters)
+        image = image_of(self.reference, supercell)
+        return MagneticRepulsion(supercell, self.potential, bonds=bonds, load=self.load[image],
+                                 anchors=supercell.positions - self._slack[image], **self.parameters)
+
+    def about(self, atoms, **parameters):
+        """The same calculator with the present positions of `atoms` as its rest; `parameters` may change others.
+
+        The pairs of particles stay, their vectors are taken anew; anchors and load stay.  Nothing is required of the forces
+        at the new rest: `magphonon.rest.at_rest` looks whether they balance.
+        """
+        rest = self.reference.copy()
+        rest.positions[:, : self.dim] += self.displacements(atoms)
+        return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors, load=self.load,
+                                 **self.parameters | parameters)
 
     # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.
     def check_state(self, atoms, tol=0.0):
@@ -159,11 +189,14 @@ class MagneticRepulsion(Calculator):
         u = atoms.positions - self.reference.positions
         if not np.isfinite(u).all():
             raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
+        return self._minimum_image(u)[:, : self.dim]
+
+    def _minimum_image(self, u):
         if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
             from ase.geometry import find_mic
 
-            u = find_mic(u, atoms.cell, atoms.pbc)[0]
-        return u[:, : self.dim]
+            u = find_mic(u, self.reference.cell, self.reference.pbc)[0]
+        return u
 
     @cached_property
     def _shortest_period(self):
@@ -179,6 +212,16 @@ class MagneticRepulsion(Calculator):
         R = self.bonds.vectors[:, : self.dim]
         r0 = np.linalg.norm(R, axis=1)
         return R, r0, R / r0[:, None], self.potential.phi(r0)
+
+    @cached_property
+    def _slack(self):
+        """From the anchors to rest in mm, shape (particles, 3)."""
+        return self._minimum_image(self.reference.positions - self.anchors)
+
+    @property
+    def offset(self):
+        """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
+        return (self.load - self.parameters.foundation * self._slack)[:, : self.dim]
 
     def _geometry(self, u):
         """Bond lengths that enter the law, and the directions along which the force acts."""
@@ -199,13 +242,14 @@ class MagneticRepulsion(Calculator):
 
     def _forces(self, u):
         length, n = self._geometry(u)
-        return -(self.bonds.incidence.T @ (self.potential.dphi(length)[:, None] * n)) - self.parameters.foundation * u
+        pull = self.bonds.incidence.T @ (self.potential.dphi(length)[:, None] * n)
+        return self.offset - pull - self.parameters.foundation * u
 
     def _energies(self, u):
         length, _ = self._geometry(u)
         shared = self.potential.phi(length) - self._rest[3]  # half to each end of the bond
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
-        return bonds + 0.5 * self.parameters.foundation * np.einsum('ix,ix->i', u, u)
+        return bonds + np.einsum('ix,ix->i', 0.5 * self.parameters.foundation * u - self.offset, u)
 
     def bloch_matrix(self, q, model='complete'):
         """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
@@ -243,3 +287,28 @@ class MagneticRepulsion(Calculator):
         H = hessian(self.bonds, K, k)
         to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
         return sparse.csr_array(to_space @ H @ to_space.T)
+
+
+def masses_of(atoms):
+    """Masses in g, shape (particles,).
+
+    Raises
+    ------
+    ValueError
+        For one that is not a positive number.
+    """
+    masses = atoms.get_masses()
+    for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
+        positive(f'mass of particle {k}', masses[k], 'g')
+    return masses
+
+
+def _fitting(bonds, reference):
+    """The bonds with the vectors that they have at the reference, to which they must belong."""
+    found = bonds.at(reference)
+    changed = np.linalg.norm(found.vectors - bonds.vectors, axis=1)
+    for b in np.flatnonzero(changed > bonds.lengths / 2)[:1]:
+        raise ValueError(f'the bond of the particles {bonds.i[b]} and {bonds.j[b]} was made {bonds.lengths[b]:g} mm long, but '
+                         f'they are {found.lengths[b]:g} mm apart in the reference: it belongs to another structure; find bonds '
+                         'in this one, or give the pairs as (i, j)')
+    return found

@@ -43,7 +43,8 @@ def run_parts(dyn, every):
              'intervals of observers': looks, 'interval of checkpoints (every)': every,
              'versions of ASE, NumPy or magphonon': (ase.__version__, np.__version__, _version())}
     if isinstance(calc, MagneticRepulsion):
-        parts |= {'law': (calc.potential, _sampled(calc)), 'bonds': calc.bonds, 'foundation or model': dict(calc.parameters)}
+        parts |= {'law': (calc.potential, _sampled(calc)), 'bonds': calc.bonds, 'foundation or model': dict(calc.parameters),
+                  'anchors or load': calc.offset}
     return {name: _known(name, value) for name, value in parts.items()}
 
 

@@ -140,6 +140,13 @@ def _along(direction, strength):
     return strength[..., None] * direction
 
 
+def in_plane(forces):
+    """The two components in the plane of forces on a planar structure, shape (..., 2); refused if one pushes along z."""
+    if forces[..., 2].any():
+        raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
+    return forces[..., :2]
+
+
 class Drives:
     """Sum of several drives on a structure.
 

@@ -15,8 +15,8 @@ from math import lcm
 
 import numpy as np
 
-from .bands import repulsion_of
 from .errors import finite, one_of
+from .rest import repulsion_of
 from .stiffness import bloch_matrix, mass_weighted, model_stiffness
 
 LARGEST_DENOMINATOR = 6

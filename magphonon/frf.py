@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bands import repulsion_of
-from .blocks import freedom
+from .constraints import free_directions, freedom
 from .errors import finite, not_negative, positive
 from .files import Saved
-from .timestep import free_directions
+from .rest import repulsion_of
 
 LEAST_PERIODS = 3
 """Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""

@@ -133,6 +133,9 @@ def _scene(atoms):
                          'cut one, for instance with lattices.parallelogram')
     if calc.bonds.cutoff is None:
         raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
+    if calc.offset.any():
+        raise ValueError('LAMMPS is given foundations that are slack at rest, and no dead load; give the calculator neither '
+                         'anchors= away from its reference nor load=')
     if calc.displacements(atoms).any() or atoms.get_momenta().any():
         raise ValueError('the particles must start at rest in their reference positions; set atoms.positions and momenta back')
     fixed = np.zeros(len(atoms), dtype=bool)

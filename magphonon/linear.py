@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from .bands import repulsion_of
-from .blocks import freedom
 from .chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, stable_interval, whole_interval
+from .constraints import free_directions, freedom
 from .errors import finite, not_negative, positive, whole
 from .files import Saved
 from .frf import FrequencyResponse, harmonic_response
+from .rest import repulsion_of
 from .stiffness import hessian, model_stiffness, signed_root
-from .timestep import free_directions, linear_model
+from .timestep import linear_model
 
 SMALL = 300
 """Degrees of freedom up to which a structure is diagonalised; above, products with its matrix are cheaper."""

@@ -11,13 +11,14 @@ import numpy as np
 
 from . import units
 from .backbone import ALIKE, vibration
-from .bands import repulsion_of
+from .constraints import free_directions
 from .frf import HEADSTART, harmonic_response
 from .ladder import EIGENSOLVE, Plan, Rung, force_cost, percent
 from .linear import SMALL, Modes, frequency_response, modes, reduced
 from .replicas import STEADY
+from .rest import repulsion_of
 from .stiffness import bond_stiffness
-from .timestep import free_directions, highest_frequency
+from .timestep import highest_frequency
 
 LONGEST_STEP = 0.5
 """Time step of a run, at most, as a share of the limit 2/omega_max."""

@@ -15,8 +15,9 @@ from ase.geometry import minkowski_reduce
 
 from . import units
 from .allneighbours import AllNeighbours
-from .bands import Bands, analytic_bands, cell_of_free_particles, path_of, repulsion_of
+from .bands import Bands, analytic_bands, cell_of_free_particles, path_of
 from .errors import positive, whole
+from .rest import repulsion_of
 from .stiffness import bond_stiffness, signed_root
 
 TO_HZ = 1 / (2 * np.pi) / units.Hz

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from . import units
-from .bands import repulsion_of
+from .rest import repulsion_of
 from .zone import ROUND_OFF
 
 COLOURS = ('#0072B2', '#D55E00', '#000000', '#009E73', '#CC79A7', '#E69F00', '#56B4E9')

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bands import repulsion_of
-from .blocks import static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from .drives import Constant, Drives, ToneBurst
 from .errors import finite, not_negative, positive
 from .files import Saved
 from .linear import recorded, reduced, sizes
+from .rest import repulsion_of, static_forces
 from .transfer import forced_response, free_response, sampled, separated
 
 SPAN = 2000.0

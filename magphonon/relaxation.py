@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from ase import Atoms
 
-from .bands import repulsion_of
 from .errors import positive, whole
+from .rest import repulsion_of
 
 BALANCED = 1e-9
 """Of the largest bond force: a smaller residual is round-off."""

@@ -75,5 +75,6 @@ def replicas(structures):
         bonds += zip((atoms.calc.bonds.i + shift).tolist(), (atoms.calc.bonds.j + shift).tolist(), strict=True)
     many.set_constraint([kind(particles, *([direction] if direction else ())) for (kind, direction), particles in held.items()])
     calc = structures[0].calc
-    many.calc = MagneticRepulsion(many, calc.potential, bonds=bonds, **calc.parameters)
+    anchors, load = (np.concatenate([getattr(atoms.calc, name) for atoms in structures]) for name in ('anchors', 'load'))
+    many.calc = MagneticRepulsion(many, calc.potential, bonds=bonds, anchors=anchors, load=load, **calc.parameters)
     return many

@@ -8,15 +8,17 @@ from ase.constraints import FixAtoms
 from . import units as u
 from .allneighbours import AllNeighbours
 from .anharmonic import frequency_shifts, higher_derivatives
-from .bands import cell_of_free_particles, repulsion_of
-from .blocks import CONTACT, static_forces
+from .bands import cell_of_free_particles
+from .blocks import CONTACT
 from .buckling import foundation_needed, softest_of, spacing_held, support_needed
 from .calculator import MagneticRepulsion
+from .constraints import free_directions
 from .drives import Constant, Drives
 from .errors import positive
 from .phonons import checked_supercell, default_distance
 from .potentials import Hertz, Yukawa
-from .timestep import DENSE, free_directions, highest_frequency, linear_model
+from .rest import repulsion_of, static_forces
+from .timestep import DENSE, highest_frequency, linear_model
 
 __all__ = ['Verdict', 'foundation_needed', 'verdict']
 

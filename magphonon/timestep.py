@@ -1,10 +1,11 @@
-"""The longest stable time step of velocity Verlet, 2/omega_max, and the directions in which particles are free."""
+"""The longest stable time step of velocity Verlet, 2/omega_max."""
 
 import numpy as np
 from scipy import sparse
 
-from .blocks import freedom
-from .calculator import MagneticRepulsion
+from .calculator import MagneticRepulsion, masses_of
+from .constraints import free_directions
+from .rest import rest_or_reference
 from .stiffness import hessian, model_stiffness
 
 DENSE = 200
@@ -33,7 +34,7 @@ def highest_frequency(atoms, dt=np.inf):
     dt : float
         Time step in ms to be judged: a cheap upper bound is returned instead if that is below 2/dt already.
     """
-    calc, masses = atoms.calc, atoms.get_masses()
+    calc, masses = rest_or_reference(atoms), masses_of(atoms)
     bonds, k = calc.bonds, calc.parameters.foundation
     K = model_stiffness(bonds.vectors[:, : calc.dim], calc.potential, linear_model(calc))
     P = free_directions(atoms)
@@ -55,29 +56,6 @@ def highest_frequency(atoms, dt=np.inf):
 def linear_model(calc):
     """The model whose Hessian is that of the calculator at rest: the literal forces are linearly the conventional ones."""
     return 'complete' if calc.parameters.model == 'complete' else 'conventional'
-
-
-def free_directions(atoms):
-    """Orthonormal directions in which the constraints let particles move.
-
-    Returns
-    -------
-    scipy.sparse.csr_array, shape (particles * dim, free)
-        One direction of one particle in each column.  What constraints of another kind than FixAtoms, FixedLine and
-        FixedPlane hold is taken as free.
-    """
-    dim = atoms.calc.dim
-    try:
-        mobile, guided, barred = freedom(atoms)
-    except ValueError:
-        mobile, guided, barred = np.ones(len(atoms), bool), [], []
-    blocks = np.zeros((len(atoms), dim, dim))
-    blocks[mobile] = np.eye(dim)
-    for particle, projector in zip(guided, barred, strict=True):
-        along = np.linalg.eigh(projector)[1][:, 0]  # what is not barred
-        blocks[particle] = [[along[0], 0], [along[1], 0]]
-    free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(len(atoms)), np.arange(len(atoms) + 1))))
-    return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
 
 def _row_bound(bonds, K, k, masses):

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from ase.constraints import FixAtoms
 
-from .bands import repulsion_of
 from .blocks import Diverged
 from .calculator import MagneticRepulsion
 from .dynamics import DrivenVerlet
@@ -23,6 +22,7 @@ from .lattices import RIM
 from .linear import reduced
 from .propagation import propagate
 from .recorder import Recorder
+from .rest import repulsion_of
 from .stiffness import MODELS
 from .timestep import highest_frequency
 
@@ -207,7 +207,7 @@ def _strain(calc, u):
 def as_model(atoms, model):
     """The same structure under another model."""
     other, calc = atoms.copy(), repulsion_of(atoms)
-    other.calc = MagneticRepulsion(calc.reference, calc.potential, bonds=calc.bonds, **dict(calc.parameters) | {'model': model})
+    other.calc = calc.about(calc.reference, model=model)
     return other
 
 

@@ -1,0 +1,67 @@
+"""Which directions the constraints leave free: once, for time steps, modes and limits."""
+
+import numpy as np
+from ase.constraints import FixAtoms, FixedLine, FixedPlane
+from scipy import sparse
+
+
+def freedom(atoms):
+    """What the constraints leave free in the plane.
+
+    Returns
+    -------
+    mobile : ndarray of bool, shape (particles,)
+        False where FixAtoms holds the particle.
+    guided : ndarray of int
+        Particles that FixedLine or FixedPlane guides.
+    barred : ndarray, shape (guided, 2, 2)
+        Projector on the direction barred to each of them.
+
+    Raises
+    ------
+    ValueError
+        For other constraints.
+    """
+    mobile = np.ones(len(atoms), bool)
+    barred = {}
+    for constraint in atoms.constraints:
+        if type(constraint) not in (FixAtoms, FixedLine, FixedPlane):
+            raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are known, not {constraint!r}')
+        if isinstance(constraint, FixAtoms):
+            mobile[constraint.index] = False
+            continue
+        if getattr(atoms.calc, 'dim', 2) == 3:
+            raise ValueError(f'{constraint!r} guides a particle of a lattice in three dimensions; there only FixAtoms is known')
+        d = constraint.dir[:2]
+        if isinstance(constraint, FixedLine) and not d.any():
+            mobile[constraint.index] = False
+            continue
+        if (d.any() and constraint.dir[2]) or set(constraint.index) & set(barred):
+            raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that is guided already')
+        dd = np.outer(d, d)
+        barred |= dict.fromkeys(constraint.index.tolist(), np.eye(2) - dd if isinstance(constraint, FixedLine) else dd)
+    guided = np.array([k for k in sorted(barred) if mobile[k] and barred[k].any()], int)
+    return mobile, guided, np.array([barred[k] for k in guided]).reshape(-1, 2, 2)
+
+
+def free_directions(atoms):
+    """Orthonormal directions in which the constraints let particles move.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (particles * dim, free)
+        One direction of one particle in each column.  What constraints of another kind than FixAtoms, FixedLine and
+        FixedPlane hold is taken as free.
+    """
+    dim = atoms.calc.dim
+    try:
+        mobile, guided, barred = freedom(atoms)
+    except ValueError:
+        mobile, guided, barred = np.ones(len(atoms), bool), [], []
+    blocks = np.zeros((len(atoms), dim, dim))
+    blocks[mobile] = np.eye(dim)
+    for particle, projector in zip(guided, barred, strict=True):
+        along = np.linalg.eigh(projector)[1][:, 0]  # what is not barred
+        blocks[particle] = [[along[0], 0], [along[1], 0]]
+    free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(len(atoms)), np.arange(len(atoms) + 1))))
+    return free[:, np.flatnonzero(abs(free).sum(axis=0))]

@@ -1,0 +1,146 @@
+"""Anchors, dead load and the place of rest in the calculator: three things, each with its own effect."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from oracles import LAWS, Energy, displaced, gradient, small_cluster
+
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, find_bonds, lattices
+
+LAW = LAWS['magnets']
+K = 0.03
+
+
+def drawn(name, seed=4):
+    """A small supercell, displacements from rest, and places of anchors and a load that have nothing to do with them."""
+    rest, atoms, u = displaced(name)
+    rng, dim = np.random.default_rng(seed), 3 if rest.pbc.all() else 2
+    slack, load = np.zeros((2, len(rest), 3))
+    slack[:, :dim], load[:, :dim] = rng.uniform(-0.5, 0.5, (len(rest), dim)), rng.uniform(-0.2, 0.2, (len(rest), dim))
+    return rest, atoms, u, slack, load
+
+
+@pytest.mark.parametrize('name', ['chain', 'triangular', 'kagome', 'fcc'])
+def test_energy_and_forces_with_anchors_away_from_rest_and_a_load(name):
+    rest, atoms, u, slack, load = drawn(name)
+    bonds, s, f = Energy(rest, LAW), slack[:, : u.size // len(rest)].ravel(), load[:, : u.size // len(rest)].ravel()
+
+    def energy(x):
+        springs = K / 2 * ((x + s) ** 2 - s**2).sum(axis=-1)
+        return bonds.complete(x) + springs - x @ f
+
+    atoms.calc = MagneticRepulsion(rest, LAW, foundation=K, anchors=rest.positions - slack, load=load)
+    assert_allclose(atoms.get_potential_energy(), energy(u), rtol=1e-12)
+    assert_allclose(atoms.calc.get_property('energies', atoms).sum(), energy(u), rtol=1e-12)
+    forces = atoms.get_forces()[:, : u.size // len(rest)].ravel()
+    assert_allclose(forces, -gradient(energy, u), atol=1e-11)
+    assert abs(forces + gradient(bonds.complete, u) + K * u).max() > 0.01  # the control: anchors at rest, no load
+
+
+def test_anchors_at_the_reference_and_no_load_change_no_bit():
+    rest, atoms, *_ = drawn('triangular')
+    atoms.calc = MagneticRepulsion(rest, LAW, foundation=K)
+    expected = atoms.get_forces(), atoms.get_potential_energy()
+    atoms.calc = MagneticRepulsion(rest, LAW, foundation=K, anchors=rest.positions, load=np.zeros((len(rest), 3)))
+    assert_array_equal(atoms.get_forces(), expected[0])
+    assert atoms.get_potential_energy() == expected[1]
+
+
+def test_a_rest_elsewhere_leaves_the_forces_as_they_are():
+    """`about` moves the origin of displacements and of energy: the same physics, of which only the zero of energy differs."""
+    rest, atoms, _, slack, load = drawn('kagome')
+    calc = MagneticRepulsion(rest, LAW, foundation=K, anchors=rest.positions - slack, load=load)
+    middle = atoms.copy()
+    middle.positions[:, :2] -= np.random.default_rng(8).uniform(-0.2, 0.2, (len(rest), 2))
+    other = calc.about(middle)
+    assert not other.displacements(middle).any()
+    atoms.calc = calc
+    there, middle.calc = middle.copy(), other
+    there.calc = calc
+    expected, work = atoms.get_forces(), atoms.get_potential_energy() - there.get_potential_energy()
+    atoms.calc = other
+    assert_allclose(atoms.get_forces(), expected, atol=1e-12)
+    assert_allclose(atoms.get_potential_energy(), work, rtol=1e-11)
+    assert middle.get_potential_energy() == 0
+    frozen = calc.about(middle, model='conventional')
+    assert frozen.parameters.model == 'conventional'
+    assert_allclose(frozen.bonds.vectors, other.bonds.vectors)
+
+
+def test_particles_listed_in_another_image_change_nothing():
+    rest, atoms, _, slack, load = drawn('triangular')
+    atoms.calc = MagneticRepulsion(rest, LAW, foundation=K, anchors=rest.positions - slack, load=load)
+    expected = atoms.get_forces()
+    moved = rest.positions.copy()
+    moved[1] += 2 * rest.cell[0] - rest.cell[1]
+    other = rest.copy()
+    other.positions = moved
+    for reference, anchors in ((rest, moved - slack), (other, rest.positions - slack)):
+        atoms.calc = MagneticRepulsion(reference, LAW, bonds=find_bonds(rest), foundation=K, anchors=anchors, load=load)
+        assert_allclose(atoms.get_forces(), expected, atol=1e-11)
+        assert_array_equal(np.sort(atoms.calc.bonds.lengths), np.sort(atoms.calc.bonds.at(rest).lengths))
+
+
+def test_a_supercell_has_the_anchors_and_loads_of_its_cells():
+    cell = lattices.honeycomb(10.0, 0.7)
+    load, slack = np.array([[0.1, 0.02, 0], [-0.3, 0, 0]]), np.array([[0.2, 0, 0], [0, -0.1, 0]])
+    calc = MagneticRepulsion(cell, LAW, foundation=K, anchors=cell.positions - slack, load=load)
+    many = cell.repeat((3, 2, 1))[[5, 2, 0, 1, 3, 4, 11, 9, 8, 10, 6, 7]]  # in any order
+    many.calc = calc.on(many)
+    cell.calc = calc
+    kind = np.array([5, 2, 0, 1, 3, 4, 11, 9, 8, 10, 6, 7]) % 2
+    assert_allclose(many.get_forces(), cell.get_forces()[kind], atol=1e-12)
+
+
+def test_bonds_of_another_place_are_taken_anew_or_refused():
+    atoms = small_cluster()
+    bonds = find_bonds(atoms, cutoff=13.0)
+    moved = atoms.copy()
+    moved.positions[:, :2] += np.random.default_rng(0).uniform(-1, 1, (len(atoms), 2))
+    calc = MagneticRepulsion(moved, LAW, bonds=bonds)
+    pairs = list(zip(bonds.i.tolist(), bonds.j.tolist(), strict=True))
+    assert_array_equal(calc.bonds.vectors, MagneticRepulsion(moved, LAW, bonds=pairs).bonds.vectors)
+    assert abs(calc.bonds.vectors - bonds.vectors).max() > 0.5
+    assert calc.bonds.cutoff is None
+    assert MagneticRepulsion(atoms, LAW, bonds=bonds).bonds is bonds
+    with pytest.raises(ValueError, match='belongs to another structure'):
+        MagneticRepulsion(atoms[::-1], LAW, bonds=bonds)
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+def test_engines_feel_anchors_and_load(engine):
+    rest = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
+    rng, n = np.random.default_rng(2), len(rest)
+    slack, load = np.zeros((2, n, 3))
+    slack[:, :2], load[:, :2] = rng.uniform(-0.3, 0.3, (n, 2)), rng.uniform(-0.02, 0.02, (n, 2))
+    given = {'ours': {'anchors': rest.positions - slack, 'load': load}, 'control': {}}
+    ends = {}
+    for name, engine_ in (('ours', 'ase'), ('ours', engine), ('control', engine)):
+        atoms = rest.copy()
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=K, **given[name])
+        dyn = DrivenVerlet(atoms, 0.3, engine=engine_)
+        dyn.run(200)
+        ends[name, engine_] = dyn.displacements
+    size = abs(ends['ours', 'ase']).max()
+    assert abs(ends['ours', engine] - ends['ours', 'ase']).max() < 1e-9 * size
+    assert size > 0.1
+    assert abs(ends['control', engine]).max() < 1e-9 * size
+
+
+@pytest.mark.parametrize(('given', 'words'), [
+    ({'anchors': np.zeros((3, 3))}, r'anchors must have the shape \(9, 3\)'),
+    ({'load': np.full((9, 3), np.nan)}, r'load\[0, 0\] is nan'),
+    ({'load': np.ones((9, 3))}, 'pushes particle 0 along z'),
+])
+def test_impossible_anchors_and_loads_are_refused(given, words):
+    with pytest.raises(ValueError, match=words):
+        MagneticRepulsion(small_cluster(), LAW, cutoff=13.0, **given)
+
+
+def test_a_law_without_stiffness_is_refused_like_one_without_force():
+    class Broken(InversePower):
+        def d2phi(self, r):
+            return np.nan * r
+
+    with pytest.raises(ValueError, match='gives the stiffness nan N/mm at the distance 10 mm of the particles 0 and 0'):
+        MagneticRepulsion(lattices.triangular(10.0, 0.7), Broken(b=1.0, a=4.0))
