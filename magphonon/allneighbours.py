@@ -44,7 +44,7 @@ class AllNeighbours(Calculator):
     def __init__(self, reference, potential, *, foundation=0.0, split=1.0):
         if not hasattr(potential, 'gaussians'):
             raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
-                             f'not for {potential!r}; choose a number of shells')
+                             f'not for {type(potential).__name__}; choose a number of shells')
         if getattr(potential, 'a', np.inf) <= 1:
             raise ValueError(f'the force r^-{potential.a:g} has no energy r^-s with s = a - 1 > 0 to sum over all neighbours; '
                              'choose a > 1, or a number of shells')

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from . import units as u
 from .errors import one_of
 from .sites import SOURCES
-from .tables import Angles, NotNegative, Numbers, Positive, Table
+from .tables import Angles, Duration, Force, Frequencies, Frequency, NotNegative, Positive, Table, within
 
 SPECTRUM_END = 1.4
 """The spectrum of a Hann-windowed burst of five cycles ends at this multiple of its carrier."""
@@ -20,12 +20,14 @@ class BurstPlan(Table):
 
     source: Annotated[str, BeforeValidator(partial(one_of, '', choices=SOURCES))] = Field(
         description="'row' or 'point', which is where it enters at the lower edge of the patch")
-    carriers_Hz: Numbers = Field(description='the carrier frequency of each burst in Hz')
+    carriers_Hz: Frequencies = Field(description='the carrier frequency of each burst in Hz')
     directions_deg: Angles = Field(description='the direction of the force of each burst in degrees from the x axis')
-    cycles: Positive = Field(description='the number of carrier periods in a burst')
-    force_N: Positive = Field(description='the largest force on a particle in N')
-    damping_ratio: NotNegative = Field(description='the damping, as a share of critical at the carrier')
-    duration_s: Positive = Field(description='the length of the record in s')
+    cycles: Annotated[Positive, within(0.5, 1e6, 'carrier periods')] = Field(
+        description='the number of carrier periods in a burst')
+    force_N: Force = Field(description='the largest force on a particle in N')
+    damping_ratio: Annotated[NotNegative, within(0, 1, 'shares of critical damping')] = Field(
+        description='the damping, as a share of critical at the carrier')
+    duration_s: Duration = Field(description='the length of the record in s')
 
     @model_validator(mode='after')
     def _belong_together(self):
@@ -64,8 +66,8 @@ class BurstPlan(Table):
 class VibrometerPlan(Table):
     """How the row is measured."""
 
-    sampling_rate_Hz: Positive = Field(description='the sampling rate in Hz')
-    noise_m: NotNegative = Field(description='the standard deviation of each sample in m')
+    sampling_rate_Hz: Frequency = Field(description='the sampling rate in Hz')
+    noise_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(description='the standard deviation of each sample in m')
 
     def measure(self, row, seed=0):
         """The Displacements of a row as the vibrometer sees them; `seed` of its noise."""

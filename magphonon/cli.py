@@ -1,18 +1,22 @@
 """The command `magphonon`: what anybody's scene file asks for, and ready scenes to start from.
 
 Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command,
-the scene or the place of the results (one message, nothing written), 130 when interrupted, 143 when terminated.
+the scene or the place of the results (one message, nothing written), 3 when all is written but the report on the terminal
+could not be, 130 when interrupted, 143 when terminated.
 """
 
 import argparse
 import os
 import sys
-from contextlib import contextmanager
+import warnings
+from contextlib import contextmanager, redirect_stdout
 from importlib import import_module
+from io import StringIO
 from signal import SIGTERM, signal
 from threading import current_thread, main_thread
 
 from . import __version__
+from .spelling import did_you_mean
 
 COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
 """Each is a module of `magphonon.commands`."""
@@ -20,24 +24,67 @@ COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 
 
 def main(arguments=None):
     """Run the command with `arguments` (by default those of the shell) and return its exit status."""
-    options = _parser().parse_args(arguments)
+    _open_streams()
+    options = _options(sys.argv[1:] if arguments is None else arguments)
+    report = sys.stdout if sys.stdout.isatty() else StringIO()  # what goes to a file or a pipe is written when all is done
+    with redirect_stdout(report):
+        status = _status(options)
     try:
-        with _termination_unwinds():
-            status = options.run(options) or 0
+        if report is not sys.stdout:
+            sys.stdout.write(report.getvalue())
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader, `head` for one, has seen enough; Python must not flush to it once more
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except BrokenPipeError:  # the reader, `head` for one, has seen enough
+        _forget_output()
+    except OSError as error:
+        _forget_output()
+        print(f'magphonon: the report could not be shown ({error.strerror}); the results are written', file=sys.stderr)
+        return status or 3
+    return status
+
+
+def _status(options):
+    """Run the command; says in one message why it failed."""
+    try:
+        with _termination_unwinds(), _no_silent_overflow():
+            return options.run(options) or 0
+    except RuntimeWarning as warning:
+        return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents of '
+                        f'{_inputs(options)}')
+    except MemoryError as error:
+        return _refusal(f'{_inputs(options)} asks for more memory than there is ({error or "no more was given"}); '
+                        'make it smaller')
     except (ValueError, OSError) as error:
-        print(f'magphonon: {error}', file=sys.stderr)
-        return 2
+        return _refusal(error)
     except Terminated:
         print('magphonon: terminated', file=sys.stderr)
         return 143
     except KeyboardInterrupt:
         print('magphonon: interrupted', file=sys.stderr)
         return 130
-    return status
+
+
+def _refusal(words):
+    print(f'magphonon: {words}', file=sys.stderr)
+    return 2
+
+
+def _inputs(options):
+    """The files that the command reads, for a message."""
+    return ' and '.join(getattr(options, name) for name in ('table', 'file', 'scene') if getattr(options, name, None))
+
+
+def _open_streams():
+    """Make streams that a shell has closed (`>&-`) go nowhere, and letters that a terminal does not have be spelt out."""
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, 'w'))  # noqa: SIM115  as long as the process
+    if hasattr(sys.stdout, 'reconfigure'):  # not where a test catches it
+        sys.stdout.reconfigure(errors='backslashreplace')
+
+
+def _forget_output():
+    """Python must not flush to a reader that is gone once more when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 class Terminated(KeyboardInterrupt):
@@ -57,6 +104,27 @@ def _termination_unwinds():
         yield
     finally:
         signal(SIGTERM, before)
+
+
+@contextmanager
+def _no_silent_overflow():
+    """An overflow, a division by zero or a NaN in a formula of the package ends the command, instead of a line among results."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
+        warnings.filterwarnings('ignore', message='Glyph .* missing from')  # a title in letters that a picture does not have
+        yield
+
+
+def _options(arguments):
+    parser = _parser()
+    first = next(iter(arguments), '-')
+    if not first.startswith('-') and first not in COMMANDS:
+        parser.error(f'there is no command {first!r}{did_you_mean(first, COMMANDS)}; the commands are '
+                     f'{", ".join(map(repr, COMMANDS))}')
+    options = parser.parse_args(arguments)
+    if getattr(options, 'output', None) == '':
+        parser.error("-o '' names no directory; '.' is the present one")
+    return options
 
 
 def _parser():

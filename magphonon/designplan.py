@@ -9,7 +9,7 @@ from . import units as u
 from .buckling import foundation_needed
 from .design import BandEdge, Design, Gap, NoDesign, foundation_for, spacings_for
 from .materials import ALL
-from .tables import Count, Numbers, Positive, Table, Text
+from .tables import Count, Frequency, Spacing, Table, Text, listed
 from .tolerances import varied
 
 HERTZ = 2 * np.pi * u.Hz
@@ -21,7 +21,7 @@ class EdgePlan(Table):
 
     point: Text = Field(description="the special point, such as 'M'")
     branch: Count = Field(description='the branch, counted from 1 by frequency')
-    frequency_Hz: Positive = Field(description='the wanted frequency in Hz')
+    frequency_Hz: Frequency = Field(description='the wanted frequency in Hz')
 
     name = property(lambda self: f'branch {self.branch} at {self.point}')
     wanted = property(lambda self: self.frequency_Hz * HERTZ)
@@ -39,7 +39,7 @@ class GapPlan(Table):
     """Gap between a branch and the next one, over the whole zone."""
 
     above_branch: Count = Field(description='the branch below the gap, counted from 1 by frequency')
-    width_Hz: Positive = Field(description='the wanted width in Hz')
+    width_Hz: Frequency = Field(description='the wanted width in Hz')
 
     name = property(lambda self: f'gap above branch {self.above_branch}')
     wanted = property(lambda self: self.width_Hz * HERTZ)
@@ -68,10 +68,10 @@ class DesignPlan(Table):
     The foundation follows from the cut-off, the spacing from an edge or a gap.
     """
 
-    cut_off_Hz: Positive | None = None
+    cut_off_Hz: Frequency | None = None
     edge: EdgePlan | None = None
     gap: GapPlan | None = None
-    spacings_m: Annotated[Numbers, AfterValidator(_range)] | None = None
+    spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = None
 
     @model_validator(mode='after')
     def _something(self):

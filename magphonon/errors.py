@@ -1,37 +1,65 @@
 """Checks at the border: each error says what is wrong, with which value, and how to mend it."""
 
+from math import inf, isfinite, nan
 from numbers import Real
 
 import numpy as np
 
+from .spelling import did_you_mean
+
+MOST = 2**53
+"""Counts beyond it are no longer told apart by floating-point numbers; a wrong unit or exponent."""
+LONGEST = 200
+"""Characters of a value that a message shows."""
+
+
+def shown(value):
+    """`repr(value)` for a message, cut where it is long."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not print whole numbers of more than 4300 digits
+        return 'a number of thousands of digits'
+    return text if len(text) <= LONGEST else f'{text[:LONGEST]}... ({len(text)} characters)'
+
+
+def number(name, value, unit='', kind='finite', holds=isfinite):
+    """Return `value` as a float, or raise ValueError unless it is a finite number of the `kind` that `holds` tests."""
+    try:
+        found = float(value) if isinstance(value, Real) and not isinstance(value, bool) else nan
+    except OverflowError:  # a whole number or a fraction beyond 1.8e308
+        found = inf
+    if not isfinite(found) or not holds(found):
+        raise ValueError(f'{name} must be a {kind} number{f" in {unit}" if unit else ""}, not {shown(value)}')
+    return found
+
 
 def positive(name, value, unit=''):
     """Return `value` as a float, or raise ValueError unless it is a finite number above zero."""
-    return _number(name, value, unit, 'positive', lambda x: x > 0)
+    return number(name, value, unit, 'positive', lambda x: x > 0)
 
 
 def not_negative(name, value, unit=''):
     """Return `value` as a float, or raise ValueError unless it is a finite number, zero or above."""
-    return _number(name, value, unit, 'zero or positive', lambda x: x >= 0)
-
-
-def _number(name, value, unit, kind, holds):
-    if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(value) or not holds(value):
-        raise ValueError(f'{name} must be a {kind} number{f" in {unit}" if unit else ""}, not {value!r}')
-    return float(value)
+    return number(name, value, unit, 'zero or positive', lambda x: x >= 0)
 
 
 def whole(name, value, least=1):
-    """Return `value` as an int, or raise ValueError unless it is a whole number of at least `least`."""
-    if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(value) or value != int(value) or value < least:
-        raise ValueError(f'{name} must be a whole number of at least {least}, not {value!r}')
-    return int(value)
+    """Return `value` as an int, or raise ValueError unless it is a whole number from `least` to 2**53."""
+    try:
+        found = number(name, value)
+    except ValueError:
+        found = nan
+    if not least <= found <= MOST or found != int(found):
+        most = f' and at most {MOST}' if found > MOST else ''
+        raise ValueError(f'{name} must be a whole number of at least {least}{most}, not {shown(value)}')
+    return int(found)
 
 
 def one_of(name, value, choices):
     """Return `value`, or raise ValueError unless it is one of `choices`."""
     if value not in choices:
-        raise ValueError(f'{name} must be one of {", ".join(map(repr, choices))}, not {value!r}')
+        raise ValueError(f'{name} must be one of {", ".join(map(repr, choices))}, not {shown(value)}'
+                         f'{did_you_mean(value, choices)}')
     return value
 
 
@@ -39,8 +67,8 @@ def finite(name, values, shape=None):
     """Return `values` as a float array, or raise ValueError if an entry is NaN or infinite or the shape is another."""
     try:
         array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f'{name} must hold numbers in rows of equal length, not {values!r}') from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f'{name} must hold numbers in rows of equal length, not {shown(values)}') from None
     if shape is not None and array.shape != shape:
         raise ValueError(f'{name} must have the shape {shape}, not {array.shape}')
     if not np.isfinite(array).all():

@@ -13,9 +13,11 @@ import numpy as np
 from . import units as u
 from .errors import finite, one_of, positive
 from .potentials import InversePower, Tabulated, repulsion
+from .textfiles import MEGABYTE, refuse_endless
 
 COLUMNS = 'r_m', 'f_N', 'sigma_N'
 MOST_NODES = 12
+MOST_BYTES = 10 * MEGABYTE
 SMOOTHING = np.logspace(-8, 8, 65)
 
 
@@ -73,6 +75,7 @@ def read_forces(path, contact=0.0):
         If it cannot be read, or is no such table; the message says what and where.
     """
     try:
+        refuse_endless(path, MOST_BYTES)
         with open(path, newline='', encoding='utf-8-sig') as file:
             lines = [(number, line) for number, line in enumerate(file, 1) if line.strip() and not line.startswith('#')]
     except OSError as error:

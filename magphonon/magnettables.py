@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from . import units as u
 from .errors import one_of
 from .magnets import GRADES_T, Cuboid, Ring, Sphere, calibrated, grade_remanence, magnet_law
-from .tables import Positive, Table
+from .tables import Force, Length, Positive, Table, within
 
 Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_T)))]
 
@@ -16,9 +16,9 @@ Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_
 class RingShape(Table):
     """Ring magnetised along its axis."""
 
-    outer_diameter_m: Positive = Field(description='the outer diameter in m')
-    inner_diameter_m: Positive = Field(description='the inner diameter in m')
-    height_m: Positive = Field(description='the height in m, along the magnetisation')
+    outer_diameter_m: Length = Field(description='the outer diameter in m')
+    inner_diameter_m: Length = Field(description='the inner diameter in m')
+    height_m: Length = Field(description='the height in m, along the magnetisation')
 
     def magnet(self, remanence):
         return Ring(self.outer_diameter_m * u.m, self.inner_diameter_m * u.m, self.height_m * u.m, remanence)
@@ -27,8 +27,8 @@ class RingShape(Table):
 class DiscShape(Table):
     """Disc or rod magnetised along its axis."""
 
-    diameter_m: Positive = Field(description='the diameter in m')
-    height_m: Positive = Field(description='the height in m, along the magnetisation')
+    diameter_m: Length = Field(description='the diameter in m')
+    height_m: Length = Field(description='the height in m, along the magnetisation')
 
     def magnet(self, remanence):
         return Ring(self.diameter_m * u.m, 0.0, self.height_m * u.m, remanence)
@@ -37,7 +37,7 @@ class DiscShape(Table):
 class SphereShape(Table):
     """Sphere."""
 
-    diameter_m: Positive = Field(description='the diameter in m')
+    diameter_m: Length = Field(description='the diameter in m')
 
     def magnet(self, remanence):
         return Sphere(self.diameter_m * u.m, remanence)
@@ -46,9 +46,9 @@ class SphereShape(Table):
 class CuboidShape(Table):
     """Cuboid facing its neighbours squarely; its law neglects that the force is not quite central."""
 
-    length_m: Positive = Field(description='the length in m, towards the neighbour')
-    width_m: Positive = Field(description='the width in m')
-    height_m: Positive = Field(description='the height in m, along the magnetisation')
+    length_m: Length = Field(description='the length in m, towards the neighbour')
+    width_m: Length = Field(description='the width in m')
+    height_m: Length = Field(description='the height in m, along the magnetisation')
 
     def magnet(self, remanence):
         return Cuboid(self.length_m * u.m, self.width_m * u.m, self.height_m * u.m, remanence)
@@ -57,8 +57,8 @@ class CuboidShape(Table):
 class Calibration(Table):
     """A measured force, which sets the remanence in place of the datasheet."""
 
-    distance_m: Positive = Field(description='the distance of the centres in m')
-    force_N: Positive = Field(description='the measured force at this distance in N')
+    distance_m: Length = Field(description='the distance of the centres in m')
+    force_N: Force = Field(description='the measured force at this distance in N')
 
 
 class Datasheet(Table):
@@ -71,7 +71,7 @@ class Datasheet(Table):
     sphere: SphereShape | None = None
     cuboid: CuboidShape | None = None
     grade: Grade | None = None
-    remanence_T: Positive | None = None
+    remanence_T: Annotated[Positive, within(1e-6, 100, 'teslas')] | None = None
     calibration: Calibration | None = None
 
     @model_validator(mode='after')

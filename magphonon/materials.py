@@ -12,11 +12,11 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import lattices
 from . import units as u
-from .errors import not_negative, one_of, positive, whole
+from .errors import MOST, not_negative, one_of, positive, shown, whole
 from .fits import read_forces
 from .magnettables import Datasheet
 from .potentials import Hertz, InversePower, Tabulated, Yukawa
-from .tables import NotNegative, Numbers, Positive, Spacing, Table, Text
+from .tables import Force, Length, Mass, NotNegative, Positive, Pressure, Spacing, Table, Text, listed, within
 
 LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc')
 KINDS = (*LATTICES, 'oscillator')
@@ -25,7 +25,12 @@ ALL = 'all'
 
 
 def _shells(value):
-    return value if isinstance(value, str) and value == ALL else whole('', value)
+    if isinstance(value, str) and value == ALL:
+        return value
+    try:
+        return whole('', value)
+    except ValueError:
+        raise ValueError(f' must be a whole number from 1 to {MOST}, or {ALL!r}, not {shown(value)}') from None
 
 
 Shells = Annotated[int | Literal[ALL], BeforeValidator(_shells),
@@ -39,8 +44,8 @@ class Lattice(Table):
 
     kind: Literal[LATTICES] = Field(description='one of ' + ', '.join(KINDS))
     spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
-    mass_kg: Positive = Field(description='the mass of a particle in kg')
-    relative_masses: Numbers | None = None
+    mass_kg: Mass = Field(description='the mass of a particle in kg')
+    relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = None
 
     @model_validator(mode='after')
     def _one_mass_each(self):
@@ -82,7 +87,7 @@ class Oscillator(Table):
     theta0_deg: Annotated[float, BeforeValidator(_right_angle)] = Field(
         description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
     spacing_m: Spacing = Field(description='the length of its three bonds in m')
-    mass_kg: Positive = Field(description='the mass of the free particle in kg')
+    mass_kg: Mass = Field(description='the mass of the free particle in kg')
 
     def cell(self):
         """All of it, `ase.Atoms` in mm and g."""
@@ -93,7 +98,7 @@ class Oscillator(Table):
 
 def _known_lattice(table):
     if not isinstance(table, dict) or 'kind' not in table:
-        return Lattice._keys(table)  # which says what is missing
+        return Lattice.model_validate(table)  # which says what is missing
     one_of('.kind', table['kind'], KINDS)
     return table
 
@@ -147,7 +152,7 @@ class YukawaLaw(Table):
 
     kind: Literal['yukawa']
     strength_J_m: Positive = Field(description='the strength c of the energy c/r exp(-r/l) in J m')
-    screening_length_m: Positive = Field(description='the screening length l of the energy c/r exp(-r/l) in m')
+    screening_length_m: Length = Field(description='the screening length l of the energy c/r exp(-r/l) in m')
     shells: Shells
 
     def potential(self):
@@ -158,8 +163,8 @@ class HertzLaw(Table):
     """Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter."""
 
     kind: Literal['hertz']
-    diameter_m: Positive = Field(description='the diameter of the spheres in m')
-    youngs_modulus_Pa: Positive = Field(description="Young's modulus of the spheres in Pa")
+    diameter_m: Length = Field(description='the diameter of the spheres in m')
+    youngs_modulus_Pa: Pressure = Field(description="Young's modulus of the spheres in Pa")
     poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio)] = Field(description="Poisson's ratio of the spheres")
     shells: Shells
 
@@ -171,8 +176,9 @@ class TableLaw(Table):
     """Measured forces, in the scene or in a `file` beside it."""
 
     kind: Literal['table']
-    distances_m: Numbers = Field(description="the distances in m, increasing, or file = 'law.csv' with the columns r_m,f_N")
-    forces_N: Numbers = Field(description='the forces in N at these distances')
+    distances_m: Annotated[tuple[Length, ...], listed] = Field(
+        description="the distances in m, increasing, or file = 'law.csv' with the columns r_m,f_N")
+    forces_N: Annotated[tuple[Force, ...], listed] = Field(description='the forces in N at these distances')
     file: Text | None = None
     shells: Shells
 
@@ -181,8 +187,8 @@ class TableLaw(Table):
     def _columns(cls, table, info: ValidationInfo):
         if not isinstance(table, dict) or 'file' not in table:
             return table
-        if not isinstance(table['file'], str):
-            raise ValueError(f'.file must be the name of a file in quotes, not {table["file"]!r}')
+        if not isinstance(table['file'], str) or '\0' in table['file']:
+            raise ValueError(f'.file must be the name of a file in quotes, not {shown(table["file"])}')
         for key in table.keys() & {'distances_m', 'forces_N'}:
             raise ValueError(f' has both file and {key}; keep one of them')
         return table | _read_columns(info.context['folder'] / table['file'])
@@ -221,7 +227,7 @@ LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'coulomb': Coulo
 
 def _known_law(table):
     if not isinstance(table, dict) or 'kind' not in table:
-        raise ValueError(f" must be a table [law] with a kind, one of {', '.join(LAWS)}, not {table!r}")
+        raise ValueError(f" must be a table [law] with a kind, one of {', '.join(LAWS)}, not {shown(table)}")
     one_of('.kind', table['kind'], tuple(LAWS))
     return table
 
@@ -233,10 +239,10 @@ Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw 
 class Pillar(Table):
     """Round cantilever under each particle."""
 
-    youngs_modulus_Pa: Positive = Field(description="Young's modulus in Pa")
-    radius_m: Positive = Field(description='the radius in m')
-    height_m: Positive = Field(description='the height in m')
-    density_kg_per_m3: Positive | None = None
+    youngs_modulus_Pa: Pressure = Field(description="Young's modulus in Pa")
+    radius_m: Length = Field(description='the radius in m')
+    height_m: Length = Field(description='the height in m')
+    density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = None
 
     @property
     def stiffness_N_per_m(self):
@@ -252,7 +258,7 @@ class Pillar(Table):
 class Foundation(Table):
     """Springs that tie each particle to its place, by their stiffness or as pillars."""
 
-    stiffness_N_per_m: NotNegative | None = None
+    stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = None
     pillar: Pillar | None = None
 
     @model_validator(mode='after')

@@ -10,8 +10,8 @@ from pydantic import BeforeValidator, Field
 
 from . import lattices
 from . import units as u
-from .errors import one_of
-from .tables import Count, Positive, Table
+from .errors import one_of, shown
+from .tables import Count, Length, Table
 
 MOST_CELLS = 10**6
 """A patch of more needs gigabytes; rather than wanted it is a wrong unit."""
@@ -53,8 +53,8 @@ class Rectangle(PatchTable):
     """Upright rectangle."""
 
     kind: Literal['rectangle']
-    width_m: Positive = Field(description='the width in m, along x')
-    height_m: Positive = Field(description='the height in m, along y')
+    width_m: Length = Field(description='the width in m, along x')
+    height_m: Length = Field(description='the height in m, along y')
 
     def area(self, cell):
         return self.width_m * u.m * self.height_m * u.m
@@ -67,7 +67,7 @@ class Hexagon(PatchTable):
     """Regular hexagon with corners on the x axis, or its upper half, as in the paper's experiment."""
 
     kind: Literal['hexagon', 'half_hexagon']
-    side_m: Positive = Field(description='the side of the hexagon in m')
+    side_m: Length = Field(description='the side of the hexagon in m')
 
     def area(self, cell):  # of the whole hexagon, from which its half is cut
         return 1.5 * np.sqrt(3) * (self.side_m * u.m) ** 2
@@ -81,7 +81,7 @@ PATCHES = ('parallelogram', 'rectangle', 'hexagon', 'half_hexagon')
 
 def _known_patch(table):
     if not isinstance(table, dict) or 'kind' not in table:
-        raise ValueError(f' must be a table [patch] with a kind, one of {", ".join(PATCHES)}, not {table!r}')
+        raise ValueError(f' must be a table [patch] with a kind, one of {", ".join(PATCHES)}, not {shown(table)}')
     one_of('.kind', table['kind'], PATCHES)
     return table
 

@@ -5,7 +5,7 @@ from pydantic import Field, model_validator
 
 from . import units as u
 from .lattices import RIM
-from .tables import AtLeastTwo, Count, Counts, Number, Point, Positive, Table, Text
+from .tables import Angle, AtLeastTwo, Count, Counts, Force, Frequency, Point, Rate, Table, Text
 
 
 class BandPlan(Table):
@@ -20,7 +20,7 @@ class Pick(Table):
     """A particle of a patch, by where it is, and a direction in the plane."""
 
     at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken')
-    direction_deg: Number = Field(description='the direction in degrees from the x axis')
+    direction_deg: Angle = Field(description='the direction in degrees from the x axis')
 
     def of(self, patch):
         """Index of the particle of a patch, and the unit vector of the direction, shape (3,).
@@ -43,10 +43,10 @@ class Pick(Table):
 class FrfPlan(Table):
     """Displacement per harmonic force over frequency; in a patch, where the force acts and where it is answered."""
 
-    from_Hz: Positive = Field(description='the lowest frequency in Hz')
-    to_Hz: Positive = Field(description='the highest frequency in Hz')
+    from_Hz: Frequency = Field(description='the lowest frequency in Hz')
+    to_Hz: Frequency = Field(description='the highest frequency in Hz')
     points: AtLeastTwo = Field(description='the number of frequencies')
-    damping_per_s: Positive = Field(description='the damping force per momentum in 1/s, which is the width of a peak in rad/s')
+    damping_per_s: Rate = Field(description='the damping force per momentum in 1/s, which is the width of a peak in rad/s')
     force: Pick | None = None
     response: Pick | None = None
 
@@ -72,4 +72,4 @@ class LadderPlan(Table):
 
     edge: Text | None = None
     branch: Count = 1
-    force_N: Positive | None = None
+    force_N: Force | None = None

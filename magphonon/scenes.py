@@ -18,14 +18,25 @@ from .burstplan import BurstPlan, VibrometerPlan
 from .calculator import MagneticRepulsion
 from .designplan import DesignPlan
 from .errors import one_of
-from .materials import ALL, AnyLattice, Foundation, Law, Oscillator
+from .materials import ALL, AnyLattice, Foundation, Law, MagnetsLaw, Oscillator
 from .patches import Patch
 from .plans import BandPlan, FrfPlan, LadderPlan
-from .tables import Table, Text
+from .tables import Table, Text, fault, raise_all
+from .textfiles import MEGABYTE, text_of
 from .tolerances import Uncertainty
 
 FREQUENCIES_Hz = 1e-9, 1e12
 """Beyond these a unit or an exponent is wrong, and squares and powers soon leave the range of numbers."""
+DENSITIES_kg_per_m3 = 500, 5e5
+"""Of a moving mass in terms of its magnet: less than any magnet has, and more than a magnet with a heavy holder."""
+LEAST_SHARE = 1e-12
+"""Of the foundation: the stiffness of the repulsion below which the round-off of the foundation hides it."""
+SENSIBLE_SHARE = 1e-6
+"""Of the foundation: the stiffness of the repulsion above which a lattice is one."""
+MOST_LEGS = 100
+"""Points along a path; a picture has no room for the names of more."""
+MOST_BYTES = 10 * MEGABYTE
+"""Of a scene file; those that come with the package have 3 kB."""
 
 
 class Scene(Table):
@@ -52,27 +63,60 @@ class Scene(Table):
         if self.single:
             self._check_oscillator()
         self._check_scale(self.atoms())
-        if self.bands is not None:
-            self._check_bands()
-        if self.frf is not None:
-            self._check_frf()
-        if self.plan is not None:
-            self._check_plan()
-        if self.burst is not None and self.vibrometer is not None:
-            self.vibrometer.refuse_aliasing(self.burst.carriers_Hz)
-        if self.foundation and self.foundation.moving_mass and (self.uncertainty or self.design):
-            raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] know pillars without mass; '
-                             'take it out, and add 33/140 of the pillar to lattice.mass_kg')
-        if self.uncertainty is not None:
-            self.uncertainty.tolerances(self)
-        if self.design is not None:
-            self.design.check(self)
+        faults = []
+        for table, check in (('title', self._check_title), ('law', self._check_mass), ('bands', self._check_bands),
+                             ('frf', self._check_frf), ('plan', self._check_plan), ('vibrometer', self._check_vibrometer),
+                             ('foundation', self._check_pillar), ('uncertainty', self._check_uncertainty),
+                             ('design', self._check_design)):
+            try:
+                if getattr(self, table) is not None:
+                    check()
+            except ValueError as error:
+                faults.append(fault(self, error))
+        raise_all(faults)
         return self
 
     @property
     def single(self):
         """Whether it is the oscillator of one particle."""
         return isinstance(self.lattice, Oscillator)
+
+    def _check_title(self):
+        if self.title.count('$') < 2:
+            return
+        from matplotlib.mathtext import MathTextParser  # late: it takes half a second
+
+        try:
+            MathTextParser('path').parse(self.title)
+        except ValueError as error:
+            raise ValueError(f'title is no mathematics that can be drawn: {str(error).splitlines()[-1]}; mend what stands '
+                             'between the $, or write \\$ for a dollar') from None
+
+    def _check_mass(self):
+        if not isinstance(self.law, MagnetsLaw):
+            return
+        density = self.lattice.mass_kg / (self.law.magnet().volume / u.m**3)
+        if not DENSITIES_kg_per_m3[0] <= density <= DENSITIES_kg_per_m3[1]:
+            raise ValueError(f'lattice.mass_kg = {self.lattice.mass_kg!r} would give the magnet {density:.3g} kg/m3, and magnets '
+                             'have some 7500; check the unit of the mass, which is kg, and of the sizes, which is m')
+
+    def _check_vibrometer(self):
+        if self.burst is not None:
+            self.vibrometer.refuse_aliasing(self.burst.carriers_Hz)
+        if self.vibrometer.noise_m > self.lattice.spacing_m:
+            raise ValueError(f'vibrometer.noise_m must be less than the spacing of {self.lattice.spacing_m!r} m, not '
+                             f'{self.vibrometer.noise_m!r}')
+
+    def _check_pillar(self):
+        if self.foundation.moving_mass and (self.uncertainty or self.design):
+            raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] know pillars without mass; '
+                             'take it out, and add 33/140 of the pillar to lattice.mass_kg')
+
+    def _check_uncertainty(self):
+        self.uncertainty.tolerances(self)
+
+    def _check_design(self):
+        self.design.check(self)
 
     def _check_oscillator(self):
         if self.law.shells != 1:
@@ -85,6 +129,8 @@ class Scene(Table):
         if len(wanted) != periodic:
             raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {wanted}')
         known = self.lattice.path(None, npoints=0).special_points
+        if len(self.bands.path) > MOST_LEGS:
+            raise ValueError(f'bands.path must join at most {MOST_LEGS} points, not {len(self.bands.path)}')
         legs = parse_path_string(self.bands.path)
         if not all(len(leg) > 1 and set(leg) <= set(known) for leg in legs):
             raise ValueError(f'bands.path of the {kind} lattice must join points out of {", ".join(known)}, '
@@ -117,11 +163,29 @@ class Scene(Table):
         if not calc.potential.dphi(calc.bonds.lengths).any():
             raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r} is so wide that nothing repels; spheres repel only '
                              'where the spacing is less than their diameter')
-        stiffness = abs(calc.potential.d2phi(calc.bonds.lengths)).max() + calc.parameters.foundation
-        f = np.sqrt(stiffness / atoms.get_masses()[0]) / (2 * np.pi) / u.Hz
+        repulsion, k = abs(calc.potential.d2phi(calc.bonds.lengths)).max(), calc.parameters.foundation
+        f = np.sqrt((repulsion + k) / atoms.get_masses()[0]) / (2 * np.pi) / u.Hz
         if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
             raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of some {f:.1g} Hz; '
-                             f'check their units and exponents')
+                             f'check their units and exponents ({self._numbers()})')
+        if not LEAST_SHARE * k <= repulsion:
+            given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
+            raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r}: there the repulsion has a stiffness of '
+                             f'{lost:.1g} N/m, lost in the round-off of the foundation, {given:.3g} N/m'
+                             f'{self._millimetres(calc.potential, k)}; check their units and exponents')
+
+    def _numbers(self):
+        """The numbers of the law, for a message."""
+        return ', '.join(f'law.{key} = {value!r}' for key, value in self.law if isinstance(value, float))
+
+    def _millimetres(self, law, k):
+        """A question, where the spacing would make sense if it was written in mm."""
+        meant = self.lattice.spacing_m / 1000
+        try:
+            sensible = law.d2phi(meant * u.m) >= SENSIBLE_SHARE * k
+        except (ValueError, ArithmeticError):
+            sensible = False
+        return f'; it is in metres: did you mean {meant:g}?' if sensible else ''
 
     def cell(self):
         """One unit cell, or the oscillator, with the moving mass of the pillars but without a calculator."""
@@ -234,19 +298,26 @@ def read_scene(path):
     """
     path = Path(path)
     try:
-        data = tomllib.loads(path.read_text(encoding='utf-8'))
+        text = text_of(path, MOST_BYTES)
     except OSError as error:
         raise type(error)(f'{path} cannot be read ({error.strerror}); "magphonon scene" lists scenes to start from') from None
-    except ValueError as error:  # also bytes that are not UTF-8
+    except UnicodeDecodeError as error:
         raise ValueError(f'{path} is not TOML ({error}); "magphonon scene prototype" prints a scene to start from') from None
+    try:
+        data = tomllib.loads(text)
+    except ValueError as error:
+        raise ValueError(f'{path} is not TOML ({error}); "magphonon scene prototype" prints a scene to start from') from None
+    except RecursionError:
+        raise ValueError(f'{path} is not a scene: it nests lists or tables hundreds deep; "magphonon scene prototype" prints one '
+                         'to start from') from None
     try:
         with np.errstate(over='raise', divide='raise', invalid='raise'):
             return Scene.model_validate(data, context={'folder': path.parent})
     except ArithmeticError as error:
         raise ValueError(f'{path}: its numbers are too large or too small to compute with ({error.args[-1]}); '
-                         'check their units and exponents') from None
+                         'check their units and exponents, first those of [law]') from None
     except ValidationError as error:
-        faults = [_fault(fault['loc'], fault['ctx']['error'], data) for fault in error.errors()]
+        faults = dict.fromkeys(_fault(found['loc'], found['ctx']['error'], data) for found in error.errors())
         raise ValueError('\n'.join(f'{path}: {fault}' for fault in faults)) from None
 
 
@@ -257,7 +328,7 @@ def _fault(loc, error, data):
         if isinstance(data, dict) and step == data.get('kind'):
             continue
         name += f'[{step}]' if isinstance(step, int) else f'.{step}'
-        data = data[step]
+        data = data.get(step) if isinstance(data, dict) else None  # a table of forces may stand in a file of its own
     text = str(error)
     return (name[1:] or 'the scene') + text if text[0] in ' .:' else text
 

@@ -8,8 +8,12 @@ import numpy as np
 from . import units
 from .errors import finite, not_negative, positive
 from .files import whole_file
+from .textfiles import MEGABYTE, refuse_endless
 
 COLUMNS = ('time_s', 'particle', 'u_x_m', 'u_y_m')
+
+MOST_BYTES = 1000 * MEGABYTE
+"""Of a table of displacements; a row of 100 particles over 10 000 frames has 50 MB."""
 
 JITTER = 0.01
 """Largest departure from equal time steps, as a share of one; at ten samples per period it puts -44 dB beside a wave."""
@@ -133,6 +137,7 @@ def read_displacements(path, particles=None):
 
 
 def _columns(path):
+    refuse_endless(path, MOST_BYTES)
     with open(path, encoding='utf-8-sig', newline='') as file:
         lines = ((n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith('#'))
         rows = ((n, next(csv.reader([line]))) for n, line in lines)

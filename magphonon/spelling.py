@@ -1,0 +1,19 @@
+"""What was probably meant by a word that is not in a list: for misspelt keys, kinds and commands."""
+
+from difflib import get_close_matches
+
+
+def nearest(word, choices):
+    """The choice that was probably meant, or None: one that begins with `word`, as 'b_N_m_a' with 'b', or one much like it."""
+    choices = [choice for choice in choices if isinstance(choice, str)]
+    if not isinstance(word, str):
+        return None
+    begun = [choice for choice in choices if choice.lower().startswith(f'{word.lower()}_')]
+    near = get_close_matches(word.lower(), [choice.lower() for choice in choices], 1)
+    return begun[0] if begun else next((choice for choice in choices if choice.lower() in near), None)
+
+
+def did_you_mean(word, choices):
+    """The end of a message: "; did you mean 'bands'?", or nothing where no choice is near."""
+    near = nearest(word, choices)
+    return f'; did you mean {near!r}?' if near else ''

@@ -1,0 +1,42 @@
+"""Reading text that people wrote: of bounded size, with or without a byte order mark, and from files only."""
+
+import errno
+import os
+from pathlib import Path
+from stat import S_ISREG
+
+MEGABYTE = 2**20
+
+
+def text_of(path, most):
+    """The text of a file in UTF-8.
+
+    Parameters
+    ----------
+    path : path-like
+    most : int
+        Bytes beyond which it cannot be what it should be.
+
+    Raises
+    ------
+    OSError
+        If there is no such file, or it cannot be read.
+    ValueError
+        If it is no regular file, such as a pipe or a device, which may never end; too large; or no text in UTF-8.
+    """
+    refuse_endless(path, most)
+    return Path(path).read_text(encoding='utf-8-sig')
+
+
+def refuse_endless(path, most):
+    """Raise ValueError for a pipe or a device, and for a file of more than `most` bytes."""
+    if '\0' in str(path):
+        raise ValueError(f'{str(path)!r} is no name of a file, as it holds the character 0')
+    found = os.stat(path)
+    if os.path.isdir(path):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not S_ISREG(found.st_mode):
+        raise ValueError(f'{path} is a pipe or a device and may never end; save it as a file first')
+    if found.st_size > most:
+        raise ValueError(f'{path} has {found.st_size / MEGABYTE:.3g} MB, more than the {most / MEGABYTE:g} MB that are read; '
+                         'it is probably another file')
