@@ -322,7 +322,6 @@ def _grid(layout):
     """Window of bonds, its lead over the slots, runs of slots with or without particles, offsets, rest vectors, strength."""
     runs, behind = [], 0
     for s, e in layout.runs(gap=GAP, longest=RUN):
-        s -= s % LINE
         runs += [(k, min(k + RUN, s), EMPTY) for k in range(behind, s, RUN)] + [(s, e, 0)]
         behind = e
     pad = layout.offset.max() + -layout.offset.max() % LINE

@@ -68,13 +68,15 @@ class Layout:
         return self.R[np.unique(self.kind, return_index=True)[1]]
 
     def runs(self, gap, longest):
-        """First and last + 1 slot of stretches of particles, shape (runs, 2).
+        """First and last + 1 slot of stretches of particles, shape (runs, 2); none overlaps another.
 
-        Holes up to `gap` slots are included; stretches are cut into pieces of at most `longest`.
+        Holes up to `gap` slots, at least a cache line, are included.  Stretches start on a cache line and are cut into
+        pieces of at most `longest` slots, a whole number of cache lines, so that every piece starts on one.
         """
         occupied = np.sort(self.slot)
         breaks = np.flatnonzero(np.diff(occupied) > gap)
         first = occupied[np.append(0, breaks + 1)]
+        first -= first % LINE
         last = occupied[np.append(breaks, len(occupied) - 1)] + 1
         return np.array([(s, min(s + longest, b)) for a, b in zip(first, last, strict=True) for s in range(a, b, longest)])
 

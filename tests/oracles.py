@@ -165,3 +165,52 @@ def small_cluster(seed=1, n=9, spacing=10.0):
     points = np.zeros((n, 3))
     points[:, :2] = grid + rng.uniform(-0.15, 0.15, (n, 2)) * spacing
     return Atoms(['Nd'] * n, positions=points, masses=rng.uniform(0.5, 1.5, n))
+
+
+def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', damping=0.0, drive=None, velocities=None):
+    """Displacements and velocities after velocity Verlet with textbook pair forces: the oracle of every engine.
+
+    One step is half the decay, half the kick of the drive, velocity Verlet, half a kick, half a decay, each spelled out in the
+    order of the formula.  FixAtoms holds, FixedLine and FixedPlane take away the velocity that they bar.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest; its positions are the anchors.
+    bonds : tuple of i, j and R
+        Each pair once, R the vector from i to j at rest, shape (bonds, 2).
+    drive : callable, optional
+        From the time to forces, shape (particles, 2).
+    velocities : ndarray, shape (particles, 2)
+    """
+    i, j, R = bonds
+    r0 = np.linalg.norm(R, axis=1)
+    n0 = R / r0[:, None]
+    mass = atoms.get_masses()[:, None]
+    decay = np.exp(-np.broadcast_to(damping, len(atoms)) * dt / 2)[:, None]
+    allowed = np.tile(np.eye(2), (len(atoms), 1, 1))
+    for constraint in atoms.constraints:
+        d = getattr(constraint, 'dir', np.zeros(3))[:2]
+        along = np.outer(d, d)
+        allowed[constraint.index] = {'FixAtoms': 0 * along, 'FixedLine': along, 'FixedPlane': np.eye(2) - along}[
+            type(constraint).__name__]
+
+    def project(v):
+        return np.einsum('ixy,iy->ix', allowed, v)
+
+    def force(u, t):
+        bond = R + u[j] - u[i]
+        r = np.linalg.norm(bond, axis=1) if model != 'conventional' else r0 + ((u[j] - u[i]) * n0).sum(axis=1)
+        pull = -law.dphi(r)[:, None] * (bond / r[:, None] if model == 'complete' else n0)
+        f = -foundation * u
+        for x in range(2):
+            f[:, x] += np.bincount(j, pull[:, x], len(u)) - np.bincount(i, pull[:, x], len(u))
+        return f + (0 if drive is None else drive(t))
+
+    u = np.zeros((len(atoms), 2))
+    v = project(np.array(velocities, float))
+    for step in range(steps):
+        v = decay * v + project(dt / 2 * force(u, step * dt) / mass)
+        u = u + dt * v
+        v = decay * (v + project(dt / 2 * force(u, (step + 1) * dt) / mass))
+    return u, v

@@ -1,0 +1,169 @@
+"""Every engine of a run against plain velocity Verlet, on patches drawn over lattices, shapes, holes, masses, constraints.
+
+The long part draws thousands over everything: `python -m pytest -m long tests/test_differential.py`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.constraints import FixAtoms, FixedLine, FixedPlane
+from oracles import neighbour_vectors, verlet
+
+from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, lattices
+from magphonon.layout import LINE, arrange
+
+LAW = InversePower(b=8900.0, a=4.5)
+L0 = 10.0
+REACHES = {'square': (1.2, 1.7, 2.1), 'triangular': (1.3, 1.9, 2.2), 'honeycomb': (1.3, 1.85, 2.1), 'kagome': (1.3, 1.85, 2.1)}
+"""Between the shells of neighbours, in spacings."""
+DT, STEPS = 0.1, 40  # ms; a twentieth of a period, and past the end of one block
+EXACT = 1e-9
+"""Of the largest displacement.  Positions of 500 mm are rounded to 1e-13 mm, 40 steps double that a few times, and the smallest
+largest displacement drawn is 0.01 mm; ASE's loop under FixAtoms makes momenta of such differences."""
+ENGINES = {'numpy': 'numpy', 'ase': 'ase', 'compiled grid': 'compiled', 'compiled table': 'compiled'}
+
+
+@dataclass
+class Case:
+    """A patch at rest and what moves it."""
+
+    atoms: Atoms
+    reach: float
+    shells: int
+    model: str
+    foundation: float
+    damping: np.ndarray
+    pushed: np.ndarray
+    velocities: np.ndarray
+
+    def drive(self, t):
+        forces = np.zeros((len(self.atoms), 2))
+        forces[self.pushed] = 0.02 * np.sin(0.5 * t + 0.3) * np.array([0.6, 0.8])
+        return forces
+
+    def expected(self):
+        pairs = [(i, j, v[:2]) for i, j, _, v in neighbour_vectors(self.atoms, self.reach) if i < j]
+        bonds = np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs]), np.array([p[2] for p in pairs])
+        return verlet(self.atoms, LAW, DT, STEPS, bonds=bonds, foundation=self.foundation, model=self.model,
+                      damping=self.damping, drive=self.drive, velocities=self.velocities)[0]
+
+    def run(self, name):
+        """Displacements at the end by an engine; a shuffled patch without places on a grid goes into a table."""
+        order = np.arange(len(self.atoms))
+        atoms = self.atoms.copy()
+        if name == 'compiled table':
+            order = np.random.default_rng(0).permutation(order)
+            atoms = atoms[order]
+            atoms.set_array('site', None)
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=self.foundation, model=self.model, shells=self.shells)
+        atoms.set_momenta(atoms.get_masses()[:, None] * np.pad(self.velocities[order], ((0, 0), (0, 1))))
+        drive = Harmonic(np.flatnonzero(np.isin(order, self.pushed)), (0.6, 0.8), 0.02, 0.5, 0.3)
+        dyn = DrivenVerlet(atoms, DT, [drive], self.damping[order], ENGINES[name])
+        dyn.run(STEPS)
+        assert dyn.engine == ENGINES[name]
+        assert 'compiled' not in name or (dyn._blocks.layout.offset is None) == (name == 'compiled table')
+        u = np.empty((len(atoms), 2))
+        u[order] = dyn.displacements
+        return u
+
+
+def patch_of(rng, kind, most):
+    """A patch of 20 to `most` particles in one of the four shapes, cut anywhere on the lattice."""
+    cell = getattr(lattices, kind)(L0, 0.7)
+    area = np.linalg.norm(np.cross(*cell.cell.array[:2])) / len(cell) * np.exp(rng.uniform(np.log(20), np.log(most)))
+    shape, long = rng.choice(['parallelogram', 'rectangle', 'hexagon', 'half_hexagon']), np.sqrt(area * rng.uniform(0.4, 2.5))
+    cell.positions[:, :2] += rng.uniform(0, L0, 2)
+    try:
+        if shape == 'parallelogram':
+            n = np.maximum(np.round([long / cell.cell.lengths()[0], area / long / cell.cell.lengths()[1]]).astype(int), 3)
+            return lattices.parallelogram(cell, *n)
+        if shape == 'rectangle':
+            return lattices.rectangle(cell, long, area / long)
+        return getattr(lattices, shape)(cell, np.sqrt(area / (2.6 if shape == 'hexagon' else 1.3)))
+    except ValueError:  # too small to have an inside
+        return patch_of(rng, kind, most)
+
+
+def drawn(seed, kinds=tuple(REACHES), most=2000, shells=3, models=('complete', 'conventional', 'literal'), foundation=(0.5, 2.0)):
+    rng = np.random.default_rng(seed)
+    kind = rng.choice(kinds)
+    patch = patch_of(rng, kind, most)
+    if rng.random() < 0.5:
+        holes = rng.random(len(patch)) < rng.uniform(0, 0.15)
+        patch = patch[~holes | (np.arange(len(patch)) == len(patch) // 2)]
+    if rng.random() < 0.3:
+        patch.set_constraint()  # free edges
+    patch.set_masses(0.7 * (rng.uniform(0.5, 2, len(patch)) if rng.random() < 0.5 else np.ones(len(patch))))
+    inner = rng.permutation(np.setdiff1d(np.arange(len(patch)), patch.constraints[0].index if patch.constraints else []))
+    angle = rng.uniform(0, 2 * np.pi)
+    guides = FixedLine(inner[:1], (np.cos(angle), np.sin(angle), 0)), FixedPlane(inner[1:3], (0, 1, 0)), FixAtoms(inner[3:5])
+    patch.set_constraint([*patch.constraints, *(c for c in guides if len(c.index) and rng.random() < 0.4)])
+    count = int(rng.integers(1, shells + 1))
+    return Case(patch, REACHES[kind][count - 1] * L0, count, str(rng.choice(models)), rng.uniform(*foundation),
+                rng.uniform(0, 0.05, len(patch)) * (rng.random() < 0.5), inner[-3:],
+                10 ** rng.uniform(-2, -0.3) * rng.uniform(-1, 1, (len(patch), 2)))
+
+
+def misfit(u, expected):
+    return abs(u - expected).max() / abs(expected).max()
+
+
+def compare(seeds, engines, **limits):
+    for seed in seeds:
+        case = drawn(seed, **limits)
+        expected = case.expected()
+        for name in engines:
+            off = misfit(case.run(name), expected)
+            assert off < EXACT, f'drawn({seed}, **{limits}): {name} is off by {off:.2g} of the largest displacement'
+
+
+@pytest.mark.parametrize('part', range(4))
+def test_numpy_and_ases_loop_are_velocity_verlet_on_any_patch(part):
+    compare(range(part, 40, 4), ('numpy', 'ase'), most=300)
+
+
+# numba compiles anew for every number of bond groups and of coefficients: a few seconds each.  These draws need few of them:
+# lattices of three groups, and a foundation that keeps strains below 1/64.
+SIMILAR = {'kinds': ('triangular', 'honeycomb'), 'shells': 1, 'models': ('complete',), 'foundation': (20.0, 30.0)}
+
+
+def test_the_compiled_grid_is_velocity_verlet_on_any_patch():
+    pytest.importorskip('numba')
+    compare(range(100, 240), ['compiled grid'], most=1000, **SIMILAR)
+
+
+def test_the_compiled_table_is_velocity_verlet_on_any_patch():
+    pytest.importorskip('numba')
+    compare(range(300, 340), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
+
+
+@pytest.mark.parametrize('change', [{'model': 'conventional'}, {'foundation': 1.01}, {'reach': 1.9 * L0}])
+def test_another_model_foundation_or_bond_list_is_noticed(change):
+    # the control: the oracle about another structure is off by more than the tolerance, for every patch
+    for seed in range(5):
+        case = drawn(seed, kinds=('triangular',), shells=1, models=('complete',), most=100)
+        other = replace(case, **change)
+        assert misfit(case.run('numpy'), other.expected()) > 1e3 * EXACT
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('hundred', range(20))
+def test_all_engines_are_velocity_verlet_on_two_thousand_patches(hundred):
+    pytest.importorskip('numba')
+    compare(range(100 * hundred, 100 * (hundred + 1)), ENGINES)
+
+
+@pytest.mark.parametrize('gap', [8, 32, 1024])
+def test_runs_of_slots_do_not_overlap_and_start_on_a_cache_line(gap):
+    for seed in range(40):
+        atoms = drawn(seed, most=3000).atoms
+        layout = arrange(atoms, MagneticRepulsion(atoms, LAW).bonds, np.ones(len(atoms), bool))
+        if layout.offset is None:
+            continue
+        runs = layout.runs(gap, 256)
+        assert (runs[:, 0] % LINE == 0).all()
+        assert (runs[1:, 0] >= runs[:-1, 1]).all()
+        covered = np.concatenate([np.arange(s, e) for s, e in runs])
+        assert np.isin(layout.slot, covered).all()
