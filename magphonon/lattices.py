@@ -154,7 +154,7 @@ def _patch(cell, n1, n2, beyond):
 
 
 def oscillator(theta0, spacing, mass):
-    """One free magnet on three fixed ones: the paper's single-particle oscillator (Sec. III, Fig. 2).
+    """One free magnet on three fixed ones: the paper's single-particle oscillator (Sec. III, Fig. 1).
 
     The free particle, the paper's number 4, rests at the origin.  One fixed magnet stands `spacing` below it, two
     stand at the angle `theta0` below the horizontal on its left and right.  The three push it upwards; an external

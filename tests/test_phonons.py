@@ -47,7 +47,7 @@ def prototype(lattice='triangular', law=PROTOTYPE, foundation=PILLAR, **kwargs):
 
 
 def ideal(**kwargs):
-    """The lattice of Fig. 5: f = gamma r^-4 with gamma = 1e4 N m^4, L0 = 1 m, M = 1 kg."""
+    """The lattice of Fig. 4: f = gamma r^-4 with gamma = 1e4 N m^4, L0 = 1 m, M = 1 kg."""
     cell = lattices.triangular(spacing=1 * u.m, mass=1 * u.kg)
     cell.calc = MagneticRepulsion(cell, InversePower(b=1e4 * u.N * u.m**4, a=4), **kwargs)
     return cell
@@ -170,7 +170,7 @@ def test_prototype_of_the_paper(point, model, frequencies_Hz):
 
 
 @pytest.mark.parametrize(('point', 'model', 'omega'), [
-    # Fig. 5 of the paper, sqrt((2a-6) f/(L M)) and its like in 50-digit arithmetic, rad/s
+    # Fig. 4 of the paper, sqrt((2a-6) f/(L M)) and its like in 50-digit arithmetic, rad/s
     ('M', 'complete', [141.421356237310, 469.041575982343]),
     ('K', 'complete', [367.423461417477, 367.423461417477]),
     ('M', 'conventional', [282.842712474619, 489.897948556636]),

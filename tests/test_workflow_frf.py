@@ -1,4 +1,4 @@
-"""The batch of oscillators behind Fig. 3, smaller and coarser: both models, and the angle that runs away."""
+"""The batch of oscillators behind Fig. 2, smaller and coarser: both models, and the angle that runs away."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Fig. 7: tone bursts through the ideal lattice, each model over the branches of both."""
+"""Fig. 6: tone bursts through the ideal lattice, each model over the branches of both."""
 
 from magphonon import read_scene, ready_scene
 from magphonon.waveplots import crossing, panels, plot_snapshot, plot_wave
@@ -25,7 +25,7 @@ def main(out):
             if branch == 'shear':
                 snapshots.append((patch, passage.field, crossing(passage), site))
     pictures = [save_picture(figure, out / 'bursts.png',
-                             'Fig. 7: bursts at 120 and 400 rad/s; every ridge lies on the branch of its own model.')]
+                             'Fig. 6: bursts at 120 and 400 rad/s; every ridge lies on the branch of its own model.')]
     figure, axes = panels(1, 2)
     for ax, snapshot in zip(axes[0], snapshots, strict=True):
         plot_snapshot(*snapshot, ax)

@@ -1,4 +1,4 @@
-"""Fig. 5: bands of the ideal triangular lattice, complete and conventional."""
+"""Fig. 4: bands of the ideal triangular lattice, complete and conventional."""
 
 import numpy as np
 
@@ -37,7 +37,7 @@ def main(out):
     plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional')
     pictures = [
         save_picture(ax.figure, out / 'ideal_bands.png',
-                     'Fig. 5: D* halves the shear branch at M and hardly moves the longitudinal one.'),
+                     'Fig. 4: D* halves the shear branch at M and hardly moves the longitudinal one.'),
         save_picture(plot_zone(bands['complete'].path).figure, out / 'zone.png', 'The first Brillouin zone and the path.'),
         save_picture(plot_mode(cell, bands['complete'], 'M', 0).figure, out / 'mode_M.png', 'The shear mode at M.'),
         save_picture(plot_ratio(complete, conventional, 0).figure, out / 'ratio_shear.png',

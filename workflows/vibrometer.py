@@ -1,4 +1,4 @@
-"""Fig. 9: the prototype under a virtual vibrometer, and below its cut-off, where waves decay."""
+"""Fig. 8: the prototype under a virtual vibrometer, and below its cut-off, where waves decay."""
 
 import numpy as np
 
@@ -49,7 +49,7 @@ def maps(scene, out):
                              1, control=True)]
             plot_wave(wave, ax).get_legend().set_title(f'{model} simulation, burst of {carrier:g} Hz')
     return checks, [save_picture(figure, out / 'vibrometer.png',
-                                 'Fig. 9: the half-hexagon of magnets on pillars, driven at one of them, under a vibrometer.')]
+                                 'Fig. 8: the half-hexagon of magnets on pillars, driven at one of them, under a vibrometer.')]
 
 
 def gap(scene, out):
