@@ -18,6 +18,9 @@ class Check:
         Largest difference allowed, relative to the reference, or absolute where that is zero.
     control : bool
         True for a wrong model, which must differ by more than the tolerance.
+    consistency : bool
+        True where the package computed the reference too, by another road: such a row shows that two roads agree, and
+        reproduces nothing.
     """
 
     quantity: str
@@ -25,6 +28,12 @@ class Check:
     reference: float
     tolerance: float
     control: bool = False
+    consistency: bool = False
+
+    @property
+    def kind(self):
+        """What the row shows: 'reproduction', 'consistency' or 'control'."""
+        return 'control' if self.control else 'consistency' if self.consistency else 'reproduction'
 
     @property
     def difference(self):
@@ -41,15 +50,41 @@ class Check:
     def cells(self):
         """The row of the table, as texts."""
         bound = f'{"> " if self.control else "<= "}{self.tolerance:.0e}'
-        verdict = ('differs, as it must' if self.control else 'pass') if self.passed else 'FAIL'
+        agrees = {'control': 'differs, as it must', 'consistency': 'consistent', 'reproduction': 'pass'}[self.kind]
+        verdict = agrees if self.passed else 'FAIL'
         return self.quantity, f'{self.here:.12g}', f'{self.reference:.12g}', f'{self.difference:.1e}', bound, verdict
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A quantity that nothing judges: no reference is known, or none is independent.
+
+    Attributes
+    ----------
+    quantity : str
+        What it is, with its unit.
+    here : float
+    beside : float, optional
+        A number to read it against.
+    """
+
+    quantity: str
+    here: float
+    beside: float | None = None
+    kind = 'reported'
+    passed = True
+
+    @property
+    def cells(self):
+        """The row of the table, as texts."""
+        return self.quantity, f'{self.here:.6g}', '' if self.beside is None else f'{self.beside:.6g}', '', '', 'reported'
 
 
 @dataclass(frozen=True)
 class Outcome:
     """What a workflow found: its checks, and its pictures as (file, caption)."""
 
-    checks: list[Check]
+    checks: list[Check | Reported]
     pictures: list[tuple] = field(default_factory=list)
 
 

@@ -31,8 +31,9 @@ def chart(ring):
         table += own
         error = {(m.method, m.setting): m.error for m in own}
         at = f'rings {r / u.mm:g} mm apart'
-        checks += [Check(f'{at}: 160 points on each rim against 240', error[RIMS, '160'], 0, 1e-9),
-                   Check(f'{at}: law against rims', next(m.error for m in own if m.method == SERIES), 0, 1e-9)]
+        checks += [Check(f'{at}: 160 points on each rim against 240', error[RIMS, '160'], 0, 1e-9, consistency=True),
+                   Check(f'{at}: law against rims', next(m.error for m in own if m.method == SERIES), 0, 1e-9,
+                         consistency=True)]
         if magpylib:
             checks += [Check(f'{at}: {FIELD} against rims', error[FIELD, '24'], 0, 1e-9),
                        Check(f'control: {at}: {MESH}, 10 cells', error[MESH, '10'], 0, 1e-3, control=True)]

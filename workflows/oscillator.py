@@ -38,6 +38,9 @@ def main(out):
         checks += pairs(f'oscillator {name} / largest stiffness', values / scale, np.array(paper[name]) / scale, 1e-9)
     checks += pairs('oscillator omega_y (rad/s)', signed_root(complete[:, 1, 1]), paper['omega_y'], 1e-9)
     checks += pairs('oscillator omega_y, D0 alone (rad/s)', signed_root(conventional[:, 1, 1]), paper['omega_y_D0'], 1e-9)
+    shifts = signed_root(complete[:, 1, 1]) - signed_root(conventional[:, 1, 1])
+    paper_shifts = np.subtract(paper['omega_y'], paper['omega_y_D0'])
+    checks += pairs('oscillator shift of omega_y by D* (rad/s), smaller at each larger angle', shifts, paper_shifts, 1e-8)
     checks += [Check(f'control: D0 alone as omega_y at theta0 = {t:.3g} pi (rad/s)', np.sqrt(d), w, 0.06, control=True)
                for t, d, w in zip(paper['theta0_over_pi'][:3], conventional[:3, 1, 1], paper['omega_y'], strict=False)]
     pushes = [oscillator(t).get_forces(apply_constraint=False)[3, 1] / units.N for t in angles]

@@ -2,6 +2,8 @@
 
 import base64
 import json
+from collections import Counter
+from dataclasses import asdict
 from html import escape
 
 from magphonon.files import whole_file
@@ -18,11 +20,24 @@ def text_table(outcomes):
 
 def write_summary(path, outcomes):
     """Every check with its verdict, as JSON."""
-    summary = {name: [{'quantity': c.quantity, 'here': float(c.here), 'reference': float(c.reference), 'difference': c.difference,
-                       'tolerance': c.tolerance, 'control': c.control, 'passed': c.passed} for c in outcome.checks]
-               for name, outcome in outcomes.items()}
+    summary = {name: [_row(check) for check in outcome.checks] for name, outcome in outcomes.items()}
     with whole_file(path) as file:
-        json.dump(summary, file, indent=1)
+        json.dump(summary, file, indent=1, default=float)  # NumPy's numbers
+
+
+def _row(check):
+    judged = {} if check.kind == 'reported' else {'difference': check.difference}
+    return asdict(check) | judged | {'kind': check.kind, 'passed': check.passed}
+
+
+def counted(outcomes):
+    """In words, how many rows of each kind pass, and how many fail."""
+    checks = [check for outcome in outcomes.values() for check in outcome.checks]
+    count = Counter(check.kind for check in checks if check.passed)
+    failed = sum(not check.passed for check in checks)
+    return (f'{count["reproduction"]} numbers agree with a reference from outside the package, {count["consistency"]} with '
+            f'another road through it; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers are '
+            f'reported without a reference; {failed} rows fail')
 
 
 def write_html(path, outcomes, titles):
@@ -31,6 +46,7 @@ def write_html(path, outcomes, titles):
              'body{font:16px/1.5 serif;max-width:60em;margin:2em auto}img{max-width:100%}'
              'table{border-collapse:collapse;font-size:13px}td,th{padding:.1em .7em;border-bottom:1px solid #ccc;text-align:left}'
              '.bad{background:#fdd;font-weight:bold}</style><h1>magphonon: the paper reproduced</h1>']
+    parts.append(f'<p>{escape(counted(outcomes))}.</p>')
     for name, outcome in outcomes.items():
         parts.append(f'<h2>{escape(titles[name])}</h2>')
         for picture, caption in outcome.pictures:

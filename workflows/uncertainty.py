@@ -26,7 +26,8 @@ def main(out):
     tolerances = Uncertainty(**ONE_PERCENT, **FIT).tolerances(scene)
     linear, drawn = at_points(scene, tolerances), closed_form(scene, tolerances)
     sampled = drawn.std(axis=0, ddof=1) / HERTZ
-    checks = [Check(f'1 % tolerances: deviation of {name}, linear and of {SAMPLES} lattices (Hz)', std, sample, TOLERANCE)
+    checks = [Check(f'1 % tolerances: deviation of {name}, linear and of {SAMPLES} lattices (Hz)', std, sample, TOLERANCE,
+                    consistency=True)
               for name, std, sample in zip(POINTS, linear.std / HERTZ, sampled, strict=True)]
     uncorrelated = Tolerances(tolerances.changes, np.diag(np.diag(tolerances.covariance)))
     wrong = at_points(scene, uncorrelated).std[1] / HERTZ, at_points(scene, tolerances, 'conventional').std[1] / HERTZ
@@ -41,7 +42,7 @@ def main(out):
     apart = abs(response.std / sampled - 1)
     half_way = response.values < response.values.max() / np.sqrt(2)  # within the peak's width the second order counts
     checks += [Check(f'oscillator: deviation of the amplitude beside the peak, linear / {SAMPLES} drawn - 1',
-                     apart[half_way].max(), 0, TOLERANCE),
+                     apart[half_way].max(), 0, TOLERANCE, consistency=True),
                Check('control: the same on top of the peak, where the slope vanishes', apart.max(), 0, 0.05, control=True)]
     return Outcome(checks, [*draw_bands(out), draw_limit(out, scene), draw_response(out, response, sampled)])
 

@@ -63,13 +63,13 @@ def gap(scene, out):
         off = {model: abs(measured / U - 1)[steps].max() for model, U in responses.items()}
         record = f'burst of 15 Hz from a {source}, {motion} motion'
         checks += [Check(f'{record}: points of a ridge', sum(points), 0, 0),
-                   Check(f'{record}: amplitudes off the linear response', off['complete'], 0, LINEAR),
+                   Check(f'{record}: amplitudes off the linear response', off['complete'], 0, LINEAR, consistency=True),
                    Check(f'control: {record}: amplitudes off those of D0 alone', off['conventional'], 0, 0.3, control=True)]
         expected = {model: slowest(cell, source, motion, model) for model in MODELS}
         if source == 'row':
             n = 1 + np.arange(len(measured))  # behind a row the origin does not matter
             decay, _ = measured_decay(measured[PLAIN], n[PLAIN], source)
-            checks += [Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], DECAY),
+            checks += [Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], DECAY, consistency=True),
                        Check(f'control: {record}: decay, D0 alone', decay, expected['conventional'], 0.3, control=True)]
         draw(ax, measured, responses, expected['complete'], f'{source} source, {motion} motion')
     return checks, save_picture(figure, out / 'evanescent.png',

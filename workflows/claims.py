@@ -1,0 +1,207 @@
+"""What the paper says of D* in words: when it vanishes, that amplitude does not matter, what a frozen direction costs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from magphonon import (
+    DrivenVerlet,
+    InversePower,
+    MagneticRepulsion,
+    Recorder,
+    analytic_bands,
+    lattices,
+    read_scene,
+    ready_scene,
+    units,
+)
+from magphonon.frf import harmonic_response
+from magphonon.plotting import COLOURS, legend_above, new_axes
+from magphonon.scenes import reference
+from magphonon.sites import site
+
+from .checks import Check, Outcome, Reported, pairs, save_picture
+from .oscillator import oscillator
+
+LAW = InversePower(b=1e4 * units.N * units.m**4, a=4.0)
+L0, MASS = 1 * units.m, 1 * units.kg
+AMPLITUDES = (1e-10, 1e-6, 1e-4)       # in L0; above, the frequency follows the square of the amplitude
+VISIBLE = 1e-2                         # in L0: where it does so visibly
+LOOPS = np.array([1e-3, 2e-3, 4e-3])   # in L0, radii of the loop around which the literal force does work
+STEPS_PER_PERIOD, PERIODS = 40, 10
+FREE = 3                               # the oscillator's free particle among its four
+BEAM = 4**4                            # bending stiffness of a beam 1/4 inch across over that of a pillar of 1/16 inch
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A linear spring of its own length: at that length it pushes nothing."""
+
+    stiffness: float
+    length: float
+
+    def phi(self, r):
+        """Energy in mJ."""
+        return self.stiffness / 2 * (r - self.length) ** 2
+
+    def dphi(self, r):
+        """Its first derivative in N."""
+        return self.stiffness * (r - self.length)
+
+    def d2phi(self, r):
+        """Its second derivative in N/mm."""
+        return self.stiffness + 0 * r
+
+
+def main(out):
+    """Each claim as numbers, with the model that fails it."""
+    paper = reference()['triangular']
+    checks = [*without_static_force(), *at_every_amplitude(paper), *literal_update(paper), *loop_work()]
+    beams, picture = elastic_rim(out)
+    return Outcome([*checks, *beams], [picture])
+
+
+def without_static_force():
+    """Springs at their own length carry no static force: both models are the same, and D* is back as soon as they are pressed."""
+    def at_M(length, model):
+        cell = lattices.triangular(L0, MASS)
+        cell.calc = MagneticRepulsion(cell, Spring(1.0, length))
+        return analytic_bands(cell, cell.cell.bandpath('M', npoints=1, pbc=cell.pbc), model).omega[0]
+
+    free = np.sqrt([2 / MASS, 6 / MASS])  # shear and longitudinal at M, of springs of 1 N/mm
+    return [*pairs("springs without static force (phi' = 0), M, complete model", at_M(L0, 'complete') / free, (1, 1), 1e-12),
+            Check('control: the same springs pressed by 10 %, shear at M, complete / D0 alone',
+                  at_M(1.1 * L0, 'complete')[0] / at_M(1.1 * L0, 'conventional')[0], 1, 0.05, control=True)]
+
+
+def frequency_at_M(model, amplitude):
+    """Frequency in rad/s of the standing shear wave at M that starts at rest with this amplitude (in L0), from time steps."""
+    patch = lattices.triangular(L0, MASS).repeat((1, 2, 1))
+    patch.calc = MagneticRepulsion(patch, LAW, model=model)
+    pattern = np.exp(2j * np.pi * patch.get_scaled_positions() @ (0, 1, 0)).real[:, None] * shear_at_M(patch)
+    patch.positions[:, :2] += amplitude * L0 * pattern
+    top = np.sqrt(6 * LAW.a * -LAW.dphi(L0) / (L0 * MASS))
+    dyn = DrivenVerlet(patch, 2 * np.pi / top / STEPS_PER_PERIOD)
+    recorder = Recorder(dyn, interval=1)
+    dyn.run(2 * PERIODS * STEPS_PER_PERIOD)
+    q = np.einsum('tix,ix->t', recorder.displacements, pattern)
+    falls = np.flatnonzero((q[:-1] > 0) & (q[1:] <= 0))
+    times = [crossing(q[k - 1:k + 3], recorder.times[k - 1:k + 3]) for k in falls]
+    omega = 2 * np.pi * (len(times) - 1) / (times[-1] - times[0])
+    return 2 / dyn.dt * np.sin(omega * dyn.dt / 2) / (units.rad / units.s)  # of the equation, not of its time steps
+
+
+def shear_at_M(patch):
+    """Unit vector along which the shear wave at M moves: along the rows that slide over each other."""
+    across = patch.cell.reciprocal().array[1, :2]
+    return np.array([-across[1], across[0]]) / np.linalg.norm(across)
+
+
+def crossing(q, t):
+    """Time at which the cubic through four samples vanishes."""
+    roots = np.roots(np.polyfit(t - t[1], q, 3))
+    real = roots[abs(roots.imag) < 1e-9 * (t[1] - t[0])].real
+    return t[1] + real[abs(real - (t[2] - t[1]) / 2).argmin()]
+
+
+def at_every_amplitude(paper):
+    """However small the motion, D* halves the shear frequency at M: it is no matter of large displacements."""
+    rows = []
+    for A in AMPLITUDES:
+        complete, conventional = (frequency_at_M(model, A) for model in ('complete', 'conventional'))
+        at = f'M shear in time at an amplitude of {A:g} L0'
+        rows += [Check(f'{at} (rad/s)', complete, paper['M_complete'][0], 1e-6),
+                 Check(f'{at}, complete / D0 alone', complete / conventional, 0.5, 1e-6),
+                 Check(f'control: {at}, D0 alone (rad/s)', conventional, paper['M_complete'][0], 0.5, control=True)]
+    return [*rows, Reported(f'M shear in time at an amplitude of {VISIBLE:g} L0 (rad/s), beside that of small motion',
+                            frequency_at_M('complete', VISIBLE), paper['M_complete'][0])]
+
+
+def literal_update(paper):
+    """In time steps: with "only the magnitude" of the force updated, the frequency is that of D0 alone."""
+    here = frequency_at_M('literal', AMPLITUDES[1])
+    what = 'M shear in time, only the magnitude updated'
+    return [Check(f'{what}, against D0 alone (rad/s)', here, paper['M_conventional'][0], 1e-6),
+            Check('control: the same against D0 + D* (rad/s)', here, paper['M_complete'][0], 0.5, control=True)]
+
+
+def loop_work():
+    """Work of the oscillator's force around a small loop: the literal force is not conservative, the others are.
+
+    Symmetry hides it in a whole lattice and in a loop about rest; this loop of the oscillator passes through rest.
+    """
+    def work(model, radius, points=64):
+        atoms, total = oscillator(np.pi / 4, model), 0.0
+        atoms.set_constraint()
+        rest = atoms.get_positions()
+        for t in 2 * np.pi * np.arange(points) / points:
+            atoms.positions[FREE] = rest[FREE] + radius * L0 * np.array([1 + np.cos(t), np.sin(t), 0])
+            along = np.array([-np.sin(t), np.cos(t), 0]) * radius * L0 * 2 * np.pi / points
+            total += atoms.get_forces()[FREE] @ along
+        return total
+
+    def scaled(model):
+        return abs(np.array([work(model, radius) for radius in LOOPS])) / (-LAW.dphi(L0) * L0 * LOOPS**3)
+
+    literal = abs(np.array([work('literal', radius) for radius in LOOPS]))
+    power = np.polyfit(np.log(LOOPS), np.log(literal), 1)[0]
+    what = 'work around a loop of radius u over f L0 (u/L0)^3'
+    return [Check(f'{what}, complete model', scaled('complete').max(), 0, 1e-6),
+            Check('the same, D0 alone with projected lengths', scaled('conventional').max(), 0, 1e-6),
+            Check('control: the same, only the magnitude updated', scaled('literal').max(), 0, 1e-6, control=True),
+            Check('power of the radius in the work of the force of which only the magnitude is updated', power, 3, 0.02)]
+
+
+def elastic_rim(out):
+    """The prototype's rim on beams of 1/4 inch, which bend, instead of held ideally: how much the measured row notices."""
+    scene = read_scene(ready_scene('prototype'))
+    patch = scene.patch_atoms()
+    where = site(scene.atoms(), patch, scene.burst.source)
+    damping = 4 / units.s
+    omega = 2 * np.pi * np.array(scene.burst.carriers_Hz) * units.Hz
+    push = np.zeros((len(patch), 3), complex)
+    push[where.driven, 1] = 1e-4 * units.N
+    held = harmonic_response(patch, push, omega, damping)[:, where.row, :2]
+    bent, sag = on_beams(patch, push, omega, damping)
+    bent = bent[:, where.row]
+    off = abs(bent - held).max(axis=(1, 2)) / abs(held).max(axis=(1, 2))
+    ax = new_axes()
+    x = np.arange(len(where.row))
+    for k, (carrier, a, b) in enumerate(zip(scene.burst.carriers_Hz, held, bent, strict=True)):
+        ax.semilogy(x, abs(a[:, 1]) / units.m * 1e6, '-', color=COLOURS[k], label=f'{carrier:g} Hz, rim held')
+        ax.semilogy(x, abs(b[:, 1]) / units.m * 1e6, 'o', color=COLOURS[k], markersize=3, fillstyle='none',
+                    label='rim on beams of 1/4 inch' if k == 0 else '')
+    ax.set(xlabel='steps along the measured row', ylabel=r'steady amplitude ($\mu$m)')
+    legend_above(ax, ncols=3)
+    return [Reported('rim on beams: how far static repulsion bends them (mm), beside the spacing', sag / units.mm, 10),
+            *(Reported(f'rim on beams: change along the measured row at {carrier:g} Hz, over the largest amplitude', change)
+              for carrier, change in zip(scene.burst.carriers_Hz, off, strict=True))], \
+        save_picture(ax.figure, out / 'elastic_rim.png', (
+            'The prototype with its rim held ideally, as everywhere else here, and on elastic beams of 1/4 inch, '
+            f'{BEAM} times as stiff as a pillar, which static repulsion bends outwards by {sag / units.mm:.2g} mm.'))
+
+
+def on_beams(patch, push, omega, damping):
+    """Steady displacements in mm, shape (frequencies, particles, 2), and how far the rim gives way at rest in mm."""
+    calc, free = patch.calc, patch.copy()
+    rim = np.unique(np.concatenate([constraint.index for constraint in patch.constraints]))
+    free.set_constraint()
+    free.calc = calc
+    plane = (3 * np.arange(len(patch))[:, None] + np.arange(2)).ravel()
+    extra = np.zeros((len(patch), 2))
+    extra[rim] = (BEAM - 1) * calc.parameters.foundation
+    beams = sparse.diags_array(extra.ravel())
+    for _ in range(20):  # Newton's method for the rest state on beams
+        u = free.positions[:, :2] - patch.positions[:, :2]
+        residual = free.get_forces()[:, :2] - extra * u
+        K = sparse.csr_array(free.calc.get_hessian(free))[plane][:, plane] + beams
+        step = spsolve(K.tocsc(), residual.ravel()).reshape(-1, 2)
+        free.positions[:, :2] += step
+        if abs(step).max() < 1e-12 * L0:
+            break
+    K = sparse.csr_array(free.calc.get_hessian(free))[plane][:, plane] + beams
+    M = sparse.diags_array(np.repeat(patch.get_masses(), 2))
+    answer = [spsolve((K + (1j * damping * w - w**2) * M).tocsc(), push[:, :2].ravel()).reshape(-1, 2) for w in omega]
+    return np.array(answer), np.linalg.norm(free.positions - patch.positions, axis=1)[rim].max()
