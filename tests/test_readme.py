@@ -1,6 +1,9 @@
 """The scripts in README run as they stand there and find what they say."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -66,3 +69,41 @@ def test_time_steps_follow_the_exact_transient(capsys):
     assert f"off by {names['off']:.1e}" in capsys.readouterr().out
     assert f'# {names["off"]:.1e}' in README.read_text(encoding='utf-8')
     assert f'{names["linear"].products} products' in README.read_text(encoding='utf-8')
+
+
+@pytest.fixture(scope='module')
+def shell(tmp_path_factory):
+    """The folder `out` after README's lines for the shell, those that install and test left out."""
+    text = README.read_text(encoding='utf-8')
+    blocks = re.findall(r'^```(\w*)\n(.*?)^```', text, re.S | re.M)
+    lines = [line for language, block in blocks if not language for line in block.splitlines()]
+    folder = tmp_path_factory.mktemp('shell')
+    environment = os.environ | {'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}', 'MPLBACKEND': 'Agg'}
+    for tool, place in (('magphonon', folder), ('phonopy', folder / 'out')):
+        for line in [line for line in lines if line.startswith(tool)]:
+            done = subprocess.run(line, shell=True, cwd=place, env=environment, capture_output=True, text=True)
+            assert done.returncode == 0, f'{line}\n{done.stdout}\n{done.stderr}'
+    return folder / 'out'
+
+
+def test_the_lines_for_the_shell_draw_the_bands(shell):
+    import matplotlib.image
+
+    assert np.ptp(matplotlib.image.imread(shell / 'bands.png')[..., :3]) > 0.5
+
+
+def test_the_lines_for_the_shell_find_m_and_k(shell, paper):
+    import yaml
+
+    bands = yaml.safe_load((shell / 'band.yaml').read_text(encoding='utf-8'))
+    pieces = np.cumsum(bands['segment_nqpoint'])
+    M, K = ([mode['frequency'] for mode in bands['phonon'][end - 1]['band']] for end in pieces)
+    p = paper['prototype']
+    f = p['b'] * p['spacing'] ** -p['a']
+    # at K each of the three bonds counts three times: m w^2 = 9/2 (phi'' + phi'/r) + k, twice
+    at_k = np.sqrt((9 / 2 * (p['a'] - 1) * f / p['spacing'] + p['k_eq']) / p['mass']) / (2 * np.pi)
+    assert at_k == pytest.approx(119.947, abs=5e-4)
+    # phonopy's displacements are good to 1e-9 of the highest frequency; its file keeps ten decimals
+    np.testing.assert_allclose(sorted(M)[1:], [58.2326897819, 149.476338113], rtol=ROUNDED)
+    np.testing.assert_allclose(sorted(K)[1:], [at_k, at_k], rtol=ROUNDED)
+    assert abs(M[0]) < 1e-3  # out of the plane nothing acts
