@@ -36,6 +36,8 @@ _HOME = {
     'extracted_dstar': 'phonons',
     'foundation_recovered': 'phonons',
     'displacement_errors': 'phonons',
+    'in_phonopy_units': 'phononunits',
+    'thermal_properties': 'phononunits',
     'write_band_yaml': 'bandfiles',
     'write_phonopy_params': 'bandfiles',
     'first_zone': 'zone',

@@ -89,6 +89,9 @@ def write_phonopy_params(phonon, file):
 
         phonopy --no-sym-fc --nosym --nonac --factor 159.15494309189535 --band "0 0 0  1/2 0 0" phonopy_params.yaml
 
+    phonopy refuses a file that names units which it does not know, so that these cannot stand where a program would find
+    them: for thermal properties, Euphonic and others save `in_phonopy_units(phonon)` instead.
+
     Parameters
     ----------
     phonon : phonopy.Phonopy
@@ -111,5 +114,6 @@ def write_phonopy_params(phonon, file):
     text = re.sub(r'(?<=mass: )\S+', lambda _: f'{next(masses):.17f}', text)
     with whole_file(file) as out:
         out.write('# lengths in mm, masses in g, forces in N, force constants in N/mm: frequencies in Hz need the factor\n'
-                  '# 159.15494309189535, and the foundation survives only without symmetrisation (phonopy --no-sym-fc)\n')
+                  '# 159.15494309189535, and the foundation survives only without symmetrisation (phonopy --no-sym-fc);\n'
+                  '# for thermal properties and programs that expect Angstrom, AMU and eV see magphonon.in_phonopy_units\n')
         out.write(text)

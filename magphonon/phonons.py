@@ -31,6 +31,13 @@ and about 5e-17 bond/distance from round-off; they meet at 2e-6 with 5e-11.  The
 first is a share of each frequency, the second does not vanish towards zero frequency.
 """
 
+ROUND_OFF = 1e-8
+"""Force constants along z below this fraction of the largest are the round-off of differences: nothing acts along z.
+
+Forces that do not cancel at rest are differences of large numbers over a displacement of 1e-5 bonds, and leave up to 1e-11; of
+particles in space the share is of the order of one.
+"""
+
 STEEPEST = 20.0
 """Of laws that change within less than 1/20 of a bond, such as spheres in contact, that length counts as the bond."""
 
@@ -41,6 +48,9 @@ def finite_displacements(atoms, supercell=None, distance=None):
     phonopy may use the symmetry of the positions to save displacements.  It is switched off: the forces may know
     less symmetry (a chain in the plane does not act along z, bonds may be listed explicitly), and the search costs
     more than it saves.
+
+    phonopy takes every frequency for THz where it multiplies by Planck's constant: take `thermal_properties`, and
+    `in_phonopy_units` for programs that know only Angstrom and eV.
 
     Parameters
     ----------
@@ -179,7 +189,7 @@ def force_constants_of(phonon):
         raise ValueError(f'{type(phonon).__name__} holds no force constants; get a phonon from finite_displacements(atoms)')
     if FC.shape[0] == FC.shape[1]:
         FC = FC[phonon.primitive.p2s_map]
-    planar = abs(FC[:, :, 2]).max() <= 1e-12 * abs(FC).max()
+    planar = abs(FC[:, :, 2]).max() <= ROUND_OFF * abs(FC).max()
     return FC[:, :, :2, :2] if planar else FC
 
 
