@@ -2,17 +2,17 @@
 
 Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command,
 the scene or the place of the results (one message, nothing written), 3 when all is written but the report on the terminal
-could not be, 130 when interrupted, 143 when terminated.
+could not be, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
 """
 
 import argparse
 import os
+import signal
 import sys
 import warnings
 from contextlib import contextmanager, redirect_stdout
 from importlib import import_module
 from io import StringIO
-from signal import SIGTERM, signal
 from threading import current_thread, main_thread
 
 from . import __version__
@@ -25,7 +25,7 @@ COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 
 def main(arguments=None):
     """Run the command with `arguments` (by default those of the shell) and return its exit status."""
     _open_streams()
-    options = _options(sys.argv[1:] if arguments is None else arguments)
+    options = _options(list(sys.argv[1:] if arguments is None else arguments))
     report = sys.stdout if sys.stdout.isatty() else StringIO()  # what goes to a file or a pipe is written when all is done
     with redirect_stdout(report):
         status = _status(options)
@@ -55,9 +55,9 @@ def _status(options):
                         'make it smaller')
     except (ValueError, OSError) as error:
         return _refusal(error)
-    except Terminated:
-        print('magphonon: terminated', file=sys.stderr)
-        return 143
+    except Terminated as ended:
+        print(f'magphonon: {ended.words}', file=sys.stderr)
+        return ended.status
     except KeyboardInterrupt:
         print('magphonon: interrupted', file=sys.stderr)
         return 130
@@ -88,22 +88,27 @@ def _forget_output():
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM, which by itself would leave temporary files behind."""
+    """SIGTERM or SIGHUP, which by themselves would leave temporary files behind."""
+
+    def __init__(self, number):
+        self.status, self.words = 128 + number, 'terminated' if number == signal.SIGTERM else 'the terminal was closed'
 
 
 @contextmanager
 def _termination_unwinds():
-    def unwind(*_):
-        raise Terminated
+    def unwind(number, _):
+        raise Terminated(number)
 
     if current_thread() is not main_thread():  # only there may signals be handled
         yield
         return
-    before = signal(SIGTERM, unwind)
+    known = [getattr(signal, name) for name in ('SIGTERM', 'SIGHUP') if hasattr(signal, name)]
+    before = {number: signal.signal(number, unwind) for number in known if signal.getsignal(number) != signal.SIG_IGN}  # nohup
     try:
         yield
     finally:
-        signal(SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
@@ -122,6 +127,7 @@ def _options(arguments):
         parser.error(f'there is no command {first!r}{did_you_mean(first, COMMANDS)}; the commands are '
                      f'{", ".join(map(repr, COMMANDS))}')
     options = parser.parse_args(arguments)
+    options.words = arguments  # results keep them
     if getattr(options, 'output', None) == '':
         parser.error("-o '' names no directory; '.' is the present one")
     return options
@@ -135,5 +141,5 @@ def _parser():
         command = import_module(f'.commands.{name}', __package__)
         subparser = commands.add_parser(name, help=command.HELP, description=command.__doc__.partition(': ')[2])
         command.add_arguments(subparser)
-        subparser.set_defaults(run=command.run)
+        subparser.set_defaults(run=command.run, command=name)
     return parser

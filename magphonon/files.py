@@ -2,13 +2,17 @@
 
 import errno
 import os
-import shutil
-import tempfile
-from contextlib import contextmanager
+import re
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+
+try:
+    import fcntl
+except ImportError:  # a system without them: what killed processes leave is not collected, nor do two commands wait
+    fcntl = None
 
 
 @contextmanager
@@ -22,9 +26,43 @@ def room_for(path):
         raise OSError(errno.ENOSPC, 'no space left; make room or choose another place', str(path)) from None
 
 
+def lock(file, wait=False):
+    """Take the lock of an open file or directory, which is free again when it is closed or its process ends in any way.
+
+    Parameters
+    ----------
+    file : int or file object
+    wait : bool
+        Until another process frees it.
+
+    Returns
+    -------
+    bool
+        Whether it was taken: not if another one holds it, nor where the file system knows no locks.
+    """
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        return False
+    return True
+
+
+def still_there(file, path):
+    """Whether the open `file` is what `path` names: another process may have taken it for a leftover before it was locked."""
+    try:
+        return os.path.samestat(os.fstat(file), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
 @contextmanager
 def whole_file(path, mode='w'):
     """Open `path` for writing so that it appears only when it is complete.
+
+    What a killed process left of the same file is removed; it lies beside it as `.NAME.PID.partial`, and whoever writes it
+    holds its lock.
 
     Raises
     ------
@@ -33,8 +71,9 @@ def whole_file(path, mode='w'):
     """
     path = Path(path)
     partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+    _collect(path)
     try:
-        out = open(partial, mode)  # noqa: SIM115, the next line closes it
+        out = _open_locked(partial, mode)
     except OSError as error:
         raise type(error)(f'{path} cannot be written ({error.strerror}); choose another place') from None
     try:
@@ -46,6 +85,25 @@ def whole_file(path, mode='w'):
             os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def _open_locked(partial, mode):
+    while True:
+        out = open(partial, mode)  # noqa: SIM115, who writes it closes it
+        lock(out, wait=True)
+        if still_there(out.fileno(), partial):
+            return out
+        out.close()
+
+
+def _collect(path):
+    """Remove what killed processes left of the file `path`."""
+    with suppress(OSError):  # whatever is wrong with the directory is said where the file is opened
+        for left in path.parent.iterdir():
+            if re.fullmatch(rf'\.{re.escape(path.name)}\.\d+\.partial', left.name) and left.is_file() and not left.is_symlink():
+                with open(left, 'rb') as file:
+                    if lock(file) and still_there(file.fileno(), left):
+                        left.unlink()
 
 
 def write_columns(path, names, columns):
@@ -111,46 +169,3 @@ def _restored(array, kind):
     if array.ndim == 0:
         return array.item()
     return tuple(array.tolist()) if kind is tuple else array
-
-
-@contextmanager
-def whole_directory(path):
-    """A directory to write into, whose files appear in `path` together, when all are complete.
-
-    Parameters
-    ----------
-    path : path-like
-        Made if it does not exist, but its parent must; files of the same names there are replaced.
-
-    Yields
-    ------
-    pathlib.Path
-
-    Raises
-    ------
-    OSError
-        At once if `path` is no directory, its parent does not exist, or either cannot be written.  Nothing is left
-        behind, whatever goes wrong later.
-    """
-    path = Path(path)
-    if os.path.lexists(path) and not path.is_dir():
-        raise NotADirectoryError(f'{path} is a file; name a directory for the results')
-    home = path if path.is_dir() else path.parent
-    if not home.is_dir():
-        raise FileNotFoundError(f'{path} cannot be made, as {home} is no directory; make that first, or choose another place')
-    try:
-        partial = Path(tempfile.mkdtemp(prefix='.partial-', dir=home))
-    except OSError as error:
-        raise type(error)(f'{home} cannot be written ({error.strerror}); choose another place for the results') from None
-    try:
-        yield partial
-        path.mkdir(exist_ok=True)
-        for file in sorted(partial.iterdir()):
-            os.replace(file, path / file.name)
-    except OSError as error:
-        elsewhere = error.filename and not Path(error.filename).is_relative_to(partial)  # such as frames of a long record
-        if error.errno != errno.ENOSPC or elsewhere:
-            raise
-        raise OSError(f'no space left for results in {path}, nothing was written; make room or choose another place') from None
-    finally:
-        shutil.rmtree(partial)

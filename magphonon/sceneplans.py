@@ -40,8 +40,8 @@ class Wanted:
         return '\n'.join([self.plan.report(), *(f'  {note}' for note in self.notes)])
 
     def run(self, folder):
-        """Run the rung that was chosen and write its data into the folder."""
-        self.answer(folder / self.name, **self.plan.choice.settings)
+        """Run the rung that was chosen and write its data into the folder, as plan_NAME: `bands` and `frf` write others."""
+        self.answer(folder / f'plan_{self.name}', **self.plan.choice.settings)
 
 
 def scene_plans(scene, tolerance):

@@ -5,6 +5,7 @@ the package: a complaint of numpy, ASE, phonopy or pydantic that shines through 
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -35,8 +36,9 @@ from magphonon import (
     sound_speeds,
 )
 from magphonon.bandfiles import write_band_yaml, write_phonopy_params
-from magphonon.files import whole_directory, whole_file
+from magphonon.files import whole_file
 from magphonon.plotting import plot_mode
+from magphonon.results import results
 from magphonon.zone import ZoneMap, frequency_ratio, zone_map
 from magphonon.zoneplots import plot_isofrequency, plot_ratio, plot_zone
 
@@ -124,6 +126,10 @@ def npz_bytes(**arrays):
 def opened(context):
     with context:
         pass
+
+
+def results_in(folder):
+    return results(SimpleNamespace(output=folder, command='bands', words=[]))
 
 
 CASES = {
@@ -276,12 +282,12 @@ FILE_CASES = {
     'params nowhere': (lambda d: write_phonopy_params(finite_displacements(cell()), d / 'no' / 'p.yaml'), 'no/p.yaml',
                        'choose another place'),
     'file in a file': (lambda d: in_file(b'')(d, lambda file: opened(whole_file(file / 'y'))), 'x/y', 'choose another place'),
-    'directory is a file': (lambda d: in_file(b'')(d, lambda file: opened(whole_directory(file))),
+    'directory is a file': (lambda d: in_file(b'')(d, lambda file: opened(results_in(file))),
                             '/x is a file', 'name a directory'),
-    'directory in a file': (lambda d: in_file(b'')(d, lambda file: opened(whole_directory(file / 'y'))),
+    'directory in a file': (lambda d: in_file(b'')(d, lambda file: opened(results_in(file / 'y'))),
                             'x/y', 'choose another place'),
-    'directory of no parent': (lambda d: opened(whole_directory(d / 'no' / 'y')), 'no/y', 'make that first'),
-    'directory in /proc': (lambda d: opened(whole_directory('/proc/x')), '/proc', 'choose another place'),
+    'directory of no parent': (lambda d: opened(results_in(d / 'no' / 'y')), 'no/y', 'make that first'),
+    'directory in /proc': (lambda d: opened(results_in('/proc/x')), '/proc', 'choose another place'),
     'scene missing': (lambda d: read_scene(d / 'lattice.toml'), 'lattice.toml', '"magphonon scene" lists scenes'),
     'scene is a directory': (lambda d: read_scene(d), 'cannot be read', '"magphonon scene" lists scenes'),
     'scene not TOML': (lambda d: in_file(b'spacing: 10 mm')(d, read_scene), 'line 1', 'scene prototype'),

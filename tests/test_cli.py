@@ -14,7 +14,7 @@ from magphonon import Bands, cli
 from magphonon.scenes import read_scene, ready_scene, ready_scenes, reference
 
 FILES = {'bands.png', 'zone.png', 'bands.csv', 'bands_complete.npz', 'bands_conventional.npz', 'bands_phonopy.npz', 'band.yaml',
-         'phonopy_params.yaml'}
+         'phonopy_params.yaml', 'provenance.json', 'scene.toml'}
 
 
 def command(*arguments, **options):
@@ -103,9 +103,12 @@ def test_results_replace_those_of_the_run_before(scene_file, tmp_path, capsys):
     out = tmp_path / 'out'
     out.mkdir()
     (out / 'notes.txt').write_text('mine')
-    for points in (40, 50):
-        assert cli.main(['bands', str(scene_file('chain', '200', str(points))), '-o', str(out)]) == 0
-        assert len(Bands.load(out / 'bands_complete.npz').omega) == points
+    for _ in range(2):
+        assert cli.main(['bands', str(scene_file('chain', '200', '40')), '-o', str(out)]) == 0
+        assert len(Bands.load(out / 'bands_complete.npz').omega) == 40
+        (out / 'bands.csv').write_text('spoilt')
+    assert cli.main(['bands', str(scene_file('chain', '200', '40')), '-o', str(out)]) == 0
+    assert len((out / 'bands.csv').read_text().splitlines()) == 41
     assert {file.name for file in out.iterdir()} == {'notes.txt', *FILES} - {'zone.png'}
 
 

@@ -35,9 +35,9 @@ def scene_file(tmp_path):
     return write
 
 
-def ridges(folder):
-    """Rows of ridges.csv by record and motion, as arrays of their numbers."""
-    with open(folder / 'ridges.csv', newline='') as file:
+def ridges(folder, name='ridges.csv'):
+    """Rows of the table of ridges by record and motion, as arrays of their numbers."""
+    with open(folder / name, newline='') as file:
         _, *rows = csv.reader(file)
     return {key: np.array([row[2:] for row in rows if (row[0], row[1]) == key], dtype=float)
             for key in dict.fromkeys((row[0], row[1]) for row in rows)}
@@ -71,11 +71,12 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, scene_file, tm
         again = tmp_path / name
         assert cli.main(['spectrum', str(out / f'{name}.csv'), str(scene), '-o', str(again)]) == 0
         assert reported(capsys.readouterr().out)[name] == off[name]
-        for key, points in ridges(again).items():
+        for key, points in ridges(again, f'spectrum_{name}_ridges.csv').items():
             # times come back to 1e-15 of the record, which the round-off of the transform hardly moves
             assert_allclose(points, burst[key], rtol=1e-6)
-        assert {file.name for file in again.iterdir()} >= {'ridges.csv', 'ridges.txt', f'{name}_transverse.png'}
-        assert Spectrum.load(again / f'{name}_transverse.npz').power.max() > 0
+        assert {file.name for file in again.iterdir()} >= {f'spectrum_{name}_ridges.csv', f'spectrum_{name}_ridges.txt',
+                                                           f'spectrum_{name}_transverse.png'}
+        assert Spectrum.load(again / f'spectrum_{name}_transverse.npz').power.max() > 0
 
 
 def test_loud_bursts_are_told_from_quiet_ones(scene_file, tmp_path, capsys):
@@ -205,7 +206,7 @@ def test_noise_is_a_map_without_ridge(measured, tmp_path, capsys):
     folder, lines, _ = measured
     (tmp_path / 'scan.csv').write_text('\n'.join(lines) + '\n')
     assert cli.main(['spectrum', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0
-    assert ridges(tmp_path / 'out') == {}
+    assert ridges(tmp_path / 'out', 'spectrum_scan_ridges.csv') == {}
 
 
 def struck(number, scene_file, tmp_path):

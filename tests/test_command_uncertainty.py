@@ -10,8 +10,9 @@ from magphonon import cli
 from magphonon.scenes import ready_scene
 from magphonon.uncertainty import Spread
 
-BANDS = {'band_uncertainty.png', 'contributions.png', 'band_uncertainty.csv', 'band_uncertainty.npz'}
-FRF = {'frf_uncertainty.png', 'frf_uncertainty.csv', 'frf_uncertainty.npz'}
+OWN = {'provenance.json', 'scene.toml'}
+BANDS = OWN | {'band_uncertainty.png', 'contributions.png', 'band_uncertainty.csv', 'band_uncertainty.npz'}
+FRF = OWN | {'frf_uncertainty.png', 'frf_uncertainty.csv', 'frf_uncertainty.npz'}
 
 
 def scene_file(folder, text):

@@ -186,7 +186,7 @@ def test_the_command_writes_entries_that_a_scene_reads(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert 'No inverse power holds: the exponent falls' in printed
     written = sorted(path.name for path in (tmp_path / 'out').iterdir())
-    assert written == ['fit.png', 'law_curve.toml', 'law_force.toml', 'law_log.toml']
+    assert written == ['fit.png', 'law_curve.toml', 'law_force.toml', 'law_log.toml', 'provenance.json']
     forces = read_forces(SYNTHETIC)
     for name, fit in (('curve', fit_spline(forces, L0)), ('force', fit_inverse_power(forces, L0)),
                       ('log', fit_inverse_power(forces, L0, 'log'))):

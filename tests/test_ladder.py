@@ -276,8 +276,8 @@ def test_the_plan_of_an_edge_is_that_of_its_frequency():
 
 
 @pytest.mark.parametrize(('name', 'extra', 'files'), [
-    ('chain', '', ['bands.csv', 'bands.npz']),
-    ('oscillator', '', ['frf.csv', 'frf.npz']),
+    ('chain', '', ['plan_bands.csv', 'plan_bands.npz', 'provenance.json', 'scene.toml']),
+    ('oscillator', '', ['plan_frf.csv', 'plan_frf.npz', 'provenance.json', 'scene.toml']),
 ])
 def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
     from magphonon.cli import main
@@ -302,7 +302,7 @@ def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
     scene.write_text(text)
     assert main(['plan', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
     assert 'Enough: nonlinear, by velocity Verlet' in capsys.readouterr().out
-    rows = np.loadtxt(tmp_path / 'out' / 'frf.csv', delimiter=',', skiprows=1)
+    rows = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1)
     assert rows[:, 0] == pytest.approx([32, 33, 34, 35, 36])
     assert rows[:, 1].argmax() == 2  # 33.76 Hz
 
@@ -317,7 +317,7 @@ def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
     real = propagation.propagate
     monkeypatch.setattr('magphonon.propagation.propagate', lambda *a, **k: called.append(a) or real(*a, **k))
     assert main(['plan', str(tmp_path / 'scene.toml'), '--tolerance', '2e-2', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert len(list((tmp_path / 'out').glob('burst_*.csv'))) == 2
+    assert len(list((tmp_path / 'out').glob('plan_burst_*.csv'))) == 2
     assert 'exact propagation' in capsys.readouterr().out
     assert called
 

@@ -14,12 +14,12 @@ def add_arguments(parser):
 
 def run(options):
     from ..bands import analytic_bands
-    from ..files import whole_directory
     from ..phonons import finite_displacements, phonopy_bands
+    from ..results import results
     from ..scenes import read_scene
 
     scene = read_scene(options.scene)
-    with whole_directory(options.output) as folder:
+    with results(options, scene) as folder:
         atoms, path = scene.atoms(), scene.band_path()
         phonon = finite_displacements(atoms, scene.supercell())
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in _models(atoms)}

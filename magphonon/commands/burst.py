@@ -12,13 +12,13 @@ def add_arguments(parser):
 def run(options):
     from tqdm import tqdm
 
-    from ..files import whole_directory
+    from ..results import results
     from ..scenes import read_scene
     from ..waves import MODELS, report, waves, write_ridges
 
     scene = read_scene(options.scene)
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
-    with whole_directory(options.output) as folder:
+    with results(options, scene) as folder:
         records, largest = {}, {}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
             passages = {model: _send(scene, k, cell, model) for model in MODELS}

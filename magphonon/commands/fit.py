@@ -36,19 +36,19 @@ def run(options):
     bend = curvature(forces) if len(forces.r) >= 4 else np.nan
     advised = 'curve' if abs(bend) > BENT and 'curve' in fits and not options.offset else 'force'
     if options.output is not None:
-        _write(options.output, forces, fits)
+        _write(options, forces, fits)
     print(_report(options.file, forces, fits, bend, note))
     print(f'\nfor a scene file, {fits[advised].name}:\n\n{scene_entry(fits[advised])}', end='')
     if options.output is not None:
         print(f'\nthe picture and all entries are in {options.output}')
 
 
-def _write(folder, forces, fits):
-    from ..files import whole_directory
+def _write(options, forces, fits):
     from ..fitplots import plot_fits
     from ..fits import scene_entry
+    from ..results import results
 
-    with whole_directory(folder) as out:
+    with results(options, table=options.file) as out:
         plot_fits(forces, list(fits.values())).savefig(out / 'fit.png')
         for name, fit in fits.items():
             (out / f'law_{name}.toml').write_text(scene_entry(fit), encoding='utf-8')

@@ -15,15 +15,15 @@ def add_arguments(parser):
 def run(options):
     import numpy as np
 
-    from ..files import whole_directory
     from ..lattices import RIM
     from ..linear import natural_frequencies, receptance
     from ..responseplots import plot_response
+    from ..results import results
     from ..scenes import read_scene
 
     scene = read_scene(options.scene)
     plan, axes, lines = scene.wanted('frf'), None, [scene.title]
-    with whole_directory(options.output) as folder:
+    with results(options, scene) as folder:
         responses = {}
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model)

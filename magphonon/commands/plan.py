@@ -15,7 +15,7 @@ def add_arguments(parser):
 
 def run(options):
     from ..errors import positive
-    from ..files import whole_directory
+    from ..results import results
     from ..sceneplans import scene_plans
     from ..scenes import read_scene
 
@@ -31,7 +31,7 @@ def run(options):
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')
         return
-    with whole_directory(options.output) as folder:
+    with results(options, scene) as folder:
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')
             wanted.run(folder)

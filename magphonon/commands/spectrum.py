@@ -13,7 +13,7 @@ def add_arguments(parser):
 def run(options):
     from pathlib import Path
 
-    from ..files import whole_directory
+    from ..results import results
     from ..scenes import read_scene
     from ..sites import site
     from ..vibrometer import read_displacements
@@ -23,14 +23,15 @@ def run(options):
     scene = read_scene(options.scene)
     cell, source = scene.atoms(), scene.wanted('burst').source
     row = site(cell, scene.patch_atoms(), source).row
-    with whole_directory(options.output) as folder:
+    with results(options, scene, options.table) as folder:
         found = waves(read_displacements(options.table, row), cell, source)
         name = Path(options.table).stem
+        own = f'spectrum_{name}'  # beside the results of `burst`, and of other tables
         for wave in found:
-            wave.spectrum.save(folder / f'{name}_{wave.motion}.npz')
-            plot_wave(wave).figure.savefig(folder / f'{name}_{wave.motion}.png')
-        write_ridges(folder / 'ridges.csv', {name: found})
+            wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
+            plot_wave(wave).figure.savefig(folder / f'{own}_{wave.motion}.png')
+        write_ridges(folder / f'{own}_ridges.csv', {name: found})
         text = '\n'.join([scene.title, '', report({name: found})])
-        (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
+        (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}')

@@ -15,7 +15,7 @@ def add_arguments(parser):
 
 
 def run(options):
-    from ..files import whole_directory
+    from ..results import results
     from ..scenes import read_scene
 
     scene = read_scene(options.scene)
@@ -23,7 +23,7 @@ def run(options):
     if scene.bands is None and scene.frf is None:
         raise ValueError(f'the scene {scene.title!r} has neither [bands] nor [frf], to which tolerances could propagate; add one')
     lines = [scene.title]
-    with whole_directory(options.output) as folder:
+    with results(options, scene) as folder:
         if scene.bands is not None:
             lines += _bands(folder, scene, tolerances)
         if scene.frf is not None:
