@@ -14,6 +14,7 @@ from .allneighbours import AllNeighbours
 from .constraints import free_directions
 from .errors import whole
 from .rest import repulsion_of
+from .softwaves import softest_wave
 from .stiffness import bloch_matrix, hessian, model_stiffness
 from .timestep import DENSE
 
@@ -46,7 +47,7 @@ class Softest:
         return float(-self.lowest) if -self.lowest > ROUND_OFF * abs(self.highest) else 0.0
 
 
-def softest(bonds, K, free, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
+def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
     """Softest mode: over the zone of a periodic cell, or of a finite or large structure as it is.
 
     Parameters
@@ -56,6 +57,8 @@ def softest(bonds, K, free, pbc=(False, False, False), foundation=0.0, masses=No
         Stiffness of each bond, N/mm.
     free : sparse array, shape (particles * components, free)
         What the constraints leave free, from `free_directions`.
+    cell : ndarray, shape (3, 3), optional
+        Lattice vectors in rows, mm; of a periodic cell.
     pbc : three bools
     foundation : float
         N/mm.
@@ -63,8 +66,8 @@ def softest(bonds, K, free, pbc=(False, False, False), foundation=0.0, masses=No
         In g; with them eigenvalues are squared frequencies.
     steps : int, optional
         Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.  By default 48
-        for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  The softest one found is
-        refined.
+        for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  What lies between them
+        is found too, see `softest_wave`.
 
     Returns
     -------
@@ -75,36 +78,12 @@ def softest(bonds, K, free, pbc=(False, False, False), foundation=0.0, masses=No
     if not any(pbc) or free.shape[1] > DENSE:
         return _softest_of_structure(free.T @ hessian(bonds, K, foundation) @ free)
     P = free.toarray()
-    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, pbc, bonds.particles, steps)
+    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, cell, pbc, bonds.particles, steps)
 
 
-def _over_zone(matrix, pbc, particles, steps):
-    """Softest mode of `matrix(q)` on a mesh over the zone, refined."""
-    pbc = np.array(pbc)
-    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if pbc.all() else 8) / np.sqrt(particles)))
-    q = np.stack(np.meshgrid(*(np.arange(steps if periodic else 1) / steps for periodic in pbc)), axis=-1).reshape(-1, 3)
-    spectrum = np.linalg.eigvalsh(matrix(q))
-    at, highest = spectrum[:, 0].argmin(), spectrum.max()
-    found = Softest(spectrum[at, 0], highest, q[at])
-    if not found.needed:
-        return found
-    refined = _refine(lambda q: np.linalg.eigvalsh(matrix(q[None]))[0, 0], found, pbc, 1 / steps)
-    return refined if found.lowest - refined.lowest > 1e-9 * highest else found  # special points keep their round numbers
-
-
-def _refine(lowest_at, start, periodic, step):
-    from scipy.optimize import minimize
-
-    def at(x):
-        q = start.q.copy()
-        q[periodic] = x
-        return q
-
-    x = start.q[periodic]
-    simplex = np.concatenate([[x], x + step / 2 * np.eye(len(x))])
-    options = {'initial_simplex': simplex, 'xatol': 1e-5, 'fatol': ROUND_OFF * abs(start.highest)}
-    end = minimize(lambda x: lowest_at(at(x)), x, method='Nelder-Mead', options=options)
-    return Softest(end.fun, start.highest, at(end.x))
+def _over_zone(matrix, cell, pbc, particles, steps):
+    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if np.all(pbc) else 8) / np.sqrt(particles)))
+    return Softest(*softest_wave(matrix, cell, pbc, steps))
 
 
 def _softest_of_structure(D):
@@ -126,9 +105,10 @@ def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, 
         root = np.repeat(np.ones(len(atoms)) if masses is None else 1 / np.sqrt(masses), calc.dim)
         weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.parameters.foundation)
         steps = (24 if calc.dim == 2 else 8) if steps is None else steps  # as dear as they are
-        return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.pbc, len(atoms), steps)
+        return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights,
+                          atoms.cell.array, atoms.pbc, len(atoms), steps)
     K = model_stiffness(scale * repulsion_of(atoms).bonds.vectors[:, : calc.dim], calc.potential, model)
-    return softest(calc.bonds, K, free_directions(atoms), atoms.pbc, foundation, masses, steps)
+    return softest(calc.bonds, K, free_directions(atoms), atoms.cell.array, atoms.pbc, foundation, masses, steps)
 
 
 def foundation_needed(atoms, model='complete', steps=None):
@@ -223,4 +203,4 @@ def support_needed(atoms, magnets=True):
     free = sparse.csr_array(sparse.eye_array(len(atoms)))[:, np.flatnonzero(mobile)]
     K = per_bond[:, None, None]
     alone = sum(np.bincount(end, -per_bond, len(atoms)) for end in (calc.bonds.i, calc.bonds.j))
-    return softest(calc.bonds, K, free, atoms.pbc).needed, float(alone[mobile].max(initial=0.0))
+    return softest(calc.bonds, K, free, atoms.cell.array, atoms.pbc).needed, float(alone[mobile].max(initial=0.0))
