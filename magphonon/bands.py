@@ -10,11 +10,18 @@ from ase.dft.kpoints import BandPath
 from . import units
 from .allneighbours import AllNeighbours
 from .errors import finite
-from .files import saved_arrays, whole_file
+from .files import save_arrays, saved_arrays
 from .rest import repulsion_of
 from .stiffness import bloch_gradient, mass_weighted, model_stiffness, signed_root
 
 BATCH_BYTES = 2**26  # of Bloch matrices diagonalised at a time; the whole of a large zone need not fit in memory
+
+UNITS = {
+    'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),
+    'names': ('', 'special points'), 'points': ('reciprocal vectors', 'special points', 'vectors'),
+    'omega': ('rad/ms', 'wavevectors', 'modes'), 'vectors': ('', 'wavevectors', 'modes', 'particles', 'dim'),
+}
+"""Unit and axes of what a file of bands holds."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +74,13 @@ class Bands:
         return BandStructure(self.path, self.frequencies_Hz[None])
 
     def save(self, path):
-        """Write to a .npz file, whole or not at all."""
+        """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON."""
         special = self.path.special_points
         arrays = {'cell': self.path.cell.array, 'kpts': self.path.kpts, 'path': self.path.path, 'omega': self.omega,
                   'names': np.array(list(special)), 'points': np.array(list(special.values())).reshape(-1, 3)}
         if self.vectors is not None:
             arrays['vectors'] = self.vectors
-        with whole_file(path, 'wb') as file:
-            np.savez(file, **arrays)
+        save_arrays(path, arrays, UNITS)
 
     @classmethod
     def load(cls, path):

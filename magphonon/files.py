@@ -1,6 +1,7 @@
 """Writing files whole: under a temporary name first, renamed when complete."""
 
 import errno
+import json
 import os
 import re
 from contextlib import contextmanager, suppress
@@ -112,6 +113,21 @@ def write_columns(path, names, columns):
         np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
 
 
+def save_arrays(path, arrays, units):
+    """Write arrays to a .npz file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+    arrays : dict of str to array_like
+    units : dict of str to tuple of str
+        Of each array its unit, then the names of its axes; kept in the entry `units`, in JSON.
+    """
+    told = json.dumps({name: {'unit': units[name][0], 'axes': units[name][1:]} for name in arrays})
+    with whole_file(path, 'wb') as file:
+        np.savez(file, units=told, **arrays)
+
+
 @contextmanager
 def saved_arrays(path, kind):
     """The arrays of a .npz file of `kind`, such as 'bands', for reading.
@@ -139,15 +155,16 @@ class Saved:
     ----------
     kind : str
         What a file holds, for its errors: `class Spectrum(Saved, kind='spectra')`.
+    units : dict of str to tuple of str
+        Of each field its unit ('' for none), then the names of its axes; '...' stands for any number of them.
     """
 
-    def __init_subclass__(cls, kind):
-        cls._kind = kind
+    def __init_subclass__(cls, kind, units):
+        cls._kind, cls._units = kind, units
 
     def save(self, path):
-        """Write to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, **{field.name: getattr(self, field.name) for field in fields(self)})
+        """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON."""
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)}, self._units)
 
     @classmethod
     def load(cls, path):

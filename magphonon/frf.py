@@ -20,7 +20,9 @@ HEADSTART = 1e3
 
 
 @dataclass(frozen=True)
-class FrequencyResponse(Saved, kind='frequency responses'):
+class FrequencyResponse(Saved, kind='frequency responses', units={
+    'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
+}):
     """Displacement per force over frequency.
 
     Attributes

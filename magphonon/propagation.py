@@ -31,7 +31,10 @@ EPS = np.finfo(float).eps
 
 
 @dataclass(frozen=True)
-class Transient(Saved, kind='transients'):
+class Transient(Saved, kind='transients', units={
+    'times': ('ms', 'times'), 'particles': ('', 'recorded'), 'displacements': ('mm', 'times', 'recorded', 'dim'),
+    'velocities': ('mm/ms', 'times', 'recorded', 'dim'), 'error': ('mm',), 'products': ('',),
+}):
     """Motion at chosen times.
 
     Attributes

@@ -9,7 +9,7 @@ from weakref import finalize
 import numpy as np
 
 from .errors import whole
-from .files import room_for, whole_file
+from .files import room_for, save_arrays
 
 MEMORY = 2**26
 """Bytes of frames kept in memory; more go to a temporary file."""
@@ -75,8 +75,9 @@ class Recorder:
 
     def save(self, path):
         """Write `times` (ms), `displacements` (mm) and `particles` to a .npz file, whole or not at all."""
-        with whole_file(path, 'wb') as file:
-            np.savez(file, times=self.times, displacements=self.displacements, particles=self.particles)
+        save_arrays(path, {'times': self.times, 'displacements': self.displacements, 'particles': self.particles},
+                    {'times': ('ms', 'frames'), 'displacements': ('mm', 'frames', 'particles', 'dim'),
+                     'particles': ('', 'particles')})
 
     def forget_after(self, time):
         """Drop the frames later than `time` (ms), those of a run that has gone wrong."""

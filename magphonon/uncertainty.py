@@ -56,7 +56,11 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class Spread(Saved, kind='uncertainties'):
+class Spread(Saved, kind='uncertainties', units={
+    'names': ('', 'parameters'), 'covariance': ('', 'parameters', 'parameters'),
+    'values': ('rad/ms for frequencies, mm for amplitudes', '...'),
+    'slopes': ('that of the values, for each relative change', 'parameters', '...'),
+}):
     """Values of one kind, and what the tolerances make of them to first order.
 
     Attributes

@@ -1,0 +1,90 @@
+"""Files of arrays say what they hold: the unit and the axes of each; files from before that can still be read."""
+
+import json
+
+import numpy as np
+import pytest
+from motion import DT, patch
+
+from magphonon import DrivenVerlet, Harmonic, Recorder, analytic_bands, propagate, zone_map
+from magphonon.bands import Bands
+from magphonon.frf import FrequencyResponse, harmonic_response
+from magphonon.linear import Modes, modes
+from magphonon.propagation import Transient
+from magphonon.sensitivities import Change
+from magphonon.spectrum import Spectrum, wavenumber_frequency
+from magphonon.uncertainty import Spread, Tolerances, frequency_spread
+from magphonon.zone import ZoneMap
+
+
+def told(path):
+    """The arrays of a file, and what it says of them."""
+    with np.load(path) as data:  # no pickle
+        arrays = dict(data)
+    return arrays, json.loads(str(arrays.pop('units')))
+
+
+def response():
+    atoms = patch()
+    force = np.zeros((len(atoms), 3))
+    force[24, 0] = 1.0
+    omega = np.array([0.1, 0.2])
+    return FrequencyResponse(omega, harmonic_response(atoms, force, omega, 0.01))
+
+
+def spread(cell):
+    tolerances = Tolerances({'mass': Change(mass=1.0)}, [[1e-4]])
+    return frequency_spread(cell, [[0.5, 0, 0], [0.1, 0, 0]], tolerances)
+
+
+MADE = {
+    Bands: lambda cell: analytic_bands(cell, cell.cell.bandpath('GM', npoints=5, pbc=cell.pbc), vectors=True),
+    ZoneMap: lambda cell: zone_map(cell, 6),
+    Modes: lambda cell: modes(patch()),
+    FrequencyResponse: lambda cell: response(),
+    Transient: lambda cell: propagate(patch(), [1.0, 2.0], [Harmonic([24], (1, 0), 1e-3, 0.5)], particles=[24]),
+    Spectrum: lambda cell: wavenumber_frequency(np.sin(np.add.outer(np.arange(30.0), np.arange(16))), 0.1),
+    Spread: spread,
+}
+
+
+@pytest.mark.parametrize('kind', MADE, ids=lambda kind: kind.__name__)
+def test_every_array_has_a_unit_and_a_name_for_each_axis(kind, prototype, tmp_path):
+    made = MADE[kind](prototype)
+    made.save(tmp_path / 'x.npz')
+    arrays, said = told(tmp_path / 'x.npz')
+    assert said.keys() == arrays.keys()
+    lengths = {}
+    for name, array in arrays.items():
+        axes = said[name]['axes']
+        assert len(axes) == array.ndim or '...' in axes
+        if '...' not in axes:  # the same axis is as long in every array
+            assert all(lengths.setdefault(axis, length) == length for axis, length in zip(axes, array.shape, strict=True)
+                       if axis not in ('dim', 'vectors'))
+    np.savez(tmp_path / 'old.npz', **arrays)  # as it was before units were told
+    for file in ('x.npz', 'old.npz'):
+        again = kind.load(tmp_path / file)
+        assert all(np.array_equal(getattr(again, name), array, equal_nan=array.dtype.kind in 'fc')
+                   for name, array in arrays.items() if hasattr(again, name) and name != 'path')
+
+
+def test_units_are_what_the_numbers_are_in(prototype, paper, tmp_path):
+    """The frequencies at M from the file alone, against the reference in Hz."""
+    path = prototype.cell.bandpath('GM', npoints=5, pbc=prototype.pbc)
+    analytic_bands(prototype, path, model='conventional').save(tmp_path / 'x.npz')
+    arrays, said = told(tmp_path / 'x.npz')
+    factor = {'rad/ms': 1e3 / (2 * np.pi), 'rad/s': 1 / (2 * np.pi)}[said['omega']['unit']]
+    assert arrays['omega'][-1] * factor == pytest.approx(paper['prototype']['M_conventional_Hz'], rel=1e-9)
+    assert said['cell']['unit'] == 'mm'
+    assert np.linalg.norm(arrays['cell'][0]) == pytest.approx(10.0)  # the spacing, 0.01 m
+
+
+def test_a_recorder_says_its_units(tmp_path):
+    dyn = DrivenVerlet(patch(speed=0.05), DT)
+    recorder = Recorder(dyn, [3, 24], interval=4)
+    dyn.run(8)
+    recorder.save(tmp_path / 'x.npz')
+    arrays, said = told(tmp_path / 'x.npz')
+    assert said == {'times': {'unit': 'ms', 'axes': ['frames']}, 'particles': {'unit': '', 'axes': ['particles']},
+                    'displacements': {'unit': 'mm', 'axes': ['frames', 'particles', 'dim']}}
+    assert arrays['displacements'].shape == (3, 2, 2)
