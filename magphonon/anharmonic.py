@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from .constraints import free_directions
-from .rest import repulsion_of
+from .rest import at_rest
 from .stiffness import bloch_matrix, hessian, model_stiffness
 from .timestep import DENSE
 
@@ -62,14 +62,15 @@ def frequency_shifts(atoms):
     Parameters
     ----------
     atoms : ase.Atoms
-        With their MagneticRepulsion.
+        With their MagneticRepulsion, at rest.
 
     Returns
     -------
     Shifts
         Without modes of zero or imaginary frequency, which do not vibrate.
     """
-    calc, k = repulsion_of(atoms), atoms.calc.parameters.foundation
+    calc = at_rest(atoms)
+    k = calc.parameters.foundation
     bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
     K, P = model_stiffness(R, calc.potential), free_directions(atoms)
     M = sparse.diags_array(P.T @ np.repeat(atoms.get_masses(), calc.dim))

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .rest import repulsion_of
+from .rest import at_rest
 
 HARMONICS = 8
 """Kept in the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
@@ -64,7 +64,7 @@ def vibration(atoms, linear, mode, amplitude):
     -------
     Vibration
     """
-    calc, w = repulsion_of(atoms), linear.omega
+    calc, w = at_rest(atoms), linear.omega
     theta = np.pi * (np.arange(2 * HARMONICS) + 0.5) / (2 * HARMONICS)  # half a period: the other half mirrors it
     cosines = np.cos(np.multiply.outer(np.arange(HARMONICS + 1), theta))
     norm = np.where(np.arange(HARMONICS + 1) > 0, 2, 1)[:, None] / len(theta)

@@ -11,7 +11,7 @@ from . import units
 from .allneighbours import AllNeighbours
 from .errors import finite
 from .files import save_arrays, saved_arrays
-from .rest import repulsion_of
+from .rest import repulsion_of, settled
 from .stiffness import bloch_gradient, mass_weighted, model_stiffness, signed_root
 
 BATCH_BYTES = 2**26  # of Bloch matrices diagonalised at a time; the whole of a large zone need not fit in memory
@@ -98,18 +98,17 @@ class Bands:
 
 
 def cell_of_free_particles(atoms):
-    """The MagneticRepulsion or AllNeighbours of a cell all of whose particles move, as the bands suppose.
+    """The MagneticRepulsion or AllNeighbours, at rest, of a cell all of whose particles move, as the bands suppose.
 
     Raises
     ------
     ValueError
-        If there is none, or the cell holds a constraint.
+        If there is none, the cell holds a constraint, or its particles are not at rest where they are (`magphonon.rest`).
     """
-    calc = atoms.calc if isinstance(atoms.calc, AllNeighbours) else repulsion_of(atoms)
     if atoms.constraints:
         raise ValueError(f'the cell holds the constraint {atoms.constraints[0]}, but bands are those of free particles; '
                          'remove it with atoms.set_constraint()')
-    return calc
+    return settled(atoms).calc
 
 
 def bloch_modes(atoms, q, model='complete', vectors=False):
@@ -227,8 +226,8 @@ def group_velocities(atoms, q, model='complete'):
     velocity : ndarray, shape (wavevectors, modes, dim)
         In mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """
-    cell_of_free_particles(atoms)
-    calc, q = repulsion_of(atoms), _wavevectors(q)
+    repulsion_of(atoms)
+    calc, q = cell_of_free_particles(atoms), _wavevectors(q)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     v = vectors.reshape(*omega.shape, -1)

@@ -157,7 +157,7 @@ def find_bonds(atoms, shells=1, cutoff=None):
 
 def bonds_within(atoms, cutoff):
     """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more."""
-    i, j, shift, lengths = _pairs(atoms, cutoff)
+    i, j, shift, lengths = pairs_within(atoms, cutoff)
     _refuse_coincident(i, j, lengths, cutoff)
     backwards = i > j
     i, j = np.where(backwards, j, i), np.where(backwards, i, j)
@@ -169,10 +169,10 @@ def bonds_within(atoms, cutoff):
 
 
 def _distances(atoms, cutoff):
-    return np.unique(_pairs(atoms, cutoff)[3])
+    return np.unique(pairs_within(atoms, cutoff)[3])
 
 
-def _pairs(atoms, cutoff):
+def pairs_within(atoms, cutoff):
     """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
 
     A k-d tree over the images near the cell: ASE 3.29's neighbour list puts all particles of a flat structure without

@@ -11,9 +11,10 @@ import numpy as np
 from scipy import sparse
 
 from .allneighbours import AllNeighbours
+from .calculator import MagneticRepulsion
 from .constraints import free_directions
 from .errors import whole
-from .rest import repulsion_of
+from .rest import BALANCED, at_rest, repulsion_of, settled
 from .softwaves import softest_wave
 from .stiffness import bloch_matrix, hessian, model_stiffness
 from .timestep import DENSE
@@ -118,7 +119,7 @@ def foundation_needed(atoms, model='complete', steps=None):
     ----------
     atoms : ase.Atoms
         One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation does not
-        enter.  What its constraints hold stays where it is.
+        enter.  What its constraints hold stays where it is, and so does all else: the springs are taken to be slack there.
     model : {'complete', 'conventional'}
         The conventional model needs none for any lattice: it hides what this function is for.
     steps : int, optional
@@ -134,9 +135,9 @@ def foundation_needed(atoms, model='complete', steps=None):
     Raises
     ------
     ValueError
-        For an unknown model, `steps` that is no whole number, or atoms without MagneticRepulsion.
+        For an unknown model, `steps` that is no whole number, atoms without MagneticRepulsion or that are not at rest.
     """
-    found = softest_of(atoms, model, steps=steps)
+    found = softest_of(settled(atoms), model, steps=steps)
     return found.needed, found.q
 
 
@@ -150,8 +151,12 @@ def spacing_held(atoms):
     -------
     float or None
         Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow);
-        None if it holds, or buckles, at every spacing.
+        None if it holds, or buckles, at every spacing, or if it needs its foundation to be in balance, so that bonds cannot be
+        stretched alike.
     """
+    atoms = settled(atoms)
+    if isinstance(atoms.calc, MagneticRepulsion) and _leans(atoms.calc):
+        return None
     k = atoms.calc.parameters.foundation
 
     def lacking(scale):
@@ -170,6 +175,12 @@ def spacing_held(atoms):
             return None
         last = scale
     return None
+
+
+def _leans(calc):
+    """Whether the foundation carries static forces."""
+    pull = np.linalg.norm(calc.offset - calc.load[:, : calc.dim], axis=1)
+    return pull.max() > BALANCED * abs(calc.potential.dphi(calc.bonds.lengths)).max()
 
 
 def support_needed(atoms, magnets=True):
@@ -193,7 +204,7 @@ def support_needed(atoms, magnets=True):
     alone : float
         What one particle that moves alone needs: the sum over its bonds, the largest of any particle.
     """
-    calc = repulsion_of(atoms)
+    calc = at_rest(atoms)
     r = calc.bonds.lengths
     per_bond = calc.potential.dphi(r) / r
     if magnets:

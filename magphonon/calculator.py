@@ -130,16 +130,22 @@ class MagneticRepulsion(Calculator):
         return MagneticRepulsion(supercell, self.potential, bonds=bonds, load=self.load[image],
                                  anchors=supercell.positions - self._slack[image], **self.parameters)
 
-    def about(self, atoms, **parameters):
-        """The same calculator with the present positions of `atoms` as its rest; `parameters` may change others.
+    def about(self, atoms, load=None, **parameters):
+        """The same calculator with the present positions of `atoms` as its rest; `load` and `parameters` may change, too.
 
         The pairs of particles stay, their vectors are taken anew; anchors and load stay.  Nothing is required of the forces
         at the new rest: `magphonon.rest.at_rest` looks whether they balance.
         """
         rest = self.reference.copy()
         rest.positions[:, : self.dim] += self.displacements(atoms)
-        return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors, load=self.load,
-                                 **self.parameters | parameters)
+        return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors,
+                                 load=self.load if load is None else load, **self.parameters | parameters)
+
+    def balanced(self, particles):
+        """The same calculator with the dead load that balances all other forces on some particles at rest."""
+        load = self.load.copy()
+        load[particles, : self.dim] -= self._forces(np.zeros((len(load), self.dim)))[particles]
+        return self.about(self.reference, load)
 
     # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.
     def check_state(self, atoms, tol=0.0):

@@ -65,3 +65,18 @@ def free_directions(atoms):
         blocks[particle] = [[along[0], 0], [along[1], 0]]
     free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(len(atoms)), np.arange(len(atoms) + 1))))
     return free[:, np.flatnonzero(abs(free).sum(axis=0))]
+
+
+def free_motion(atoms):
+    """The `free_directions`, if all constraints are known and something is free.
+
+    Raises
+    ------
+    ValueError
+        Otherwise.
+    """
+    freedom(atoms)  # refuses other constraints
+    B = free_directions(atoms)
+    if not B.shape[1]:
+        raise ValueError('the constraints hold every particle; free one')
+    return B

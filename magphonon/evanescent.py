@@ -16,7 +16,7 @@ from math import lcm
 import numpy as np
 
 from .errors import finite, one_of
-from .rest import repulsion_of
+from .rest import at_rest
 from .stiffness import bloch_matrix, mass_weighted, model_stiffness
 
 LARGEST_DENOMINATOR = 6
@@ -79,7 +79,7 @@ def complex_bands(atoms, direction, omega, model='complete'):
         If the bonds bridge no whole fractions of a step along the direction, or none of them leads along it, or a band
         is flat at one of the frequencies: there it holds every wavenumber.
     """
-    calc = repulsion_of(atoms)
+    calc = at_rest(atoms)
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
     K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .constraints import free_directions, freedom
+from .constraints import free_motion
 from .errors import finite, not_negative, positive
 from .files import Saved
-from .rest import repulsion_of
+from .rest import at_rest
 
 LEAST_PERIODS = 3
 """Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
@@ -72,7 +72,7 @@ def harmonic_response(atoms, force, omega, damping):
     ------
     ValueError
         For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, or
-        an undamped resonance.
+        an undamped resonance, a structure that is not at rest.
     """
     n = len(atoms)
     force = np.asarray(force, dtype=complex)
@@ -96,9 +96,9 @@ def resolvents(atoms, omega, damping):
         raise ValueError(f'damping must be one number or one for each of the {n} particles, not {gamma.shape}')
     not_negative('damping', float(gamma.min()), '1/ms')
     M = np.repeat(atoms.get_masses(), 3)
-    H = repulsion_of(atoms).get_hessian(atoms)
-    freedom(atoms)  # refuses constraints that free_directions does not know
-    B = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, repulsion_of(atoms).dim)) @ free_directions(atoms)
+    calc = at_rest(atoms)
+    H = calc.get_hessian(calc.reference)
+    B = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, calc.dim)) @ free_motion(atoms)
     for w in omega:
         dynamic = H + sparse.diags_array(-(w**2) * M + 1j * w * np.repeat(np.broadcast_to(gamma, n), 3) * M)
         try:

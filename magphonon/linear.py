@@ -15,11 +15,11 @@ import numpy as np
 from scipy import sparse
 
 from .chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, stable_interval, whole_interval
-from .constraints import free_directions, freedom
+from .constraints import free_motion
 from .errors import finite, not_negative, positive, whole
 from .files import Saved
 from .frf import FrequencyResponse, harmonic_response
-from .rest import repulsion_of
+from .rest import at_rest
 from .stiffness import hessian, model_stiffness, signed_root
 from .timestep import linear_model
 
@@ -74,7 +74,7 @@ class Reduced:
 
 
 def reduced(atoms):
-    """Linearise a structure about the rest positions of its MagneticRepulsion.
+    """Linearise a structure about its present positions, where the forces must balance.
 
     Parameters
     ----------
@@ -87,14 +87,15 @@ def reduced(atoms):
     Raises
     ------
     ValueError
-        If there is another calculator, a constraint other than FixAtoms, FixedLine and FixedPlane, or nothing is free.
+        If there is another calculator, a constraint other than FixAtoms, FixedLine and FixedPlane, nothing is free, or the
+        structure is not at rest.
     """
-    calc = repulsion_of(atoms)
-    if calc.dim == 2 or atoms.constraints:
-        freedom(atoms)  # refuses other constraints
-    B = free_directions(atoms)
-    if not B.shape[1]:
-        raise ValueError('the constraints hold every particle; free one')
+    return reduced_about(at_rest(atoms), atoms)
+
+
+def reduced_about(calc, atoms):
+    """The same about the reference of `calc`, whether or not the forces balance there."""
+    B = free_motion(atoms)
     H = hessian(calc.bonds, model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, linear_model(calc)),
                 calc.parameters.foundation)
     shapes = sparse.csr_array(sparse.diags_array(1 / np.sqrt(np.repeat(atoms.get_masses(), calc.dim))) @ B)
@@ -118,7 +119,7 @@ def modes(atoms, count=None):
     Raises
     ------
     ValueError
-        If there are not as many modes.
+        If there are not as many modes, or the structure is not at rest.
     """
     scene = reduced(atoms)
     size = scene.K.shape[0]
@@ -170,7 +171,8 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     Raises
     ------
     ValueError
-        For another shape, a negative damping, an undamped resonance, or an unstable structure, which has no steady state.
+        For another shape, a negative damping, an undamped resonance, a structure that is not at rest, or one that is
+        unstable and has no steady state.
     """
     scene = reduced(atoms)
     omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')

@@ -16,7 +16,7 @@ from .frf import HEADSTART, harmonic_response
 from .ladder import EIGENSOLVE, Plan, Rung, force_cost, percent
 from .linear import SMALL, Modes, frequency_response, modes, reduced
 from .replicas import STEADY
-from .rest import repulsion_of
+from .rest import at_rest
 from .stiffness import bond_stiffness
 from .timestep import highest_frequency
 
@@ -101,7 +101,7 @@ def _peak_of_field(atoms, source, answer, omega, damping):
     force[source[0]] = source[1]
     response = frequency_response(atoms, force, omega, damping, [answer[0]], tolerance=1e-4)[:, 0] @ answer[1]
     w = omega[abs(response).argmax()]
-    e = harmonic_response(atoms, force, [w], damping)[0, :, : repulsion_of(atoms).dim].imag
+    e = harmonic_response(atoms, force, [w], damping)[0, :, : atoms.calc.dim].imag
     e /= np.sqrt(np.einsum('i,ix,ix->', atoms.get_masses(), e, e))
     return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(_at(e[None], source)[0])))
 
@@ -143,7 +143,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     Plan
         The settings of its rungs are `model` and, where time is stepped, `dt` in ms.
     """
-    calc = repulsion_of(atoms)
+    calc = at_rest(atoms)
     peak = highest_peak(atoms, source, answer, omega, damping)
     w = peak.omega
     stiffening = turning(atoms, peak)
@@ -183,7 +183,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
 
 def turning(atoms, peak):
     """Share e D* e/w^2 of the static forces in the squared frequency of each of the peak's rivals."""
-    calc = repulsion_of(atoms)
+    calc = at_rest(atoms)
     bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
     n = R / bonds.lengths[:, None]
     e = peak.linear.shapes[peak.rivals]

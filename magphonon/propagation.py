@@ -13,8 +13,8 @@ from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_in
 from .drives import Constant, Drives, ToneBurst
 from .errors import finite, not_negative, positive
 from .files import Saved
-from .linear import recorded, reduced, sizes
-from .rest import repulsion_of, static_forces
+from .linear import recorded, reduced_about, sizes
+from .rest import rest_of_motion, static_forces
 from .transfer import forced_response, free_response, sampled, separated
 
 SPAN = 2000.0
@@ -43,7 +43,7 @@ class Transient(Saved, kind='transients', units={
         In ms.
     particles : ndarray of int, shape (recorded,)
     displacements, velocities : ndarray, shape (times, recorded, dim)
-        In mm and mm/ms.
+        From rest, in mm and mm/ms.
     error : float
         Estimate, rather too high, of the error of any displacement by the end of its series and by round-off, mm.
     products : int
@@ -67,8 +67,9 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
     Parameters
     ----------
     atoms : ase.Atoms
-        With MagneticRepulsion; displacements and momenta are the initial state.  FixAtoms, FixedLine and FixedPlane
-        are respected.
+        With MagneticRepulsion; displacements from rest and momenta are the initial state.  Rest is the reference of the
+        calculator where the forces balance, the Constant drives among them; otherwise it is where the atoms are, if these
+        have found another rest (`magphonon.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
     times : array_like, shape (times,)
         Increasing, in ms.
     drives : sequence of drives
@@ -89,7 +90,8 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
     ------
     ValueError
         For times that do not increase, a damping that differs between particles, a held particle that is displaced, a
-        drive that is rough, an unstable structure that grows beyond all numbers.
+        drive that is rough, an unstable structure that grows beyond all numbers, one that is at rest neither in the
+        reference nor where it is.
     """
     times = finite('times', np.atleast_1d(times))
     if times.ndim != 1 or not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
@@ -99,8 +101,10 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
                          'use DrivenVerlet')
     gamma, tolerance = not_negative('damping', damping, '1/ms'), positive('tolerance', tolerance)
     particles = recorded(particles, len(atoms))
-    scene = reduced(atoms)
-    state, load = _initial_state(atoms, scene), _Load(atoms, scene, drives, tolerance)
+    drives = list(drives)
+    calc = rest_of_motion(atoms, drives)
+    scene = reduced_about(calc, atoms)
+    state, load = _initial_state(atoms, calc, scene), _Load(atoms, calc, scene, drives, tolerance)
     try:
         return _propagate(scene, stable_interval(scene.K), gamma, state, load, times, particles, tolerance)
     except Outside:
@@ -112,9 +116,9 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
     return _propagate(scene, interval, gamma, state, load, times, particles, tolerance)
 
 
-def _initial_state(atoms, scene):
+def _initial_state(atoms, calc, scene):
     """Displacements and velocities in reduced coordinates, shape (free, 2)."""
-    u = repulsion_of(atoms).displacements(atoms).ravel()
+    u = calc.displacements(atoms).ravel()
     momenta = atoms.get_momenta()[:, : scene.dim].ravel()
     y = scene.shapes.T @ (np.repeat(atoms.get_masses(), scene.dim) * u)
     outside = abs(scene.shapes @ y - u)
@@ -127,10 +131,9 @@ def _initial_state(atoms, scene):
 class _Load:
     """Forces on a structure, as time courses times patterns."""
 
-    def __init__(self, atoms, scene, drives, tolerance):
-        drives = list(drives)
+    def __init__(self, atoms, calc, scene, drives, tolerance):
         constant, varying = ([d for d in drives if isinstance(d, Constant) is kind] for kind in (True, False))
-        static = static_forces(atoms.calc, Drives(constant, len(atoms)))
+        static = static_forces(calc, Drives(constant, len(atoms)))
         self.static = scene.shapes.T @ static.ravel()
         self._varying, self._dim, self._tolerance = Drives(varying, len(atoms)), scene.dim, tolerance
         driven = self._varying.particles[:, None] * scene.dim + np.arange(scene.dim)

@@ -5,10 +5,11 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 
 from .calculator import MagneticRepulsion
-from .drives import Constant, Harmonic
+from .drives import Harmonic
 from .dynamics import DrivenVerlet
 from .frf import FrequencyResponse, steady_amplitudes
 from .recorder import Recorder
+from .rest import settled
 
 STEADY = 1e-3
 """What the transient may leave of an amplitude; harmonics of a nonlinear motion disturb the lock-in by less."""
@@ -40,13 +41,10 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
     axis = int(abs(np.asarray(answer[1])).argmax())
     if abs(abs(answer[1][axis]) - 1) > 1e-9:
         raise ValueError(f'a response in time steps is seen along x or y, not along {answer[1]}; turn [frf.response]')
-    many = replicas(len(omega) * [atoms])
+    many = replicas(len(omega) * [settled(atoms)])
     first = len(atoms) * np.arange(len(omega))
-    static = atoms.get_forces()  # what holds the oscillator against its three magnets
-    sizes = np.linalg.norm(static, axis=1)
-    balance = [Constant(first + k, -static[k], sizes[k]) for k in np.flatnonzero(sizes > 1e-9 * sizes.max(initial=1e-300))]
     drive = Harmonic(first + source[0], source[1], force, omega, phase=np.pi / 2)
-    dyn = DrivenVerlet(many, dt, [*balance, drive], damping)
+    dyn = DrivenVerlet(many, dt, [drive], damping)
     recorder = Recorder(dyn, first + answer[0], interval=max(1, int(2 * np.pi / np.max(omega) / FRAMES / dt)))
     amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, STEADY)
     return FrequencyResponse(np.asarray(omega), amplitudes * answer[1][axis] / force, left)

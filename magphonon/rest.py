@@ -4,16 +4,17 @@ Three places belong to a particle: its anchor, where its foundation spring is sl
 which displacements are counted; and where it stands now.  In a perfect lattice they are one.  Linear equations of motion hold
 about a place where nothing pushes, so every linear answer asks this module for it:
 
-    at_rest             the present positions, if the forces balance there; modes, responses, stability
-    rest_of_motion      the reference if the forces balance there, otherwise the present positions; a motion from a given state
+    at_rest         the present positions, if the forces balance there; modes, responses, stability
+    nearest_rest    the reference if the forces balance there, otherwise the present positions; a motion from a given state
 
 Statically all models are alike: the force of a bond is that of its present length, along its present direction.
 """
 
 import numpy as np
 
+from .allneighbours import AllNeighbours
 from .calculator import MagneticRepulsion, masses_of
-from .constraints import free_directions
+from .constraints import free_directions, freedom
 from .drives import Constant, Drives, in_plane
 
 ROUND_OFF = 1e-11
@@ -67,7 +68,7 @@ def static_forces(calc, constant, u=0.0):
     return total
 
 
-def unbalanced(atoms, u=0.0, drives=()):
+def unbalanced(atoms, u=0.0):
     """What is left of the static forces along what is free, in N, shape (particles,); zero if it is less than BALANCED.
 
     Parameters
@@ -75,13 +76,10 @@ def unbalanced(atoms, u=0.0, drives=()):
     atoms : ase.Atoms
     u : ndarray, shape (particles, dim)
         Displacements from the reference at which it is asked.
-    drives : sequence of drives
-        Of which the Constant ones help to balance.
     """
-    calc = atoms.calc
-    constant = Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms))
-    P = free_directions(atoms)
-    left = np.linalg.norm((P @ (P.T @ static_forces(calc, constant, u).ravel())).reshape(len(atoms), -1), axis=1)
+    calc, P = atoms.calc, free_directions(atoms)
+    push = static_forces(calc, Drives([], len(atoms)), u)
+    left = np.linalg.norm((P @ (P.T @ push.ravel())).reshape(push.shape), axis=1)
     return left * (left > BALANCED * _largest_force(calc, u))
 
 
@@ -90,15 +88,23 @@ def _largest_force(calc, u):
     return abs(calc.potential.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
 
 
-def at_rest(atoms, drives=()):
+def loaded(atoms, drives):
+    """A copy of the atoms with the Constant ones among the drives as a part of the dead load of their calculator."""
+    calc, load = repulsion_of(atoms), atoms.calc.load.copy()
+    constant = Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms))
+    load[constant.particles] += constant.forces(np.zeros(1))[0]
+    atoms = atoms.copy()
+    atoms.calc = calc.about(calc.reference, load)
+    return atoms
+
+
+def at_rest(atoms):
     """The calculator about the present positions, where the forces balance.
 
     Parameters
     ----------
     atoms : ase.Atoms
         With MagneticRepulsion.
-    drives : sequence of drives
-        Of which the Constant ones help to balance.
 
     Returns
     -------
@@ -108,50 +114,98 @@ def at_rest(atoms, drives=()):
     Raises
     ------
     ValueError
-        If the forces do not balance: it says by how much, on which particle, and what would mend it.
+        If the forces do not balance: it says by how much, on which particle, and what would mend it.  For constraints other
+        than FixAtoms, FixedLine and FixedPlane, of which it is not known what they hold.
     """
     calc = repulsion_of(atoms)
+    freedom(atoms)
     u = calc.displacements(atoms)
-    left = unbalanced(atoms, u, drives)
+    left = unbalanced(atoms, u)
     if left.any():
-        _refuse(atoms, u, left, drives)
+        _refuse(atoms, u, left)
     return calc.about(atoms) if u.any() else calc
 
 
-def rest_of_motion(atoms, drives=()):
-    """The calculator about the rest that belongs to a moving structure, whose positions and momenta are its state.
+def settled(atoms):
+    """The atoms with the calculator about their present positions, where the forces balance; see `at_rest`, also for its errors.
 
-    The reference, if the forces balance there; the present positions, if only there or if they are another rest, well away
-    from the reference.
+    Of a cell with AllNeighbours, which knows one rest only, the atoms as they are, if they stand there and the forces balance.
+    """
+    if isinstance(atoms.calc, AllNeighbours):
+        _refuse_unsettled_sums(atoms)
+        return atoms
+    calc = at_rest(atoms)
+    return atoms if calc is atoms.calc else placed(atoms, calc)
 
-    Parameters, Returns and Raises as `at_rest`.
+
+def placed(atoms, calc):
+    """A copy of the atoms at the reference of `calc`, with `calc`."""
+    atoms = atoms.copy()
+    atoms.positions[:, : calc.dim] = calc.reference.positions[:, : calc.dim]
+    atoms.calc = calc
+    return atoms
+
+
+def nearest_rest(atoms):
+    """The calculator about the rest that belongs to a moving structure, whose positions are its state, and what is left there.
+
+    The reference, where the forces balance; the present positions, if less is left there, or if they are another rest, well
+    away from the reference.
+
+    Returns
+    -------
+    calc : MagneticRepulsion
+    left : ndarray, shape (particles,)
+        As `unbalanced`: zero at rest.
     """
     calc = repulsion_of(atoms)
-    u = calc.displacements(atoms)
-    settled = not unbalanced(atoms, 0.0, drives).any()
-    if settled and abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.lengths.min():
-        return calc
-    left = unbalanced(atoms, u, drives)
-    if not left.any():
-        return calc.about(atoms)
-    if not settled:
-        _refuse(atoms, u, left, drives)
+    u, at_reference = calc.displacements(atoms), unbalanced(atoms)
+    if not at_reference.any() and abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.lengths.min():
+        return calc, at_reference
+    here = unbalanced(atoms, u)
+    if here.max(initial=0.0) <= at_reference.max(initial=0.0):
+        return calc.about(atoms), here
+    return calc, at_reference
+
+
+def rest_of_motion(atoms, drives=()):
+    """The calculator of `nearest_rest`; refused as by `at_rest` if the forces do not balance there.
+
+    Constant drives may help to balance, but need not: on a structure that is at rest without them they are a step.
+    """
+    freedom(atoms)
+    calc, left = nearest_rest(atoms)
+    if left.any():
+        atoms = loaded(atoms, drives)
+        rest, left = nearest_rest(atoms)
+        if left.any():
+            _refuse(atoms, atoms.calc.displacements(atoms) * (rest is not atoms.calc), left)
+        calc = rest.about(rest.reference, calc.load)
     return calc
 
 
-def rest_or_reference(atoms):
-    """As `rest_of_motion`, for what must judge any structure: the reference where no rest is known."""
-    try:
-        return rest_of_motion(atoms)
-    except ValueError:
-        return atoms.calc
+def _refuse_unsettled_sums(atoms):
+    calc = atoms.calc
+    masses_of(atoms)
+    shortest = calc.bonds.lengths.min()
+    away = np.linalg.norm(calc.displacements(atoms), axis=1).max()
+    if away > ROUND_OFF * shortest:
+        raise ValueError(f'particles stand up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold there '
+                         'only; make another one at these positions')
+    if len(atoms) > 1:  # a single one is in balance by symmetry
+        left = np.linalg.norm(calc.get_forces(atoms), axis=1)
+        if left.max() > BALANCED * abs(calc.potential.dphi(shortest)):
+            raise ValueError('the cell is not at rest, and a linear answer holds about rest only: nothing balances '
+                             f'{left.max():.4g} N on particle {left.argmax()}; let it relax with an optimiser of ASE, and make '
+                             'AllNeighbours at the relaxed positions')
 
 
-def _refuse(atoms, u, left, drives):
+def _refuse(atoms, u, left):
     calc, k = atoms.calc, left.argmax()
     share = left[k] / (_largest_force(calc, u) or np.inf)
-    mend = 'let it relax, magphonon.relaxed(atoms).atoms, or give the calculator the constant force that holds it (load=)'
-    if u.any() and not unbalanced(atoms, 0.0, drives).any():
+    mend = ('let it relax, magphonon.relaxed(atoms).atoms, or give the calculator the constant force that holds it, load= or '
+            'atoms.calc.balanced(particles)')
+    if np.any(u) and not unbalanced(atoms).any():
         mend = ('set the positions back to those of atoms.calc.reference, where they balance (up to '
                 f'{np.linalg.norm(u, axis=1).max():.3g} mm away), or ' + mend)
     raise ValueError('the structure is not at rest, and a linear answer holds about rest only: nothing balances '

@@ -206,6 +206,8 @@ class Scene(Table):
             return atoms
         atoms.calc = MagneticRepulsion(atoms, self.law.potential(), foundation=foundation, shells=self.law.shells,
                                        bonds=self.lattice.bonds)
+        if self.single:  # a constant force holds it against its three magnets
+            atoms.calc = atoms.calc.balanced([self.lattice.free])
         return atoms
 
     def patch_atoms(self, model='complete'):

@@ -19,11 +19,15 @@ import numpy as np
 
 from . import units
 from .bands import bloch_modes
+from .constraints import free_directions
 from .frf import resolvents
+from .rest import BALANCED, at_rest
 from .stiffness import bloch_matrix, hessian, mass_weighted, model_stiffness
 
 SAME = 1e-9
 """Of the highest frequency: branches closer than this cross."""
+SHIFTING = BALANCED
+"""Of the largest change of a bond force: what may be left on a particle."""
 STILL = 1e-6
 """Of the highest frequency: below it a frequency is the root of the round-off in a square."""
 
@@ -112,7 +116,8 @@ def frequency_sensitivities(atoms, q, changes, model='complete'):
     v = vectors.reshape(*omega.shape, -1)
     squares = np.sign(omega) * omega**2
     highest = abs(omega).max()
-    calc, masses = atoms.calc, atoms.get_masses()
+    calc, masses = at_rest(atoms), atoms.get_masses()
+    _refuse_moving(atoms, calc, changes)
     W = np.empty((len(changes), *omega.shape, omega.shape[1]), dtype=complex)
     for p, change in enumerate(changes):
         dD = bloch_matrix(calc.bonds, _stiffness_change(calc, change, model), q, change.foundation)
@@ -148,7 +153,8 @@ def response_sensitivities(atoms, force, omega, damping, changes):
     slopes : ndarray of complex, shape (changes, frequencies, particles, 3)
         `du/d ln p` in mm.
     """
-    calc, n = atoms.calc, len(atoms)
+    calc, n = at_rest(atoms), len(atoms)
+    _refuse_moving(atoms, calc, changes)
     M, gamma = np.repeat(atoms.get_masses(), 3), np.repeat(np.broadcast_to(damping, n), 3)
     dH = [_hessian_change(calc, change) for change in changes]
     F = np.asarray(force, dtype=complex).reshape(3 * n)
@@ -161,6 +167,24 @@ def response_sensitivities(atoms, force, omega, damping, changes):
         pushes = [-(H @ x + change.mass * inertia * x) for H, change in zip(dH, changes, strict=True)]
         slopes[:, k] = G(np.transpose(pushes)).T.reshape(-1, n, 3)
     return u, slopes
+
+
+def _refuse_moving(atoms, calc, changes):
+    """Refuse changes that would move the rest: the derivatives are those at fixed positions.
+
+    What a dead load holds stays where it is, as its load is taken to follow.
+    """
+    C, R, P = calc.bonds.incidence, calc.bonds.vectors[:, : calc.dim], free_directions(atoms)
+    r = np.linalg.norm(R, axis=1)
+    springs = (calc.offset - calc.load[:, : calc.dim]) / (calc.parameters.foundation or 1.0)
+    for change in changes:
+        pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
+        push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
+        left = np.linalg.norm((P @ (P.T @ push.ravel())).reshape(push.shape), axis=1) * ~calc.load.any(axis=1)
+        largest = max(abs(pull).max(), abs(change.foundation * springs).max())
+        for k in np.flatnonzero(left > SHIFTING * largest)[:1]:
+            raise ValueError('a parameter whose sensitivity is asked for moves the rest of the structure (it pushes particle '
+                             f'{k}), and derivatives at fixed positions would be wrong; take differences of relaxed structures')
 
 
 def _stiffness_change(calc, change, model):

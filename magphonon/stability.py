@@ -13,11 +13,10 @@ from .blocks import CONTACT
 from .buckling import foundation_needed, softest_of, spacing_held, support_needed
 from .calculator import MagneticRepulsion
 from .constraints import free_directions
-from .drives import Constant, Drives
 from .errors import positive
 from .phonons import checked_supercell, default_distance
 from .potentials import Hertz, Yukawa
-from .rest import repulsion_of, static_forces
+from .rest import loaded, nearest_rest, placed, repulsion_of
 from .timestep import DENSE, highest_frequency, linear_model
 
 __all__ = ['Verdict', 'foundation_needed', 'verdict']
@@ -76,7 +75,7 @@ class Verdict:
         Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged, as where the
         softest wave fits in no two cells.
     closest : float
-        The present shortest distance of bonded particles as a share of that at rest.
+        The present shortest distance of bonded particles as a share of that in the reference.
     speed : float or None
         With which a particle comes within a tenth of the distance of a neighbour, mm/ms; None where the law ends before.
     displacements : tuple of float
@@ -228,12 +227,15 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and the way into
     contact are not judged.
 
+    It is judged at rest: about the reference of its calculator, or about its present positions if it has found another rest
+    there; what is at rest nowhere has the fault `residual`, and is judged where less is left.
+
     Parameters
     ----------
     atoms : ase.Atoms
         With their MagneticRepulsion, or a cell with AllNeighbours.
     drives : sequence of drives
-        Of which the `Constant` ones may balance static forces.
+        Of which the `Constant` ones may balance static forces, besides the dead load of the calculator.
     timestep : float, optional
         In ms.
     supercell : three ints, optional
@@ -251,17 +253,22 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         For atoms with another calculator, or a time step or distance that is not positive.
     """
     near = not isinstance(atoms.calc, AllNeighbours)
-    calc = repulsion_of(atoms) if near else cell_of_free_particles(atoms)
+    if near:  # judged where its rest is, or is nearest
+        closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, drives)
+        calc, pushes = nearest_rest(atoms)
+        atoms = placed(atoms, calc)
+    else:  # without an edge
+        calc, pushes, closest = cell_of_free_particles(atoms), np.zeros(1), 1.0
     shortest, k = calc.bonds.lengths.min(), calc.parameters.foundation
     small = near and free_directions(atoms).shape[1] <= DENSE
-    pushes = _unbalanced(atoms, drives) if near else np.zeros(1)  # without an edge
+    settled = not pushes.any()
     bare = softest_of(atoms)
     stable = bare.needed <= k
     touching = isinstance(calc.potential, Hertz)  # other spacings are no contacts
-    held = spacing_held(atoms) if small and not touching else None
+    held = spacing_held(atoms) if settled and small and not touching else None
     # whether the softest wave is among those of `frequency_shifts`
     shifted = not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q))
-    apart = small and calc.dim == 2  # out of the plane
+    apart = settled and small and calc.dim == 2  # out of the plane
     magnets = apart and not isinstance(calc.potential, CENTRAL)
     wave, alone = support_needed(atoms) if magnets else (None, None)
     return Verdict(
@@ -283,20 +290,13 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         support=wave,
         alone=alone,
         central=support_needed(atoms, magnets=False)[0] if apart else None,
-        amplitude=frequency_shifts(atoms).amplitude(LINEAR_ERROR) if small and stable and shifted else None,
-        closest=_closest(atoms),
+        amplitude=frequency_shifts(atoms).amplitude(LINEAR_ERROR) if settled and small and stable and shifted else None,
+        closest=closest,
         speed=_contact_speed(calc, shortest, atoms.get_masses().min()) if small and not touching else None,
         displacements=_safe_displacements(calc, shortest),
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),
     )
-
-
-def _unbalanced(atoms, drives):
-    """Static forces along what is free, in N, shape (particles,)."""
-    constant = Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms))
-    P = free_directions(atoms)
-    return np.linalg.norm((P @ (P.T @ static_forces(atoms.calc, constant).ravel())).reshape(len(atoms), -1), axis=1)
 
 
 def _unguided(atoms):
@@ -318,10 +318,10 @@ def _omega_max(atoms):
     return float(np.sqrt(max(softest_of(atoms, model, foundation=k, masses=atoms.get_masses()).highest, 0.0)))
 
 
-def _closest(atoms):
-    bonds, displaced = atoms.calc.bonds, atoms.calc.displacements(atoms)
-    now = bonds.vectors[:, : atoms.calc.dim] + displaced[bonds.j] - displaced[bonds.i]
-    return float((np.linalg.norm(now, axis=1) / bonds.lengths).min())
+def _closest(calc, atoms):
+    """Shortest present distance of bonded particles as a share of that in the reference."""
+    now = calc.bonds.vectors[:, : calc.dim] + calc.bonds.incidence @ calc.displacements(atoms)
+    return float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
 
 
 def _contact_speed(calc, r, mass):

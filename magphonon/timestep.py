@@ -3,9 +3,9 @@
 import numpy as np
 from scipy import sparse
 
-from .calculator import MagneticRepulsion, masses_of
+from .calculator import MagneticRepulsion
 from .constraints import free_directions
-from .rest import rest_or_reference
+from .rest import nearest_rest
 from .stiffness import hessian, model_stiffness
 
 DENSE = 200
@@ -25,7 +25,9 @@ def refuse_unstable(atoms, dt):
 
 
 def highest_frequency(atoms, dt=np.inf):
-    """Highest angular frequency about rest of what the constraints leave free, in rad/ms.
+    """Highest angular frequency of what the constraints leave free, in rad/ms, about rest.
+
+    Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def highest_frequency(atoms, dt=np.inf):
     dt : float
         Time step in ms to be judged: a cheap upper bound is returned instead if that is below 2/dt already.
     """
-    calc, masses = rest_or_reference(atoms), masses_of(atoms)
+    calc, masses = nearest_rest(atoms)[0], atoms.get_masses()
     bonds, k = calc.bonds, calc.parameters.foundation
     K = model_stiffness(bonds.vectors[:, : calc.dim], calc.potential, linear_model(calc))
     P = free_directions(atoms)

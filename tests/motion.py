@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
 from magphonon import units as u
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
@@ -26,12 +26,13 @@ def stirred(atoms, speed):
 
 
 def oscillator(theta0=0.0):
-    """The paper's oscillator about its balance, and the balancing force."""
+    """The paper's oscillator, held at rest by a dead load."""
     atoms = lattices.oscillator(theta0, 1 * u.m, 1 * u.kg)
     law = InversePower(b=1e4 * u.N * u.m**4, a=4.0)
-    atoms.calc = MagneticRepulsion(atoms, law, bonds=lattices.OSCILLATOR_BONDS)
-    balance = Constant(3, (0, 1), -(1 + 2 * np.sin(theta0)) * 1e4 * u.N)
-    return atoms, balance
+    load = np.zeros((4, 3))
+    load[3, 1] = -(1 + 2 * np.sin(theta0)) * 1e4 * u.N
+    atoms.calc = MagneticRepulsion(atoms, law, bonds=lattices.OSCILLATOR_BONDS, load=load)
+    return atoms
 
 
 def states_of(atoms, steps, interval=1, dt=DT, **kwargs):

@@ -12,7 +12,7 @@ LAW = InversePower(1.0, 4.0)
 
 def oscillator(theta0):
     atoms = lattices.oscillator(theta0, 1.0, 1.0)
-    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=lattices.OSCILLATOR_BONDS)
+    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=lattices.OSCILLATOR_BONDS).balanced([3])
     atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
     return atoms
 
@@ -32,7 +32,7 @@ def test_oscillator_softens_by_its_closed_form(theta0, curvature):
 def test_above_three_magnets_for_any_exponent(a):
     # theta0 = pi/2: V = 3 phi(1 + y), k = 3 a, alpha = -3 a (a+1)/2, beta = a (a+1)(a+2)/2
     atoms = oscillator(np.pi / 2)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), bonds=lattices.OSCILLATOR_BONDS)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), bonds=lattices.OSCILLATOR_BONDS).balanced([3])
     expected = 3 / 16 * (a + 1) * (a + 2) / 3 - 5 / 48 * (a + 1) ** 2
     assert frequency_shifts(atoms).curvature == pytest.approx([expected], rel=1e-10)
 

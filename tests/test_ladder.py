@@ -38,7 +38,7 @@ UP = (3, np.array([0.0, 1.0, 0.0]))
 def oscillator(degrees, law=LAW):
     atoms = lattices.oscillator(np.deg2rad(degrees), 1.0, 1.0)
     atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
-    atoms.calc = MagneticRepulsion(atoms, law, bonds=lattices.OSCILLATOR_BONDS)
+    atoms.calc = MagneticRepulsion(atoms, law, bonds=lattices.OSCILLATOR_BONDS).balanced([3])
     return atoms
 
 
@@ -210,7 +210,7 @@ def test_along_a_line_of_magnets_no_dstar_is_assembled(monkeypatch):
     atoms = lattices.oscillator(np.pi / 2, 1.0, 1.0)[[0, 2, 3]]
     atoms.positions[0] = 0, 1, 0
     atoms.set_constraint([FixedLine(2, (0, 1, 0)), FixedLine([0, 1], (0, 1, 0))])
-    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=[(0, 2), (1, 2)], foundation=1.0)
+    atoms.calc = MagneticRepulsion(atoms, LAW, bonds=[(0, 2), (1, 2)], foundation=1.0).balanced([0, 1])
     called = []
     monkeypatch.setattr('magphonon.peakladder.bond_stiffness', lambda *given: called.append(given))
     plan = plan_peak(atoms, (2, UP[1]), (2, UP[1]), np.linspace(0.5, 10, 50), 0.05, 1e-6)

@@ -58,7 +58,7 @@ def test_the_lowest_modes_of_a_long_chain_without_diagonalising(foundation):
 
 
 def test_modes_are_within_the_constraints():
-    atoms, _ = oscillator(np.pi / 4)
+    atoms = oscillator(np.pi / 4)
     np.testing.assert_allclose(modes(atoms).omega, np.sqrt([20000, 70000]) / u.s, rtol=1e-12)
     atoms.set_constraint([*atoms.constraints, FixedLine(3, (3, 4, 0))])
     found = modes(atoms)
@@ -71,6 +71,9 @@ def test_modes_are_within_the_constraints():
 def test_modes_are_those_about_rest():
     atoms, moved = patch(), patch()
     moved.positions[24] += 0.3
+    with pytest.raises(ValueError, match=r'not at rest.* N on particle 24, .* set the positions back .* 0.424 mm away'):
+        modes(moved)
+    moved.positions[24] -= 0.3
     np.testing.assert_array_equal(modes(moved).omega, modes(atoms).omega)
 
 
@@ -150,7 +153,7 @@ def test_bad_input_is_refused(change, message):
 
 
 def test_an_undamped_resonance_is_refused():
-    atoms, _ = oscillator()
+    atoms = oscillator()
     omega = modes(atoms).omega[0]
     with pytest.raises(ValueError, match=r'undamped response .* is infinite'):
         frequency_response(atoms, pushed(atoms, 3, (0, 1)), [omega], 0.0)

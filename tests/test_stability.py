@@ -142,7 +142,7 @@ def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
     U = [c * (1 / d**3 - 3 * z**2 / d**5), c / 10.0**3]
     pair = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
     pair.set_constraint(FixAtoms([0]))
-    pair.calc = MagneticRepulsion(pair, law)
+    pair.calc = MagneticRepulsion(pair, law).balanced([1])
     assert support_needed(pair)[1] == pytest.approx(-2 * (U[0] - U[1]) / z**2, rel=1e-4)  # the next order: (z/r)^2
 
 

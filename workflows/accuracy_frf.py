@@ -8,7 +8,7 @@ import numpy as np
 from ase import Atoms
 from ase.constraints import FixedLine
 
-from magphonon import Constant, DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
+from magphonon import DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
 from magphonon.accuracy import Candidate, cheapest, measure
 from magphonon.frf import harmonic_response, impulse_response, steady_amplitudes
 from magphonon.linear import modes, reduced, series_response
@@ -180,9 +180,8 @@ def struck(shaken, dt, cost):
 def replicas(omega, dt, cost):
     """One replica of the magnet for each frequency."""
     atoms, particles = batch(np.zeros(1), np.zeros(len(omega), int), 'complete')
-    static = atoms.get_forces()[particles, 1]
     atoms.set_constraint([*atoms.constraints, FixedLine(particles, (0, 1, 0))])
-    drives = [Constant(particles, (0, -1), static), Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
+    drives = [Harmonic(particles, (0, 1), FORCE, omega, phase=np.pi / 2)]
     dyn = DrivenVerlet(atoms, dt, drives=drives, damping=DAMPING, engine='numpy')
     recorder = Recorder(dyn, particles, interval=max(1, int(2 * FRAMES / dt)))
     amplitudes, _ = steady_amplitudes(dyn, recorder, omega, axis=1, tolerance=3e-4)

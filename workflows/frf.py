@@ -3,7 +3,7 @@
 import numpy as np
 from ase.constraints import FixedLine
 
-from magphonon import Constant, DrivenVerlet, Harmonic, Recorder, units
+from magphonon import DrivenVerlet, Harmonic, Recorder, units
 from magphonon.frf import harmonic_response, impulse_response, steady_amplitudes
 from magphonon.plotting import COLOURS
 from magphonon.replicas import replicas
@@ -97,13 +97,11 @@ def respond(angles, omega, model='complete', dt=DT, steady=STEADY):
     guided, free, struck = np.split(magnets, np.cumsum([np.prod(on_line), np.prod(off_line)]))
     driven = np.append(guided, free)
 
-    static = atoms.get_forces()[magnets, 1]
     atoms.set_constraint([*atoms.constraints, FixedLine(np.append(guided, struck), (0, 1, 0))])
     momenta = np.zeros((len(atoms), 3))
     momenta[free, 0] = momenta[struck, 1] = IMPULSE
     atoms.set_momenta(momenta)
-    dyn = DrivenVerlet(atoms, dt, damping=DAMPING, drives=[
-        Constant(magnets, (0, -1), static), Harmonic(driven, (0, 1), FORCE, frequencies, phase=np.pi / 2)])
+    dyn = DrivenVerlet(atoms, dt, [Harmonic(driven, (0, 1), FORCE, frequencies, phase=np.pi / 2)], DAMPING)
     ringing, recorder = (Recorder(dyn, particles, interval=round(FRAME / dt)) for particles in (struck, driven))
     amplitudes, _ = steady_amplitudes(dyn, recorder, frequencies, axis=1, tolerance=steady)
     on, off = np.split(amplitudes / FORCE, [len(guided)])

@@ -11,7 +11,7 @@ each with free waves that make up for the start from a linear wave.  For f ~ r^-
 import numpy as np
 from ase.constraints import FixedLine
 
-from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
 from magphonon.anharmonic import frequency_shifts
 from magphonon.plotting import COLOURS, new_axes
 from magphonon.scenes import reference
@@ -91,11 +91,10 @@ def backbones(angles, model='complete'):
 
     which = np.tile(np.arange(len(angles)), len(AMPLITUDES))
     atoms, replicas = batch(angles, which, model)
-    static = atoms.get_forces(apply_constraint=False)[replicas, 1]
     softest = np.sqrt(min(stiffness(theta0, model) for theta0 in angles) / units.kg)
     atoms.set_constraint([*atoms.constraints, FixedLine(replicas, (0, 1, 0))])
     atoms.positions[replicas, 1] -= L0 * np.repeat(AMPLITUDES, len(angles))
-    dyn = DrivenVerlet(atoms, DT, drives=[Constant(replicas, (0, -1), static)])
+    dyn = DrivenVerlet(atoms, DT)
     record = Recorder(dyn, replicas, interval=4)
     dyn.run(int(PERIODS * 2 * np.pi / softest / DT))
     omega = np.empty(len(replicas))

@@ -99,7 +99,7 @@ class Peak:
 
         atoms = lattices.oscillator(np.deg2rad(self.angle), 1.0, 1.0)
         atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
-        atoms.calc = MagneticRepulsion(atoms, self.law, bonds=lattices.OSCILLATOR_BONDS)
+        atoms.calc = MagneticRepulsion(atoms, self.law, bonds=lattices.OSCILLATOR_BONDS).balanced([3])
         return atoms
 
     def plan(self, tolerance):
