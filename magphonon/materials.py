@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from . import lattices
 from . import units as u
 from .errors import MOST, not_negative, one_of, positive, shown, whole
-from .fits import read_forces
+from .forcetables import read_forces
 from .magnettables import Datasheet
 from .potentials import Hertz, InversePower, Tabulated, Yukawa
 from .tables import Force, Length, Mass, NotNegative, Positive, Pressure, Spacing, Table, Text, listed, within

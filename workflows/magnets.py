@@ -9,7 +9,8 @@ from scipy.optimize import curve_fit
 from magphonon import read_scene, ready_scene
 from magphonon import units as u
 from magphonon.fitplots import plot_fits
-from magphonon.fits import fit_inverse_power, fit_spline, read_forces
+from magphonon.fits import fit_inverse_power
+from magphonon.forcetables import read_forces
 from magphonon.magnets import (
     Cuboid,
     Ring,
@@ -23,6 +24,7 @@ from magphonon.magnets import (
 from magphonon.plotting import COLOURS
 from magphonon.potentials import repulsion
 from magphonon.scenes import reference
+from magphonon.smoothlaws import fit_spline
 
 from . import magnet_cost
 from .charts import save_chart
