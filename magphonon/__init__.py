@@ -29,6 +29,7 @@ _HOME = {
     'missing_stiffness': 'tails',
     'Bands': 'bands',
     'analytic_bands': 'bands',
+    'band_path': 'bands',
     'group_velocities': 'bands',
     'sound_speeds': 'bands',
     'finite_displacements': 'phonons',

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from ase import Atoms
 from ase.cell import Cell
 from ase.dft.kpoints import BandPath
 
@@ -185,6 +186,41 @@ def analytic_bands(atoms, path, model='complete', vectors=False):
     """
     path = path_of(atoms, path)
     return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors))
+
+
+def band_path(atoms, points=None, npoints=300):
+    """Path through special points of the Brillouin zone, for a cell of any size.
+
+    The same as `atoms.cell.bandpath(points, npoints=npoints, pbc=atoms.pbc)`, which recognises no lattice with a constant
+    below some 0.01 mm, as it compares lengths in absolute numbers.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One periodic cell; a cell alone will do.
+    points : str, optional
+        Names of special points, as 'GMKG'; by default ASE's path through the zone of this lattice.
+    npoints : int
+
+    Returns
+    -------
+    ase.dft.kpoints.BandPath
+
+    Raises
+    ------
+    ValueError
+        If the atoms are not periodic, or ASE recognises no lattice in the cell or knows no such points.
+    """
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+    alike = Atoms(cell=atoms.cell.array / atoms.cell.lengths()[atoms.pbc].max(), pbc=atoms.pbc)
+    try:
+        path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc)
+    except (RuntimeError, KeyError) as error:
+        raise ValueError(f'ASE finds no path {points or "of its own"} through the zone of {atoms.cell.array.tolist()} mm '
+                         f'({error}); take the primitive cell, or wavevectors of your own in a BandPath') from None
+    path = path_of(alike, path)
+    return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
 
 
 def path_of(atoms, path):

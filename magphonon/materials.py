@@ -7,11 +7,11 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from ase.constraints import FixedLine
-from ase.dft.kpoints import BandPath
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import lattices
 from . import units as u
+from .bands import band_path
 from .errors import MOST, not_negative, one_of, positive, shown, whole
 from .forcetables import read_forces
 from .magnettables import Datasheet
@@ -64,10 +64,7 @@ class Lattice(Table):
 
     def path(self, points, npoints):
         """Path through special points, `ase.dft.kpoints.BandPath`."""
-        # drawn on a cell of 1 mm, where fractions are the same: ASE 3.29 recognises no lattice below some 0.01 of its units
-        like = getattr(lattices, self.kind)(1.0, 1.0)
-        path = like.cell.bandpath(points, npoints=npoints, pbc=like.pbc)
-        return BandPath(self.cell().cell, path.kpts, path.special_points, path.path)
+        return band_path(self.cell(), points, npoints)
 
 
 def _right_angle(value):

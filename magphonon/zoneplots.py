@@ -1,10 +1,12 @@
 """Maps over the first Brillouin zone, drawn in SI on matplotlib axes; see `magphonon.plotting`."""
 
 import numpy as np
+from ase import Atoms
 from ase.cell import Cell
 from ase.dft.kpoints import resolve_kpt_path_string
 
 from . import units
+from .bands import band_path
 from .plotting import COLOURS, UNSTABLE, legend_above, new_axes, point_name
 from .zone import PLANAR, ROUND_OFF, first_zone, frequency_ratio
 
@@ -159,7 +161,7 @@ def _mesh(zone_map):
 
 
 def _special_points(cell):
-    return Cell(cell).bandpath(npoints=0, pbc=PLANAR).special_points
+    return band_path(Atoms(cell=cell, pbc=PLANAR), npoints=0).special_points
 
 
 def _halo(width):

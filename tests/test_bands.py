@@ -7,7 +7,17 @@ from ase.dft.kpoints import BandPath
 from oracles import LATTICES, LAWS, lattice
 from scipy.special import zeta
 
-from magphonon import Bands, InversePower, MagneticRepulsion, Yukawa, analytic_bands, group_velocities, lattices, sound_speeds
+from magphonon import (
+    Bands,
+    InversePower,
+    MagneticRepulsion,
+    Yukawa,
+    analytic_bands,
+    band_path,
+    group_velocities,
+    lattices,
+    sound_speeds,
+)
 from magphonon import units as u
 from magphonon.bands import bloch_modes, path_of
 from magphonon.potentials import repulsion
@@ -347,3 +357,19 @@ def test_a_rounded_cell_has_the_bands_of_the_ideal_one(prototype, height):
     typed.calc = MagneticRepulsion(typed, law, foundation=k, bonds=[(0, 0, (1, 0, 0))] if height == 8.6603 else
                                    [(0, 0, (0, 1, 0)), (0, 0, (-1, 1, 0))])
     assert abs(bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz / found - 1).max() > 0.1
+
+
+@pytest.mark.parametrize('spacing', [1e-5, 1e-3, 1.0, 10.0, 1e5])
+@pytest.mark.parametrize(('name', 'points'), [('triangular', 'GMKG'), ('square', 'GXMG'), ('fcc', 'GXWKGL')])
+def test_paths_through_lattices_of_any_size(name, points, spacing):
+    path = band_path(lattice(name, spacing), points, 60)
+    alike = lattice(name, 10.0)
+    np.testing.assert_allclose(path.kpts, alike.cell.bandpath(points, npoints=60, pbc=alike.pbc).kpts, atol=1e-12)
+    np.testing.assert_array_equal(path.cell.array, lattice(name, spacing).cell.array)
+
+
+def test_a_path_that_ase_does_not_know_is_refused():
+    with pytest.raises(ValueError, match='ASE finds no path GQ through the zone of '):
+        band_path(lattice('triangular'), 'GQ')
+    with pytest.raises(ValueError, match='not periodic'):
+        band_path(lattices.parallelogram(lattice('triangular'), 4, 4))

@@ -243,3 +243,13 @@ def test_impossible_requests_are_refused(complete):
         frequency_ratio(complete, zone_map(ideal(), 6, model='conventional'))
     with pytest.raises(ValueError, match=r'different meshes.*or lattices'):
         frequency_ratio(complete, zone_map(prototype(), STEPS, model='conventional'))
+
+
+def test_maps_of_lattices_of_a_micrometre_are_drawn():
+    from magphonon import plot_isofrequency, plot_ratio
+
+    cell = lattices.triangular(1e-6 * u.m, 1e-12)
+    cell.calc = MagneticRepulsion(cell, InversePower(b=1e-12, a=4.0), foundation=1e-3)
+    maps = zone_map(cell, 12), zone_map(cell, 12, 'conventional')
+    for ax in (plot_isofrequency(*maps, 0), plot_ratio(*maps, 0)):
+        assert {'Γ', 'M', 'K'} <= {text.get_text() for text in ax.texts}
