@@ -18,6 +18,15 @@ COLOURS = ('#0072B2', '#D55E00', '#000000', '#009E73', '#CC79A7', '#E69F00', '#5
 UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
 """Look of every region where modes are unstable."""
 
+NEGLIGIBLE = 3e-5
+"""Frequencies below this fraction of the highest one are zero in a picture, whatever their sign.
+
+Squared frequencies by phonopy are good to 1e-9 of the highest one, and this is the root of it; growth as slow could not be seen.
+"""
+
+PREFIXES = {-6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
+"""Prefixes of the unit by the power of ten."""
+
 MARKERS = 40  # on each branch: few enough to see the line behind them
 
 # Of a mode shape, in lattice constants: half the window, cells that fill it; and the longest arrow in bond lengths.
@@ -32,8 +41,13 @@ def new_axes(width=5.2, height=4.0):
 
 
 def legend_above(ax, **options):
-    """Legend above the axes, where it covers no data."""
-    return ax.legend(**{'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0), 'ncols': 3, 'frameon': False} | options)
+    """Legend above the axes, where it covers no data, in as many columns as the figure is wide enough for."""
+    options = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0), 'ncols': 3, 'frameon': False} | options
+    for columns in range(options['ncols'], 0, -1):
+        legend = ax.legend(**options | {'ncols': columns})
+        if legend.get_window_extent().width < ax.figure.bbox.width:
+            break
+    return legend
 
 
 def point_name(name):
@@ -76,7 +90,6 @@ def plot_bands(bands, ax=None, label=None, **line):
         ax.grid(axis='x', color='0.7', linewidth=0.8)
         ax.tick_params(axis='x', length=0)
         ax.set_xlim(x[0], x[-1])
-        ax.set_ylabel('frequency (Hz)')
     elif len(ax.get_xticks()) != len(at) or not np.allclose(ax.get_xticks(), at, rtol=1e-6, atol=1e-9 * x[-1]):
         raise ValueError(f'these bands run along another path ({bands.path.path}, {x[-1]:g}/mm long) than those on the axes; '
                          'compute both on the same path')
@@ -110,11 +123,23 @@ def _from_zero(ax):
         text.remove()
     f = np.concatenate([line.get_ydata() for line in ax.lines])
     top, bottom = 1.05 * np.nanmax(f), 0.0
-    if np.nanmin(f) < -ROUND_OFF * np.nanmax(abs(f)):
+    if np.nanmin(f) < -NEGLIGIBLE * np.nanmax(abs(f)):
         bottom = np.nanmin(f) - 0.05 * (np.nanmax(f) - np.nanmin(f))
         ax.axhspan(bottom, 0, gid='unstable', zorder=0, **UNSTABLE)
         ax.text(1.01, bottom / 2, 'unstable', gid='unstable', rotation=90, va='center', transform=ax.get_yaxis_transform())
     ax.set_ylim(bottom, top)
+    _print_in_suitable_unit(ax, max(top, -bottom))
+
+
+def _print_in_suitable_unit(ax, largest):
+    """Let the frequency axis, whose data are in Hz, print kHz or MHz where numbers of Hz would be unreadable."""
+    from matplotlib.ticker import FuncFormatter, ScalarFormatter
+
+    power = 0
+    if largest > 0 and not 0.1 <= largest < 2e4:
+        power = int(np.clip(3 * (np.log10(largest) // 3), min(PREFIXES), max(PREFIXES)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda f, _: f'{f / 10.0**power:.12g}') if power else ScalarFormatter())
+    ax.set_ylabel(f'frequency ({PREFIXES[power]}Hz)')
 
 
 def plot_mode(atoms, bands, q, mode, ax=None):

@@ -143,11 +143,39 @@ def test_unstable_modes_are_shaded_and_named_once():
 
 def test_round_off_at_gamma_is_not_called_unstable():
     bands = bands_of(ideal())
-    for lowest, shaded in ((-1e-8, 0), (-1e-3, 1)):  # the root of omega^2's round-off, and a mode that truly grows
+    # roots of what squares of frequencies are off by: 1e-16 by the Bloch matrix, 1e-10 by phonopy; and modes that truly grow
+    for lowest, shaded in ((-1e-8, 0), (-1e-5, 0), (-1e-4, 1), (-1e-3, 1)):
         omega = bands.omega.copy()
         omega[0, 0] = lowest * omega.max()
         ax = plot_bands(replace(bands, omega=omega))
         assert len(ax.patches) == len(ax.texts) == shaded
+
+
+@pytest.mark.parametrize(('factor', 'unit', 'share'), [(1e-4, 'mHz', 1e-3), (1, 'Hz', 1), (1e3, 'kHz', 1e3), (1e6, 'MHz', 1e6)])
+def test_the_axis_prints_a_unit_that_suits(factor, unit, share):
+    bands = bands_of(prototype())  # up to 155 Hz
+    scaled = replace(bands, omega=factor * bands.omega)
+    ax = plot_bands(scaled, label='one')
+    plot_bands(scaled, ax=ax, label='two')
+    drawn(ax)
+    assert ax.get_ylabel() == f'frequency ({unit})'
+    np.testing.assert_allclose([float(text.get_text()) * share for text in ax.get_yticklabels()], ax.get_yticks(), rtol=1e-9)
+    assert ax.yaxis.get_offset_text().get_text() == ''
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), scaled.frequencies_Hz[:, 0])  # the data stay in Hz
+
+
+@pytest.mark.parametrize('labels', [('complete', 'conventional', 'phonopy'),
+                                    ('complete, $D^0+D^*$', 'conventional, $D^0$', 'phonopy, interpolated'),
+                                    ('a' * 50, 'b' * 40, 'c')])
+def test_the_legend_stays_inside_the_figure(labels):
+    ax = None
+    for label in labels:
+        ax = plot_bands(bands_of(prototype()), ax=ax, label=label)
+    drawn(ax)
+    inside, box = ax.figure.bbox, ax.get_legend().get_window_extent()
+    assert inside.x0 <= box.x0 < box.x1 <= inside.x1
+    assert box.y1 <= inside.y1
+    assert legend_of(ax) == list(labels)
 
 
 def test_bands_on_another_path_are_refused():
