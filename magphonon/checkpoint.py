@@ -44,7 +44,7 @@ def run_parts(dyn, every):
              'versions of ASE, NumPy or magphonon': (ase.__version__, np.__version__, _version())}
     if isinstance(calc, MagneticRepulsion):
         parts |= {'law': (calc.potential, _sampled(calc)), 'bonds': calc.bonds, 'foundation or model': dict(calc.parameters),
-                  'anchors or load': calc.offset}
+                  'anchors': calc.anchors, 'load': calc.load}
     return {name: _known(name, value) for name, value in parts.items()}
 
 
@@ -65,9 +65,9 @@ def _version():
 
 def _calculator(calc, atoms):
     """The class and settings of a calculator; of one that is not of this package, its forces at the start, too."""
-    if isinstance(calc, MagneticRepulsion):  # law, bonds and parameters are parts by themselves
+    if isinstance(calc, MagneticRepulsion):  # law, bonds, anchors and the like are parts by themselves
         own = {name: value for name, value in vars(calc).items()
-               if not name.startswith('_') and name not in (*CHANGING, 'potential', 'bonds', 'parameters')}
+               if not name.startswith('_') and name not in (*CHANGING, 'potential', 'bonds', 'parameters', 'anchors', 'load')}
         return type(calc), own
     return type(calc), dict(calc.parameters), calc.get_forces(atoms)
 

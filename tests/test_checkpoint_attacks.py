@@ -99,6 +99,8 @@ class Setting:
     foundation: float = 0.02
     model: str = 'complete'
     bonds: object = None
+    anchored: float = 0.0
+    load: float = 0.0
     held: int = 0
     particles: object = None
     interval: int = 7
@@ -117,7 +119,9 @@ class Setting:
         atoms.set_masses(masses)
         if self.held:
             atoms.set_constraint(FixAtoms([*atoms.constraints[0].index, self.held]))
-        atoms.calc = MagneticRepulsion(atoms, self.law, foundation=self.foundation, model=self.model, bonds=self.bonds)
+        one = np.outer(np.arange(len(atoms)) == 9, [1.0, 0, 0])
+        atoms.calc = MagneticRepulsion(atoms, self.law, foundation=self.foundation, model=self.model, bonds=self.bonds,
+                                       anchors=atoms.positions + self.anchored * one, load=self.load * one)
         v = np.zeros((len(atoms), 3))
         v[:, :2] = np.random.default_rng(self.seed).normal(scale=0.02, size=(len(atoms), 2))
         atoms.set_momenta(masses[:, None] * v)
@@ -165,6 +169,8 @@ FOREIGN = {
     'damping of one particle': ('damping', {}, {'damping': 0.001 * (1 + (np.arange(19) == 9))}),
     'foundation': ('foundation or model', {}, {'foundation': 0.0200001}),
     'model': ('foundation or model', {}, {'model': 'conventional'}),
+    'anchor of one particle': ('anchors', {}, {'anchored': 1e-6}),
+    'load on one particle': ('load', {}, {'load': 1e-6}),
     'one bond less': ('bonds', {}, {'bonds': FEWER}),
     'constraint': ('constraints', {}, {'held': 9}),
     'recorded particles': ('recorders', {}, {'particles': [9]}),
