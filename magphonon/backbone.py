@@ -35,7 +35,7 @@ class Vibration:
     Attributes
     ----------
     omega : float
-        Its angular frequency in rad/ms; NaN where the iteration does not settle.
+        Its angular frequency in rad/ms.
     harmonics : ndarray, shape (HARMONICS + 1, modes)
         Amplitudes c_hm in g^1/2 mm: the first row is the shift of the mean position.
     evaluations : int
@@ -45,6 +45,22 @@ class Vibration:
     omega: float
     harmonics: np.ndarray
     evaluations: int
+
+
+class FarFromLinear(ValueError):
+    """The iteration does not settle.
+
+    Attributes
+    ----------
+    evaluations : int
+        Forces on all particles that it took all the same.
+    """
+
+    def __init__(self, reach, share, evaluations):
+        super().__init__(f'no periodic vibration of {reach:.4g} mm, {100 * share:.3g} % of the shortest bond, was found by '
+                         'starting from the linear mode: it is too far from linear; take a smaller amplitude or force, or step '
+                         'it in time (DrivenVerlet)')
+        self.evaluations = evaluations
 
 
 def vibration(atoms, linear, mode, amplitude):
@@ -63,6 +79,11 @@ def vibration(atoms, linear, mode, amplitude):
     Returns
     -------
     Vibration
+
+    Raises
+    ------
+    FarFromLinear
+        A ValueError: the amplitude is too large for the iteration.
     """
     calc, w = at_rest(atoms), linear.omega
     theta = np.pi * (np.arange(2 * HARMONICS) + 0.5) / (2 * HARMONICS)  # half a period: the other half mirrors it
@@ -70,17 +91,18 @@ def vibration(atoms, linear, mode, amplitude):
     norm = np.where(np.arange(HARMONICS + 1) > 0, 2, 1)[:, None] / len(theta)
     h2 = np.arange(HARMONICS + 1)[:, None] ** 2
     W, c = w[mode], np.zeros((HARMONICS + 1, len(w)))
-    failed = Vibration(np.nan, c, ROUNDS * len(theta))
+    reach = amplitude(W) * np.linalg.norm(linear.shapes[mode], axis=1).max()
+    failed = FarFromLinear(reach, reach / calc.bonds.lengths.min(), ROUNDS * len(theta))
     for rounds in range(1, ROUNDS + 1):
         c[1, mode] = amplitude(W)
         q = cosines.T @ c
         N = w * abs(w) * q + np.einsum('tix,mix->tm', _forces(calc, np.einsum('tm,mix->tix', q, linear.shapes)), linear.shapes)
         if not np.isfinite(N).all():
-            return failed
+            raise failed
         harmonics = norm * (cosines @ N)
         square = w[mode] ** 2 - harmonics[1, mode] / c[1, mode]
         if not square > 0:
-            return failed
+            raise failed
         before, W = W, np.sqrt(square)
         gap = w * abs(w) - h2 * square
         gap[1, (abs(gap[1]) < ALIKE * square) | (np.arange(len(w)) == mode)] = np.inf
@@ -88,7 +110,7 @@ def vibration(atoms, linear, mode, amplitude):
         c[1, mode] = A
         if abs(W - before) <= SETTLED * W:
             return Vibration(float(W), c, rounds * len(theta))
-    return failed
+    raise failed
 
 
 def _forces(calc, u):
