@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import units
-from .backbone import ALIKE, vibration
+from .backbone import ALIKE, FarFromLinear, vibration
 from .constraints import free_directions
 from .frf import HEADSTART, harmonic_response
 from .ladder import EIGENSOLVE, Plan, Rung, force_cost, percent
@@ -153,13 +153,14 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
                 f'{where}; nothing turns a bond there, so D* has no part in it']
     shift, evaluations = 0.0, 0
     if force:
-        swing = vibration(atoms, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
-        shift, evaluations = abs(swing.omega / w - 1), swing.evaluations
+        try:
+            swing = vibration(atoms, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
+            shift, evaluations = abs(swing.omega / w - 1), swing.evaluations
+            moves = f'which moves the peak by {percent(shift)} ' + ('up' if swing.omega > w else 'down')
+        except FarFromLinear as error:
+            shift, evaluations, moves = np.inf, error.evaluations, 'beyond a periodic vibration'
         reach = force * peak.force / (damping * w) * abs(peak.linear.shapes[peak.mode]).max() / calc.bonds.lengths.min()
-        moves = 'beyond a periodic vibration' if np.isnan(shift) else f'which moves the peak by {percent(shift)} ' + (
-            'up' if swing.omega > w else 'down')
         evidence.append(f'{force:g} N swings it by {percent(reach)} of the spacing, {moves}')
-        shift = np.inf if np.isnan(shift) else shift
 
     points, nearest, free = len(omega), len(calc.bonds), free_directions(atoms).shape[1]
     top, shift_doubt = highest_frequency(atoms), 0.0 if free <= LARGE else DOUBT_ALONE
