@@ -11,12 +11,19 @@ carrier, by half a bin and more.  Each cell of the map therefore knows the centr
     omega_centre = omega - Im(G_h'/G_h)        xi_centre = xi + Im(G_h'/G_h)        h' along time, along the row
 
 Whatever spectrum weights a narrow piece of a branch, both centres are weighted alike: their point lies on the branch.
+
+That holds for a single plane wave.  Near a source fronts are curved, a beam of finite width spreads, waves come back from the
+rim, and a dead particle scatters: then the phase per step changes along the row.  The row itself tells by how much: its two
+halves are analysed each for itself, and where they disagree the whole is uncertain by half of their difference (the
+jackknife with two blocks).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
+from . import units
 from .bands import bloch_modes
 from .errors import finite, one_of, positive
 from .files import Saved
@@ -27,11 +34,26 @@ FEWEST = 8
 PAD = 4
 """Zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
 
+FIRST = 3
+"""Slowest frequency line that counts, in periods per record: a Hann window spreads offset and drift over the two below it."""
+
+ROUND_OFF = 1e-13
+"""Motion weaker than this share of the displacements is what subtracting offset and drift leaves of a row at rest."""
+
+LARGEST = 1e100
+"""Displacements in mm above this, or below its inverse, have squares near the ends of floating-point numbers."""
+
 LEAST_POWER = 1e-2
 """Ridge points weaker than this share of the strongest cell of the map (-20 dB) are dropped."""
 
 LEAST_CONTRAST = 20
 """Ridge points weaker than this multiple of their line's background are dropped: noise alone gets there once in 1e6 lines."""
+
+NORMAL = 1.96
+"""95 % of normal errors are smaller than this multiple of their standard deviation."""
+
+RESOLVED = 1.0
+"""Bins; two waves that far apart have peaks of their own, as 2 pi by the points of the row is the resolution."""
 
 BRANCH_POINTS = 2001
 """Samples of a branch; straight lines between them keep 1e-6 of its highest frequency."""
@@ -55,6 +77,8 @@ class Spectrum(Saved, kind='spectra', units={
         In mm^2: a plane wave of amplitude A has the peak A^2.
     xi_centre, omega_centre : ndarray, shape (frequencies, wavenumbers)
         Where the power in each cell comes from; NaN where there is none.
+    xi_change : ndarray, shape (frequencies, wavenumbers)
+        How much larger xi_centre is in the second half of the row than in the first; zero for a single plane wave.
     bin_xi, bin_omega : float
         Resolution of the record, 2 pi/points and 2 pi/duration; the map is padded and its grid is finer.
     """
@@ -64,12 +88,25 @@ class Spectrum(Saved, kind='spectra', units={
     power: np.ndarray
     xi_centre: np.ndarray
     omega_centre: np.ndarray
+    xi_change: np.ndarray
     bin_xi: float
     bin_omega: float
+
+    @property
+    def peak(self):
+        """Power of the strongest cell, offset and drift apart."""
+        return self.power[FIRST * PAD :].max()
+
+    @property
+    def loudest(self):
+        """Angular frequency of that cell in rad/ms."""
+        return self.omega[FIRST * PAD + self.power[FIRST * PAD :].max(axis=1).argmax()]
 
 
 def wavenumber_frequency(displacements, dt):
     """Wavenumber-frequency map of one displacement component along a row, Hann windows in time and space.
+
+    Each particle may be offset from its rest and drift steadily: both are taken off first, see `without_drift`.
 
     Parameters
     ----------
@@ -86,30 +123,63 @@ def wavenumber_frequency(displacements, dt):
     Raises
     ------
     ValueError
-        For another shape, fewer than 8 frames or points, entries that are not finite, or a row at rest.
+        For another shape, fewer than 8 frames or points, entries that are not finite or in no unit of length, or a row
+        at rest.
     """
     u = finite('displacements', displacements)
     dt = positive('dt', dt, 'ms')
     if u.ndim != 2 or min(u.shape) < FEWEST:
         raise ValueError(f'a map needs displacements of the shape (frames, points), at least {FEWEST} of each, not {u.shape}')
-    if not u.any():
-        raise ValueError('the row is at rest throughout the record; record longer, or another component')
+    largest = abs(u).max()
+    if largest and not 1 / LARGEST < largest < LARGEST:
+        raise ValueError(f'the largest displacement of the row is {largest / units.m:g} m: its square is beyond all numbers; '
+                         'give displacements in their unit')
+    u = without_drift(u)
+    if abs(u).max() <= ROUND_OFF * largest:
+        raise ValueError('the row is at rest throughout the record, or only drifts; record longer, or another component')
     frames, points = u.shape
     in_time, in_space = _hann(frames), _hann(points)
     G = _transform(u, in_time[0], in_space[0])
     with np.errstate(divide='ignore', invalid='ignore'):
         d_omega = -(_transform(u, in_time[1] / dt, in_space[0]) / G).imag
-        d_xi = (_transform(u, in_time[0], in_space[1]) / G).imag
+    d_xi = _wavenumber_shift(u, in_time[0], in_space)
+    first, second = (_wavenumber_shift(u, in_time[0], half) for half in _hann_halves(points))
     xi = 2 * np.pi * np.fft.fftshift(np.fft.fftfreq(PAD * points))
     omega = 2 * np.pi * np.fft.rfftfreq(PAD * frames, dt)
     amplitude = 2 * abs(G) / (in_time[0].sum() * in_space[0].sum())
-    return Spectrum(xi, omega, amplitude**2, xi + d_xi, omega[:, None] + d_omega, 2 * np.pi / points, 2 * np.pi / (frames * dt))
+    return Spectrum(xi, omega, amplitude**2, xi + d_xi, omega[:, None] + d_omega, second - first,
+                    2 * np.pi / points, 2 * np.pi / (frames * dt))
+
+
+def without_drift(displacements):
+    """Displacements without the constant and the steady drift of each point, shape (frames, points).
+
+    Both are fitted with the weights of the window, so that the map of what is left vanishes at zero frequency.
+    """
+    weight = _hann(len(displacements))[0]
+    t = np.arange(len(displacements)) - (len(displacements) - 1) / 2  # weights are even in t: constant and slope do not mix
+    offset, slope = (weight * t**k @ displacements / (weight @ t ** (2 * k)) for k in (0, 1))
+    return displacements - offset - t[:, None] * slope
 
 
 def _hann(n):
     """Hann window of n samples, and its derivative by the sample number."""
     phase = 2 * np.pi * (np.arange(n) + 0.5) / n
     return (1 - np.cos(phase)) / 2, np.pi / n * np.sin(phase)
+
+
+def _hann_halves(n):
+    """Hann windows of the first and of the second half of n samples, and their derivatives."""
+    half = (n + 1) // 2
+    rest = np.zeros(n - half)
+    window, derivative = _hann(half)
+    return [(np.r_[window, rest], np.r_[derivative, rest]), (np.r_[rest, window], np.r_[rest, derivative])]
+
+
+def _wavenumber_shift(u, in_time, in_space):
+    """Distance in xi from each cell of the map to the centre of gravity of its power."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        return (_transform(u, in_time, in_space[1]) / _transform(u, in_time, in_space[0])).imag
 
 
 def _transform(u, in_time, in_space):
@@ -128,7 +198,7 @@ class Ridge:
     xi, omega : ndarray, shape (points,)
         Phase per step in rad, angular frequency in rad/ms.
     sigma_xi, sigma_omega : ndarray, shape (points,)
-        Their standard uncertainties from the background of the map.
+        Their standard uncertainties: noise of the record in both, and what differs between the halves of the row in xi.
     power : ndarray, shape (points,)
         In mm^2.
     bin_xi, bin_omega : float
@@ -151,8 +221,10 @@ def ridge(spectrum):
     bins away from its cell, uncertain by sqrt((1/3 + d^2) B/(2 P)) bins.  B is taken from the median over the frequency
     line, so that leakage and other waves count as noise too.
 
-    Without noise the curvature of the branch within the width of the window remains: 0.01 bins for a five-cycle burst
-    over 60 particles.
+    What is no plane wave makes the halves of the row disagree by D: the whole is uncertain by D/2, less the share that
+    noise has in it.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
+    background), so that noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each
+    point gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger.
 
     Parameters
     ----------
@@ -168,7 +240,7 @@ def ridge(spectrum):
         If no wave rises above the background.
     """
     forward = spectrum.xi > 0
-    lines = slice(PAD, None, PAD)  # the lines between them, from padding, say nothing new; omega = 0 is no wave
+    lines = slice(FIRST * PAD, None, PAD)  # the lines between them, from padding, say nothing new
     power = spectrum.power[lines]
     peak = np.argmax(np.where(forward, power, 0), axis=1)
     at = np.arange(len(power)), peak
@@ -183,7 +255,10 @@ def ridge(spectrum):
                          'average or record longer, reverse the row, or drive harder')
     xi, omega = spectrum.xi_centre[lines][at][keep], spectrum.omega_centre[lines][at][keep]
     noise = np.sqrt(background[keep] / (2 * height[keep]))
-    sigma_xi = noise * np.hypot(spectrum.bin_xi / np.sqrt(3), xi - spectrum.xi[peak[keep]])
+    noise_xi = noise * np.hypot(spectrum.bin_xi / np.sqrt(3), xi - spectrum.xi[peak[keep]])
+    halves = (spectrum.xi_change[lines][at][keep] / 2) ** 2 - 4 * noise_xi**2
+    few = stdtrit(len(xi), 0.975) / NORMAL  # Student's t for a mean square of so many
+    sigma_xi = np.sqrt(noise_xi**2 + np.maximum(halves, few**2 * max(halves.mean(), 0)))
     sigma_omega = noise * np.hypot(spectrum.bin_omega / np.sqrt(3), omega - spectrum.omega[lines][keep])
     return Ridge(xi, omega, sigma_xi, sigma_omega, height[keep], spectrum.bin_xi, spectrum.bin_omega)
 
@@ -247,13 +322,25 @@ class Misfit:
         What the uncertainty of the points alone makes of `omega`.
     bins : float
         Along the wavenumber axis, at the frequency of each point, in bins of the record.
+    within : float
+        Share of the points that are nearer to it along the frequency axis than 1.96 of their uncertainties.
     points : int
     """
 
     omega: float
     sigma_omega: float
     bins: float
+    within: float
     points: int
+
+    @property
+    def agrees(self):
+        """Whether the ridge may be a wave of this branch.
+
+        At least half of its points are within 1.96 of their uncertainties, and all together within a bin: two waves a bin
+        apart are seen as two, however uncertain each is.
+        """
+        return self.within >= 0.5 and self.bins <= RESOLVED
 
 
 def compare(ridge, branch):
@@ -271,11 +358,13 @@ def compare(ridge, branch):
     -------
     Misfit
     """
-    d_omega = ridge.omega - np.interp(ridge.xi, branch.xi, branch.omega)
+    own = np.interp(ridge.xi, branch.xi, branch.omega)
+    d_omega = ridge.omega - own
     d_xi = ridge.xi - np.array([_nearest_crossing(branch, omega, xi) for omega, xi in zip(ridge.omega, ridge.xi, strict=True)])
-    slope = np.interp(ridge.xi, branch.xi, np.gradient(branch.omega, branch.xi))
-    sigma = np.hypot(ridge.sigma_omega, slope * ridge.sigma_xi)
-    return Misfit(_rms(d_omega), _rms(sigma), _rms(d_xi) / ridge.bin_xi, len(d_xi))
+    sides = [np.interp(ridge.xi + side * ridge.sigma_xi, branch.xi, branch.omega) - own for side in (1, -1)]
+    sigma = np.hypot(ridge.sigma_omega, np.abs(sides).max(axis=0))  # not by the slope, which vanishes at the edge of the zone
+    within = float(np.mean(abs(d_omega) <= NORMAL * sigma))
+    return Misfit(_rms(d_omega), _rms(sigma), _rms(d_xi) / ridge.bin_xi, within, len(d_xi))
 
 
 def _nearest_crossing(branch, omega, xi):

@@ -30,7 +30,7 @@ def plot_wave(wave, ax=None):
     ax = new_axes() if ax is None else ax
     spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
     with np.errstate(divide='ignore'):
-        dB = 10 * np.log10(spectrum.power / spectrum.power.max())
+        dB = 10 * np.log10(spectrum.power / spectrum.peak)
     lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards
     top = min(MARGIN * lit, spectrum.omega[-1])
     shown = spectrum.omega <= top

@@ -7,7 +7,7 @@ import numpy as np
 from . import units
 from .files import whole_file
 from .sites import polarisations, wavevector
-from .spectrum import LEAST_POWER, Branch, Ridge, Spectrum, branch, compare, ridge, wavenumber_frequency
+from .spectrum import LEAST_POWER, Branch, Ridge, Spectrum, branch, compare, ridge, wavenumber_frequency, without_drift
 
 MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
@@ -16,7 +16,13 @@ BRANCHES = {'shear': 0, 'longitudinal': 1}
 FAR = 3
 """Bins; a record of which no ridge is nearer to any branch was not taken in this lattice, or in other units."""
 
-RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2')
+REST = 1e-6
+"""Motion weaker than this share of the other one is round-off, or nothing that a map would keep."""
+
+SLOW = 100
+"""Waves this many times slower than the top of the branches are hundreds of steps long: no row tells of them."""
+
+RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with')
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,12 @@ class Wave:
         """Distance of the ridge from each branch, a dict of Misfit; empty without a ridge."""
         return {name: compare(self.ridge, branch) for name, branch in self.branches.items()} if self.ridge else {}
 
+    @property
+    def agrees_with(self):
+        """Model and name of the branches that the ridge may lie on by its uncertainties, the nearest first."""
+        misfits = self.misfits
+        return tuple(sorted((name for name in misfits if misfits[name].agrees), key=lambda name: misfits[name].bins))
+
 
 def waves(row, cell, source):
     """The waves along a row, the strongest motion first; one 20 dB weaker than the other is left out.
@@ -69,14 +81,15 @@ def waves(row, cell, source):
         If the row is at rest, or the record too short.
     """
     motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
-    moving = {name: u for name, u in motions.items() if u.any()} or motions  # of a row at rest, the map says so
-    maps = {name: wavenumber_frequency(u, row.dt) for name, u in moving.items()}
-    strongest_first = sorted(maps, key=lambda name: -maps[name].power.max())
-    least = LEAST_POWER * maps[strongest_first[0]].power.max()
+    largest = {name: abs(without_drift(u)).max() for name, u in motions.items()}
+    moving = [name for name in motions if largest[name] > REST * max(largest.values())] or motions  # at rest: the map says so
+    maps = {name: wavenumber_frequency(motions[name], row.dt) for name in moving}
+    strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
+    least = LEAST_POWER * maps[strongest_first[0]].peak
     q = wavevector(cell, source)
     branches = {(model, name): branch(cell, q, mode, model) for model in MODELS for name, mode in BRANCHES.items()}
     return [Wave(name, maps[name], branches, _ridge_of(maps[name]))
-            for name in strongest_first if maps[name].power.max() > least]
+            for name in strongest_first if maps[name].peak > least]
 
 
 def _ridge_of(spectrum):
@@ -98,28 +111,64 @@ def report(records):
     -------
     str
     """
-    rows = [('record', 'motion', 'power', 'points', *(f'{name}{mark}' for mark in ('', "'") for name in BRANCHES))]
+    names = [f'{name}{mark}' for mark in ('', "'") for name in BRANCHES]
+    rows = [('record', 'motion', 'power', 'points', *names, 'sigma')]
     for record, found in records.items():
-        strongest = found[0].spectrum.power.max()
+        strongest = found[0].spectrum.peak
         for wave in found:
-            dB = 10 * np.log10(wave.spectrum.power.max() / strongest)
-            bins = [f'{misfit.bins:.2f}' for misfit in wave.misfits.values()] or 4 * ['-']
-            rows.append((record, wave.motion, f'{dB:.1f} dB', str(len(wave.ridge.xi) if wave.ridge else 0), *bins))
+            dB = 10 * np.log10(wave.spectrum.peak / strongest)
+            bins = [misfit.bins for misfit in wave.misfits.values()]
+            if wave.ridge:
+                bins.append(np.median(wave.ridge.sigma_xi) / wave.ridge.bin_xi)
+            cells = [f'{distance:.2f}' for distance in bins] or 5 * ['-']
+            rows.append((record, wave.motion, f'{dB:.1f} dB', str(len(wave.ridge.xi) if wave.ridge else 0), *cells))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ['  '.join(f'{cell:{"<" if k < 2 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows]
-    if any(wave.ridge is None for found in records.values() for wave in found):
+    resolution = next(iter(records.values()))[0].spectrum.bin_xi
+    return '\n'.join(['Rms distance of the ridge of each motion from each branch, in bins of the wavenumber (one, 2 pi by the',
+                      f'points of the row, is {resolution:.4g} rad per step).  Plain columns: D0 + D*; primed: D0 alone;',
+                      'sigma: of a point of the ridge.', '', *lines, *_verdicts(records), *_doubts(records)])
+
+
+def _verdicts(records):
+    """For each ridge the branches on which it may lie, in words."""
+    lines, astray = [], False
+    for record, found in records.items():
+        for wave in found:
+            misfits, on = wave.misfits, wave.agrees_with
+            if on:
+                branches = ', '.join(f'{model} {name} ({misfits[model, name].bins:.2f} bins)' for model, name in on)
+                lines.append(f'{record}, {wave.motion} motion: agrees with {branches}')
+            elif misfits:
+                astray = True
+                model, name = min(misfits, key=lambda name: misfits[name].bins)
+                lines.append(f'{record}, {wave.motion} motion: lies on no branch; the nearest is {model} {name} '
+                             f'({misfits[model, name].bins:.2f} bins)')
+    if astray:
+        lines += ['', 'What lies on no branch may be several waves at once, oblique ones of which only the energy runs along the',
+                  'row, as from a point source in an anisotropic lattice, waves from the ends of a beam, or another lattice.']
+    return ['', *lines] if lines else []
+
+
+def _doubts(records):
+    """What may be wrong with a record that tells nothing, or nothing that fits."""
+    waves, lines = [wave for found in records.values() for wave in found], []
+    if any(wave.ridge is None for wave in waves):
         lines += ['', 'Without points: nothing runs along the row above its background; it decays, drowns in noise, or its',
                   'phases run backwards.']
-    far = [misfit.bins > FAR for found in records.values() for wave in found for misfit in wave.misfits.values()]
+    far = [misfit.bins > FAR for wave in waves for misfit in wave.misfits.values()]
     if far and all(far):
         lines += ['', f'No ridge comes within {FAR} bins of a branch: are times in seconds, row and lattice those of the scene?']
-    resolution = next(iter(records.values()))[0].spectrum.bin_xi
-    return '\n'.join(["The ridge of each motion, and its rms distance from the branches, complete and conventional ('), in bins",
-                      f'of the wavenumber; one, 2 pi by the points of the row, is {resolution:.4g} rad per step:', '', *lines])
+    for record, found in records.items():
+        top = max(branch.omega.max() for branch in found[0].branches.values())
+        if found[0].spectrum.loudest < top / SLOW:
+            lines += ['', f'{record} moves at {units.hertz(found[0].spectrum.loudest):.3g} Hz and the branches reach up to '
+                          f'{units.hertz(top):.3g} Hz: are its times in milliseconds? time_s is in seconds.']
+    return lines
 
 
 def write_ridges(path, records):
-    """Table of ridge points in SI, whole or not at all.
+    """Table of ridge points in SI, and the branches that their ridge agrees with, or none; whole or not at all.
 
     Parameters
     ----------
@@ -132,7 +181,7 @@ def write_ridges(path, records):
         for name, found in records.items():
             for wave in found:
                 if wave.ridge:
-                    r = wave.ridge
+                    r, on = wave.ridge, '; '.join(map(' '.join, wave.agrees_with)) or 'none'
                     columns = r.xi, r.sigma_xi, units.hertz(r.omega), units.hertz(r.sigma_omega), r.power / units.m**2
                     for point in np.transpose(columns).tolist():
-                        print(name, wave.motion, *point, sep=',', file=file)
+                        print(name, wave.motion, *point, on, sep=',', file=file)

@@ -1,5 +1,6 @@
 """Tone bursts through a patch: where they enter, what passes, and the waves that a row tells of."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -174,16 +175,24 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     wave = waves(travelling(1, 0, ideal), ideal, 'row')
     table = report({'quiet': noise, 'loud': wave}).splitlines()
     assert 'is 0.1571 rad per step' in table[1]  # 2 pi/40
-    assert {tuple(line.split()[4:]) for line in table[4:6]} == {('0', *4 * '-')}
+    assert {tuple(line.split()[4:]) for line in table[5:7]} == {('0', *5 * '-')}
     assert table[-2].startswith('Without points: nothing runs along the row')
+    assert 'loud, transverse motion: agrees with complete shear (0.0' in table[-4]
     assert 'Without points' not in report({'loud': wave})
     assert 'are times in seconds' not in report({'loud': wave})
     record = travelling(1, 0, ideal)
-    assert 'are times in seconds' in report({'in ms': waves(replace(record, t=1e3 * record.t), ideal, 'row')})
-    assert table[6].split()[:5] == ['loud', 'transverse', '0.0', 'dB', str(len(wave[0].ridge.xi))]
+    in_ms = report({'in ms': waves(replace(record, t=1e3 * record.t), ideal, 'row')})
+    assert 'are times in seconds' in in_ms
+    assert 'in ms, transverse motion: lies on no branch; the nearest is' in in_ms
+    # 141.42 rad/s sin(1/2) / 2 pi = 10.79 Hz, to half a frequency line of 1.25 Hz; conventional longitudinal ends at 77.97 Hz
+    moves = re.search(r'in ms moves at (0.01[01][0-9]*) Hz and the branches reach up to 78 Hz: are its times in mill', in_ms)
+    assert float(moves[1]) == pytest.approx(0.01079, abs=0.0007)
+    assert 'milliseconds' not in report({'loud': wave, 'quiet': noise})
+    assert table[7].split()[:5] == ['loud', 'transverse', '0.0', 'dB', str(len(wave[0].ridge.xi))]
     write_ridges(tmp_path / 'ridges.csv', {'quiet': noise, 'loud': wave})
     header, *rows = (tmp_path / 'ridges.csv').read_text().splitlines()
-    assert header == 'record,motion,xi_rad,sigma_xi_rad,frequency_Hz,sigma_frequency_Hz,power_m2'
+    assert header == 'record,motion,xi_rad,sigma_xi_rad,frequency_Hz,sigma_frequency_Hz,power_m2,agrees_with'
+    assert {row.split(',')[7] for row in rows} == {'complete shear'}
     assert len(rows) == len(wave[0].ridge.xi)
     strongest = max((row.split(',') for row in rows), key=lambda row: float(row[6]))
     assert strongest[:2] == ['loud', 'transverse']

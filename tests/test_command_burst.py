@@ -39,7 +39,7 @@ def ridges(folder, name='ridges.csv'):
     """Rows of the table of ridges by record and motion, as arrays of their numbers."""
     with open(folder / name, newline='') as file:
         _, *rows = csv.reader(file)
-    return {key: np.array([row[2:] for row in rows if (row[0], row[1]) == key], dtype=float)
+    return {key: np.array([row[2:7] for row in rows if (row[0], row[1]) == key], dtype=float)
             for key in dict.fromkeys((row[0], row[1]) for row in rows)}
 
 

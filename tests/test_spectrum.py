@@ -1,5 +1,7 @@
 """Maps, ridges and misfits against waves whose dispersion is known in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -106,24 +108,44 @@ def test_reflections_from_a_rim_run_backwards_and_leave_the_ridge_on_its_branch(
     assert compare(ridge(s), closed_branch(2 * omega_m)).bins > 3
 
 
+def of_one_plane_wave(spectrum):
+    """The same map, had both halves of the row given the same wavenumbers: what is left of the uncertainty is noise."""
+    return replace(spectrum, xi_change=np.zeros_like(spectrum.xi_change))
+
+
 @pytest.mark.parametrize('noise', [0.1, 0.3])  # enough to outweigh the curvature of the branch
-def test_stated_uncertainty_is_the_scatter_under_noise(noise):
+def test_the_noise_in_the_stated_uncertainty_is_the_scatter_under_noise(noise):
     omega_m = OMEGA_M['shear', 'complete']
     u = driven_row(omega_m, CARRIER['shear'], points=60, duration=1200, dt=2.0)
     rng = np.random.default_rng(3)
     scores = []
     for _ in range(30):
-        r = ridge(wavenumber_frequency(u + noise * rng.normal(size=u.shape), 2.0))
+        r = ridge(of_one_plane_wave(wavenumber_frequency(u + noise * rng.normal(size=u.shape), 2.0)))
         sigma = np.hypot(r.sigma_omega, omega_m / 2 * np.cos(r.xi / 2) * r.sigma_xi)
         scores.extend((r.omega - omega_m * np.sin(r.xi / 2)) / sigma)
     # 350 points, of which neighbours share part of their noise, scatter by 5 %; the theory is first order in the noise
     assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1, abs=0.2)
 
 
+@pytest.mark.parametrize('times_the_wave', [0.3, 3, 300])
+def test_offset_and_drift_of_each_point_leave_the_ridge_where_it_is(times_the_wave):
+    u = driven_row(OMEGA_M['shear', 'complete'], CARRIER['shear'], points=60, duration=1200, dt=2.0)
+    rng = np.random.default_rng(1)
+    offset, drift = times_the_wave * abs(u).max() * rng.normal(size=(2, 60))
+    clean, spoilt = (ridge(wavenumber_frequency(v, 2.0)) for v in (u, u + offset + drift * np.linspace(-1, 1, len(u))[:, None]))
+    for name in ('xi', 'omega', 'sigma_xi'):  # nothing is left of them but round-off
+        np.testing.assert_allclose(getattr(spoilt, name), getattr(clean, name), rtol=1e-6)
+    # what bends is not taken off, but ends in the frequency lines that are passed over: half a wave a record
+    bent = u + offset * np.sin(np.pi * np.linspace(0, 1, len(u)))[:, None]
+    if times_the_wave < 1:
+        np.testing.assert_allclose(ridge(wavenumber_frequency(bent, 2.0)).xi, clean.xi, atol=0.02 * 2 * np.pi / 60)
+
+
 def test_uncertainty_grows_with_the_noise():
     u = driven_row(OMEGA_M['shear', 'complete'], CARRIER['shear'], points=60, duration=1200, dt=2.0)
     noise = np.random.default_rng(0).normal(size=u.shape)
-    sigmas = [np.median(ridge(wavenumber_frequency(u + level * noise, 2.0)).sigma_xi) for level in (0.03, 0.12)]
+    maps = [wavenumber_frequency(u + level * noise, 2.0) for level in (0.03, 0.12)]
+    sigmas = [np.median(ridge(of_one_plane_wave(s)).sigma_xi) for s in maps]
     assert sigmas[1] / sigmas[0] == pytest.approx(4, rel=0.3)  # some weak points of the louder record are dropped
 
 
@@ -155,6 +177,15 @@ def test_misfit_is_the_distance_along_each_axis():
     m = compare(points_at([1.05, 1.95], [2, 4]), straight)  # 0.05 rad beside omega = 2 xi
     assert (m.omega, m.bins, m.points) == (pytest.approx(0.1), pytest.approx(0.5), 2)
     assert m.sigma_omega == pytest.approx(np.hypot(0.01, 2 * 0.02))
+    assert not m.agrees  # 0.1 is more than 1.96 sigma, 0.081
+    assert compare(points_at([1.03, 1.97], [2, 4]), straight).agrees  # 0.06 is less
+
+
+def test_two_waves_a_bin_apart_do_not_agree_however_uncertain():
+    straight = Branch(np.linspace(0, 3, 31), 2 * np.linspace(0, 3, 31))
+    for aside, agrees in ((0.09, True), (0.11, False)):  # of a bin of 0.1
+        ridge = replace(points_at([1 + aside, 2 - aside], [2, 4]), sigma_xi=np.ones(2))
+        assert compare(ridge, straight).agrees == agrees
 
 
 def test_misfit_takes_the_nearest_of_several_crossings():
@@ -214,6 +245,9 @@ def test_beside_a_stronger_wave_that_runs_backwards_a_weak_one_is_dropped():
     (np.ones((20, 7)), 1.0, r'at least 8 of each, not \(20, 7\)'),
     (np.ones((20, 20, 2)), 1.0, r'\(frames, points\)'),
     (np.full((20, 20), np.nan), 1.0, r'displacements\[0, 0\] is nan'),
+    (np.arange(20.0) + 1e-3 * np.arange(20.0)[:, None], 1.0, 'at rest throughout the record, or only drifts'),
+    (1e303 * travelling(1)[2], 1.0, r'largest displacement of the row is 3e\+296 m: its square is beyond all numbers'),
+    (1e-297 * travelling(1)[2], 1.0, 'largest displacement of the row is 3e-304 m: its square is beyond all numbers'),
     (np.ones((20, 20)), 0.0, 'dt must be a positive number in ms'),
 ])
 def test_records_that_make_no_map_are_refused(u, dt, message):
