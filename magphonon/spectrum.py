@@ -225,6 +225,10 @@ def ridge(spectrum):
     noise has in it.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
     background), so that noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each
     point gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger.
+    More than a bin is no uncertainty of one wave: there a half has found another, which the whole would show apart.
+
+    A wave that runs one way and disperses is surer than that: in a long row its halves hear it at other times, at which other
+    parts of its branch are strong.
 
     Parameters
     ----------
@@ -256,9 +260,10 @@ def ridge(spectrum):
     xi, omega = spectrum.xi_centre[lines][at][keep], spectrum.omega_centre[lines][at][keep]
     noise = np.sqrt(background[keep] / (2 * height[keep]))
     noise_xi = noise * np.hypot(spectrum.bin_xi / np.sqrt(3), xi - spectrum.xi[peak[keep]])
-    halves = (spectrum.xi_change[lines][at][keep] / 2) ** 2 - 4 * noise_xi**2
+    most = (RESOLVED * spectrum.bin_xi) ** 2
+    halves = np.minimum((spectrum.xi_change[lines][at][keep] / 2) ** 2, most) - 4 * noise_xi**2
     few = stdtrit(len(xi), 0.975) / NORMAL  # Student's t for a mean square of so many
-    sigma_xi = np.sqrt(noise_xi**2 + np.maximum(halves, few**2 * max(halves.mean(), 0)))
+    sigma_xi = np.sqrt(noise_xi**2 + np.minimum(np.maximum(halves, few**2 * max(halves.mean(), 0)), most))
     sigma_omega = noise * np.hypot(spectrum.bin_omega / np.sqrt(3), omega - spectrum.omega[lines][keep])
     return Ridge(xi, omega, sigma_xi, sigma_omega, height[keep], spectrum.bin_xi, spectrum.bin_omega)
 
