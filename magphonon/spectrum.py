@@ -63,7 +63,7 @@ BRANCH_POINTS = 2001
 class Spectrum(Saved, kind='spectra', units={
     'xi': ('rad', 'wavenumbers'), 'omega': ('rad/ms', 'frequencies'), 'power': ('mm^2', 'frequencies', 'wavenumbers'),
     'xi_centre': ('rad', 'frequencies', 'wavenumbers'), 'omega_centre': ('rad/ms', 'frequencies', 'wavenumbers'),
-    'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
+    'xi_change': ('rad', 'frequencies', 'wavenumbers'), 'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
 }):
     """Power over phase per step and frequency.
 
