@@ -62,7 +62,7 @@ _HOME = {
     'plan_waveform': 'waveladder',
     'scene_plans': 'sceneplans',
     'DrivenVerlet': 'dynamics',
-    'Diverged': 'blocks',
+    'Diverged': 'cages',
     'Constant': 'drives',
     'Harmonic': 'drives',
     'ToneBurst': 'drives',

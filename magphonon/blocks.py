@@ -2,53 +2,18 @@
 
 import numpy as np
 
+from .cages import CONTACT, FLOWN, Cages
 from .calculator import MagneticRepulsion
 from .constraints import freedom
 from .drives import Constant, Drives, in_plane
 from .increments import RANGES, Increments
 from .kernels import Kernel, Motion
 from .layout import arrange
+from .pieces import pieces
 from .rest import static_forces
 
-CONTACT = 0.1
-"""Bonded particles closer than this fraction of their rest distance have collided."""
-FLOWN = 1e3
-"""Bonded particles farther apart than this multiple of their rest distance have left."""
-
-
-class Diverged(RuntimeError):
-    """A run went wrong; the atoms are left in the last good state.
-
-    Attributes
-    ----------
-    particle : int
-        The particle concerned.
-    time : float
-        When it was noticed, in ms.
-    atoms : ase.Atoms
-        The last good state, at `last_good` ms.
-    last_good : float
-    """
-
-    def __init__(self, particle, time, what):
-        super().__init__(f'at {time:g} ms particle {particle} {what}; the atoms keep the last good state. '
-                         'Take a shorter time step, less drive, or a start nearer to rest')
-        self.particle, self.time, self.atoms, self.last_good = particle, time, None, None
-
-
-def inspect(calc, u, time):
-    """Raise Diverged unless the displacements `u`, shape (particles, dim), are finite and no bonded particles collide."""
-    lost = np.flatnonzero(~np.isfinite(u).all(axis=1))
-    if len(lost):
-        raise Diverged(lost[0], time, 'has left for infinity')
-    R = calc.bonds.vectors[:, : calc.dim]
-    r0 = np.linalg.norm(R, axis=1)
-    bond = R + u[calc.bonds.j] - u[calc.bonds.i]
-    r = np.linalg.norm(bond, axis=1)
-    if calc.parameters.model == 'conventional':
-        r = np.einsum('bx,bx->b', bond, R) / r0
-    for b in np.flatnonzero((r < CONTACT * r0) | (r > FLOWN * r0))[:1]:
-        raise Diverged(calc.bonds.i[b], time, f'is {r[b]:g} mm from its neighbour {calc.bonds.j[b]} instead of {r0[b]:g} mm')
+PIECES = len(RANGES)
+"""Level of the law in pieces, from contact to bonds that have flown apart; one level on it is evaluated itself."""
 
 
 def refusal(atoms):
@@ -97,6 +62,7 @@ class Blocks:
                               calc.parameters.foundation, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
+        self.cages = Cages(atoms)
         self._read()
 
     @property
@@ -113,6 +79,11 @@ class Blocks:
         """In mm/ms, shape (particles, 2)."""
         return self.layout.gather(self._state[1]).T.copy()
 
+    def steps_to_next_look(self, most):
+        """How many steps the next block may have, `most` at most; fewer where particles are fast."""
+        v = self._state[1]
+        return self.cages.steps_between_looks(np.sqrt(2) * max(v.max(), -v.min()), self.dt, most)
+
     def use(self, engine):
         """Choose the kernel: 'numpy' or 'compiled'."""
         if engine == 'compiled':
@@ -124,15 +95,26 @@ class Blocks:
             self._fit(self._level)
 
     def _fit(self, level):
-        """Make the kernel for increments up to RANGES[level], or with the law itself beyond or where it is not smooth."""
-        fit = self._increments.polynomial(RANGES[level]) if level < len(RANGES) else None
-        self._level, self._reach = (len(RANGES), 0.0) if fit is None else (level, RANGES[level])
-        kernel_class, coefficients = (Kernel, None) if fit is None else (self._kernel_class, fit[0])
-        self._kernel = kernel_class(self.layout, self._increments, self._motion, coefficients)
+        """Make the kernel for increments up to RANGES[level]; beyond with the law in pieces, or itself where that is left."""
+        fit = self._increments.polynomial(RANGES[level]) if level < PIECES else None
+        self._level, self._reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
+        fitted = fit and fit[0]
+        if self._level == PIECES:
+            fitted = self._in_pieces()
+            self._level, self._reach = (PIECES, 1.0) if fitted else (PIECES + 1, np.inf)
+        kernel_class = Kernel if fitted is None else self._kernel_class
+        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted)
+
+    def _in_pieces(self):
+        """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
+        if self._kernel_class is Kernel:
+            return None
+        kinds = [pieces(self._increments, kind, CONTACT, FLOWN) for kind in range(len(self.layout.r0))]
+        return None if None in kinds else kinds
 
     @property
     def _exact(self):
-        return self._level == len(RANGES)
+        return self._level > PIECES
 
     def advance(self, first, steps):
         """Move on by a block of `steps`, from the step number `first`.
@@ -151,8 +133,10 @@ class Blocks:
             while not (self._try(forces) <= self._reach or self._exact):
                 self._fit(self._level + 1)
                 self._stale = True
-        if self._exact:
-            inspect(self.calc, np.where(self._mobile, self.layout.gather(self._spare[0]).T, 0), times[-1])
+        u = self._spare[0]
+        if self._exact or not self.cages.still(np.sqrt(2) * max(u.max(), -u.min())):
+            u = np.where(self._mobile, self.layout.gather(u).T, self.displacements)  # a held one has any force, and stays
+            self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare = self._spare, self._state
 
     def _try(self, forces):

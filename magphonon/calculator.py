@@ -1,6 +1,7 @@
 """ASE calculator of particles that repel each other and stand on an elastic foundation."""
 
 from functools import cached_property
+from threading import RLock
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +13,8 @@ from .errors import finite, not_negative, one_of, positive
 from .stiffness import bloch_matrix, bloch_series, bond_stiffness, hessian, model_stiffness
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
+OUT_OF_PLANE = 0.1
+"""Of the shortest bond: the largest displacement of a finite difference; what is farther out was not meant."""
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 NO_ENERGY = "the literal conventional force does work around a closed loop: it has no energy or Hessian; use model='conventional'"
 
@@ -162,7 +165,19 @@ class MagneticRepulsion(Calculator):
             changes.append('numbers')
         return changes
 
+    @cached_property
+    def _lock(self):
+        return RLock()
+
+    def __getstate__(self):
+        return {name: value for name, value in vars(self).items() if name != '_lock'}  # no copy shares it
+
+    # Threads may share a calculator: nobody else calculates between a calculation and the copy of its results.
     def get_property(self, name, atoms=None, allow_calculation=True):
+        with self._lock:
+            return self._get_property(name, atoms, allow_calculation)
+
+    def _get_property(self, name, atoms, allow_calculation):
         if name == 'hessian':  # dear, and no part of a trajectory: never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
         if self.parameters.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
@@ -172,6 +187,8 @@ class MagneticRepulsion(Calculator):
     def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
         super().calculate(atoms, properties, system_changes)
         u = self.displacements(self.atoms)
+        if self.dim == 2:
+            self._refuse_motion_out_of_the_plane(self.atoms)
         self.results = {'forces': np.zeros((len(u), 3))}
         self.results['forces'][:, : self.dim] = self._forces(u)
         if self.parameters.model != 'literal':
@@ -203,6 +220,17 @@ class MagneticRepulsion(Calculator):
 
             u = find_mic(u, self.reference.cell, self.reference.pbc)[0]
         return u
+
+    def _refuse_motion_out_of_the_plane(self, atoms):
+        """Nothing acts along z: what rattles or heats particles in space would let them drift, and take a third of the heat."""
+        height = abs(atoms.positions[:, 2] - self.reference.positions[:, 2])
+        away = height > OUT_OF_PLANE * self.bonds.lengths.min()
+        moving = atoms.arrays['momenta'][:, 2] != 0 if 'momenta' in atoms.arrays else np.zeros(len(atoms), bool)
+        for k in np.flatnonzero(away | moving)[:1]:
+            what = f'is {height[k]:g} mm out of the plane' if away[k] else 'moves out of the plane'
+            raise ValueError(f'particle {k} {what}, but the structure is planar: nothing acts along z. Hold it there with '
+                             'atoms.set_constraint([*atoms.constraints, FixedPlane(range(len(atoms)), (0, 0, 1))]), '
+                             'before it is rattled or given velocities')
 
     @cached_property
     def _shortest_period(self):

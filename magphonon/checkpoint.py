@@ -90,7 +90,7 @@ def _pushes(dyn):
 
 def _sampled(calc):
     """Slope and curvature of the law from contact to where particles have left; NaN where it is not defined."""
-    from .blocks import CONTACT, FLOWN
+    from .cages import CONTACT, FLOWN
 
     r0 = calc.bonds.lengths
     r = np.geomspace(CONTACT * r0.min(initial=np.inf), FLOWN * r0.max(initial=0.0), SAMPLES) if len(r0) else np.empty(0)

@@ -12,10 +12,11 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.cpython.unsafe.tuple import tuple_setitem
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
 
 from .kernels import Kernel
 from .layout import LINE, aligned_zeros
+from .pieces import BITS, DEGREE
 
 RUN = 256
 """Slots treated at a time."""
@@ -42,7 +43,27 @@ def _vectorise(typing_context):
     return types.void(), code
 
 
-jit = njit(cache=True, error_model='numpy', fastmath={'contract'})
+OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}}
+
+
+def jit(function):
+    """Compile on the first call, and keep the result; a damaged file of an earlier one is written anew, not the end."""
+    compiled = njit(cache=True, **OPTIONS)(function)
+    cache, load = compiled._cache, compiled._cache.load_overload
+
+    def load_or_forget(*arguments):
+        try:
+            return load(*arguments)
+        except Exception:  # whatever a pickle of random bytes raises
+            cache.flush()
+            return None
+
+    cache.load_overload = load_or_forget
+    return compiled
+
+
+NOT_BITS = 52 - BITS
+
 
 
 @jit
@@ -75,20 +96,62 @@ def _polynomial(quads, e):
 
 
 @jit
-def _force(dx, dy, Rx, Ry, q, t, g, quads):
-    """Force on the far end of a bond, `H(e) R + (g + t H(e)) du`, and r0^2 e, for which the polynomial is scaled."""
-    e = (2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy
-    H = e * _polynomial(quads, e)
-    G = g + t * H
-    return H * Rx + G * dx, H * Ry + G * dy, e
+def _piece(pieces, e):
+    """The quotient from the piece in which the length lies, and how far that goes: beyond 1 out of all pieces."""
+    per_increment, low, high, first, root, child, centre, c = pieces
+    w = 1.0 + per_increment * e
+    reached = w / high
+    if not w > low:
+        w, reached = low, 2.0
+    w = min(w, high)
+    n = root + (np.float64(w).view(np.int64) >> NOT_BITS) - first
+    while child[n] >= 0:
+        n = root + child[n] + (w >= centre[n])
+    x = w - centre[n]
+    p = c[n, DEGREE]
+    for k in range(DEGREE - 1, -1, -1):
+        p = p * x + c[n, k]
+    return p, reached
+
+
+def _quotient(law, e):
+    """H/(r0^2 e) at r0^2 e, and what is judged by the reach of the law."""
+
+
+@overload(_quotient, jit_options=OPTIONS)
+def _quotient_of(law, e):
+    if isinstance(law, types.UniTuple):
+        return lambda law, e: (_polynomial(law, e), e)
+    return lambda law, e: _piece(law, e)
 
 
 @jit
-def _quads(row, pattern):
-    """The coefficients in `row` as a tuple of fours, as long as `pattern`."""
-    for n in range(len(pattern)):
-        pattern = tuple_setitem(pattern, n, (row[4 * n], row[4 * n + 1], row[4 * n + 2], row[4 * n + 3]))
-    return pattern
+def _force(dx, dy, Rx, Ry, q, t, g, law):
+    """Force on the far end of a bond, `H(e) R + (g + t H(e)) du`, and what is judged by the reach of the law."""
+    e = (2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy
+    quotient, reached = _quotient(law, e)
+    H = e * quotient
+    G = g + t * H
+    return H * Rx + G * dx, H * Ry + G * dy, reached
+
+
+def _law(laws, kind, pattern):
+    """The law of a kind of bonds, for r0^2 e: a tuple of coefficients in fours, as long as `pattern`, or its pieces."""
+
+
+@overload(_law, jit_options=OPTIONS)
+def _law_of(laws, kind, pattern):
+    def quads(laws, kind, pattern):
+        for n in range(len(pattern)):
+            pattern = tuple_setitem(pattern, n, (laws[kind, 4 * n], laws[kind, 4 * n + 1], laws[kind, 4 * n + 2],
+                                                 laws[kind, 4 * n + 3]))
+        return pattern
+
+    def pieces(laws, kind, pattern):
+        numbers, places, child, centre, c = laws
+        return (numbers[kind, 0], numbers[kind, 1], numbers[kind, 2], places[kind, 0], places[kind, 1], child, centre, c)
+
+    return quads if isinstance(laws, types.Array) else pieces
 
 
 @jit
@@ -101,7 +164,7 @@ def _move(ux, uy, vx, vy, i, fx, fy, carry, push, k, dt):
 
 
 @jit
-def _pull_group(ux, uy, bx, by, s, e, offset, to, Rx, Ry, q, t, g, quads, strength, group):
+def _pull_group(ux, uy, bx, by, s, e, offset, to, Rx, Ry, q, t, g, law, strength, group):
     """Forces of the bonds of one group that start in the slots s to e, stored `to` places later; the largest |r0^2 e|."""
     _vectorise()
     largest = np.int64(0)
@@ -110,7 +173,7 @@ def _pull_group(ux, uy, bx, by, s, e, offset, to, Rx, Ry, q, t, g, quads, streng
         if strength is not None:
             dx *= strength[group, i]  # a bond that is not strained pulls at nothing
             dy *= strength[group, i]
-        bx[i + to], by[i + to], strain = _force(dx, dy, Rx, Ry, q, t, g, quads)
+        bx[i + to], by[i + to], strain = _force(dx, dy, Rx, Ry, q, t, g, law)
         largest = max(largest, _order(strain))
     return _magnitude(largest)
 
@@ -130,7 +193,7 @@ def _move_grid(ux, uy, vx, vy, bx, by, s, e, offsets, pad, stride, carry, push, 
 
 @jit
 def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
-    b, pad, runs, offsets, R, strength, q, t, g, r2, coefficients, pattern = bonds
+    b, pad, runs, offsets, R, strength, q, t, g, r2, laws, pattern = bonds
     ux, uy, vx, vy, bx, by = u[0], u[1], v[0], v[1], b[0].ravel(), b[1].ravel()
     stride = np.uint64(b.shape[2])
     strain = 0.0
@@ -146,9 +209,9 @@ def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
                 b[:, :, s + pad - base : e + pad - base] = 0
                 continue
             for n in range(len(offsets)):
-                quads = _quads(coefficients[n], pattern)
+                law = _law(laws, n, pattern)
                 largest = _pull_group(ux, uy, bx, by, s, e, offsets[n], pad + np.uint64(n) * stride - base, R[n, 0], R[n, 1],
-                                      q, t, g[n], quads, strength, np.uint64(n))
+                                      q, t, g[n], law, strength, np.uint64(n))
                 strain = _larger(strain, largest / r2[n])
             _move_grid(ux, uy, vx, vy, bx, by, s, e, offsets, pad - base, stride, carry, push, k, dt)
         _correct(u, v, push, dt, forces[step], corrected)
@@ -156,12 +219,12 @@ def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
 
 
 @jit
-def _pull_listed(ux, uy, bx, by, s, e, i, j, Rx, Ry, q, t, g, quads, bonds):
+def _pull_listed(ux, uy, bx, by, s, e, i, j, Rx, Ry, q, t, g, law, bonds):
     """Forces of the bonds s to e on their far ends, and `bonds` places later on their near ends; the largest |r0^2 e|."""
     _vectorise()
     largest = np.int64(0)
     for b in range(s, e):
-        x, y, strain = _force(ux[j[b]] - ux[i[b]], uy[j[b]] - uy[i[b]], Rx[b], Ry[b], q, t, g, quads)
+        x, y, strain = _force(ux[j[b]] - ux[i[b]], uy[j[b]] - uy[i[b]], Rx[b], Ry[b], q, t, g, law)
         bx[b] = x
         by[b] = y
         bx[b + bonds] = -x
@@ -184,7 +247,7 @@ def _move_listed(ux, uy, vx, vy, bx, by, s, e, ends, columns, carry, push, k, dt
 
 @jit
 def _steps_table(u, v, forces, carry, push, dt, k, corrected, bonds):
-    b, runs, segments, i, j, Rx, Ry, ends, columns, q, t, g, r2, coefficients, pattern = bonds
+    b, runs, segments, i, j, Rx, Ry, ends, columns, q, t, g, r2, laws, pattern = bonds
     ux, uy, vx, vy, bx, by = u[0], u[1], v[0], v[1], b[0], b[1]
     strain = 0.0
     for step in range(len(forces)):
@@ -192,8 +255,8 @@ def _steps_table(u, v, forces, carry, push, dt, k, corrected, bonds):
             s, e = runs[r, 0], runs[r, 1]
             for n in range(runs[r, 2], runs[r, 3]):
                 kind = segments[n, 2]
-                quads = _quads(coefficients[kind], pattern)
-                largest = _pull_listed(ux, uy, bx, by, segments[n, 0], segments[n, 1], i, j, Rx, Ry, q, t, g[kind], quads,
+                law = _law(laws, kind, pattern)
+                largest = _pull_listed(ux, uy, bx, by, segments[n, 0], segments[n, 1], i, j, Rx, Ry, q, t, g[kind], law,
                                        np.uint64(len(i)))
                 strain = _larger(strain, largest / r2[kind])
             _move_listed(ux, uy, vx, vy, bx, by, s, e, ends, columns, carry, push, k, dt)
@@ -278,16 +341,14 @@ def _written(slot, u, v, anchors, masses, positions, momenta):
 
 
 class CompiledKernel(Kernel):
-    """The same as `Kernel`, compiled; it needs the coefficients of polynomials."""
+    """The same as `Kernel`, compiled; its law is given by coefficients of polynomials, or in `Pieces` for each kind."""
 
     engine = 'compiled'
 
-    def _prepare(self, coefficients):
+    def _prepare(self, fitted):
         layout, law, m = self.layout, self.increments, self.motion
-        c = np.pad(coefficients, ((0, 0), (0, -coefficients.shape[1] % 4)))
-        c = c / layout.r0[:, None] ** (2 + 2 * np.arange(c.shape[1]))
         self.carry, self.push, self.forget = (_aligned(x) for x in (self.carry, self.push, self.forget))
-        law = law.q, law.t, law.g, layout.r0**2, c, ((0.0,) * 4,) * (c.shape[1] // 4)
+        law = law.q, law.t, law.g, *(_quads if isinstance(fitted, np.ndarray) else _joined)(fitted, layout.r0)
         self._slot = layout.slot.astype(np.uint64)
         self._corrected = m.driven.astype(np.uint64), m.guided.astype(np.uint64), m.barred
         if layout.offset is not None:
@@ -310,6 +371,22 @@ class CompiledKernel(Kernel):
 
     def written(self, *arrays):
         return _written(self._slot, *arrays)
+
+
+def _quads(coefficients, r0):
+    """Square of the lengths, coefficients for r0^2 e instead of e, and a tuple of as many fours."""
+    c = np.pad(coefficients, ((0, 0), (0, -coefficients.shape[1] % 4)))
+    return r0**2, c / r0[:, None] ** (2 + 2 * np.arange(c.shape[1])), ((0.0,) * 4,) * (c.shape[1] // 4)
+
+
+def _joined(pieces, r0):
+    """What is reached is no length here; the pieces of all kinds, one after the other; and no pattern."""
+    ends = np.cumsum([0, *(len(p.child) for p in pieces)])
+    numbers = np.array([(p.per_increment / r**2, p.low, p.high) for p, r in zip(pieces, r0, strict=True)])
+    places = np.array([(p.first, root) for p, root in zip(pieces, ends, strict=False)])
+    c = np.concatenate([p.coefficients / r**2 for p, r in zip(pieces, r0, strict=True)])
+    return np.ones(len(r0)), (numbers, places, np.concatenate([p.child for p in pieces]),
+                              np.concatenate([p.centre for p in pieces]), c), ()
 
 
 def _aligned(array):

@@ -18,7 +18,8 @@ import numpy as np
 from ase.md.verlet import VelocityVerlet
 from tqdm import tqdm
 
-from .blocks import CONTACT, Blocks, Diverged, inspect, refusal
+from .blocks import Blocks, refusal
+from .cages import Cages, Diverged
 from .calculator import MagneticRepulsion
 from .drives import Drives
 from .errors import finite, one_of, positive, whole
@@ -93,7 +94,7 @@ class DrivenVerlet(VelocityVerlet):
         self.allow_unstable = allow_unstable
         self.recorders = []
         self._start = atoms.get_positions()
-        self._blocks, self._setting = None, self._current_setting()
+        self._blocks, self._cages, self._unseen, self._setting = None, None, 0.0, self._current_setting()
         self._stops = []
         self.engine = 'ase' if engine == 'auto' and refusal(atoms) else engine
 
@@ -146,7 +147,7 @@ class DrivenVerlet(VelocityVerlet):
         good = self._good_state() if self.engine == 'ase' else None
         try:
             for converged in run:
-                if self.engine == 'ase' and (self._fast or self.nsteps % BLOCK == 0):
+                if self.engine == 'ase' and self._time_to_look():
                     self._inspect(self.get_time())
                     good = self._good_state()
                 yield converged
@@ -180,7 +181,8 @@ class DrivenVerlet(VelocityVerlet):
         intervals = [interval for _, interval, *_ in self.observers]
         periods = [*self._stops, *(k for k in intervals if k > 0)]
         instants = [self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
-        return min([BLOCK] + [k - self.nsteps % k for k in periods] + [k - self.nsteps for k in instants])
+        most = self._blocks.steps_to_next_look(BLOCK)
+        return min([most] + [k - self.nsteps % k for k in periods] + [k - self.nsteps for k in instants])
 
     def _prepare(self, steps):
         """Choose the engine and refuse an unstable step; again only if something has changed."""
@@ -193,9 +195,12 @@ class DrivenVerlet(VelocityVerlet):
         if setting != self._setting:
             if not self.allow_unstable:
                 refuse_unstable(self.atoms, self.dt)
-            self._blocks = None
+            self._blocks = self._cages = None
             self._setting = setting
-        if self.engine != 'ase':
+        if self.engine == 'ase':
+            if self._cages is None and isinstance(self.atoms.calc, MagneticRepulsion):
+                self._cages = Cages(self.atoms)
+        else:
             if self._blocks is None:
                 self._blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping)
                 if old is not None and old.current:
@@ -208,22 +213,25 @@ class DrivenVerlet(VelocityVerlet):
         return (calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in constraints],
                 self.atoms.get_masses().tobytes(), self.damping.tobytes())
 
-    @property
-    def _fast(self):
-        """Whether a particle may come from a good distance into contact within one step, or is lost."""
-        calc = self.atoms.calc
-        if not isinstance(calc, MagneticRepulsion):
+    def _time_to_look(self):
+        """Whether the fastest particle may have gone far since the last look, or many steps have passed."""
+        if self._cages is None:
+            return self.nsteps % BLOCK == 0
+        speed = np.linalg.norm(self.atoms.arrays['momenta'] / self.masses, axis=1).max(initial=0.0)
+        self._unseen += 1 / self._cages.steps_between_looks(speed, self.dt, BLOCK) if np.isfinite(speed) else 1
+        if self._unseen < 1 - 1e-9:  # 32 times 1/32
             return False
-        return not abs(self.atoms.arrays['momenta'] / self.masses).max() * self.dt < CONTACT * calc.bonds.lengths.min()
+        self._unseen = 0.0
+        return True
 
     def _good_state(self):
         return self.nsteps, self.atoms.get_positions(), self.atoms.get_momenta()
 
     def _inspect(self, time):
-        calc = self.atoms.calc
-        if isinstance(calc, MagneticRepulsion):
+        if self._cages is not None:
+            calc = self.atoms.calc
             u = self.atoms.positions - calc.reference.positions
-            inspect(calc, calc.displacements(self.atoms) if np.isfinite(u).all() else u[:, : calc.dim], time)
+            self._cages.look(calc.displacements(self.atoms) if np.isfinite(u).all() else u[:, : calc.dim], time)
 
     def run(self, steps=50, checkpoint=None, every=1000):
         """Run for `steps` more steps.

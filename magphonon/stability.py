@@ -9,8 +9,8 @@ from . import units as u
 from .allneighbours import AllNeighbours
 from .anharmonic import frequency_shifts, higher_derivatives
 from .bands import cell_of_free_particles
-from .blocks import CONTACT
 from .buckling import foundation_needed, softest_of, spacing_held, support_needed
+from .cages import CONTACT
 from .calculator import MagneticRepulsion
 from .constraints import free_directions
 from .errors import positive

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from ase.constraints import FixAtoms
 
-from .blocks import Diverged
+from .cages import Diverged
 from .calculator import MagneticRepulsion
 from .dynamics import DrivenVerlet
 from .ladder import Plan, Rung, force_cost, percent

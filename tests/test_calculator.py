@@ -394,3 +394,16 @@ def test_a_cluster_balances_no_momentum():
     forces = cluster.get_forces()
     assert abs(forces).max() > repulsion(LAW, 13.0)  # an expanding cluster
     assert abs(forces.sum(axis=0)).max() < 1e-14 * abs(forces).max() * len(cluster)
+
+
+def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():
+    # A tenth of a period out of the cell; wrapped it stands nine tenths away, less than a period.
+    atoms = lattice('triangular').repeat((4, 4, 1))
+    atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=0.02)
+    atoms.positions[0] -= 0.1 * atoms.cell[0]
+    forces = atoms.get_forces()
+    wrapped = atoms.copy()
+    wrapped.positions[0] += atoms.cell[0]
+    assert np.linalg.norm(wrapped.positions[0] - atoms.calc.reference.positions[0]) < np.linalg.norm(atoms.cell[0])
+    # positions of 40 mm are rounded to 1e-14; the stiffness is of the order of forces per mm
+    assert abs(atoms.calc.get_forces(wrapped) - forces).max() < 1e-11 * abs(forces).max()

@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
+from oracles import LAWS
 
 from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, Tabulated, Yukawa, lattices
-from magphonon.blocks import Blocks
+from magphonon.blocks import PIECES, Blocks
+from magphonon.cages import CONTACT, FLOWN
 from magphonon.increments import RANGES, TOLERANCE, Increments
 from magphonon.layout import arrange
+from magphonon.pieces import octave_piece, pieces
+from magphonon.potentials import Hertz
 
 LAW = InversePower(b=8900.0, a=4.5)
 MODELS = ['complete', 'conventional', 'literal']
@@ -238,10 +242,68 @@ def test_a_strain_that_comes_and_goes_within_a_block_is_noticed(engine):
         dyn = DrivenVerlet(moving, 0.11, engine=engine)
         dyn.run(0)
         if law_itself:
-            dyn._blocks._fit(len(RANGES))
+            dyn._blocks._fit(PIECES + 1)
         dyn.run(320)
         assert dyn.engine == ('numpy' if law_itself else engine)
         return dyn.displacements
 
     # the bound of the polynomials, over 320 steps; those of a smaller reach would be off by 1e-8
     assert abs(run(False) - run(True)).max() < 1e-12 * abs(run(True)).max()
+
+
+# --- the law in pieces, beyond every polynomial ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('name', [*LAWS, 'tight contact'])
+def test_pieces_are_the_law_from_contact_to_where_bonds_end(name, model):
+    law = Increments(LAWS.get(name, Hertz(1.0, 10.05)), model, np.array([10.0]))
+    piece = pieces(law, 0, CONTACT, FLOWN)
+    assert piece.high == (FLOWN if model == 'conventional' else FLOWN**2)
+    w = np.random.default_rng(0).uniform(piece.low, piece.high, 2000)
+    n = octave_piece(w) - piece.first
+    while (piece.child[n] >= 0).any():
+        n = np.where(piece.child[n] < 0, n, piece.child[n] + (w >= piece.centre[n]))
+    e = (w - 1) / piece.per_increment
+    H = e * sum(piece.coefficients[n, k] * (w - piece.centre[n]) ** k for k in range(8))
+    f, f0 = (-law.potential.dphi(r) for r in (law.length(e, 10.0), 10.0))
+    expected = f / law.length(e, 10.0) - f0 / 10.0 if model == 'complete' else (f - f0) / 10.0
+    # 1e-12 of the force and of what the stiffness at rest would give; the difference here loses 1e-16 of the force at rest
+    assert (abs(H - expected) < 1e-12 * (abs(expected) + abs(e * law.slope(0.0, 10.0))) + 1e-16 * f0).all()
+
+
+def test_far_from_rest_the_compiled_engine_is_as_exact_and_still_compiled():
+    pytest.importorskip('numba')
+
+    def run(engine, exact=False):
+        atoms = lattices.parallelogram(cells()['triangular'], 9, 9)
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.02)
+        atoms.set_momenta(np.outer(np.arange(81) == 40, [0.7 * 2.0, 0.3, 0]))
+        dyn = DrivenVerlet(atoms, 0.05, engine=engine)
+        dyn.run(0)
+        if exact:
+            dyn._blocks._fit(PIECES + 1)
+        dyn.run(96)
+        assert dyn._blocks._level >= PIECES
+        assert dyn.engine == engine
+        return dyn.displacements
+
+    expected = run('numpy', exact=True)
+    assert abs(expected).max() > 2.0
+    assert abs(run('compiled') - expected).max() < 1e-11 * abs(expected).max()
+
+
+def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
+    pytest.importorskip('numba')
+
+    class Rough(InversePower):
+        def dphi(self, r):
+            return super().dphi(r) * (1 + 1e-6 * np.sin(1e9 * np.asarray(r)))
+
+    atoms = lattices.parallelogram(cells()['triangular'], 6, 6)
+    atoms.calc = MagneticRepulsion(atoms, Rough(8900.0, 4.5), foundation=0.02)
+    atoms.set_momenta(np.outer(np.arange(36) == 14, [0.7 * 2.0, 0, 0]))
+    dyn = DrivenVerlet(atoms, 0.05, engine='compiled')
+    dyn.run(64)
+    assert dyn._blocks._level > PIECES
+    assert dyn.engine == 'numpy'

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from magphonon import units
-from magphonon.blocks import Diverged
+from magphonon.cages import Diverged
 from workflows.frf import DAMPING, SPARSE, respond
 
 # Sec. III of the paper: vertical stiffness in N/m at theta0 = 0, pi/6, pi/4, pi/2, with D* and without

@@ -42,7 +42,7 @@ def _send(scene, k, cell, model):
     """Patch, site and passage of burst number k in one model; the row as the vibrometer of the scene sees it."""
     from dataclasses import replace
 
-    from ..blocks import Diverged
+    from ..cages import Diverged
 
     patch = scene.patch_atoms(model)
     try:
