@@ -108,7 +108,7 @@ def _report(scene, atoms, bands, phonon):
         at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
     speeds = [sound_speeds(atoms, model=model) for model in _models(atoms)]
-    lines += ['speed of sound along x (m/s; without the foundation, negative where the lattice would buckle)',
+    lines += ['long-wave speeds along x with the foundation removed (m/s; negative: imaginary, the lattice alone would buckle)',
               *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]
 
     if 'conventional' not in bands:
