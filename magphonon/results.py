@@ -175,9 +175,13 @@ class _Origin:
             self.record['inputs'][Path(table).name] = _sum(table)
 
     def refuse_mixture(self, known):
-        """Raise ValueError if the folder, whose provenance is `known`, holds results of another scene or table."""
+        """Raise ValueError if the folder, whose provenance is `known`, holds results of another scene or table.
+
+        A scene that was edited but kept its title may replace the results of its own command, where no other has any.
+        """
         there = known.get('scene')
-        if self.scene is not None and there is not None:
+        edited = there is not None and self.scene is not None and there['title'] == self.scene.title
+        if self.scene is not None and there is not None and not (edited and set(known['results']) <= {self.name}):
             differ = [f'[{key}]' if key != 'title' else key
                       for key, digest in there['tables'].items() if self.tables.get(key) != digest]
             if differ:

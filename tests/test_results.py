@@ -98,6 +98,17 @@ def test_another_scene_is_refused_with_both_names_and_what_differs(tmp_path, cap
     assert cli.main(['bands', str(other), '-o', str(tmp_path / 'apart')]) == 0  # the control
 
 
+def test_an_edited_scene_replaces_the_results_of_its_own_command_but_mixes_with_no_other(tmp_path):
+    out, edited = tmp_path / 'out', CHAIN.replace('mass_kg = 1.0', 'mass_kg = 2.0')
+    write(out, scene_file(tmp_path))
+    write(out, scene_file(tmp_path, edited), {'bands.csv': 'new'})
+    assert set(contents(out)) == {'bands.csv', 'scene.toml', 'provenance.json'}  # nothing of the scene before the edit is left
+    assert (out / 'scene.toml').read_text() == edited
+    write(out, tmp_path / 'my.toml', {'frf.csv': ''}, 'frf')
+    with pytest.raises(ValueError, match=r'differs in \[lattice\]'):
+        write(out, scene_file(tmp_path))
+
+
 def test_comments_and_new_tables_make_no_other_scene(tmp_path):
     out = tmp_path / 'out'
     write(out, scene_file(tmp_path))
