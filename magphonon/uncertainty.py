@@ -99,6 +99,34 @@ class Spread(Saved, kind='uncertainties', units={
                 for who in members}
 
 
+@dataclass(frozen=True)
+class ResponseSpread(Spread, kind='uncertainties of a response', units={
+    'names': ('', 'parameters'), 'covariance': ('', 'parameters', 'parameters'), 'values': ('mm', 'frequencies'),
+    'slopes': ('mm for each relative change', 'parameters', 'frequencies'),
+    'turns': ('rad for each relative change', 'parameters', 'frequencies'),
+}):
+    """Amplitudes of a response, and what the tolerances make of them.
+
+    Attributes
+    ----------
+    turns : ndarray, shape (parameters, frequencies)
+        Slopes of the phase, `d arg(u)/d ln p` in radians.
+    """
+
+    turns: np.ndarray
+
+    @property
+    def second_order(self):
+        """Standard deviation that the second order adds to the amplitude, shape (frequencies,), in mm.
+
+        Near a resonance u = u0/(1 + z) with a small complex z, linear in the parameters.  On the peak z is imaginary: the
+        amplitude |u0| (1 - |z|^2/2) has no slope, and about normal z its mean lies lower by s^2/2 and its standard deviation
+        is s^2 over the root of 2, with the variance s^2 of |z|, the relative change of the complex u.
+        """
+        square = (self.std / self.values) ** 2 + _std(self.covariance, self.turns) ** 2
+        return self.values * square / np.sqrt(2)
+
+
 def _std(covariance, slopes):
     return np.sqrt(np.maximum(np.einsum('p...,pr,r...->...', slopes, covariance, slopes), 0.0))
 
@@ -138,13 +166,13 @@ def response_spread(atoms, force, answer, omega, damping, tolerances):
 
     Returns
     -------
-    Spread
+    ResponseSpread
         Of |u|, shape (frequencies,), in mm.
     """
     particle, direction = answer
     u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
     u, du = u[:, particle] @ direction, du[:, :, particle] @ direction
-    return Spread(tuple(tolerances.changes), tolerances.covariance, abs(u), (u.conj() * du).real / abs(u))
+    return ResponseSpread(tuple(tolerances.changes), tolerances.covariance, abs(u), (u.conj() * du).real / abs(u), (du / u).imag)
 
 
 def sampled_frequencies(build, q, tolerances, count, seed=0):

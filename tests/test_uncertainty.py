@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from magphonon import MagneticRepulsion, lattices
 from magphonon import units as u
 from magphonon.bands import bloch_modes
+from magphonon.commands.uncertainty import CURVED
 from magphonon.frf import harmonic_response
 from magphonon.potentials import InversePower
 from magphonon.scenes import Scene, read_scene, ready_scene
@@ -137,6 +138,27 @@ def test_response_spread_is_that_of_ten_thousand_oscillators():
     off_peak = abs(omega - 0.2121) > 0.02
     assert_allclose(spread.std[off_peak], amplitude(-5).std(axis=0)[off_peak], rtol=CHANCE)
     assert (abs(spread.std / amplitude(-1).std(axis=0) - 1)[off_peak] > 5 * CHANCE).any()  # control: a law that hardly falls
+
+
+def test_the_ribbon_says_where_it_is_too_narrow_on_top_of_a_peak():
+    oscillator = read_scene(ready_scene('oscillator'))
+    tolerances = Uncertainty(spacing_percent=0.1, mass_percent=0.05).tolerances(oscillator)
+    atoms, (particle, direction), answer = oscillator.shaken()
+    peak, gamma = np.sqrt(45 / 1e3), 12 / u.s  # rad/ms: k = 45 N/m, m = 1 kg
+    omega = np.append(peak, np.linspace(0.1, 0.2, 21))
+    force = np.zeros((len(atoms), 3))
+    force[particle] = direction
+    spread = response_spread(atoms, force, answer, omega, gamma, tolerances)
+    spacing, mass = (factor[:, None] for factor in tolerances.samples(SAMPLES).T)
+    drawn = abs(1 / (45 * spacing**-5.0 - mass * 1e3 * (omega**2 - 1j * omega * gamma)))
+    curved = spread.second_order > CURVED * spread.std
+    np.testing.assert_array_equal(curved, omega == peak)
+    assert_allclose(spread.std[1:], drawn.std(axis=0)[1:], rtol=CHANCE)
+    assert spread.std[0] < 0.3 * drawn.std(axis=0)[0]  # the ribbon alone
+    # a hundredth of z is left to the next orders; the fourth moment of a normal z doubles what chance does to a variance
+    assert np.hypot(spread.std, spread.second_order)[0] == pytest.approx(drawn.std(axis=0)[0], rel=3 * CHANCE)
+    lower = spread.values[0] - drawn.mean(axis=0)[0]
+    assert lower == pytest.approx(spread.second_order[0] / np.sqrt(2), rel=3 * CHANCE)
 
 
 @pytest.mark.parametrize(('law', 'name'), [

@@ -5,6 +5,10 @@ SAMPLES = 1000
 """Lattices drawn at random to check the linear propagation; their standard deviation is known to 1/sqrt(2 SAMPLES), 2.2 %."""
 APART = 5 / (2 * SAMPLES) ** 0.5
 """Relative difference of standard deviations that chance does not make."""
+CURVED = 0.5
+"""Standard deviation of the second order over that of the first beyond which the sum of their squares is 12 % wider."""
+CURVED = 0.5
+"""Standard deviation of the second order over that of the first beyond which the sum of their squares is 12 % wider."""
 LINEAR = 0.3
 """Relative standard deviation of an amplitude beyond which the flank of a peak is no straight line."""
 
@@ -125,4 +129,11 @@ def _response(folder, scene, tolerances):
     if lost:
         lines.append(f'at {100 * lost:.2g} % of the frequencies it is over {100 * LINEAR:.0f} %: there the peaks move by more '
                      'than their width, and the ribbon only says that the amplitude is unknown')
+    curved = spread.second_order > CURVED * spread.std
+    if curved.any():
+        k = int(np.where(curved, spread.second_order / spread.values, 0).argmax())
+        share = spread.second_order[k] / spread.values[k]
+        lines.append(f'at {100 * curved.mean():.2g} % of the frequencies, on top of peaks above all, the ribbon is too narrow: '
+                     f'there the amplitude has hardly a slope, and the second order spreads it by up to {100 * share:.2g} %, at '
+                     f'{f[k]:.5g} Hz, and lowers its mean by {100 * share / 2**0.5:.2g} %')
     return lines
