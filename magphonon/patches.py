@@ -3,7 +3,7 @@
 Its rim is held, as in `magphonon.lattices`.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -20,6 +20,10 @@ MOST_CELLS = 10**6
 class PatchTable(Table):
     """What every shape does."""
 
+    def cells(self, cell):
+        """How many cells it has, about; none of a lattice without a plane."""
+        return self.area(cell) / np.linalg.norm(np.cross(*cell.cell.array[:2])) if cell.pbc[1] else 0
+
     def cut(self, cell):
         """The patch, `ase.Atoms` without calculator.
 
@@ -28,7 +32,7 @@ class PatchTable(Table):
         ValueError
             If it is too large to compute with or too small to have an inside, or the lattice has no plane.
         """
-        cells = self.area(cell) / np.linalg.norm(np.cross(*cell.cell.array[:2])) if cell.pbc[1] else 0
+        cells = self.cells(cell)
         if cells > MOST_CELLS:
             raise ValueError(f'the patch of {cells:.2g} cells is too large (at most {MOST_CELLS:g}); make it smaller, '
                              'and check its unit and that of lattice.spacing_m')
@@ -37,6 +41,8 @@ class PatchTable(Table):
 
 class Parallelogram(PatchTable):
     """Whole cells along both lattice vectors."""
+
+    size_key: ClassVar = 'patch.cells_1'
 
     kind: Literal['parallelogram']
     cells_1: Count = Field(description='the number of cells along the first lattice vector')
@@ -52,6 +58,8 @@ class Parallelogram(PatchTable):
 class Rectangle(PatchTable):
     """Upright rectangle."""
 
+    size_key: ClassVar = 'patch.width_m'
+
     kind: Literal['rectangle']
     width_m: Length = Field(description='the width in m, along x')
     height_m: Length = Field(description='the height in m, along y')
@@ -65,6 +73,8 @@ class Rectangle(PatchTable):
 
 class Hexagon(PatchTable):
     """Regular hexagon with corners on the x axis, or its upper half, as in the paper's experiment."""
+
+    size_key: ClassVar = 'patch.side_m'
 
     kind: Literal['hexagon', 'half_hexagon']
     side_m: Length = Field(description='the side of the hexagon in m')

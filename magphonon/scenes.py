@@ -304,7 +304,8 @@ def read_scene(path):
     except OSError as error:
         raise type(error)(f'{path} cannot be read ({error.strerror}); "magphonon scene" lists scenes to start from') from None
     except UnicodeDecodeError as error:
-        raise ValueError(f'{path} is not TOML ({error}); "magphonon scene prototype" prints a scene to start from') from None
+        raise ValueError(f'{path} is not TOML, which is text in UTF-8: byte {error.start + 1} is none; "magphonon scene prototype" '
+                         'prints a scene to start from') from None
     try:
         data = tomllib.loads(text)
     except ValueError as error:
