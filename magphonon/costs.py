@@ -1,8 +1,8 @@
 """What a command will take, told before it starts: memory, time and files, and the key that they grow with.
 
-The estimates count the largest arrays and the innermost loops.  Their coefficients are peaks of resident memory and processor time
-of the commands on the prototype's scene, on one core: enough to tell a slip of the pen, such as 1e12 points, from work that is merely
-long.
+The estimates count the largest arrays and the innermost loops.  Their coefficients are peaks of resident memory and processor
+time of the commands on the prototype's scene, on one core: enough to tell a slip of the pen, such as 1e12 points, from work that
+is merely long.
 """
 
 import os
@@ -196,8 +196,8 @@ def too_much(scene, cost, free):
     value = scene
     for key in cost.key.split('.'):
         value = getattr(value, key)
-    return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] ask for {amount(cost.bytes)} '
-            f'of memory, more than {SHARE:.0%} of the {free / GIGABYTE:.3g} GB that are free; lower it')
+    return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] ask for '
+            f'{amount(cost.bytes)} of memory, more than {SHARE:.0%} of the {free / GIGABYTE:.3g} GB that are free; lower it')
 
 
 def free_memory():

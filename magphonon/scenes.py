@@ -33,6 +33,8 @@ LEAST_SHARE = 1e-12
 """Of the foundation: the stiffness of the repulsion below which the round-off of the foundation hides it."""
 SENSIBLE_SHARE = 1e-6
 """Of the foundation: the stiffness of the repulsion above which a lattice is one."""
+MOST_SHELLS = 300
+"""Some 4000 neighbours of each particle; more are summed as all of them."""
 MOST_LEGS = 100
 """Points along a path; a picture has no room for the names of more."""
 MOST_BYTES = 10 * MEGABYTE
@@ -62,6 +64,9 @@ class Scene(Table):
     def _consistent(self):
         if self.single:
             self._check_oscillator()
+        if self.law.shells != ALL and self.law.shells > MOST_SHELLS:
+            raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {self.law.shells}; of laws that reach farther "
+                             f"'{ALL}' sums up all neighbours")
         self._check_scale(self.atoms())
         faults = []
         for table, check in (('title', self._check_title), ('law', self._check_mass), ('bands', self._check_bands),
@@ -304,8 +309,8 @@ def read_scene(path):
     except OSError as error:
         raise type(error)(f'{path} cannot be read ({error.strerror}); "magphonon scene" lists scenes to start from') from None
     except UnicodeDecodeError as error:
-        raise ValueError(f'{path} is not TOML, which is text in UTF-8: byte {error.start + 1} is none; "magphonon scene prototype" '
-                         'prints a scene to start from') from None
+        raise ValueError(f'{path} is not TOML, which is text in UTF-8: byte {error.start + 1} is none; '
+                         '"magphonon scene prototype" prints a scene to start from') from None
     try:
         data = tomllib.loads(text)
     except ValueError as error:

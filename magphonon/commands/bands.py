@@ -14,11 +14,13 @@ def add_arguments(parser):
 
 def run(options):
     from ..bands import analytic_bands
+    from ..costs import refuse_costly
     from ..phonons import finite_displacements, phonopy_bands
     from ..results import results
     from ..scenes import read_scene
 
     scene = read_scene(options.scene)
+    refuse_costly(scene, 'bands')
     with results(options, scene) as folder:
         atoms, path = scene.atoms(), scene.band_path()
         phonon = finite_displacements(atoms, scene.supercell())

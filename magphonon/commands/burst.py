@@ -12,11 +12,13 @@ def add_arguments(parser):
 def run(options):
     from tqdm import tqdm
 
+    from ..costs import refuse_costly
     from ..results import results
     from ..scenes import read_scene
     from ..waves import MODELS, report, waves, write_ridges
 
     scene = read_scene(options.scene)
+    refuse_costly(scene, 'burst')
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
     with results(options, scene) as folder:
         records, largest = {}, {}

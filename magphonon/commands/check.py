@@ -1,6 +1,6 @@
 """`magphonon check SCENE.toml`: will it stay, will it run, does a linear answer hold; before it runs."""
 
-HELP = 'judge a scene before it runs: rest, stability, time step, supports, amplitude, supercell'
+HELP = 'judge a scene before it runs: rest, stability, time step, supports, amplitude, supercell, cost'
 
 
 def add_arguments(parser):
@@ -10,11 +10,14 @@ def add_arguments(parser):
 def run(options):
     """Print the verdicts; returns the exit status, 0 if all is fine and 1 if something is not."""
     from .. import units
+    from ..costs import SHARE, costs, free_memory, too_much
     from ..scenes import read_scene
     from ..stability import verdict
 
     scene = read_scene(options.scene)
     print(scene.title)
+    expected, free = costs(scene), free_memory()
+    faults = [too_much(scene, cost, free) for cost in expected if cost.bytes > SHARE * free]
     atoms = scene.atoms()
     if scene.single:
         print(f'A constant force of {atoms.calc.load[scene.lattice.free, 1] / units.N:.6g} N along its line is taken to balance '
@@ -25,4 +28,8 @@ def run(options):
         verdicts['The patch'] = verdict(scene.patch_atoms())
     for name, judged in verdicts.items():
         print(f'\n{name}: {judged}')
-    return 0 if all(judged.fine for judged in verdicts.values()) else 1
+    if expected:
+        print('\nWhat its tables will take, about:', *expected, sep='\n  ')
+    for fault in faults:
+        print(f'Not as it stands: {fault}.')
+    return 0 if all(judged.fine for judged in verdicts.values()) and not faults else 1

@@ -15,6 +15,7 @@ def add_arguments(parser):
 def run(options):
     import numpy as np
 
+    from ..costs import refuse_costly
     from ..lattices import RIM
     from ..linear import natural_frequencies, receptance
     from ..responseplots import plot_response
@@ -22,6 +23,7 @@ def run(options):
     from ..scenes import read_scene
 
     scene = read_scene(options.scene)
+    refuse_costly(scene, 'frf')
     plan, axes, lines = scene.wanted('frf'), None, [scene.title]
     with results(options, scene) as folder:
         responses = {}

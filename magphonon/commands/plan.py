@@ -14,6 +14,7 @@ def add_arguments(parser):
 
 
 def run(options):
+    from ..costs import refuse_costly
     from ..errors import positive
     from ..results import results
     from ..sceneplans import scene_plans
@@ -26,6 +27,7 @@ def run(options):
     if options.answer != (options.output is not None):
         raise ValueError('--run and -o DIR belong together: say where to write what is run')
     scene = read_scene(options.scene)
+    refuse_costly(scene, 'bands', 'frf', 'burst')
     print(scene.title)
     if not options.answer:
         for wanted in scene_plans(scene, tolerance):

@@ -19,10 +19,12 @@ def add_arguments(parser):
 
 
 def run(options):
+    from ..costs import refuse_costly
     from ..results import results
     from ..scenes import read_scene
 
     scene = read_scene(options.scene)
+    refuse_costly(scene, 'uncertainty')
     tolerances = scene.wanted('uncertainty').tolerances(scene)
     if scene.bands is None and scene.frf is None:
         raise ValueError(f'the scene {scene.title!r} has neither [bands] nor [frf], to which tolerances could propagate; add one')
