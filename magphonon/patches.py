@@ -79,8 +79,8 @@ class Hexagon(PatchTable):
     kind: Literal['hexagon', 'half_hexagon']
     side_m: Length = Field(description='the side of the hexagon in m')
 
-    def area(self, cell):  # of the whole hexagon, from which its half is cut
-        return 1.5 * np.sqrt(3) * (self.side_m * u.m) ** 2
+    def area(self, cell):
+        return 1.5 * np.sqrt(3) * (self.side_m * u.m) ** 2 * (1 if self.kind == 'hexagon' else 1 / 2)
 
     def shape(self, cell):
         return getattr(lattices, self.kind)(cell, self.side_m * u.m)
