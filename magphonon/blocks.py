@@ -5,12 +5,12 @@ import numpy as np
 from .cages import CONTACT, FLOWN, Cages
 from .calculator import MagneticRepulsion
 from .constraints import freedom
-from .drives import Constant, Drives, in_plane
+from .drives import Constant, Drives, constant_push
 from .increments import RANGES, Increments
 from .kernels import Kernel, Motion
 from .layout import arrange
 from .pieces import pieces
-from .rest import static_forces
+from .rest import components, static_forces
 
 PIECES = len(RANGES)
 """Level of the law in pieces, from contact to bonds that have flown apart; one level on it is evaluated itself."""
@@ -50,7 +50,7 @@ class Blocks:
         self.atoms, self.calc, self.dt = atoms, calc, dt
         self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
         mobile, guided, barred = freedom(atoms)
-        static = static_forces(calc, Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms)))
+        static = static_forces(calc, constant_push(drives, len(atoms)))
         driven = np.flatnonzero(mobile & static.any(axis=1))
         driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
@@ -152,7 +152,7 @@ class Blocks:
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
         if not len(self._static):
             return np.zeros((len(times), 0, 2))
-        varying = in_plane(self._varying.forces(times))
+        varying = components(self._varying.forces(times), 2)
         total = np.repeat(self._static[None], len(times), axis=0)
         total[:, self._to] += varying[:, self._from]
         return total

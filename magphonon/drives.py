@@ -140,11 +140,11 @@ def _along(direction, strength):
     return strength[..., None] * direction
 
 
-def in_plane(forces):
-    """The two components in the plane of forces on a planar structure, shape (..., 2); refused if one pushes along z."""
-    if forces[..., 2].any():
-        raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
-    return forces[..., :2]
+def constant_push(drives, count):
+    """Sum of the Constant ones among the drives on `count` particles, in N, shape (count, 3)."""
+    push, constant = np.zeros((count, 3)), Drives([drive for drive in drives if isinstance(drive, Constant)], count)
+    push[constant.particles] = constant.forces(np.zeros(1))[0]
+    return push
 
 
 class Drives:

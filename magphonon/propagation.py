@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
-from .drives import Constant, Drives, ToneBurst
+from .drives import Constant, Drives, ToneBurst, constant_push
 from .errors import finite, not_negative, positive
 from .files import Saved
 from .linear import recorded, reduced_about, sizes
-from .rest import rest_of_motion, static_forces
+from .rest import components, rest_of_motion, static_forces
 from .transfer import forced_response, free_response, sampled, separated
 
 SPAN = 2000.0
@@ -102,7 +102,7 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
     gamma, tolerance = not_negative('damping', damping, '1/ms'), positive('tolerance', tolerance)
     particles = recorded(particles, len(atoms))
     drives = list(drives)
-    calc = rest_of_motion(atoms, drives)
+    calc = rest_of_motion(atoms, constant_push(drives, len(atoms)))
     scene = reduced_about(calc, atoms)
     state, load = _initial_state(atoms, calc, scene), _Load(atoms, calc, scene, drives, tolerance)
     try:
@@ -132,19 +132,15 @@ class _Load:
     """Forces on a structure, as time courses times patterns."""
 
     def __init__(self, atoms, calc, scene, drives, tolerance):
-        constant, varying = ([d for d in drives if isinstance(d, Constant) is kind] for kind in (True, False))
-        static = static_forces(calc, Drives(constant, len(atoms)))
-        self.static = scene.shapes.T @ static.ravel()
+        varying = [drive for drive in drives if not isinstance(drive, Constant)]
+        self.static = scene.shapes.T @ static_forces(calc, constant_push(drives, len(atoms))).ravel()
         self._varying, self._dim, self._tolerance = Drives(varying, len(atoms)), scene.dim, tolerance
         driven = self._varying.particles[:, None] * scene.dim + np.arange(scene.dim)
         self._shapes = scene.shapes[driven.ravel()]
         self._kinks = np.array([t for d in varying if isinstance(d, ToneBurst) for t in (d.start, d.end)])
 
     def _forces(self, times):
-        forces = self._varying.forces(times)
-        if self._dim == 2 and forces[..., 2].any():
-            raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
-        return forces[..., : self._dim].reshape(len(times), -1)
+        return components(self._varying.forces(times), self._dim).reshape(len(times), -1)
 
     def between(self, start, stops, rate):
         """Panels from `start` through the `stops`: edges, courses (panels, nodes, terms), patterns (free, terms)."""

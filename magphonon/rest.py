@@ -15,7 +15,6 @@ import numpy as np
 from .allneighbours import AllNeighbours
 from .calculator import MagneticRepulsion, masses_of
 from .constraints import free_directions, freedom
-from .drives import Constant, Drives, in_plane
 
 ROUND_OFF = 1e-11
 """A static force below this fraction of the forces that cancel in it is round-off."""
@@ -43,23 +42,23 @@ def repulsion_of(atoms):
     return atoms.calc
 
 
-def static_forces(calc, constant, u=0.0):
-    """Forces of bonds, foundation, dead load and constant drives in N, shape (particles, dim); zero where they balance.
+def static_forces(calc, push=0.0, u=0.0):
+    """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
 
     Parameters
     ----------
     calc : MagneticRepulsion
-    constant : Drives
-        Of Constant ones.
+    push : ndarray, shape (particles, 3)
+        Constant forces of drives in N; none by default.
     u : ndarray, shape (particles, dim)
         Displacements from the reference in mm, at which particles are held still; none by default.
     """
-    bonds, pushes = calc.bonds, constant.forces(np.zeros(1))[0]
+    bonds = calc.bonds
     R = bonds.vectors[:, : calc.dim] + (bonds.incidence @ u if np.ndim(u) else 0.0)
     r = np.linalg.norm(R, axis=1)
     pull = -(calc.potential.dphi(r) / r)[:, None] * R
     total, size = calc.offset - calc.parameters.foundation * u, abs(calc.offset)
-    total[constant.particles] += in_plane(pushes) if calc.dim == 2 else pushes
+    total = total + (components(push, calc.dim) if np.ndim(push) else 0.0)
     size = size.max(axis=1) + abs(total).max(axis=1)
     for end, sign in ((bonds.j, 1), (bonds.i, -1)):
         total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)
@@ -78,8 +77,8 @@ def unbalanced(atoms, u=0.0):
         Displacements from the reference at which it is asked.
     """
     calc, P = atoms.calc, free_directions(atoms)
-    push = static_forces(calc, Drives([], len(atoms)), u)
-    left = np.linalg.norm((P @ (P.T @ push.ravel())).reshape(push.shape), axis=1)
+    forces = static_forces(calc, u=u)
+    left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
     return left * (left > BALANCED * _largest_force(calc, u))
 
 
@@ -88,13 +87,18 @@ def _largest_force(calc, u):
     return abs(calc.potential.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
 
 
-def loaded(atoms, drives):
-    """A copy of the atoms with the Constant ones among the drives as a part of the dead load of their calculator."""
-    calc, load = repulsion_of(atoms), atoms.calc.load.copy()
-    constant = Drives([drive for drive in drives if isinstance(drive, Constant)], len(atoms))
-    load[constant.particles] += constant.forces(np.zeros(1))[0]
+def components(forces, dim):
+    """Components of forces in the dimensions of the structure, shape (..., dim); a force out of its plane is refused."""
+    if dim == 2 and forces[..., 2].any():
+        raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
+    return forces[..., :dim]
+
+
+def loaded(atoms, push):
+    """A copy of the atoms with constant forces, in N, shape (particles, 3), added to the dead load of their calculator."""
+    calc = repulsion_of(atoms)
     atoms = atoms.copy()
-    atoms.calc = calc.about(calc.reference, load)
+    atoms.calc = calc.about(calc.reference, calc.load + push)
     return atoms
 
 
@@ -168,15 +172,16 @@ def nearest_rest(atoms):
     return calc, at_reference
 
 
-def rest_of_motion(atoms, drives=()):
+def rest_of_motion(atoms, push):
     """The calculator of `nearest_rest`; refused as by `at_rest` if the forces do not balance there.
 
-    Constant drives may help to balance, but need not: on a structure that is at rest without them they are a step.
+    The constant forces `push` of drives, in N, shape (particles, 3), may help to balance, but need not: on a structure that is
+    at rest without them they are a step.
     """
     freedom(atoms)
     calc, left = nearest_rest(atoms)
     if left.any():
-        atoms = loaded(atoms, drives)
+        atoms = loaded(atoms, push)
         rest, left = nearest_rest(atoms)
         if left.any():
             _refuse(atoms, atoms.calc.displacements(atoms) * (rest is not atoms.calc), left)

@@ -13,6 +13,7 @@ from .buckling import foundation_needed, softest_of, spacing_held, support_neede
 from .cages import CONTACT
 from .calculator import MagneticRepulsion
 from .constraints import free_directions
+from .drives import constant_push
 from .errors import positive
 from .phonons import checked_supercell, default_distance
 from .potentials import Hertz, Yukawa
@@ -254,7 +255,7 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     """
     near = not isinstance(atoms.calc, AllNeighbours)
     if near:  # judged where its rest is, or is nearest
-        closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, drives)
+        closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
         calc, pushes = nearest_rest(atoms)
         atoms = placed(atoms, calc)
     else:  # without an edge

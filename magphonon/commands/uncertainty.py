@@ -7,8 +7,6 @@ APART = 5 / (2 * SAMPLES) ** 0.5
 """Relative difference of standard deviations that chance does not make."""
 CURVED = 0.5
 """Standard deviation of the second order over that of the first beyond which the sum of their squares is 12 % wider."""
-CURVED = 0.5
-"""Standard deviation of the second order over that of the first beyond which the sum of their squares is 12 % wider."""
 LINEAR = 0.3
 """Relative standard deviation of an amplitude beyond which the flank of a peak is no straight line."""
 
