@@ -7,14 +7,14 @@ The law is an inverse power and a smooth departure from it,
 where w is a Gaussian process: the exponent changes by about tau where the distance changes by a factor e.  Nothing is
 known beforehand about f0 and a.  A force that falls on a curve of another shape bends w, so that the misfit of an inverse
 power is a part of the uncertainty.  How much the law bends (tau) is not known, nor, without `sigma_N`, how large the noise
-is (s) and how it grows with the force,
+is (s) and at which force c it begins to grow,
 
-    sigma = s f^p,     p = 0 (the resolution of a load cell), 1/2, 1 (errors of the distance)
+    sigma = s (f + c)
 
-so the answer is an average over all of these, each with its probability by the data.  That average is a mixture of normal
-distributions, and the interval of 95 % is taken from it.  Few points say too much about p by chance (their intervals then
-held the truth in 80 % of the sets only): so that what they say about p counts as a square root, and what they say about s
-is one half of a degree of freedom less.
+with c large for the resolution of a load cell alone, c = 0 for errors of the distance alone.  So the answer is an average
+over all of these, each with its probability by the data.  That average is a mixture of normal distributions, and the
+interval of 95 % is taken from it.  Few points say too much about c by chance: what they say about it counts as a square
+root, and what they say about s is one half of a degree of freedom less.
 """
 
 from itertools import product
@@ -27,8 +27,8 @@ from .potentials import Tabulated
 
 BENDS = 0.5, 1.0, 2.0, 4.0
 """Values of tau: an inverse power in the noise, up to the tail of a screened force (5 screening lengths apart: 4)."""
-GROWTHS = 0.0, 0.5, 1.0
-"""Values of p."""
+CROSSINGS = np.array([0.75, 0.5, 0.25])
+"""Values of c between none and all: from the smallest (0) to the largest force (1), in the logarithm."""
 SCALES = np.exp(np.arange(-1.0, 3.3, 0.3))
 """Values of s, in units of what a quadratic through the logarithms leaves: with two degrees of freedom the tail is long."""
 NODES = 12
@@ -117,19 +117,27 @@ def _average(points, counts, design, start):
     """Fits for all noises and bends: parameters (fits, k), Hessians (fits, k, k), probabilities and sigma (fits, n)."""
     if points.sigma is not None:
         return _fitted(points.f, np.tile(points.sigma, (len(BENDS), 1)), np.array(BENDS), design, start)
-    growth, scale, bend = np.array(list(product(GROWTHS, SCALES, BENDS))).T
+    kinds = range(len(CROSSINGS) + 2)
+    kind, scale, bend = (np.array(column) for column in zip(*product(kinds, SCALES, BENDS), strict=True))
     smooth = start
     for _ in range(2):  # the noise grows with the smooth force, not with the measured one, which is low where the noise is
-        shape = (smooth / np.exp(np.log(smooth).mean())) ** growth[:, None] / np.sqrt(counts)
+        shape = _noises(smooth)[kind] / np.sqrt(counts)
         left = (points.f - start) / shape
         freedom = max(len(start) - 3, 1)
         s = scale * np.maximum(np.sqrt(np.sum(left**2, axis=1) / freedom), 1e-9 * points.f.max())
         p, hessian, probability, sigma = _fitted(points.f, s[:, None] * shape, bend, design, start, prior=np.sqrt(scale))
-        share = np.array([probability[growth == one].sum() for one in GROWTHS])
-        probability = probability / np.sqrt(np.maximum(share, 1e-300))[np.searchsorted(GROWTHS, growth)]
+        share = np.array([probability[kind == one].sum() for one in kinds])
+        probability = probability / np.sqrt(np.maximum(share, 1e-300))[kind]
         probability /= probability.sum()
         smooth = np.exp(design @ (probability @ p))
     return p, hessian, probability, sigma
+
+
+def _noises(f):
+    """How the noise may grow with the force: constant, f + c, and f, each of geometric mean 1, shape (kinds, n)."""
+    sums = [f + f.min() ** (1 - q) * f.max() ** q for q in CROSSINGS]
+    shapes = np.stack([np.ones_like(f), *sums, f])
+    return shapes / np.exp(np.log(shapes).mean(axis=1, keepdims=True))
 
 
 def _fitted(f, sigma, bend, design, start, prior=1.0):
