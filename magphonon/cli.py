@@ -20,6 +20,8 @@ from .spelling import did_you_mean
 
 COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
 """Each is a module of `magphonon.commands`."""
+ASKED = ('bands', 'burst', 'design', 'frf', 'uncertainty')
+"""Those that a table of the scene, of the same name, asks for."""
 
 
 def main(arguments=None):
@@ -48,8 +50,10 @@ def _status(options):
         with _termination_unwinds(), _no_silent_overflow():
             return options.run(options) or 0
     except RuntimeWarning as warning:
-        return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents of '
-                        f'{_inputs(options)}')
+        return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents in '
+                        f'{_tables(options)}{_inputs(options)}')
+    except FloatingPointError as error:
+        return _refusal(f'{error}; check units and exponents in {_tables(options)}{_inputs(options)}')
     except MemoryError as error:
         return _refusal(f'{_inputs(options)} asks for more memory than there is ({error or "no more was given"}); '
                         'make it smaller')
@@ -71,6 +75,11 @@ def _refusal(words):
 def _inputs(options):
     """The files that the command reads, for a message."""
     return ' and '.join(getattr(options, name) for name in ('table', 'file', 'scene') if getattr(options, name, None))
+
+
+def _tables(options):
+    """The tables of a scene that the command computes with, for a message."""
+    return f'[lattice], [law] and [{options.command}] of ' if options.command in ASKED else ''
 
 
 def _open_streams():

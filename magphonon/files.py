@@ -107,13 +107,38 @@ def _collect(path):
                         left.unlink()
 
 
-def write_columns(path, names, columns):
-    """Write columns of numbers to a CSV file with their names in its first line, whole or not at all."""
+def refuse_overflow(path, arrays, missing=()):
+    """Raise FloatingPointError if results hold NaN or infinity, which nobody should take for an answer.
+
+    Parameters
+    ----------
+    path : path-like
+        Where they are about to be written.
+    arrays : dict of str to array_like
+    missing : collection of str
+        Those in which NaN stands for no value, such as a group velocity at Gamma.
+    """
+    for name, values in arrays.items():
+        values = np.asarray(values)
+        if not np.issubdtype(values.dtype, np.inexact):
+            continue
+        wrong = np.isinf(values) if name in missing else ~np.isfinite(values)
+        if wrong.any():
+            raise FloatingPointError(f'{name} would be {values[wrong].flat[0]} in {wrong.sum()} of {values.size} entries of '
+                                     f'{Path(path).name}, so it is not written: numbers became too large or too small')
+
+
+def write_columns(path, names, columns, missing=()):
+    """Write columns of numbers to a CSV file with their names in its first line, whole or not at all.
+
+    NaN and infinity raise FloatingPointError, but NaN in the columns named in `missing`, see `refuse_overflow`.
+    """
+    refuse_overflow(path, dict(zip(names, columns, strict=True)), missing)
     with whole_file(path) as file:
         np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
 
 
-def save_arrays(path, arrays, units):
+def save_arrays(path, arrays, units, missing=()):
     """Write arrays to a .npz file, whole or not at all.
 
     Parameters
@@ -122,7 +147,15 @@ def save_arrays(path, arrays, units):
     arrays : dict of str to array_like
     units : dict of str to tuple of str
         Of each array its unit, then the names of its axes; kept in the entry `units`, in JSON.
+    missing : collection of str
+        Arrays that may hold NaN, for no value.
+
+    Raises
+    ------
+    FloatingPointError
+        If another one holds NaN or infinity.
     """
+    refuse_overflow(path, arrays, missing)
     told = json.dumps({name: {'unit': units[name][0], 'axes': units[name][1:]} for name in arrays})
     with whole_file(path, 'wb') as file:
         np.savez(file, units=told, **arrays)
@@ -157,14 +190,22 @@ class Saved:
         What a file holds, for its errors: `class Spectrum(Saved, kind='spectra')`.
     units : dict of str to tuple of str
         Of each field its unit ('' for none), then the names of its axes; '...' stands for any number of them.
+    missing : tuple of str
+        Fields in which NaN stands for no value; it is an error in the others, and infinity everywhere.
     """
 
-    def __init_subclass__(cls, kind, units):
-        cls._kind, cls._units = kind, units
+    def __init_subclass__(cls, kind, units, missing=()):
+        cls._kind, cls._units, cls._missing = kind, units, missing
 
     def save(self, path):
-        """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON."""
-        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)}, self._units)
+        """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON.
+
+        Raises
+        ------
+        FloatingPointError
+            If a field holds NaN or infinity that has no meaning there.
+        """
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)}, self._units, self._missing)
 
     @classmethod
     def load(cls, path):

@@ -64,7 +64,7 @@ class Spectrum(Saved, kind='spectra', units={
     'xi': ('rad', 'wavenumbers'), 'omega': ('rad/ms', 'frequencies'), 'power': ('mm^2', 'frequencies', 'wavenumbers'),
     'xi_centre': ('rad', 'frequencies', 'wavenumbers'), 'omega_centre': ('rad/ms', 'frequencies', 'wavenumbers'),
     'xi_change': ('rad', 'frequencies', 'wavenumbers'), 'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
-}):
+}, missing=('xi_centre', 'omega_centre', 'xi_change')):
     """Power over phase per step and frequency.
 
     Attributes

@@ -60,7 +60,7 @@ class Spread(Saved, kind='uncertainties', units={
     'names': ('', 'parameters'), 'covariance': ('', 'parameters', 'parameters'),
     'values': ('rad/ms for frequencies, mm for amplitudes', '...'),
     'slopes': ('that of the values, for each relative change', 'parameters', '...'),
-}):
+}, missing=('slopes',)):
     """Values of one kind, and what the tolerances make of them to first order.
 
     Attributes

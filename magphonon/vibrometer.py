@@ -7,7 +7,7 @@ import numpy as np
 
 from . import units
 from .errors import finite, not_negative, positive
-from .files import whole_file
+from .files import refuse_overflow, whole_file
 from .textfiles import MEGABYTE, refuse_endless
 
 COLUMNS = ('time_s', 'particle', 'u_x_m', 'u_y_m')
@@ -92,6 +92,7 @@ def measure(t, u, particles, rate, noise=0.0, seed=0):
 def write_displacements(path, displacements):
     """Write a table in SI, columns time_s, particle, u_x_m, u_y_m, to the last digit; whole or not at all."""
     t, u = displacements.t / units.s, displacements.u / units.m
+    refuse_overflow(path, {'time_s': t, 'u_x_m and u_y_m': u})
     with whole_file(path) as file:
         print(*COLUMNS, sep=',', file=file)
         for k, time in enumerate(t):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import units
-from .files import whole_file
+from .files import refuse_overflow, whole_file
 from .sites import polarisations, wavevector
 from .spectrum import LEAST_POWER, Branch, Ridge, Spectrum, branch, compare, ridge, wavenumber_frequency, without_drift
 
@@ -183,5 +183,6 @@ def write_ridges(path, records):
                 if wave.ridge:
                     r, on = wave.ridge, '; '.join(map(' '.join, wave.agrees_with)) or 'none'
                     columns = r.xi, r.sigma_xi, units.hertz(r.omega), units.hertz(r.sigma_omega), r.power / units.m**2
+                    refuse_overflow(path, {f'the ridge of {name}, {wave.motion} motion,': columns})
                     for point in np.transpose(columns).tolist():
                         print(name, wave.motion, *point, on, sep=',', file=file)

@@ -44,7 +44,7 @@ def first_zone(cell):
 class ZoneMap(Saved, kind='frequencies over the zone', units={
     'cell': ('mm', 'vectors', 'dim'), 'q': ('reciprocal vectors', 'n1', 'n2', 'vectors'),
     'omega': ('rad/ms', 'n1', 'n2', 'branches'), 'velocity': ('mm/ms', 'n1', 'n2', 'branches', 'dim'),
-}):
+}, missing=('velocity',)):
     """Frequencies and group velocities on a mesh that covers the first Brillouin zone.
 
     The mesh runs along the reciprocal vectors, contains Gamma and shares the symmetry of the lattice.

@@ -3,13 +3,18 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from fractions import Fraction
 
+import numpy as np
 import pytest
 
 from magphonon import InversePower, cli
 from magphonon.errors import finite, not_negative, number, positive, whole
+from magphonon.files import write_columns
+from magphonon.frf import FrequencyResponse
 from magphonon.scenes import read_scene, ready_scene
+from magphonon.zone import ZoneMap
 
 PROTOTYPE = ready_scene('prototype').read_text()
 
@@ -225,6 +230,46 @@ def test_titles_that_cannot_be_drawn(title, words, scene_file, capsys):
 
 def test_mathematics_in_a_title_is_welcome(scene_file):
     assert read_scene(scene_file({'"Prototype of': '"$D^0 + D^*$ and 5 \\\\$ of'})).title.startswith('$D^0')
+
+
+# --- results that are no numbers -----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('number', [np.nan, np.inf, complex(0, -np.inf)])
+def test_results_that_are_no_numbers_are_not_written(number, tmp_path):
+    response = FrequencyResponse(np.array([1.0, 2.0]), np.array([1 + 1j, number]))
+    with pytest.raises(FloatingPointError, match=r'response would be .* in 1 of 2 entries of r.npz, so it is not written'):
+        response.save(tmp_path / 'r.npz')
+    with pytest.raises(FloatingPointError, match=r'b_m would be'):
+        write_columns(tmp_path / 'r.csv', ['a_m', 'b_m'], [[1.0, 2.0], [3.0, abs(number)]])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nan_where_it_means_no_value_is_written(tmp_path):
+    """Group velocities have none at a frequency of zero; infinity has no such meaning."""
+    mesh = ZoneMap(np.eye(3), np.zeros((1, 1, 3)), np.zeros((1, 1, 2)), np.full((1, 1, 2, 2), np.nan))
+    mesh.save(tmp_path / 'zone.npz')
+    assert np.isnan(ZoneMap.load(tmp_path / 'zone.npz').velocity).all()
+    with pytest.raises(FloatingPointError, match='velocity would be inf'):
+        replace(mesh, velocity=np.full((1, 1, 2, 2), np.inf)).save(tmp_path / 'zone.npz')
+
+
+def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monkeypatch):
+    from magphonon import linear
+
+    def overflown(*arguments):
+        response = receptance(*arguments)
+        return replace(response, response=response.response * np.where(np.arange(len(response.omega)) < 3, np.inf, 1))
+
+    receptance = linear.receptance
+    file = tmp_path / 'my.toml'
+    file.write_text(ready_scene('oscillator').read_text())
+    with np.errstate(invalid='ignore'):
+        monkeypatch.setattr(linear, 'receptance', overflown)
+        assert cli.main(['frf', str(file), '-o', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith('magphonon: response would be ')
+    assert said.endswith(f'check units and exponents in [lattice], [law] and [frf] of {file}\n')
+    assert list(tmp_path.iterdir()) == [file]
 
 
 # --- streams ---------------------------------------------------------------------------------------------------------

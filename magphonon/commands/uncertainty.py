@@ -99,7 +99,7 @@ def _write_table(file, path, spread):
     for mode in range(spread.values.shape[1]):
         names += [f'frequency_{mode + 1}_Hz', f'std_{mode + 1}_Hz']
         columns += [values[:, mode] / (2 * np.pi) / units.Hz for values in (spread.values, spread.std)]
-    write_columns(file, names, columns)
+    write_columns(file, names, columns, missing=names[5::2])  # a frequency of zero has no slope
 
 
 def _response(folder, scene, tolerances):
