@@ -17,7 +17,7 @@ _HOME = {
     'out_of_plane_stiffness': 'magnets',
     'read_forces': 'fits',
     'fit_inverse_power': 'fits',
-    'fit_spline': 'fits',
+    'fit_spline': 'smoothlaws',
     'find_bonds': 'bonds',
     'explicit_bonds': 'bonds',
     'bond_stiffness': 'stiffness',
