@@ -78,7 +78,8 @@ class Verdict:
     closest : float
         The present shortest distance of bonded particles as a share of that in the reference.
     speed : float or None
-        With which a particle comes within a tenth of the distance of a neighbour, mm/ms; None where the law ends before.
+        With which a particle comes within a tenth of the distance of a neighbour that is held, the two by themselves, mm/ms;
+        None where the law ends before.  Through the gap between two neighbours it may leave its cage at less.
     displacements : tuple of float
         Between which finite differences are safe, mm.
     distance : float
@@ -175,8 +176,9 @@ class Verdict:
         if self.amplitude is not None and np.isfinite(self.amplitude):
             said.append(self._linear())
         if self.speed is not None:
-            said.append(f'A particle would have to fly at {self.speed / (u.m / u.s):.3g} m/s to come within a tenth of the '
-                        'distance of a neighbour.')
+            said.append(f'Two neighbours by themselves come within a tenth of their distance at an impact speed of '
+                        f'{self.speed / (u.m / u.s):.3g} m/s; between its neighbours a particle may leave its place at less, and '
+                        'a run ends there.')
         return tuple(said)
 
     @property
