@@ -114,7 +114,8 @@ def fit_inverse_power(forces, spacing, space='force', offset=False, contact=0.0)
     offset : bool
         Fit the zero c of the distance scale too.
     contact : float
-        Distance of the centres at contact in mm, below which the offset must not move a measurement.
+        Distance of the centres at contact in mm, down to which the offset must not move a measurement; 0 for particles
+        that are points.
 
     Returns
     -------
@@ -143,7 +144,7 @@ def fit_inverse_power(forces, spacing, space='force', offset=False, contact=0.0)
         return slopes * model(r, ln_f, a, c)[:, None] if space == 'force' else slopes
 
     exponent, ln_f = np.polyfit(np.log(r / spacing), np.log(f), 1)
-    most = max(r[0] - contact, 0.0) if contact else r[0] * (1 - 1e-9)
+    most = max(r[0] * (1 - 1e-9) - contact, 0.0)
     bounds = ([-np.inf, -np.inf, -np.inf][:2 + offset], [np.inf, np.inf, most][:2 + offset])
     y, sigma = (f, forces.sigma) if space == 'force' else (np.log(f), None if forces.sigma is None else forces.sigma / f)
     try:
@@ -155,7 +156,7 @@ def fit_inverse_power(forces, spacing, space='force', offset=False, contact=0.0)
     if not p[1] > max(LEAST_EXPONENT, 2 * np.sqrt(covariance[1, 1])):
         raise ValueError(f'the forces do not fall with the distance (a = {p[1]:.3g}); are the columns exchanged, or is all of it '
                          'noise?')
-    if offset and contact and most - p[2] < 1e-6 * r[0]:
+    if offset and most - p[2] < 1e-6 * r[0]:
         raise ValueError(f'the fit of the offset moves the first distance, {r[0] / u.m:g} m, down to contact at '
                          f'{contact / u.m:g} m: what bends this law is not the zero of the distances; leave --offset out')
     return _power_fit(forces, spacing, space, p, covariance, y - model(r, *p), sigma)

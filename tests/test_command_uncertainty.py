@@ -69,6 +69,21 @@ def test_response_of_the_oscillator(tmp_path, capsys):
     assert 'response: the amplitude has a standard deviation of' in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(('to', 'warns'), [('40.0', True), ('33.0', False)])
+def test_a_ribbon_too_narrow_on_top_of_the_peak_is_called_so(to, warns, tmp_path, capsys):
+    """1 % of k = 45 kN/m and 0.1 % of m w^2 move k - m w^2 = 0 by z = 452/(m w gamma) = 0.178 widths of the peak at 33.76 Hz."""
+    text = ready_scene('oscillator').read_text().replace('to_Hz = 64.0', f'to_Hz = {to}').replace('points = 961', 'points = 401')
+    assert cli.main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    assert ('the ribbon is too narrow' in shown) == warns  # 0.76 Hz below the peak, 0.4 of its width, the slope is all
+    if warns:
+        second = shown.partition('spreads it by up to ')[2].splitlines()[0].replace(',', ' ').split()
+        # u ~ 1 - z^2/2: std z^2/sqrt(2), mean z^2/2; two digits are printed, and the points lie 0.06 Hz apart
+        assert float(second[0]) == pytest.approx(2.2, abs=0.15)
+        assert float(second[3]) == pytest.approx(33.76, abs=0.15)
+        assert float(second[-2]) == pytest.approx(1.6, abs=0.15)
+
+
 @pytest.mark.parametrize(('old', 'new', 'words'), [
     ('spacing_percent = 0.2', '', ('no table [uncertainty]',)),
     ('spacing_percent = 0.2', 'spacing_percent = -1.0', ('uncertainty.spacing_percent must be a positive number', '-1.0')),

@@ -218,10 +218,10 @@ def test_the_command_takes_a_power_law_for_one_and_needs_no_uncertainties(tmp_pa
     out = capsys.readouterr().out
     assert 'These data do not contradict an inverse power' in out
     assert 'kind = "inverse_power"' in out
-    assert main(['fit', write(tmp_path, 'r_m,f_N\n' + rows), '--offset', '--spacing', '0.01']) == 0
+    assert main(['fit', write(tmp_path, 'r_m,f_N\n' + rows), '--offset', '--contact', '0.002', '--spacing', '0.01']) == 0
     out = capsys.readouterr().out
     assert 'zero of the distances' in out
-    assert 'if the magnets are wider, this offset is impossible' in out
+    assert 'm apart, centre to centre' in out
 
 
 GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
@@ -255,6 +255,7 @@ def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
 
 @pytest.mark.parametrize(('options', 'message'), [
     (['--spacing', '-1'], '--spacing must be a positive number in m, not -1.0'),
+    (['--offset'], '--offset needs --contact, the distance of the centres in m at which two particles touch'),
     (['--contact', '-1'], '--contact must be a zero or positive number in m, not -1.0'),
 ])
 def test_wrong_options_are_refused(capsys, options, message):
@@ -316,6 +317,8 @@ def test_an_offset_never_moves_a_magnet_below_contact(tmp_path, capsys):
     assert not (tmp_path / 'out').exists()
     free = fit_inverse_power(without_sigma(forces), 12.0, offset=True)
     assert free.offset > 0.5  # control: without contact the fit goes there
+    with pytest.raises(ValueError, match='down to contact at 0 m'):  # points too cannot stand on one another
+        fit_inverse_power(Forces(R, (R - R[0] * (1 - 1e-8)) ** -0.5), L0, 'log', offset=True)
 
 
 def test_with_an_offset_all_laws_are_compared_at_one_place():

@@ -6,10 +6,10 @@ HELP = 'the law of repulsion from measured forces'
 def add_arguments(parser):
     parser.add_argument('file', metavar='FILE.csv', help='table with the columns r_m,f_N or r_m,f_N,sigma_N (or r_mm, f_mN, ...)')
     parser.add_argument('--spacing', metavar='M', type=float, help='working spacing in m (default: the middle distance)')
-    parser.add_argument('--contact', metavar='M', type=float, default=0.0,
+    parser.add_argument('--contact', metavar='M', type=float,
                         help='distance of the centres at contact in m: a measurement below it is refused, an offset that '
                              'moves one there too')
-    parser.add_argument('--offset', action='store_true', help='fit the zero of the distance scale too')
+    parser.add_argument('--offset', action='store_true', help='fit the zero of the distance scale too; needs --contact')
     parser.add_argument('-o', '--output', metavar='DIR', help='directory for the picture and the entries for a scene file')
 
 
@@ -20,14 +20,18 @@ def run(options):
     from ..forcetables import read_forces
     from ..lawchoice import fit_laws
 
-    contact = not_negative('--contact', options.contact, 'm') * u.m
+    if options.offset and options.contact is None:
+        raise ValueError('--offset needs --contact, the distance of the centres in m at which two particles touch: without it, '
+                         'nothing keeps the offset from moving a measurement to where they overlap; for particles that are '
+                         'points give --contact 0')
+    contact = not_negative('--contact', options.contact or 0.0, 'm') * u.m
     forces = read_forces(options.file, contact)
     middle = forces.r[len(forces.r) // 2]
     spacing = middle if options.spacing is None else positive('--spacing', options.spacing, 'm') * u.m
     choice = fit_laws(forces, spacing, options.offset, contact)
     if options.output is not None:
         _write(options, forces, choice.fits)
-    print(_report(options.file, forces, choice, bool(contact)))
+    print(_report(options.file, forces, choice))
     advised = choice.fits[choice.advised]
     print(f'\nfor a scene file, {advised.name}:\n\n{scene_entry(advised)}', end='')
     if options.output is not None:
@@ -45,7 +49,7 @@ def _write(options, forces, fits):
             (out / f'law_{name}.toml').write_text(scene_entry(fit), encoding='utf-8')
 
 
-def _report(file, forces, choice, contact_known):
+def _report(file, forces, choice):
     """What each law says at the working spacing, and whether a power holds."""
     import numpy as np
 
@@ -71,8 +75,7 @@ def _report(file, forces, choice, contact_known):
     lines.append('')
     if some.offset:
         lines += [f'zero of the distances: {some.offset / u.m:.4g} +- {NORMAL * some.offset_sigma / u.m:.2g} m: the first pair '
-                  f'stood {(forces.r[0] - some.offset) / u.m:.4g} m apart, centre to centre'
-                  + ('' if contact_known else '; if the magnets are wider, this offset is impossible (--contact refuses it)'),
+                  f'stood {(forces.r[0] - some.offset) / u.m:.4g} m apart, centre to centre',
                   'An offset bends a law as the shape of the magnets does: fit it where the zero of the distances is in doubt.']
     if abs(bend) > BENT:
         lines.append(f'No inverse power holds: the exponent {"rises" if bend > 0 else "falls"} with the distance by '
