@@ -1,8 +1,9 @@
 """What a command will take, told before it starts: memory, time and files, and the key that they grow with.
 
-The estimates count the largest arrays and the innermost loops.  Their coefficients are peaks of resident memory and processor
-time of the commands on the prototype's scene, on one core: enough to tell a slip of the pen, such as 1e12 points, from work that
-is merely long.
+The estimates count the largest arrays and the innermost loops.  Those of `bands`, and of a response by factorisation, rest on
+peaks of resident memory and processor time of a few runs on the prototype's scene, on one core; those of bursts, of the series
+of a response and of uncertainties are counted from the arrays and the loops alone.  That is enough to tell a slip of the pen,
+such as 1e12 points, from work that is merely long, and for no more.
 """
 
 import os

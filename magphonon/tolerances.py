@@ -39,6 +39,8 @@ LAW_CHANGES = {
 }
 PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}
 """Of k = 3 E (pi R^4/4)/H^3."""
+WIDEST = 0.5
+"""Relative standard deviation: with twice that, exponents drawn at random overflow, and half of a lattice is no small change."""
 
 
 def _correlation(value):
@@ -76,6 +78,10 @@ class _Uncertainty(Table):
             if percent is not None and absolute is not None:
                 raise ValueError(f'uncertainty has both {place[-1]} and {name}_percent; keep one of them')
             sigma[name] = percent / 100 if absolute is None else absolute / _at(scene, place)
+            if sigma[name] > WIDEST:
+                key, value = (f'{name}_percent', percent) if absolute is None else (place[-1], absolute)
+                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than the {WIDEST:g} within '
+                                 'which a linear propagation says anything; measure it better, or leave it out')
         if not sigma:
             raise ValueError('uncertainty names no tolerance; add one, such as spacing_percent = 1.0')
         C = np.diag(np.square(list(sigma.values())))

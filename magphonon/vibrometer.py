@@ -89,6 +89,10 @@ def measure(t, u, particles, rate, noise=0.0, seed=0):
     return Displacements(times, particles, sampled + noise * np.random.default_rng(seed).normal(size=sampled.shape))
 
 
+MOTIONS_m = 1e-24, 1e3
+"""Displacements that are possible, with much room on either side; of others the squares, their power, leave all range."""
+
+
 def write_displacements(path, displacements):
     """Write a table in SI, columns time_s, particle, u_x_m, u_y_m, to the last digit; whole or not at all."""
     t, u = displacements.t / units.s, displacements.u / units.m
@@ -134,6 +138,10 @@ def read_displacements(path, particles=None):
         rows = samples[particle]
         _refuse_gaps(path, particle, time[rows], t)
         u[:, k, 0], u[:, k, 1] = x[rows], y[rows]
+    largest = abs(u).max()
+    if largest and not MOTIONS_m[0] <= largest <= MOTIONS_m[1]:
+        raise ValueError(f'{path}: the largest displacement is {largest:.3g} m, no motion of a lattice; check the unit and the '
+                         'exponents of u_x_m and u_y_m')
     return Displacements(t * units.s, wanted, u * units.m)
 
 

@@ -14,6 +14,7 @@ from magphonon.errors import finite, not_negative, number, positive, whole
 from magphonon.files import write_columns
 from magphonon.frf import FrequencyResponse
 from magphonon.scenes import read_scene, ready_scene
+from magphonon.vibrometer import read_displacements
 from magphonon.zone import ZoneMap
 
 PROTOTYPE = ready_scene('prototype').read_text()
@@ -270,6 +271,33 @@ def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monke
     assert said.startswith('magphonon: response would be ')
     assert said.endswith(f'check units and exponents in [lattice], [law] and [frf] of {file}\n')
     assert list(tmp_path.iterdir()) == [file]
+
+
+# --- magnitudes that no formula bears ------------------------------------------------------------------------------
+
+@pytest.mark.parametrize(('given', 'key'), [('a_percent = 450.0', 'a_percent = 450.0'), ('a = 20.6', 'a = 20.6'),
+                                            ('a_percent = 51.0', 'a_percent = 51.0')])
+def test_tolerances_in_which_nothing_is_linear(given, key, scene_file):
+    scene = read_scene(scene_file({'a_percent = 0.45': given}, 'tolerances'))
+    with pytest.raises(ValueError, match=f'uncertainty.{key} is .* of a, more than the 0.5 within which a linear propagation'):
+        scene.uncertainty.tolerances(scene)
+
+
+def test_half_is_still_a_tolerance(scene_file):
+    scene = read_scene(scene_file({'a_percent = 0.45': 'a_percent = 50.0'}, 'tolerances'))
+    assert scene.uncertainty.tolerances(scene).covariance.max() == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(('u', 'fine'), [('1e300', False), ('1e-300', False), ('2e3', False), ('0', True), ('1e-12', True)])
+def test_displacements_that_no_lattice_makes(u, fine, tmp_path):
+    """Their squares, the power on a map, are infinite or zero."""
+    file = tmp_path / 'scan.csv'
+    file.write_text('time_s,particle,u_x_m,u_y_m\n' + ''.join(f'{0.001 * k},7,{u},0\n' for k in range(4)))
+    if fine:
+        assert read_displacements(file).u.shape == (4, 1, 2)
+        return
+    with pytest.raises(ValueError, match='no motion of a lattice; check the unit and the exponents of u_x_m and u_y_m'):
+        read_displacements(file)
 
 
 # --- streams ---------------------------------------------------------------------------------------------------------
