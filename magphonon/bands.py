@@ -238,7 +238,11 @@ def path_of(atoms, path):
     periodic = np.ix_(atoms.pbc, atoms.pbc)
     ours, theirs = ((cell.array @ cell.array.T)[periodic] for cell in (atoms.cell, path.cell))
     if abs(ours - theirs).max(initial=0) > 1e-9 * abs(ours).max(initial=0):
-        raise ValueError('the path belongs to a cell of another shape; get it with atoms.cell.bandpath(..., pbc=atoms.pbc)')
+        own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
+        raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the '
+                         f'atoms {own} mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took '
+                         'its standard cell of the same lattice, whose vectors are in order of length: swap those of the atoms, '
+                         'or name points of your own to bandpath with special_points=')
     return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
 
 

@@ -4,6 +4,9 @@ import numpy as np
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from scipy import sparse
 
+HELD = 1e-12
+"""Of a force: what the round-off of a direction leaves of one that is held."""
+
 
 def freedom(atoms):
     """What the constraints leave free in the plane.
@@ -80,3 +83,25 @@ def free_motion(atoms):
     if not B.shape[1]:
         raise ValueError('the constraints hold every particle; free one')
     return B
+
+
+def refuse_held(forces, atoms, what):
+    """Refuse forces on particles, shape (particles, 3), if FixAtoms, FixedLine and FixedPlane leave nothing of them.
+
+    What they hold takes up its share of a force in silence, as the rim does; only a push without any effect is a mistake.
+
+    Raises
+    ------
+    ValueError
+        That names `what` pushes, and the particles.
+    """
+    left = np.array(forces)
+    for constraint in atoms.constraints:
+        if isinstance(constraint, FixAtoms | FixedLine | FixedPlane):
+            constraint.adjust_forces(atoms, left)
+    largest = abs(forces).max(initial=0)
+    if largest and abs(left).max() <= HELD * largest:
+        pushed = np.flatnonzero(abs(forces).max(axis=1))
+        raise ValueError(f'{what} pushes {f"particle {pushed[0]}" if len(pushed) == 1 else f"particles {pushed.tolist()}"} only '
+                         'where constraints hold (FixAtoms, or FixedLine and FixedPlane across their free direction) and would '
+                         'do nothing; push a particle that is free, or along its free direction')

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .constraints import refuse_held
 from .errors import finite, positive
 
 
@@ -145,6 +146,16 @@ def constant_push(drives, count):
     push, constant = np.zeros((count, 3)), Drives([drive for drive in drives if isinstance(drive, Constant)], count)
     push[constant.particles] = constant.forces(np.zeros(1))[0]
     return push
+
+
+def refuse_held_drives(drives, atoms):
+    """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push."""
+    for drive in drives:
+        if isinstance(drive, Constant | Harmonic | ToneBurst) and drive.particles.max() < len(atoms):
+            force = np.zeros((len(atoms), 3))
+            strength = drive.force if isinstance(drive, Constant) else drive.amplitude
+            force[drive.particles] = _along(drive.direction, strength)
+            refuse_held(force, atoms, f'the drive {type(drive).__name__}')
 
 
 class Drives:

@@ -21,7 +21,8 @@ from tqdm import tqdm
 from .blocks import Blocks, refusal
 from .cages import Cages, Diverged
 from .calculator import MagneticRepulsion
-from .drives import Drives
+from .drives import Drives, refuse_held_drives
+from .energylog import EnergyLog
 from .errors import finite, one_of, positive, whole
 from .timestep import refuse_unstable
 
@@ -55,8 +56,12 @@ class DrivenVerlet(VelocityVerlet):
         'auto' takes blocks where it can, and compiles when a run is long enough to earn that back.
     allow_unstable : bool
         Run even if the time step is over the limit of stability.
+    logfile : path or file, optional
+        For times in ms and energies in mJ, see `magphonon.energylog`; '-' is the terminal.
+    loginterval : int
+        Steps between two lines of the log, and between two frames of the trajectory.
     **kwargs
-        `trajectory`, `logfile`, `loginterval` and what else ASE's MolecularDynamics takes.
+        `trajectory` and what else ASE's MolecularDynamics takes.
 
     Attributes
     ----------
@@ -67,12 +72,13 @@ class DrivenVerlet(VelocityVerlet):
     ------
     ValueError
         For a time step that is not positive or over the limit 2/omega_max, a damping that is negative, a drive on a
-        particle that is not there, an engine that cannot integrate these atoms.
+        particle that is not there or on held ones only, an engine that cannot integrate these atoms.
     ImportError
         For 'compiled' without numba.
     """
 
-    def __init__(self, atoms, timestep, drives=(), damping=0.0, engine='auto', allow_unstable=False, **kwargs):
+    def __init__(self, atoms, timestep, drives=(), damping=0.0, engine='auto', allow_unstable=False, logfile=None,
+                 loginterval=1, **kwargs):
         self.asked_engine = one_of('engine', engine, ENGINES)
         self._drive_list = list(drives)
         self.drives = Drives(self._drive_list, len(atoms))
@@ -83,6 +89,7 @@ class DrivenVerlet(VelocityVerlet):
         self.damping = np.broadcast_to(damping, len(atoms))
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
+        refuse_held_drives(self._drive_list, atoms)
         reason = None if engine in ('auto', 'ase') else refusal(atoms)
         if reason:
             raise ValueError(f"engine='{engine}' cannot integrate these atoms: {reason}; use engine='ase'")
@@ -90,7 +97,9 @@ class DrivenVerlet(VelocityVerlet):
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
         if not allow_unstable:
             refuse_unstable(atoms, positive('timestep', timestep, 'ms'))
-        super().__init__(atoms, positive('timestep', timestep, 'ms'), **kwargs)
+        super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
+        if logfile:
+            self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
         self.allow_unstable = allow_unstable
         self.recorders = []
         self._start = atoms.get_positions()

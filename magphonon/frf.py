@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .constraints import free_motion
+from .constraints import free_motion, refuse_held
 from .errors import finite, not_negative, positive
 from .files import Saved
 from .rest import at_rest
@@ -71,12 +71,13 @@ def harmonic_response(atoms, force, omega, damping):
     Raises
     ------
     ValueError
-        For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, or
-        an undamped resonance, a structure that is not at rest.
+        For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, an
+        undamped resonance, a structure that is not at rest, a force on held particles only.
     """
     n = len(atoms)
     force = np.asarray(force, dtype=complex)
     finite('force', abs(force), (n, 3))
+    refuse_held(force, atoms, 'the force')
     return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(atoms, omega, damping)])
 
 

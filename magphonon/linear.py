@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from .chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, stable_interval, whole_interval
-from .constraints import free_motion
+from .constraints import free_motion, refuse_held
 from .errors import finite, not_negative, positive, whole
 from .files import Saved
 from .frf import FrequencyResponse, harmonic_response
@@ -171,13 +171,14 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     Raises
     ------
     ValueError
-        For another shape, a negative damping, an undamped resonance, a structure that is not at rest, or one that is
-        unstable and has no steady state.
+        For another shape, a negative damping, an undamped resonance, a structure that is not at rest, one that is
+        unstable and has no steady state, or a force on held particles only.
     """
     scene = reduced(atoms)
     omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')
     force = np.asarray(force, dtype=complex)
     finite('force', abs(force), (len(atoms), 3))
+    refuse_held(force, atoms, 'the force')
     positive('tolerance', tolerance)
     particles = recorded(particles, len(atoms))
     s = scene.shapes.T @ force[:, : scene.dim].ravel()

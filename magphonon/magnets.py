@@ -27,7 +27,7 @@ from numpy.polynomial import Chebyshev
 from numpy.polynomial.chebyshev import chebinterpolate
 
 from . import units
-from .errors import not_negative, one_of, positive
+from .errors import finite, not_negative, one_of, positive
 from .potentials import InversePower, repulsion
 
 GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38': (1.21, 1.25), 'N40': (1.25, 1.28),
@@ -180,6 +180,8 @@ def moment(magnet):
 
 def pair_energy(magnet, r):
     """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
+    if not r > magnet.contact:
+        raise ValueError(f'two of {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm apart')
     h, gap = magnet.height, (r - magnet.contact) / magnet.width
     n = _rim_points(gap)
     points, normals = magnet.rim(n)
@@ -217,7 +219,18 @@ def pair_force(first, second, offset, n=96):
     -------
     ndarray, shape (3,)
         In N.
+
+    Raises
+    ------
+    ValueError
+        For magnets that touch or overlap.
     """
+    offset = finite('offset', offset, (3,))
+    between = abs(offset[2]) - (first.height + second.height) / 2
+    if not (between > 0 or _side_by_side(first, second, offset[:2])):
+        raise ValueError(f'{first!r} and {second!r}, displaced by {offset.tolist()} mm, touch or overlap, and then have no such '
+                         f'force; move their centres apart, by more than {first.height / 2 + second.height / 2:g} mm along '
+                         'the magnetisation or until they are clear of each other across it')
     (points, normals), (others, outward) = first.rim(n), second.rim(n)
     d = others + np.asarray(offset)[:2] - points[:, None]
     force = np.zeros(3)
@@ -229,6 +242,21 @@ def pair_force(first, second, offset, n=96):
             slope = np.dstack([d / (s + abs(z))[..., None], -np.sign(z) * np.log(s + abs(z))])
             force += face * other * np.einsum('ijk,ij->k', slope, normals @ outward.T)
     return _charge_coupling(first, second) * force
+
+
+def _side_by_side(first, second, offset):
+    """Whether the faces of two prisms neither touch nor overlap where their centres are `offset` apart in the plane."""
+    if isinstance(first, Ring) and isinstance(second, Ring):
+        nearest, farthest = np.linalg.norm(offset) - second.outer / 2, np.linalg.norm(offset) + second.outer / 2
+        in_its_bore = np.linalg.norm(offset) + first.outer / 2 < second.inner / 2
+        return nearest > first.outer / 2 or farthest < first.inner / 2 or in_its_bore
+    if isinstance(second, Ring):
+        return _side_by_side(second, first, offset)
+    sides = np.array([second.length, second.width]) / 2
+    if isinstance(first, Ring):
+        nearest = np.linalg.norm(np.maximum(abs(offset) - sides, 0))
+        return nearest > first.outer / 2 or np.linalg.norm(abs(offset) + sides) < first.inner / 2
+    return (abs(offset) > sides + np.array([first.length, first.width]) / 2).any()
 
 
 def _charge_coupling(first, second):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
-from .drives import Constant, Drives, ToneBurst, constant_push
+from .drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
 from .errors import finite, not_negative, positive
 from .files import Saved
 from .linear import recorded, reduced_about, sizes
@@ -90,8 +90,8 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
     ------
     ValueError
         For times that do not increase, a damping that differs between particles, a held particle that is displaced, a
-        drive that is rough, an unstable structure that grows beyond all numbers, one that is at rest neither in the
-        reference nor where it is.
+        drive that is rough or pushes held particles only, an unstable structure that grows beyond all numbers, one that is at
+        rest neither in the reference nor where it is.
     """
     times = finite('times', np.atleast_1d(times))
     if times.ndim != 1 or not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
@@ -102,6 +102,7 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
     gamma, tolerance = not_negative('damping', damping, '1/ms'), positive('tolerance', tolerance)
     particles = recorded(particles, len(atoms))
     drives = list(drives)
+    refuse_held_drives(drives, atoms)
     calc = rest_of_motion(atoms, constant_push(drives, len(atoms)))
     scene = reduced_about(calc, atoms)
     state, load = _initial_state(atoms, calc, scene), _Load(atoms, calc, scene, drives, tolerance)

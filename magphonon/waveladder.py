@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from ase.constraints import FixAtoms
 
+from .bonds import Bonds
 from .cages import Diverged
 from .calculator import MagneticRepulsion
 from .dynamics import DrivenVerlet
@@ -75,11 +76,16 @@ def strip(cell, rows):
     """
     calc = repulsion_of(cell)
     atoms = cell.repeat((1, rows, 1))
+    periodic = calc.on(atoms)
+    bonds = periodic.bonds
+    inside = bonds.shift[:, 1] == 0  # the others lead from the last row to the first
+    bonds = Bonds(bonds.i[inside], bonds.j[inside], bonds.shift[inside], bonds.vectors[inside], len(atoms))
     atoms.pbc = True, False, False
     row = np.repeat(np.arange(rows), len(cell))
     atoms.set_tags(np.where((row == 0) | (row == rows - 1), RIM, 0))
     atoms.set_constraint(FixAtoms(mask=atoms.get_tags() == RIM))
-    atoms.calc = MagneticRepulsion(atoms, calc.potential, cutoff=calc.bonds.cutoff, **calc.parameters)
+    atoms.calc = MagneticRepulsion(atoms, calc.potential, bonds=bonds, anchors=periodic.anchors, load=periodic.load,
+                                   **calc.parameters)
     return atoms
 
 

@@ -246,6 +246,15 @@ def test_paths_stay_on_the_very_cell(name):
     np.testing.assert_array_equal(path.cell.array, atoms.cell.array)
 
 
+def test_a_path_that_ase_swapped_is_refused_with_the_mend():
+    atoms = Atoms('X', [[0, 0, 0]], cell=[12, 10, 20], pbc=(True, True, False), masses=[1.0])
+    atoms.calc = MagneticRepulsion(atoms, LAW)
+    with pytest.raises(ValueError, match=r'10, 12 mm long, those of the atoms 12, 10 mm.*swap'):
+        path_of(atoms, atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc))
+    own = atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc, special_points={'G': [0, 0, 0], 'X': [0.5, 0, 0]})
+    np.testing.assert_array_equal(path_of(atoms, own).kpts, own.kpts)
+
+
 def test_points_of_the_path_have_their_symmetry():
     # K of ASE's path is K of this cell, whichever of the two hexagonal bases it has
     for angle in (60, 120):

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms
+from ase.constraints import FixAtoms, FixedLine
 from motion import DT, apart, oscillator, patch, states_of
 
-from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, ToneBurst, lattices
+from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, ToneBurst, lattices, propagate
 from magphonon import units as u
+from magphonon.frf import harmonic_response
+from magphonon.linear import frequency_response
 
 
 def test_drives_are_what_they_say():
@@ -67,3 +69,43 @@ def test_bad_forces_are_refused():
                          (Constant([24], (0, 0, 1), 1.0), 'along z'), (lambda t: np.ones((49, 3)), 'along z')):
         with pytest.raises(ValueError, match=words):
             DrivenVerlet(patch(), DT, drives=[drive], engine='numpy').run(3)
+
+
+AT_THE_RIM, INSIDE = 0, 12
+
+
+def guided():
+    atoms = lattices.parallelogram(lattices.square(10.0, 0.7), 5, 5)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=5e3, a=4.0), foundation=0.02)
+    atoms.set_constraint([*atoms.constraints, FixedLine(INSIDE, (0.6, 0.8, 0))])
+    return atoms
+
+
+@pytest.mark.parametrize('drive', [
+    ToneBurst(AT_THE_RIM, (1, 0), 1e-3, 0.3),
+    Harmonic([AT_THE_RIM, INSIDE], (0.8, -0.6), [1e-3, 1e-3], 0.3),  # one on the rim, one across its guide
+    Constant([AT_THE_RIM, INSIDE], (1, 0), [1e-3, 0.0]),  # no force on the one that is free
+])
+def test_a_drive_on_what_is_held_is_refused(drive):
+    message = f'the drive {type(drive).__name__} pushes particle.*would do nothing'
+    with pytest.raises(ValueError, match=message):
+        DrivenVerlet(guided(), 0.1, [drive])
+    with pytest.raises(ValueError, match=message):
+        propagate(guided(), [1.0], [drive])
+    force = np.zeros((25, 3))
+    strength = drive.force if isinstance(drive, Constant) else drive.amplitude
+    force[drive.particles] = strength[:, None] * drive.direction
+    for response in (frequency_response, harmonic_response):
+        with pytest.raises(ValueError, match=r'the force pushes particle.*would do nothing'):
+            response(guided(), force, [0.3], 0.01)
+
+
+def test_a_row_that_touches_the_rim_is_driven():
+    """What the rim holds of it is lost; the rest moves as if the rim had not been named."""
+    row, along = Harmonic([AT_THE_RIM, 11, INSIDE], (0.6, 0.8), 1e-3, 0.3), Harmonic([11, INSIDE], (0.6, 0.8), 1e-3, 0.3)
+    found, expected = (propagate(guided(), [5.0, 9.0], [drive]).displacements for drive in (row, along))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
+    assert abs(found[:, [11, INSIDE]]).max() > 1e-4
+    dyn = DrivenVerlet(guided(), 0.1, [row])
+    dyn.run(90)
+    np.testing.assert_allclose(dyn.displacements, expected[1], atol=2e-2 * abs(expected).max())  # (omega dt)^2/24 and strains

@@ -314,7 +314,15 @@ def test_trajectory_and_log(tmp_path):
     assert len(frames) == 5
     assert np.array_equal(frames[-1].positions, atoms.positions)
     assert frames[-1].get_potential_energy() == atoms.get_potential_energy()
-    assert len((tmp_path / 'run.log').read_text().splitlines()) == 6
+    names, *lines = (tmp_path / 'run.log').read_text().splitlines()
+    assert names.split() == ['Time[ms]', 'Etot[mJ]', 'Epot[mJ]', 'Ekin[mJ]']
+    logged = np.array([line.split() for line in lines], float)
+    np.testing.assert_allclose(logged[:, 0], DT * np.arange(0, 21, 5), rtol=1e-9)
+    assert logged[-1, 2] == pytest.approx(atoms.get_potential_energy(), rel=1e-11)
+    v = atoms.get_momenta() / atoms.get_masses()[:, None]
+    assert logged[-1, 3] == pytest.approx(0.5 * np.sum(atoms.get_masses()[:, None] * v**2), rel=1e-11)
+    assert logged[:, 1] == pytest.approx(logged[:, 2:].sum(axis=1), rel=1e-10)
+    assert logged[0, 3] > 0  # in four decimals, as ASE writes them, it is not much more than zero
 
 
 def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():

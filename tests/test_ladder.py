@@ -245,6 +245,26 @@ def test_a_linear_scene_takes_no_time_steps(monkeypatch):
         plan_waveform(pilot, replace(burst, amplitude=1e-2), inside, 0.02, 1.5 * burst.end, 1e-3)
 
 
+@pytest.mark.parametrize('shells', [1, 2, 3])
+def test_a_strip_has_the_bonds_of_its_cell_however_they_were_found(shells):
+    cell = lattices.honeycomb(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, LAW, shells=shells)
+    counted = strip(cell, 8).calc.bonds
+    listed = [(i, j, tuple(shift)) for i, j, shift in zip(cell.calc.bonds.i, cell.calc.bonds.j, cell.calc.bonds.shift,
+                                                          strict=True)]
+    cell.calc = MagneticRepulsion(cell, LAW, bonds=listed, load=[[0.1, 0, 0], [0, 0.2, 0]])
+    found = strip(cell, 8).calc
+
+    def in_order(bonds):
+        return np.sort(np.round(np.abs(bonds.vectors @ [1.0, np.pi, 0]), 9))
+
+    np.testing.assert_array_equal(in_order(found.bonds), in_order(counted))
+    atoms = strip(cell, 8)
+    by_distance = MagneticRepulsion(atoms, LAW, shells=shells)  # the geometry's own count, ends of the strip included
+    np.testing.assert_array_equal(np.sort(found.bonds.coordination), np.sort(by_distance.bonds.coordination))
+    np.testing.assert_array_equal(found.load, np.tile([[0.1, 0, 0], [0, 0.2, 0]], (8, 1)))
+
+
 def test_one_particle_needs_no_lattice(monkeypatch):
     """The plan and the response of the oscillator form no Bloch matrix, no shells and no series."""
     scene = read_scene(ready_scene('oscillator'))

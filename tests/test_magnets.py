@@ -199,6 +199,26 @@ def test_oblique_cuboids_follow_the_published_figure_and_its_closed_form():
     assert abs(wrong - FIGURE).max() > 0.3  # control: the upper magnet not turned
 
 
+@pytest.mark.parametrize(('first', 'second', 'offset', 'apart'), [
+    (RING, RING, (6.35, 0, 0), (6.36, 0, 0)),
+    (RING, RING, (3, 4, 3.1), (3, 4, 3.2)),  # one over the other
+    (Ring(10, 9, 5, 1.0), Ring(4, 0, 5, 1.0), (2.5, 0, 0), (2.4, 0, 0)),  # in the bore
+    (Ring(4, 0, 5, 1.0), Ring(10, 9, 5, 1.0), (2.5, 0, 0), (2.4, 0, 0)),
+    (Cuboid(4, 10, 3, 1.0), Cuboid(4, 10, 3, 1.0), (3.9, 9.9, 2.9), (3.9, 10.1, 2.9)),
+    (Cuboid(4, 10, 3, 1.0), Ring(4, 0, 3, 1.0), (3.4, 6.4, 0), (3.5, 6.5, 0)),  # beyond the corner, 1.98 and 2.12 mm
+    (Ring(20, 15.2, 3, 1.0), Cuboid(10, 10, 3, 1.0), (1, 0, 0), (0.5, 0, 0)),  # in the bore: corner at 7.81 and 7.43 mm
+])
+def test_magnets_in_one_another_have_no_force(first, second, offset, apart):
+    with pytest.raises(ValueError, match='touch or overlap'):
+        pair_force(first, second, offset)
+    assert np.isfinite(pair_force(first, second, apart)).all()
+
+
+def test_touching_magnets_have_no_energy():
+    with pytest.raises(ValueError, match=r'more than 6\.35 mm apart'):
+        pair_energy(RING, 6.35)
+
+
 # --- magpylib ---
 
 
