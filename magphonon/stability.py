@@ -159,7 +159,7 @@ class Verdict:
             said.append('At rest the static forces balance on every free particle.')
         if self.stable:
             said.append(self._margin())
-        if self.unguided is not None and self.unguided > self.foundation:
+        if self.unguided is not None and self.stable and self.unguided > self.foundation:
             said.append('Only its guide keeps it: freed sideways it would run away, unless a foundation of '
                         f'{_stiffness(self.unguided)} held it.')
         if np.isfinite(self.timestep_limit):

@@ -11,6 +11,7 @@ def run(options):
     """Print the verdicts; returns the exit status, 0 if all is fine and 1 if something is not."""
     from .. import units
     from ..costs import SHARE, costs, free_memory, too_much
+    from ..sceneplans import neglected
     from ..scenes import read_scene
     from ..stability import verdict
 
@@ -28,6 +29,8 @@ def run(options):
         verdicts['The patch'] = verdict(scene.patch_atoms())
     for name, judged in verdicts.items():
         print(f'\n{name}: {judged}')
+    for line in neglected(scene):
+        print(f'\n{line}')
     if expected:
         print('\nWhat its tables will take, about:', *expected, sep='\n  ')
     for fault in faults:
