@@ -52,7 +52,10 @@ class Softest:
 
 
 def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
-    """Softest mode: over the zone of a periodic cell, or of a finite or large structure as it is.
+    """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
+
+    Of a periodic cell of more than 200 freedoms only motion that repeats from cell to cell is seen, q = 0: waves that do not
+    fit into the cell may be softer.
 
     Parameters
     ----------
@@ -137,6 +140,8 @@ def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, 
 
 def foundation_needed(atoms, model='complete', steps=None):
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
+
+    A periodic cell of more than 200 freedoms stands for motion that repeats from cell to cell only, see `softest`.
 
     Parameters
     ----------

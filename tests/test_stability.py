@@ -184,3 +184,17 @@ def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
     k = 2 * np.pi * q @ atoms.cell.reciprocal()
     assert min(abs(np.linalg.norm(k - 2 * np.pi * np.array(G) @ atoms.cell.reciprocal()) - softest.x)
                for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
+
+
+@pytest.mark.parametrize(('repeats', 'needed'), [(1, 4.0), (11, 4 * np.sin(5 * np.pi / 11) ** 2)])
+def test_a_large_periodic_cell_says_that_only_repeated_motion_is_judged(repeats, needed):
+    """The square lattice buckles at q = (1/2, 0) and (0, 1/2), waves that fit into no odd number of cells.
+
+    Of one cell the zone is judged and they are found.  Of 11 x 11 particles, 242 freedoms, only motion that repeats is
+    judged; its softest wave has q = 5/11 and needs less, 4 sin^2(5 pi/11) f/L = 3.92 f/L.
+    """
+    atoms = lattices.square(1.0, 1.0).repeat((repeats, repeats, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=3.95)
+    found = verdict(atoms)
+    assert_allclose(found.needed, needed, rtol=1e-9)  # round-off
+    assert found.stable == found.repeated == ('only motion that repeats' in str(found)) == (repeats == 11)

@@ -1,4 +1,7 @@
-"""`magphonon bands SCENE.toml -o DIR`: bands of a scene, by the Bloch matrix and by phonopy."""
+"""`magphonon bands SCENE.toml -o DIR`: bands of a scene, by the Bloch matrix and by phonopy.
+
+The exit status is 0 if they were computed, also of a lattice that buckles; "magphonon check" judges, with status 1.
+"""
 
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
 SHOWN = 1e-5

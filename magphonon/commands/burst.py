@@ -1,4 +1,7 @@
-"""`magphonon burst SCENE.toml -o DIR`: tone bursts through the patch of a scene, in both models, over its bands."""
+"""`magphonon burst SCENE.toml -o DIR`: tone bursts through the patch of a scene, in both models, over its bands.
+
+The exit status is 0 if they were run to their end, also in a lattice that buckles; "magphonon check" judges, with status 1.
+"""
 
 HELP = 'tone bursts through the patch of a scene, in both models, over its bands'
 
@@ -14,6 +17,7 @@ def run(options):
 
     from ..costs import refuse_costly
     from ..results import results
+    from ..sceneplans import neglected
     from ..scenes import read_scene
     from ..waves import MODELS, report, waves, write_ridges
 
@@ -35,7 +39,7 @@ def run(options):
         write_ridges(folder / 'ridges.csv', records)
         unstable = _unstable(cell)
         text = '\n'.join([scene.title, '', report(records), *_amplitudes(cell, largest, loud=not unstable),
-                          *_decays(plan, cell, records), *unstable])
+                          *_decays(plan, cell, records), *unstable, '', *neglected(scene)])
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')

@@ -1,4 +1,7 @@
-"""`magphonon check SCENE.toml`: will it stay, will it run, does a linear answer hold; before it runs."""
+"""`magphonon check SCENE.toml`: will it stay, will it run, does a linear answer hold; before it runs.
+
+The exit status is 1 if anything is at fault, such as a lattice that buckles, and 0 if nothing is.
+"""
 
 HELP = 'judge a scene before it runs: rest, stability, time step, supports, amplitude, supercell, cost'
 
