@@ -22,6 +22,9 @@ from .timestep import DENSE
 ROUND_OFF = 1e-12
 """Of the largest eigenvalue: what remains of a zero one."""
 
+SHIFT = 1e-4
+"""Of the largest eigenvalue: how far below the lowest one, as roughly known, a large structure is inverted first."""
+
 SPACINGS = np.geomspace(0.1, 10, 21)
 """Multiples of the present spacing among which a stable one is looked for."""
 
@@ -49,7 +52,10 @@ class Softest:
 
 
 def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
-    """Softest mode: over the zone of a periodic cell, or of a finite or large structure as it is.
+    """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
+
+    Of a periodic cell of more than 200 freedoms only motion that repeats from cell to cell is seen, q = 0: waves that do not
+    fit into the cell may be softer.
 
     Parameters
     ----------
@@ -93,10 +99,30 @@ def _softest_of_structure(D):
         lowest, highest = (spectrum[0], spectrum[-1]) if len(spectrum) else (0.0, 0.0)
     else:
         highest = abs(D).sum(axis=1).max()  # Gershgorin
-        start = np.random.default_rng(0).normal(size=D.shape[0])  # the same verdict every time
-        # the error of the eigenvalue is the square of the tolerance
-        lowest = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=1e-4, return_eigenvectors=False)[0]
+        lowest = _lowest_of_large(D, highest)
     return Softest(float(lowest), float(highest), np.zeros(3))
+
+
+def _lowest_of_large(D, highest):
+    """Lowest eigenvalue of a large sparse symmetric matrix, by Lanczos iterations on the inverse of D - shift.
+
+    Lanczos on D itself stops short: near the lowest eigenvalue of a patch others crowd.  The shift lies below all of them;
+    the signs of the pivots of D - shift, which are those of its eigenvalues, prove that.
+    """
+    if not highest:
+        return 0.0
+    start = np.random.default_rng(0).normal(size=D.shape[0])  # the same verdict every time
+    # not below the lowest eigenvalue, and close above it
+    near = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=1e-3, return_eigenvectors=False)[0]
+    below = SHIFT * highest
+    while True:
+        shifted = (D - (near - below) * sparse.eye_array(D.shape[0])).tocsc()
+        factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
+        if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c):
+            break
+        below *= 4
+    inverse = sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
+    return sparse.linalg.eigsh(D, k=1, sigma=near - below, OPinv=inverse, v0=start, return_eigenvectors=False)[0]
 
 
 def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, steps=None):
@@ -114,6 +140,8 @@ def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, 
 
 def foundation_needed(atoms, model='complete', steps=None):
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
+
+    A periodic cell of more than 200 freedoms stands for motion that repeats from cell to cell only, see `softest`.
 
     Parameters
     ----------

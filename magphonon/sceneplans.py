@@ -11,6 +11,9 @@ from . import units as u
 from .files import write_columns
 from .ladder import ALL, Plan, percent
 
+NOTHING = 1e-3
+"""Of the bands: what neighbours left out may change without a word."""
+
 SAMPLES = 12
 """Frames of a record to a period of the carrier."""
 
@@ -94,12 +97,34 @@ def _bands(scene, tolerance):
 
 def _beyond_nearest(scene):
     """What no rung of a patch has: its rim balances nearest neighbours only."""
+    return (f'All this is for nearest neighbours, which alone the rim of a patch balances; all others would move the bands by '
+            f'{percent(_error_of_shells(scene, 1))}.')
+
+
+def neglected(scene):
+    """What the neighbours that a scene leaves out would do to its bands, a list of one line, or of none if they do nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    if scene.single or scene.law.shells == ALL:
+        return []
+    error = _error_of_shells(scene, scene.law.shells)
+    if error < NOTHING:
+        return []
+    counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
+    return [f'{counted}: all others would move the bands by up to {percent(error)}; '
+            '"magphonon plan" says what it costs to count more.']
+
+
+def _error_of_shells(scene, shells):
+    """Error of the complete bands with no more than so many shells of neighbours, relative as that of `plan_bands`."""
     from .bandladder import plan_bands
 
     rungs = plan_bands(_cell(scene), scene.lattice.path(None, 60), tolerance=1.0).rungs
-    error = next(rung.error for rung in rungs if rung.settings == {'model': 'complete', 'shells': 1})
-    return (f'All this is for nearest neighbours, which alone the rim of a patch balances; all others would move the bands by '
-            f'{percent(error)}.')
+    summed = [rung for rung in rungs if rung.settings['model'] == 'complete' and rung.settings['shells'] != ALL]
+    return [rung for rung in summed if rung.settings['shells'] <= shells][-1].error
 
 
 def _write_bands(scene, file, edge, model, shells):

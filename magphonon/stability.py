@@ -57,6 +57,8 @@ class Verdict:
         The stiffness that is there, and the least that holds the structure, N/mm.
     softest : ndarray, shape (3,)
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+    repeated : bool
+        Whether only motion that repeats from cell to cell is judged, as of periodic cells of more than 200 freedoms.
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
     unguided : float or None
@@ -98,6 +100,7 @@ class Verdict:
     foundation: float
     needed: float
     softest: np.ndarray
+    repeated: bool
     growth: float
     unguided: float | None
     held: float | None
@@ -161,7 +164,10 @@ class Verdict:
             said.append('At rest the static forces balance on every free particle.')
         if self.stable:
             said.append(self._margin())
-        if self.unguided is not None and self.unguided > self.foundation:
+        if self.repeated:
+            said.append('Of so large a periodic cell only motion that repeats from cell to cell was judged; a wave that does not '
+                        'fit into the cell may be softer. Judge a smaller cell of the same lattice, or other repeats of it.')
+        if self.unguided is not None and self.stable and self.unguided > self.foundation:
             said.append('Only its guide keeps it: freed sideways it would run away, unless a foundation of '
                         f'{_stiffness(self.unguided)} held it.')
         if np.isfinite(self.timestep_limit):
@@ -226,7 +232,8 @@ def _stiffness(k):
 def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     """Judge a structure before it runs.
 
-    A periodic cell is judged as the lattice that it stands for, by its whole zone; a finite structure as it is.  Of more
+    A periodic cell is judged as the lattice that it stands for, by its whole zone; one of more than 200 freedoms only by
+    motion that repeats from cell to cell, which its notes say; a finite structure as it is.  Of more
     than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and the way into
     contact are not judged.
 
@@ -285,6 +292,7 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         foundation=k,
         needed=bare.needed,
         softest=bare.q,
+        repeated=near and bool(atoms.pbc.any()) and free_directions(atoms).shape[1] > DENSE,
         growth=0.0 if stable else float(np.sqrt(-softest_of(atoms, foundation=k, masses=atoms.get_masses()).lowest)),
         unguided=_unguided(atoms),
         held=held and float(held * shortest),

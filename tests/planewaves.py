@@ -96,7 +96,8 @@ def margin(waves, at=None, polish=True):
     def ratio(k):
         k = k * np.maximum(1, least / np.linalg.norm(k, axis=-1, keepdims=True))  # constant from there to k = 0
         s = ((2 - 2 * np.cos(k @ periods.T)) / (periods**2).sum(axis=1)).sum(axis=-1)
-        return np.linalg.eigvalsh(waves.matrices(k))[..., 0] / s
+        # at other reciprocal vectors both vanish: no wave is there that is not at k = 0
+        return np.where(s > 0.1 * least**2, np.linalg.eigvalsh(waves.matrices(k))[..., 0] / np.maximum(s, 1e-300), 1e3)
 
     if at is not None:
         return ratio(at[None])[0], at

@@ -1,10 +1,13 @@
 """`magphonon check` on good and bad scenes: its words, its numbers from closed forms, its exit status."""
 
+import re
+
 import numpy as np
 import pytest
 
-from magphonon import cli
-from magphonon.scenes import ready_scene
+from magphonon import analytic_bands, cli
+from magphonon.allneighbours import AllNeighbours
+from magphonon.scenes import read_scene, ready_scene
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 
@@ -62,6 +65,37 @@ def test_verdict_says_what_theory_says(name, tmp_path, capsys):
     for phrase in words:
         assert phrase in said
     assert ('Not as it stands' in said) == (status == BAD)
+
+
+def test_a_guide_is_not_praised_for_what_it_does_not_do(tmp_path, capsys):
+    """Flat and of a long reach the oscillator runs away along its guide; sideways it would stay: D_xx = 1.96 f/L0."""
+    file = tmp_path / 'my.toml'
+    text = ready_scene('oscillator').read_text()
+    file.write_text(text.replace('theta0_deg = 30.0', 'theta0_deg = 5.0').replace('a = 4.0', 'a = 1.5'))
+    assert cli.main(['check', str(file)]) == BAD
+    said = capsys.readouterr().out
+    assert 'needs a foundation of 4620 N/m' in said  # D_yy = 2 (a + 1) sin^2 5 deg + a - 2 = -0.46202 f/L0
+    assert 'guide' not in said
+
+
+@pytest.mark.parametrize(('scene', 'told'), [('prototype', True), ('oscillator', False), ('steel', False), ('neighbours', False)])
+@pytest.mark.parametrize('command', ['check', 'bands'])
+def test_neighbours_left_out_are_named(command, scene, told, tmp_path, capsys):
+    """Not where there are none, as of balls in contact, of one oscillator, and where the scene counts all."""
+    if command == 'bands' and scene != 'prototype':
+        pytest.skip('the same words; bands take longer')
+    assert cli.main([command, str(ready_scene(scene)), *(['-o', str(tmp_path / 'out')] if command == 'bands' else [])]) == FINE
+    line = re.search(r'Nearest neighbours only: all others would move the bands by up to ([0-9.]+) %', capsys.readouterr().out)
+    assert bool(line) == told
+    if told:
+        cell = read_scene(ready_scene(scene)).atoms()
+        nearest, path = cell.calc, cell.cell.bandpath('GMKG', npoints=200, pbc=cell.pbc)
+        every = AllNeighbours(cell, nearest.potential, foundation=nearest.parameters.foundation)
+        squares = []
+        for cell.calc in (nearest, every):
+            squares.append(analytic_bands(cell, path).omega)
+        moved = abs(squares[1] - squares[0]).max() / squares[1].max()
+        assert float(line[1]) == pytest.approx(100 * moved, rel=0.02)  # two digits
 
 
 def test_unreadable_scene_is_a_mistake_and_no_verdict(tmp_path, capsys):

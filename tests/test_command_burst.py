@@ -136,7 +136,8 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
     assert cli.main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
     assert 'UNSTABLE: the static forces buckle this lattice' in shown
-    assert 'It needs a foundation of 40000 N/m and has 0 N/m' in shown
+    assert 'It needs a foundation of 40000 N/m and has 0 N/m, and no force is small enough' in shown
+    assert 'lower force_N' not in shown
 
 
 # --- how they fail ---------------------------------------------------------------------------------------------------

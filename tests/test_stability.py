@@ -102,6 +102,29 @@ def test_patch_by_lanczos_and_whole(n, monkeypatch):
     assert 1.0 < needed[0] < 2.0
 
 
+@pytest.mark.parametrize('seed', [0, 9])  # at 9 Lanczos iterations on the matrix itself, to 1e-4, are 4e-3 short
+def test_foundation_that_just_holds_a_cut_patch(seed):
+    """Patches with holes, beyond the size that is diagonalised whole, a millionth on either side of what they need."""
+    rng = np.random.default_rng(seed)
+    patch = lattices.parallelogram(lattices.honeycomb(1.0, 1.0), int(rng.integers(9, 12)), int(rng.integers(11, 15)))
+    patch = patch[np.sort(rng.permutation(len(patch))[: int(0.97 * len(patch))])]
+    patch.set_constraint()  # with a free rim
+    a = rng.uniform(1.5, 6)
+    x = patch.positions[:, :2] - patch.positions[:, None, :2]
+    r = np.linalg.norm(x, axis=2)
+    K = ((a + 1) * x[..., None] * x[..., None, :] - np.eye(2)) * (abs(r - 1) < 1e-9)[..., None, None]  # f = 1 at r = 1
+    H = -K.swapaxes(1, 2)
+    H[np.arange(len(patch)), :, np.arange(len(patch))] += K.sum(axis=1)
+    H = H.reshape(2 * len(patch), -1)
+    needed = -np.linalg.eigvalsh(H)[0]
+    assert len(H) > 200
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, a)).balanced(range(len(patch)))
+    assert foundation_needed(patch)[0] == pytest.approx(needed, rel=1e-10)
+    for side in (1 - 1e-6, 1 + 1e-6):
+        patch.calc = MagneticRepulsion(patch, InversePower(1.0, a), foundation=side * needed).balanced(range(len(patch)))
+        assert verdict(patch).stable == (side > 1)
+
+
 def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
     def amplitude(name, k):
         cell = getattr(lattices, name)(1.0, 1.0)
@@ -161,3 +184,17 @@ def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
     k = 2 * np.pi * q @ atoms.cell.reciprocal()
     assert min(abs(np.linalg.norm(k - 2 * np.pi * np.array(G) @ atoms.cell.reciprocal()) - softest.x)
                for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
+
+
+@pytest.mark.parametrize(('repeats', 'needed'), [(1, 4.0), (11, 4 * np.sin(5 * np.pi / 11) ** 2)])
+def test_a_large_periodic_cell_says_that_only_repeated_motion_is_judged(repeats, needed):
+    """The square lattice buckles at q = (1/2, 0) and (0, 1/2), waves that fit into no odd number of cells.
+
+    Of one cell the zone is judged and they are found.  Of 11 x 11 particles, 242 freedoms, only motion that repeats is
+    judged; its softest wave has q = 5/11 and needs less, 4 sin^2(5 pi/11) f/L = 3.92 f/L.
+    """
+    atoms = lattices.square(1.0, 1.0).repeat((repeats, repeats, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=3.95)
+    found = verdict(atoms)
+    assert_allclose(found.needed, needed, rtol=1e-9)  # round-off
+    assert found.stable == found.repeated == ('only motion that repeats' in str(found)) == (repeats == 11)

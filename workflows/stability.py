@@ -23,6 +23,7 @@ KINDS = {  # foundation needed in closed form, and a cell in which the softest w
     'honeycomb': (lambda a: 3.0 + 0 * a, (3, 3, 1)),
     'kagome': (lambda a: 6.0 + 0 * a, (1, 1, 1)),
 }
+HATCHES = '///', '...'  # sideways, along the vertical
 RUNS = 1.5, 2.5, 6.0  # exponents at which runs on both sides of the border tell whether it is one
 ANGLES = np.deg2rad(np.linspace(0, 90, 61))
 STEPS = np.concatenate([np.linspace(0.05, 0.95, 19), np.linspace(1.0, 2.2, 25)])  # omega dt
@@ -103,8 +104,9 @@ def _draw_maps(out, needed, fates):
     levels = np.linspace(0, np.sqrt(6), 7)
     for row, model in zip(axes, MODELS, strict=True):
         for ax, (name, (closed, _)) in zip(row, KINDS.items(), strict=True):
-            rate = np.sqrt(np.maximum(needed[model][name] - FOUNDATIONS[:, None], 0))
-            shades = ax.contourf(EXPONENTS, FOUNDATIONS, rate, levels=[1e-6, *levels[1:]], cmap='YlOrBr', extend='max')
+            # the square, negative beyond the border: between points of the map it is linear, as its root is not
+            square = needed[model][name] - FOUNDATIONS[:, None]
+            shades = ax.contourf(EXPONENTS, FOUNDATIONS, square, levels=[1e-9, *levels[1:] ** 2], cmap='YlOrBr', extend='max')
             ax.plot(EXPONENTS, closed(EXPONENTS), color='black', linestyle='-' if model == 'complete' else ':')
             found = fates[name, model]
             grew = found[:, 3] > 0
@@ -114,7 +116,8 @@ def _draw_maps(out, needed, fates):
     for ax in axes[1]:
         ax.set_xlabel('exponent $a$')
     figure.supylabel('foundation ($f/L_0$)', fontsize='medium')
-    figure.colorbar(shades, ax=axes, label=r'growth rate ($\sqrt{f/(L_0M)}$)', format='%.2g', ticks=levels[1:])
+    bar = figure.colorbar(shades, ax=axes, label=r'growth rate ($\sqrt{f/(L_0M)}$)', ticks=levels[1:] ** 2)
+    bar.ax.set_yticklabels([f'{rate:.2g}' for rate in levels[1:]])
     names = 'closed form of the border', 'run that grew', 'run that stayed'
     figure.legend([axes[0, 0].lines[0], grown, stayed], names, ncols=3, loc='outside upper center', frameon=False)
     return save_picture(figure, out / 'stability_map.png',
@@ -124,47 +127,69 @@ def _draw_maps(out, needed, fates):
 
 # --- the oscillator --------------------------------------------------------------------------------------------------
 
-def sideways(theta0, a, model='complete'):
-    """Horizontal stiffness of the oscillator in f/L0."""
+def stiffness(theta0, a, model='complete'):
+    """Horizontal and vertical stiffness of the oscillator in f/L0."""
     positions = lattices.oscillator(float(theta0), 1.0, 1.0).positions[:, :2]
-    return model_stiffness(positions[3] - positions[:3], InversePower(1.0, a), model).sum(axis=0)[0, 0]
+    return model_stiffness(positions[3] - positions[:3], InversePower(1.0, a), model).sum(axis=0).diagonal()
 
 
 def critical(a):
-    """Angle above which it runs away sideways: cos^2 = 3/(2 (a + 1))."""
+    """Angle above which it runs away sideways: D_xx = 2 (a + 1) cos^2 - 3 = 0."""
     return np.arccos(np.sqrt(3 / (2 * (a + 1))))
+
+
+def critical_upwards(a):
+    """Angle below which it runs away along the vertical: D_yy = 2 (a + 1) sin^2 - (2 - a) = 0, for a < 2."""
+    return np.arcsin(np.sqrt(np.maximum(2 - a, 0) / (2 * (a + 1))))
 
 
 def _angles():
     checks = [Check(f'oscillator: critical angle at a = {a:g} (deg)',
-                    np.rad2deg(brentq(lambda t, a=a: sideways(t, a), 0.1, 1.5, xtol=1e-13)), np.rad2deg(critical(a)), 1e-9)
+                    np.rad2deg(brentq(lambda t, a=a: stiffness(t, a)[0], 0.1, 1.5, xtol=1e-13)), np.rad2deg(critical(a)), 1e-9)
               for a in (2.0, 4.0, 8.0)]
+    checks += [Check(f'oscillator: angle below which it is unstable along the vertical at a = {a:g} (deg)',
+                     np.rad2deg(brentq(lambda t, a=a: stiffness(t, a)[1], 0.01, 1.5, xtol=1e-13)),
+                     np.rad2deg(critical_upwards(a)), 1e-9)
+               for a in (1.0, 1.5, 1.9)]
     paper = reference()['oscillator']['theta_critical_deg']
-    lowest = min(sideways(t, a, 'conventional') for t in ANGLES for a in (1.0, 4.0))
-    return [*checks, Check('the same at a = 4, from the table of references (deg)', np.rad2deg(critical(4.0)), paper, 1e-9),
-            Check('control: least horizontal stiffness at a = 4 and 90 degrees, D0 alone (f/L0)', lowest, -3, 0.9, control=True)]
+    lowest, upright = (min(stiffness(t, a, 'conventional')[axis] for t in ANGLES for a in (1.0, 4.0)) for axis in (0, 1))
+    return [*checks, Check('critical angle sideways at a = 4, from the references (deg)', np.rad2deg(critical(4.0)), paper, 1e-9),
+            Check('vertical stiffness at a = 2 and 0 degrees, where that instability ends (f/L0)',
+                  stiffness(0, 2.0)[1], 0, 1e-12),
+            Check('control: least horizontal stiffness at a = 4 and 90 degrees, D0 alone (f/L0)', lowest, -3, 0.9, control=True),
+            Check('control: least vertical stiffness, at a = 1 and 0 degrees, D0 alone (f/L0)', upright, -1, 0.9, control=True)]
 
 
 def _draw_oscillator(out):
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
-    figure = Figure((8, 3.6), layout='constrained')
-    exponents = np.linspace(1, 8, 57)
+    figure = Figure((9, 4.2), layout='constrained')
+    exponents, degrees = np.linspace(1, 8, 141), np.rad2deg(ANGLES)
     for ax, model in zip(figure.subplots(1, 2, sharey=True), MODELS, strict=True):
-        D = np.array([[sideways(t, a, model) for a in exponents] for t in ANGLES])
-        lines = ax.contour(exponents, np.rad2deg(ANGLES), D, levels=[-2, -1, 1, 2, 4, 8, 12], colors=COLOURS[0], linewidths=0.8)
+        D = np.array([[stiffness(t, a, model) for a in exponents] for t in ANGLES])
+        lines = ax.contour(exponents, degrees, D[..., 0], levels=[-2, -1, 1, 2, 4, 8, 12], colors=COLOURS[0], linewidths=0.8)
         ax.clabel(lines, fmt='%g', fontsize='small')
-        if (D < -1e-9).any():
-            shaded = ax.contourf(exponents, np.rad2deg(ANGLES), D, [-9, 0], colors=[UNSTABLE['facecolor']], hatches=['///'])
-            shaded.set(edgecolor=UNSTABLE['edgecolor'], linewidth=0, zorder=0)
-        style = {'label': r'$\cos^2\theta_0 = 3/(2(a+1))$', 'linestyle': '-' if model == 'complete' else ':'}
-        ax.plot(exponents, np.rad2deg(critical(exponents)), color='black', linewidth=2, **style)
+        for axis, hatch in enumerate(HATCHES):
+            if (D[..., axis] < -1e-9).any():
+                shaded = ax.contourf(exponents, degrees, D[..., axis], [-9, 0], colors=[UNSTABLE['facecolor']], hatches=[hatch])
+                shaded.set(edgecolor=UNSTABLE['edgecolor'], linewidth=0, zorder=0)
+        line = '-' if model == 'complete' else ':'
+        ax.plot(exponents, np.rad2deg(critical(exponents)), line, color='black', linewidth=2)
+        below = exponents[exponents <= 2]
+        ax.plot(below, np.rad2deg(critical_upwards(below)), line, color=COLOURS[1], linewidth=2)
         ax.set(title='$D^0+D^*$' if model == 'complete' else '$D^0$ alone', xlabel='exponent $a$', ylim=(0, 90))
-        ax.legend(loc='lower right')
-    figure.axes[0].set_ylabel(r'angle $\theta_0$ (deg)')
+    complete = figure.axes[0]
+    grey = {'facecolor': UNSTABLE['facecolor'], 'edgecolor': UNSTABLE['edgecolor']}
+    handles = [*complete.lines, lines.legend_elements()[0][-1], *(Patch(hatch=hatch, **grey) for hatch in HATCHES)]
+    names = [r'$\cos^2\theta_0 = 3/(2(a+1))$', r'$\sin^2\theta_0 = (2-a)/(2(a+1))$', 'horizontal stiffness $D_{xx}$ ($f/L_0$)',
+             'runs away sideways', 'runs away along the vertical']
+    figure.legend(handles, names, ncols=3, loc='outside upper center', frameon=False)
+    complete.set_ylabel(r'angle $\theta_0$ (deg)')
     return save_picture(figure, out / 'stability_oscillator.png',
-                        'Horizontal stiffness of the oscillator in f/L0. In the hatched region above the closed form it is '
-                        'negative and the free magnet runs away sideways; with D0 alone it never is.')
+                        'The two instabilities of the oscillator. Above the black closed form its horizontal stiffness is '
+                        'negative and it runs away sideways; below the other one, at exponents below 2, its vertical stiffness '
+                        'is, and it runs away along its line. With D0 alone (closed forms dotted) it never does either.')
 
 
 # --- integrators -----------------------------------------------------------------------------------------------------

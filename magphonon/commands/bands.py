@@ -1,4 +1,7 @@
-"""`magphonon bands SCENE.toml -o DIR`: bands of a scene, by the Bloch matrix and by phonopy."""
+"""`magphonon bands SCENE.toml -o DIR`: bands of a scene, by the Bloch matrix and by phonopy.
+
+The exit status is 0 if they were computed, also of a lattice that buckles; "magphonon check" judges, with status 1.
+"""
 
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
 SHOWN = 1e-5
@@ -92,6 +95,7 @@ def _report(scene, atoms, bands, phonon):
     from ..materials import ALL
     from ..phonons import foundation_recovered
     from ..potentials import repulsion
+    from ..sceneplans import neglected
     from ..stability import foundation_needed
 
     def rows(label, columns, highest):
@@ -130,6 +134,7 @@ def _report(scene, atoms, bands, phonon):
     if abs(phonon.force_constants).max() <= KEPT:
         lines.append('phonopy_params.yaml is left out: its 15 decimals are too few for force constants of '
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
+    lines += neglected(scene)
     if given >= needed:
         place = ' in its plane' if atoms.calc.dim == 2 else ''
         return '\n'.join([*lines, f'stable{place}: the static forces ask for a foundation of {needed:.6g} N/m'])

@@ -1,4 +1,7 @@
-"""`magphonon check SCENE.toml`: will it stay, will it run, does a linear answer hold; before it runs."""
+"""`magphonon check SCENE.toml`: will it stay, will it run, does a linear answer hold; before it runs.
+
+The exit status is 1 if anything is at fault, such as a lattice that buckles, and 0 if nothing is.
+"""
 
 HELP = 'judge a scene before it runs: rest, stability, time step, supports, amplitude, supercell, cost'
 
@@ -11,6 +14,7 @@ def run(options):
     """Print the verdicts; returns the exit status, 0 if all is fine and 1 if something is not."""
     from .. import units
     from ..costs import SHARE, costs, free_memory, too_much
+    from ..sceneplans import neglected
     from ..scenes import read_scene
     from ..stability import verdict
 
@@ -28,6 +32,8 @@ def run(options):
         verdicts['The patch'] = verdict(scene.patch_atoms())
     for name, judged in verdicts.items():
         print(f'\n{name}: {judged}')
+    for line in neglected(scene):
+        print(f'\n{line}')
     if expected:
         print('\nWhat its tables will take, about:', *expected, sep='\n  ')
     for fault in faults:

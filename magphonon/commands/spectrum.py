@@ -14,6 +14,7 @@ def run(options):
     from pathlib import Path
 
     from ..results import results
+    from ..sceneplans import neglected
     from ..scenes import read_scene
     from ..sites import site
     from ..vibrometer import read_displacements
@@ -31,7 +32,7 @@ def run(options):
             wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
             plot_wave(wave).figure.savefig(folder / f'{own}_{wave.motion}.png')
         write_ridges(folder / f'{own}_ridges.csv', {name: found})
-        text = '\n'.join([scene.title, '', report({name: found})])
+        text = '\n'.join([scene.title, '', report({name: found}), '', *neglected(scene)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}')
