@@ -73,7 +73,7 @@ def frequency_shifts(atoms):
     k = calc.parameters.foundation
     bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
     K, P = model_stiffness(R, calc.potential), free_directions(atoms)
-    M = sparse.diags_array(P.T @ np.repeat(atoms.get_masses(), calc.dim))
+    M = sparse.diags_array(P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim))
     zone = atoms.pbc.any() and P.shape[1] <= DENSE
 
     def stiffness(q):

@@ -136,7 +136,7 @@ class _Descent:
         self.calc, self.P = calc.about(atoms, model='complete'), free_motion(atoms)
         self.given, self.atoms = calc, self.calc.reference.copy()
         self.atoms.calc = self.calc
-        self.masses = self.P.T @ np.repeat(atoms.get_masses(), calc.dim)
+        self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
         self.length = self.calc.bonds.lengths.min()
         self.force = abs(calc.potential.dphi(self.calc.bonds.lengths)).max()
         self.source = atoms

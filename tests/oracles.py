@@ -167,6 +167,98 @@ def small_cluster(seed=1, n=9, spacing=10.0):
     return Atoms(['Nd'] * n, positions=points, masses=rng.uniform(0.5, 1.5, n))
 
 
+def allowed_motion(atoms, dim):
+    """Projectors on what FixAtoms, FixedLine and FixedPlane leave to each particle, shape (particles, dim, dim)."""
+    allowed = np.tile(np.eye(dim), (len(atoms), 1, 1))
+    for constraint in atoms.constraints:
+        d = getattr(constraint, 'dir', np.zeros(3))[:dim]
+        along = np.outer(d, d)
+        allowed[constraint.index] = {'FixAtoms': 0 * along, 'FixedLine': along, 'FixedPlane': np.eye(dim) - along}[
+            type(constraint).__name__]
+    return allowed
+
+
+def free_basis(atoms, dim):
+    """Orthonormal columns that span what the constraints allow, shape (particles * dim, free)."""
+    allowed = allowed_motion(atoms, dim)
+    B = np.zeros((len(atoms), dim, len(atoms), dim))
+    B[np.arange(len(atoms)), :, np.arange(len(atoms))] = allowed
+    axes, size, _ = np.linalg.svd(B.reshape(len(atoms) * dim, -1))
+    return axes[:, size > 0.5]
+
+
+class Pairs:
+    """Forces and stiffness of bonded particles from the energy phi of a bond alone, by Cauchy's formula; also of periodic ones.
+
+    The pairs are found once, by brute force over the images, where the particles stand on their perfect places; afterwards
+    they may stand anywhere.
+
+    Attributes
+    ----------
+    i, j : ndarray of int, shape (2 * bonds,)
+        Each bond from both of its ends.
+    cell : ndarray of int, shape (2 * bonds, 3)
+        Where the other end is.
+    """
+
+    def __init__(self, perfect, law, reach, model='complete'):
+        self.dim = 3 if perfect.pbc.all() else 2
+        found = list(neighbour_vectors(perfect, reach))
+        self.i, self.j = np.array([p[:2] for p in found]).T
+        self.cell = np.array([p[2] for p in found])
+        self.law, self.model, self.periods, self.n = law, model, perfect.cell.array, len(perfect)
+
+    def without(self, bond):
+        """The same but for one bond, which is lost from both of its ends."""
+        lost = [(self.i[bond], self.j[bond], *self.cell[bond]), (self.j[bond], self.i[bond], *-self.cell[bond])]
+        keep = [k for k, pair in enumerate(zip(self.i, self.j, *self.cell.T, strict=True)) if pair not in lost]
+        other = object.__new__(Pairs)
+        other.__dict__.update(self.__dict__, i=self.i[keep], j=self.j[keep], cell=self.cell[keep])
+        return other
+
+    def _derivatives(self, x):
+        """Gradient and Hessian of each bond by the displacement of its other end, shapes (bonds, dim) and (bonds, dim, dim)."""
+        R = (x[self.j] + self.cell @ self.periods - x[self.i])[:, : self.dim]
+        r = np.linalg.norm(R, axis=1)
+        n, radius = R / r[:, None], r / 10  # a seventh of the distance to the singularity at r: (1/7)^48 is nothing
+        circle = np.exp(2j * np.pi * np.arange(48) / 48)[:, None]
+
+        def along(d, order):
+            step = (radius * circle)[..., None] * d
+            r1 = length(R + step) if self.model == 'complete' else r + (n * step).sum(axis=-1)
+            return (np.mean((self.law.phi(r1) - self.law.phi(r)) * circle**-order, axis=0) / radius**order).real
+
+        axes = np.eye(self.dim)
+        gradient = np.stack([along(d, 1) for d in axes], axis=1)
+        K = np.empty((len(r), self.dim, self.dim))
+        for a in range(self.dim):
+            for b in range(self.dim):
+                K[:, a, b] = (along(axes[a] + axes[b], 2) - along(axes[a] - axes[b], 2)) / 2
+        return gradient, K
+
+    def forces(self, x):
+        """Of the bonds on each particle at the positions x, shape (particles, dim), in N."""
+        total = np.zeros((self.n, self.dim))
+        np.add.at(total, self.i, self._derivatives(x)[0])  # the bond pulls i where its energy grows with the other end
+        return total
+
+    def stiffest(self, x):
+        """Largest entry of the stiffness of any bond, in N/mm."""
+        return abs(self._derivatives(x)[1]).max()
+
+    def bloch(self, x, q=(0.0, 0.0, 0.0)):
+        """Stiffness for waves of the phase e^{2 pi i q.cell}, shape (particles * dim, particles * dim), in N/mm."""
+        K = self._derivatives(x)[1]
+        D = np.zeros((self.n, self.n, self.dim, self.dim), complex)
+        np.add.at(D, (self.i, self.i), K)
+        np.add.at(D, (self.i, self.j), -K * np.exp(2j * np.pi * self.cell @ np.asarray(q))[:, None, None])
+        return D.swapaxes(1, 2).reshape(self.n * self.dim, -1)
+
+    def hessian(self, x):
+        """Second derivatives of the energy of all bonds at the positions x, in N/mm."""
+        return self.bloch(x).real
+
+
 def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', damping=0.0, drive=None, velocities=None):
     """Displacements and velocities after velocity Verlet with textbook pair forces: the oracle of every engine.
 
@@ -188,12 +280,7 @@ def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', da
     n0 = R / r0[:, None]
     mass = atoms.get_masses()[:, None]
     decay = np.exp(-np.broadcast_to(damping, len(atoms)) * dt / 2)[:, None]
-    allowed = np.tile(np.eye(2), (len(atoms), 1, 1))
-    for constraint in atoms.constraints:
-        d = getattr(constraint, 'dir', np.zeros(3))[:2]
-        along = np.outer(d, d)
-        allowed[constraint.index] = {'FixAtoms': 0 * along, 'FixedLine': along, 'FixedPlane': np.eye(2) - along}[
-            type(constraint).__name__]
+    allowed = allowed_motion(atoms, 2)
 
     def project(v):
         return np.einsum('ixy,iy->ix', allowed, v)
