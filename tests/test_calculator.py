@@ -134,6 +134,19 @@ def test_wrapping_changes_nothing(name):
     assert atoms.get_potential_energy() == pytest.approx(energy, rel=1e-11)
 
 
+@pytest.mark.parametrize('name', LATTICES)
+def test_a_particle_just_across_the_border_is_displaced_by_little(name):
+    # wrapped by hand: it stands nearly, not more than, a period away from its place
+    rest, atoms, _ = displaced(name, amplitude=0.0)
+    atoms.positions[0] -= 0.1 * atoms.cell[0]
+    atoms.calc = MagneticRepulsion(rest, LAW, foundation=0.02)
+    forces = atoms.get_forces()
+    assert abs(forces).max() > 0.01
+    atoms.positions[0] += atoms.cell[0]
+    np.testing.assert_allclose(atoms.calc.displacements(atoms)[0], -0.1 * atoms.cell[0][: atoms.calc.dim], atol=1e-13)
+    np.testing.assert_allclose(atoms.get_forces(), forces, rtol=0, atol=1e-13 * LAW.d2phi(8.0) * 10)
+
+
 def test_minimum_image_in_skewed_cells():
     # a basis vector of 3.6 spacings at 14 degrees to the other: rounding fractions would take (0.2, 0.2) for (1.2, 0.2)
     atoms = lattice('triangular', spacing=1.0)

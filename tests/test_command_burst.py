@@ -12,7 +12,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import cli, read_scene, ready_scene
+from magphonon.anharmonic import frequency_shifts
+from magphonon.commands import burst
 from magphonon.spectrum import Spectrum
+
+
+def test_a_burst_is_called_loud_just_above_the_amplitude_that_linear_bands_bear():
+    cell = read_scene(ready_scene('ideal')).atoms()
+    bound = frequency_shifts(cell).amplitude(0.01)  # frequencies one percent off
+    _, quiet, loud = burst._amplitudes(cell, {'quiet': 0.99 * bound, 'loud': 1.01 * bound})
+    assert 'LOUD' not in quiet
+    assert 'LOUD' in loud
+
 
 # the paper's ideal lattice on a patch of 32 x 32, one burst: quick, and yet 3 and more bins between the models
 SMALL = [(r'cells_(.) = 60', r'cells_\1 = 32'), (r'carriers_Hz = .*', 'carriers_Hz = [19.1]'),

@@ -11,6 +11,7 @@ from magphonon import (
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
+    Recorder,
     ToneBurst,
     Yukawa,
     analytic_bands,
@@ -22,7 +23,7 @@ from magphonon.anharmonic import frequency_shifts
 from magphonon.backbone import vibration
 from magphonon.bandladder import plan_bands
 from magphonon.ladder import Plan, Rung
-from magphonon.linear import modes
+from magphonon.linear import modes, receptance
 from magphonon.peakladder import plan_peak
 from magphonon.replicas import stepped_response
 from magphonon.sceneplans import scene_plans
@@ -229,6 +230,49 @@ def test_the_conventional_stiffness_does_not_ask_for_static_forces():
     assert law.slopes == 1
 
 
+def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
+    """Harmonics that build up on the way, and the phase that long steps lose, against runs in time steps."""
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, LAW)
+    pilot = strip(cell, 62)
+    inside = np.flatnonzero(pilot.get_tags() == 0)
+    burst, duration = ToneBurst(inside[:1], (0, 1), 1e-3, 2.0, 5), 47.0
+
+    def stepped(share, dt):
+        atoms = pilot.copy()
+        atoms.calc = pilot.calc
+        dyn = DrivenVerlet(atoms, dt, [replace(burst, amplitude=share * burst.amplitude)], engine='numpy')
+        record = Recorder(dyn, inside, round(0.4 / dt))
+        dyn.run(int(duration / dt))
+        return record.displacements[1:] / share
+
+    plan = plan_waveform(pilot, burst, inside, 0.0, duration, 10.0)
+    linear, run = plan.rungs[1:]
+    loud, soft = stepped(1, 0.05), stepped(1e-4, 0.05)
+    nonlinear = np.linalg.norm(loud - soft) / np.linalg.norm(soft)
+    assert 0.4 * linear.error < nonlinear < linear.error  # without its factor of five the bound would fail
+    fine = 0.4 * np.arange(1, len(soft) + 1)
+    exact = propagation.propagate(pilot, fine, [burst], tolerance=1e-7).displacements[:, inside]
+    off = np.linalg.norm(stepped(1e-4, 0.1) - exact) / np.linalg.norm(exact)
+    assert off < run.error * (0.1 / run.settings['dt']) ** 2 < 2.5 * off  # w (w dt)^2/24 for all of the record, not for half
+
+
+def test_what_dstar_does_to_a_peak_is_known_to_first_order_only():
+    """A triangular patch in which the modes mix without D*: the estimate is short, and within the doubt that is told."""
+    atoms = lattices.parallelogram(lattices.triangular(1.0, 1.0), 5, 5)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 1.5), foundation=3.0)
+    place, omega = (int(np.flatnonzero(atoms.get_tags() == 0)[0]), np.array([1.0, 0, 0])), np.linspace(1.5, 3.0, 1501)
+    frozen = plan_peak(atoms, place, place, omega, 0.02, 0.5).rungs[0]
+    peak = {}
+    for model in stiffness.MODELS:
+        other = atoms.copy()
+        other.calc = MagneticRepulsion(atoms, InversePower(1.0, 1.5), foundation=3.0, model=model)
+        peak[model] = omega[abs(receptance(other, place, place, omega, 0.02).response).argmax()]
+    truth = peak['conventional'] / peak['complete'] - 1
+    assert frozen.error < 0.9 * truth
+    assert truth < frozen.error * (1 + frozen.doubt)
+
+
 def test_a_linear_scene_takes_no_time_steps(monkeypatch):
     def step(*arguments, **options):
         raise AssertionError('a linear scene was run in time steps')
@@ -309,6 +353,10 @@ def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
     text = capsys.readouterr().out
     assert '<- enough' in text
     assert 'Enough: complete linear' in text
+    if name == 'oscillator':  # its stiffness: 4 f/L0 of the lower magnet, f/8L0 of each outer one, with f = 1e4 N, L0 = 1 m, 1 kg
+        f, amplitude, _ = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1).T
+        w = 2 * np.pi * f
+        assert amplitude == pytest.approx(1 / abs(4.5e4 - w**2 + 12j * w), rel=1e-9)
 
 
 def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
@@ -341,6 +389,13 @@ def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
     assert len(list((tmp_path / 'out').glob('plan_burst_*.csv'))) == 2
     assert 'exact propagation' in capsys.readouterr().out
     assert called
+    burst = read_scene(tmp_path / 'scene.toml').burst
+    for (patch, times, drives, damping, row), carrier, name in zip(called, burst.carriers_Hz, burst.names, strict=True):
+        assert damping == pytest.approx(2 * 0.01 * 2 * np.pi * carrier / 1e3)  # 2 zeta omega, in 1/ms
+        table = np.loadtxt(tmp_path / 'out' / f'plan_burst_{name}.csv', delimiter=',', skiprows=1)
+        expected = real(patch, times, drives, damping, row).displacements
+        assert table[:, 0] == pytest.approx(np.repeat(times, len(row)) / 1e3)
+        assert table[:, 2:] == pytest.approx(expected.reshape(-1, 2) / 1e3, rel=1e-12)
 
 
 @pytest.mark.parametrize(('extra', 'arguments', 'message'), [

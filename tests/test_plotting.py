@@ -4,6 +4,7 @@ import io
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,12 @@ from matplotlib.quiver import Quiver
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
 from magphonon import units as u
+from magphonon.fitplots import plot_fits
+from magphonon.forcetables import Forces
+from magphonon.frf import FrequencyResponse
 from magphonon.plotting import COLOURS, plot_bands, plot_mode
+from magphonon.responseplots import plot_response
+from magphonon.uncertaintyplots import plot_response_ribbon
 from magphonon.zone import zone_map
 from magphonon.zoneplots import plot_isofrequency, plot_ratio, plot_zone
 
@@ -411,3 +417,35 @@ def test_given_axes_are_drawn_on():
 def test_matplotlib_is_imported_only_to_draw():
     code = "import sys, magphonon.plotting, magphonon.zoneplots; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
+
+
+# Units of the axes: 1 rad/ms is 1000/2 pi Hz, 1 mm/N is 1e-3 m/N, 1 mm is 1e-3 m
+
+def test_responses_are_drawn_in_metres_per_newton_over_hertz():
+    omega, response = np.array([0.1, 0.2, 0.3]), np.array([1.0, 4.0j, -2.0])
+    amplitude, phase = (ax.lines[0] for ax in plot_response(FrequencyResponse(omega, response)))
+    np.testing.assert_allclose(amplitude.get_xdata(), omega * 1e3 / (2 * np.pi))
+    np.testing.assert_allclose(amplitude.get_ydata(), [1e-3, 4e-3, 2e-3])
+    np.testing.assert_allclose(phase.get_ydata(), [0, 90, 180])
+
+
+def test_the_ribbon_of_a_response_has_the_units_of_its_line():
+    spread = SimpleNamespace(values=np.array([6.0, 8.0, 6.0]), std=np.array([0.5, 1.0, 0.5]))  # mm, under 2 N
+    ax = plot_response_ribbon(np.array([0.1, 0.2, 0.3]), spread, force=2.0)
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), [3e-3, 4e-3, 3e-3])
+    x, y = ax.collections[0].get_paths()[0].vertices.T
+    np.testing.assert_allclose([x.min(), x.max()], np.array([0.1, 0.3]) * 1e3 / (2 * np.pi))
+    np.testing.assert_allclose([y.min(), y.max()], [2.5e-3, 5e-3])  # two standard deviations to each side
+
+
+def test_measured_forces_and_laws_share_the_axis_in_metres():
+    law = InversePower(b=1.0, a=2.0)
+    forces = Forces(np.array([8.0, 10.0, 14.0]), law.b * np.array([8.0, 10.0, 14.0]) ** -2)
+    fit = SimpleNamespace(law=law, name='inverse power', offset=0.0, spacing=10.0)
+    upper, lower = plot_fits(forces, [fit]).axes
+    points, curve = (next(line for line in upper.lines if line.get_label() == name) for name in ('_nolegend_', fit.name))
+    np.testing.assert_allclose(points.get_xdata(), [8e-3, 10e-3, 14e-3])
+    np.testing.assert_allclose(curve.get_xdata()[[0, -1]], [8e-3, 14e-3])
+    np.testing.assert_allclose(curve.get_ydata()[[0, -1]], forces.f[[0, -1]])
+    residuals = next(line for line in lower.lines if len(line.get_xdata()) == 3)
+    np.testing.assert_allclose(residuals.get_ydata(), 0, atol=1e-12)

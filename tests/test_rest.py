@@ -30,6 +30,7 @@ from magphonon import (
     verdict,
 )
 from magphonon import units as u
+from magphonon.anharmonic import frequency_shifts
 from magphonon.frf import harmonic_response
 from magphonon.lattices import RIM
 from magphonon.linear import natural_frequencies
@@ -308,6 +309,19 @@ def test_magnets_placed_by_hand_assemble_themselves():
     atoms.calc = MagneticRepulsion(atoms, LAW, cutoff=14.5)
     f = natural_frequencies(relaxed(atoms).atoms) * HZ
     assert_allclose(f[[0, -1]], [16.34, 145.0], rtol=5e-4)
+
+
+def test_a_guide_along_an_oblique_line_does_not_change_the_mass():
+    """One of seven magnets may move along (0.6, -0.8) only: its squared frequency is its stiffness there over its mass."""
+    atoms = hexagon(20.0, 0.3)
+    inside = int(np.linalg.norm(atoms.positions, axis=1).argmin())
+    fixed = np.setdiff1d(np.arange(len(atoms)), inside)
+    atoms.set_constraint([FixAtoms(fixed), FixedLine(inside, (0.6, -0.8, 0))])
+    along = np.zeros(2 * len(atoms))
+    along[2 * inside : 2 * inside + 2] = 0.6, -0.8
+    square = along @ oracle_of(atoms).hessian(atoms.positions[:, :2]) @ along / 0.707
+    assert relaxed(atoms).lowest == pytest.approx(square, rel=1e-9)
+    assert frequency_shifts(atoms).omega == pytest.approx(np.sqrt(square), rel=1e-9)
 
 
 def test_spacings_above_ten_millimetres_relax():
