@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from magphonon.lammps_input import lammps_session, write_lammps_input
+from magphonon.dynamics.lammps import lammps_session, write_lammps_input
 
 STYLES = {'plain': (), 'omp': ('-package', 'omp', '1', '-suffix', 'omp')}
 

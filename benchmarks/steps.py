@@ -19,9 +19,8 @@ from ase.calculators.calculator import Calculator, all_changes
 from ase.md.verlet import VelocityVerlet
 from lammps_steps import STYLES, lammps_stepper
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
-from magphonon import units as u
-from magphonon.increments import RANGES
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.dynamics.bond_increments import RANGES
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 FOUNDATION = 19.6757 * u.N / u.m
@@ -170,7 +169,7 @@ def roofline():
     """Bandwidth of memory and rate of multiply-adds of one core."""
     from numba import njit
 
-    from magphonon.compiled import _vectorise
+    from magphonon.dynamics.kernels_numba import _vectorise
 
     @njit(fastmath={'contract'}, error_model='numpy')
     def multiply_add(x, rounds):

@@ -7,9 +7,8 @@ Targets: analytic bands under 2 ms and 100 times faster than phonopy's; the mesh
 import numpy as np
 import pytest
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands
-from magphonon import units as u
-from magphonon.bands import bloch_modes
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands, units as u
+from magphonon.bands.bloch import bloch_modes
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 

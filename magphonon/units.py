@@ -22,10 +22,8 @@ Hz = 1 / s
 kHz = 1e3 * Hz
 T = N / (A * m)
 deg = pi / 180
-
 mu0 = 1.25663706127e-6 * N / A**2
 """Magnetic constant, CODATA 2022."""
-
 c = 299792458 * m / s
 """Speed of light."""
 

@@ -5,8 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-from magphonon import InversePower, MagneticRepulsion, lattices
-from magphonon import units as u
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 
 PAPER = tomllib.loads(files('magphonon.data').joinpath('reference.toml').read_text(encoding='utf-8'))
 

@@ -12,7 +12,7 @@ from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
 
 from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, lattices
-from magphonon.layout import LINE, arrange
+from magphonon.dynamics.memory_layout import LINE, arrange
 
 LAW = InversePower(b=8900.0, a=4.5)
 L0 = 10.0

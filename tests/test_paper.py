@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, sound_speeds
-from magphonon import units as u
-from magphonon.bands import bloch_modes
-from magphonon.potentials import repulsion
-from magphonon.stiffness import condense, signed_root
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, sound_speeds, units as u
+from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions.pair_laws import repulsion
+from magphonon.stiffness.matrices import condense, signed_root
 
 # The numbers are given to ten digits or more.
 PRINTED = 1e-9

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from ase import Atoms
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from oracles import LAWS, lattice, small_cluster
 
 from magphonon import InversePower, MagneticRepulsion, Yukawa
-from magphonon.bands import bloch_modes
-from magphonon.stiffness import MODELS
+from magphonon.bands.bloch import bloch_modes
+from magphonon.stiffness.bond import MODELS
 
 PLANAR = ('chain', 'square', 'triangular', 'honeycomb', 'kagome')
 EVERY = (*PLANAR, 'fcc')

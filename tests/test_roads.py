@@ -18,8 +18,7 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from ase.dft.kpoints import BandPath
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from oracles import Pairs, free_basis, lattice
 from scipy.linalg import expm
 
@@ -38,10 +37,10 @@ from magphonon import (
     relaxed,
     verdict,
 )
-from magphonon.bands import bloch_modes
-from magphonon.frf import harmonic_response
-from magphonon.linear import natural_frequencies
-from magphonon.timestep import highest_frequency
+from magphonon.bands.bloch import bloch_modes
+from magphonon.dynamics.timestep import highest_frequency
+from magphonon.response.frf import harmonic_response
+from magphonon.response.normal_modes import natural_frequencies
 
 L0 = 10.0
 REACHES = {

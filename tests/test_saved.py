@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from motion import DT, patch
 
-from magphonon import DrivenVerlet, Harmonic, Recorder, analytic_bands, propagate, zone_map
-from magphonon.bands import Bands
-from magphonon.frf import FrequencyResponse, harmonic_response
-from magphonon.linear import Modes, modes
-from magphonon.propagation import Transient
-from magphonon.sensitivities import Change
-from magphonon.spectrum import Spectrum, wavenumber_frequency
-from magphonon.uncertainty import Spread, Tolerances, frequency_spread
-from magphonon.zone import ZoneMap
+from magphonon import DrivenVerlet, Harmonic, Recorder, analytic_bands, propagate
+from magphonon.bands import zone_map
+from magphonon.bands.bands import Bands
+from magphonon.bands.zone import ZoneMap
+from magphonon.design.sensitivities import Change
+from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
+from magphonon.response.frf import FrequencyResponse, harmonic_response
+from magphonon.response.normal_modes import Modes, modes
+from magphonon.response.propagation import Transient
+from magphonon.waves.spectrum import Spectrum, wavenumber_frequency
 
 
 def told(path):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, foundation_needed, lattices, phonons, verdict
-from magphonon import units as u
-from magphonon.bands import bloch_modes
-from magphonon.phonons import finite_displacements, phonopy_bands
-from magphonon.timestep import highest_frequency
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, foundation_needed, lattices, units as u, verdict
+from magphonon.bands import force_constants
+from magphonon.bands.bloch import bloch_modes
+from magphonon.bands.force_constants import finite_displacements, phonopy_bands
+from magphonon.dynamics.timestep import highest_frequency
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 
@@ -227,7 +227,7 @@ def pull(R, a):
 @pytest.mark.parametrize(('d', 'stable'), [(1e-3, True), (0.28, True), (0.287, False), (0.5, False)])
 def test_too_large_a_displacement_makes_a_stable_lattice_look_unstable(d, stable, monkeypatch):
     # the shear stiffness at M, truly 2 (a - 3) = 2, crosses zero at a displacement of 0.28343 spacings
-    monkeypatch.setattr(phonons, '_checked_distance', lambda distance, shortest: distance)  # which refuses all above 0.1
+    monkeypatch.setattr(force_constants, '_checked_distance', lambda distance, shortest: distance)  # which refuses all above 0.1
     cell = cell_of('triangular', InversePower(1.0, 4.0))
     phonon = finite_displacements(cell, distance=d)
     lowest = shear_at_m(phonon, cell)

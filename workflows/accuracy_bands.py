@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 
 from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene
-from magphonon.accuracy import Candidate, cheapest, measure
-from magphonon.stiffness import bloch_matrix, mass_weighted, model_stiffness, signed_root
+from magphonon.stiffness.bond import model_stiffness
+from magphonon.stiffness.matrices import bloch_matrix, mass_weighted, signed_root
+from workflows.accuracy import Candidate, cheapest, measure
 
 from .charts import Chart
 from .checks import Check
@@ -97,7 +98,7 @@ def finite_differences(cell, kpts, supercell, distance, both_sides, cost):
     from phonopy import Phonopy
     from phonopy.structure.atoms import PhonopyAtoms
 
-    from magphonon.phonons import _supercell_atoms
+    from magphonon.bands.force_constants import _supercell_atoms
 
     unit = PhonopyAtoms(symbols=cell.get_chemical_symbols(), masses=cell.get_masses(), cell=cell.cell.array,
                         positions=cell.positions)

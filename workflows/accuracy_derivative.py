@@ -9,11 +9,11 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 
 from magphonon import DrivenVerlet, MagneticRepulsion, read_scene, ready_scene
-from magphonon.accuracy import Candidate, measure
-from magphonon.accuracyplots import looks_of
-from magphonon.plotting import legend_above
-from magphonon.stiffness import condense, signed_root
-from magphonon.timestep import highest_frequency
+from magphonon.dynamics.timestep import highest_frequency
+from magphonon.plotting.axes import legend_above
+from magphonon.stiffness.matrices import condense, signed_root
+from workflows.accuracy import Candidate, measure
+from workflows.accuracy_plots import looks_of
 
 from .accuracy_bands import closed_form, finite_differences
 from .charts import Chart, panels_of

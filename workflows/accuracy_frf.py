@@ -9,9 +9,10 @@ from ase import Atoms
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
-from magphonon.accuracy import Candidate, cheapest, measure
-from magphonon.frf import harmonic_response, impulse_response, steady_amplitudes
-from magphonon.linear import modes, reduced, series_response
+from magphonon.response.frf import harmonic_response, series_response
+from magphonon.response.normal_modes import modes, reduced
+from magphonon.response.stepped import impulse_response, steady_amplitudes
+from workflows.accuracy import Candidate, cheapest, measure
 
 from .accuracy_transient import ENGINE, prototype
 from .charts import Chart, panels_of, spoken

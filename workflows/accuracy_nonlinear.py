@@ -9,9 +9,9 @@ from ase import Atoms
 from scipy.integrate import solve_ivp
 
 from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, units
-from magphonon.accuracy import Candidate, cheapest, measure
-from magphonon.stiffness import condense
-from magphonon.timestep import highest_frequency
+from magphonon.dynamics.timestep import highest_frequency
+from magphonon.stiffness.matrices import condense
+from workflows.accuracy import Candidate, cheapest, measure
 
 from .charts import Chart, panels_of
 from .checks import Check

@@ -22,10 +22,11 @@ from magphonon import (
     ready_scene,
     units,
 )
-from magphonon.accuracy import Candidate, cheapest, measure
-from magphonon.linear import reduced
-from magphonon.stiffness import bloch_matrix, model_stiffness
-from magphonon.transfer import forced_response, sampled
+from magphonon.response.damped_oscillator import forced_response, sampled
+from magphonon.response.normal_modes import reduced
+from magphonon.stiffness.bond import model_stiffness
+from magphonon.stiffness.matrices import bloch_matrix
+from workflows.accuracy import Candidate, cheapest, measure
 
 from .charts import Chart, panels_of, spoken
 from .checks import Check

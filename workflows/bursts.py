@@ -1,9 +1,9 @@
 """Fig. 6: tone bursts through the ideal lattice, each model over the branches of both."""
 
 from magphonon import read_scene, ready_scene
-from magphonon.spectrum import NORMAL
-from magphonon.waveplots import crossing, panels, plot_snapshot, plot_wave
-from magphonon.waves import MODELS, waves
+from magphonon.plotting.waves import crossing, panels, plot_snapshot, plot_wave
+from magphonon.waves.spectrum import NORMAL
+from magphonon.waves.wave_analysis import MODELS, waves
 
 from .checks import Check, Outcome, save_picture
 

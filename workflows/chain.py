@@ -3,7 +3,8 @@
 import numpy as np
 
 from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene, units
-from magphonon.plotting import new_axes, plot_bands
+from magphonon.plotting.axes import new_axes
+from magphonon.plotting.bands import plot_bands
 
 from .checks import Check, Outcome, save_picture
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from magphonon.accuracy import Measurement, write_table
-from magphonon.accuracyplots import looks_of, plot_work_precision
+from workflows.accuracy import Measurement, write_table
+from workflows.accuracy_plots import looks_of, plot_work_precision
 
 from .checks import Check, save_picture
 

@@ -17,10 +17,10 @@ from magphonon import (
     ready_scene,
     units,
 )
-from magphonon.frf import harmonic_response
-from magphonon.plotting import COLOURS, legend_above, new_axes
-from magphonon.scenes import reference
-from magphonon.sites import site
+from magphonon.plotting.axes import COLOURS, legend_above, new_axes
+from magphonon.response.frf import harmonic_response
+from magphonon.scenes.scene import reference
+from magphonon.waves.wave_source import site
 
 from .checks import Check, Outcome, Reported, pairs, save_picture
 from .oscillator import oscillator

@@ -3,11 +3,11 @@
 import numpy as np
 
 from magphonon import read_scene, ready_scene, units
-from magphonon.bands import bloch_modes
-from magphonon.designplan import DesignPlan
-from magphonon.plotting import COLOURS, new_axes
-from magphonon.scenes import reference
-from magphonon.tolerances import varied
+from magphonon.bands.bloch import bloch_modes
+from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.scenes.design import DesignPlan
+from magphonon.scenes.scene import reference
+from magphonon.scenes.tolerances import varied
 
 from .checks import Check, Outcome, save_picture
 

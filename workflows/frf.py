@@ -4,10 +4,10 @@ import numpy as np
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, Harmonic, Recorder, units
-from magphonon.frf import harmonic_response, impulse_response, steady_amplitudes
-from magphonon.plotting import COLOURS
-from magphonon.replicas import replicas
-from magphonon.scenes import reference
+from magphonon.plotting.axes import COLOURS
+from magphonon.response.frf import harmonic_response
+from magphonon.response.stepped import impulse_response, replicas, steady_amplitudes
+from magphonon.scenes.scene import reference
 
 from .checks import Check, Outcome, save_picture
 from .oscillator import oscillator

@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from magphonon import analytic_bands, frequency_ratio, read_scene, ready_scene, sound_speeds, units, zone_map
-from magphonon.plotting import plot_bands, plot_mode
-from magphonon.scenes import reference
-from magphonon.zoneplots import plot_isofrequency, plot_ratio, plot_zone
+from magphonon import analytic_bands, read_scene, ready_scene, sound_speeds, units
+from magphonon.bands import frequency_ratio, zone_map
+from magphonon.plotting.bands import plot_bands
+from magphonon.plotting.modes import plot_mode
+from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
+from magphonon.scenes.scene import reference
 
 from .checks import Check, Outcome, pairs, save_picture
 

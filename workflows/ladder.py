@@ -11,8 +11,8 @@ import numpy as np
 from tqdm import tqdm
 
 from magphonon import InversePower
-from magphonon.ladder import Plan, Rung
-from magphonon.plotting import COLOURS
+from magphonon.planning.plan import Plan, Rung
+from magphonon.plotting.axes import COLOURS
 
 from .checks import Check, Outcome, save_picture
 from .situations import TOLERANCES, Peak, drawn, situations

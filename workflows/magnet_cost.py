@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 
 from magphonon import units as u
-from magphonon.accuracy import Candidate, cheapest, measure
-from magphonon.magnets import magnet_law, pair_force
-from magphonon.potentials import repulsion
+from magphonon.interactions.magnet_pairs import magnet_law, pair_force
+from magphonon.interactions.pair_laws import repulsion
+from workflows.accuracy import Candidate, cheapest, measure
 
 from .charts import Chart
 from .checks import Check

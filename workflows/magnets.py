@@ -6,25 +6,16 @@ from importlib.resources import files
 import numpy as np
 from scipy.optimize import curve_fit
 
-from magphonon import read_scene, ready_scene
-from magphonon import units as u
-from magphonon.fitplots import plot_fits
-from magphonon.fits import fit_inverse_power
-from magphonon.forcetables import read_forces
-from magphonon.magnets import (
-    Cuboid,
-    Ring,
-    Sphere,
-    calibrated,
-    local_exponent,
-    magnet_law,
-    out_of_plane_stiffness,
-    pair_force,
-)
-from magphonon.plotting import COLOURS
-from magphonon.potentials import repulsion
-from magphonon.scenes import reference
-from magphonon.smoothlaws import fit_spline
+from magphonon import read_scene, ready_scene, units as u
+from magphonon.interactions.fits import fit_inverse_power
+from magphonon.interactions.force_tables import read_forces
+from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_force
+from magphonon.interactions.magnets import Cuboid, Ring, Sphere, out_of_plane_stiffness
+from magphonon.interactions.pair_laws import local_exponent, repulsion
+from magphonon.interactions.smooth_laws import fit_spline
+from magphonon.plotting.axes import COLOURS
+from magphonon.plotting.fits import plot_fits
+from magphonon.scenes.scene import reference
 
 from . import magnet_cost
 from .charts import save_chart

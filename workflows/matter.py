@@ -16,9 +16,10 @@ from magphonon import (
     ready_scene,
     sound_speeds,
 )
-from magphonon.bands import bloch_modes
-from magphonon.plotting import COLOURS, new_axes, plot_bands
-from magphonon.scenes import reference
+from magphonon.bands.bloch import bloch_modes
+from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.plotting.bands import plot_bands
+from magphonon.scenes.scene import reference
 
 from .checks import Check, Outcome, save_picture
 

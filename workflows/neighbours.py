@@ -8,7 +8,6 @@ from magphonon import (
     MagneticRepulsion,
     Yukawa,
     analytic_bands,
-    lattice_sum,
     lattices,
     read_scene,
     ready_scene,
@@ -16,11 +15,13 @@ from magphonon import (
     sound_speeds,
     units,
 )
-from magphonon.bands import bloch_modes
-from magphonon.plotting import COLOURS, legend_above, new_axes, plot_bands
-from magphonon.potentials import repulsion
-from magphonon.scenes import reference
-from magphonon.tails import reach
+from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions.pair_laws import repulsion
+from magphonon.plotting.axes import COLOURS, legend_above, new_axes
+from magphonon.plotting.bands import plot_bands
+from magphonon.scenes.scene import reference
+from magphonon.stiffness import lattice_sum
+from magphonon.stiffness.truncation import reach
 
 from .checks import Check, Outcome, Reported, pairs, save_picture
 

@@ -12,9 +12,9 @@ import numpy as np
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
-from magphonon.anharmonic import frequency_shifts
-from magphonon.plotting import COLOURS, new_axes
-from magphonon.scenes import reference
+from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.scenes.scene import reference
+from magphonon.stability.amplitude_shifts import frequency_shifts
 
 from .checks import Check, Outcome, save_picture
 from .frf import batch

@@ -3,9 +3,9 @@
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units
-from magphonon.plotting import COLOURS, UNSTABLE, new_axes
-from magphonon.scenes import reference
-from magphonon.stiffness import signed_root
+from magphonon.plotting.axes import COLOURS, UNSTABLE, new_axes
+from magphonon.scenes.scene import reference
+from magphonon.stiffness.matrices import signed_root
 
 from .checks import Check, Outcome, pairs, save_picture
 

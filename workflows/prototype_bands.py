@@ -1,9 +1,9 @@
 """Fig. S4: bands of the prototype, magnets on pillars, by both roads."""
 
 from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene, units
-from magphonon.phonons import foundation_recovered
-from magphonon.plotting import plot_bands
-from magphonon.scenes import reference
+from magphonon.bands.force_constants import foundation_recovered
+from magphonon.plotting.bands import plot_bands
+from magphonon.scenes.scene import reference
 
 from .checks import Check, Outcome, pairs, save_picture
 

@@ -1,4 +1,4 @@
-"""Hundreds of small scenes whose true errors are found by other means than those by which `magphonon.ladder` estimates them.
+"""Hundreds of small scenes whose true errors are found by other means than those that estimate them.
 
     bands       every rung against the exact sums over all neighbours, along the whole path
     peaks       the oscillator's motion at finite amplitude from one first integral and adaptive integration
@@ -13,14 +13,14 @@ from functools import cached_property
 import numpy as np
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, Yukawa, analytic_bands, lattices
-from magphonon.allneighbours import AllNeighbours
-from magphonon.bandladder import Edge, plan_bands
-from magphonon.bands import bloch_modes
-from magphonon.peakladder import plan_peak
-from magphonon.sites import site
-from magphonon.stiffness import MODELS
-from magphonon.timestep import highest_frequency
-from magphonon.waveladder import as_model, difference, plan_beam, plan_waveform, strip
+from magphonon.bands.bloch import bloch_modes
+from magphonon.dynamics.timestep import highest_frequency
+from magphonon.planning.bands import Edge, plan_bands
+from magphonon.planning.peak import plan_peak
+from magphonon.planning.waveform import as_model, difference, plan_beam, plan_waveform, strip
+from magphonon.stiffness.all_neighbours import AllNeighbours
+from magphonon.stiffness.bond import MODELS
+from magphonon.waves.wave_source import site
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 LAWS = InversePower(1.0, 3.0), InversePower(1.0, 4.0), InversePower(1.0, 4.58), Yukawa(1.0, 2.0)

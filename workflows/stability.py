@@ -7,9 +7,9 @@ from ase.md.verlet import VelocityVerlet
 from scipy.optimize import brentq
 
 from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, foundation_needed, lattices
-from magphonon.plotting import COLOURS, UNSTABLE
-from magphonon.scenes import reference
-from magphonon.stiffness import MODELS, model_stiffness
+from magphonon.plotting.axes import COLOURS, UNSTABLE
+from magphonon.scenes.scene import reference
+from magphonon.stiffness.bond import MODELS, model_stiffness
 
 from .checks import Check, Outcome, save_picture
 

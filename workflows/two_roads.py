@@ -2,17 +2,10 @@
 
 import numpy as np
 
-from magphonon import (
-    analytic_bands,
-    displacement_errors,
-    extracted_dstar,
-    finite_displacements,
-    phonopy_bands,
-    read_scene,
-    ready_scene,
-)
-from magphonon.plotting import COLOURS, new_axes
-from magphonon.stiffness import bond_stiffness
+from magphonon import analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene
+from magphonon.bands import displacement_errors, extracted_dstar
+from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.stiffness.bond import bond_stiffness
 
 from .checks import Check, Outcome, save_picture
 

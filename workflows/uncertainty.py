@@ -3,11 +3,11 @@
 import numpy as np
 
 from magphonon import Bands, read_scene, ready_scene, units
-from magphonon.bands import path_of
-from magphonon.plotting import COLOURS, new_axes
-from magphonon.tolerances import Uncertainty
-from magphonon.uncertainty import Tolerances, frequency_spread, response_spread
-from magphonon.uncertaintyplots import plot_band_ribbons, plot_contributions, plot_response_ribbon
+from magphonon.bands.bands import path_of
+from magphonon.design.uncertainty import Tolerances, frequency_spread, response_spread
+from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.plotting.uncertainty import plot_band_ribbons, plot_contributions, plot_response_ribbon
+from magphonon.scenes.tolerances import Uncertainty
 
 from .checks import Check, Outcome, save_picture
 

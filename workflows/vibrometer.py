@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 
 from magphonon import read_scene, ready_scene, units
-from magphonon.bands import bloch_modes
-from magphonon.bursts import send
-from magphonon.evanescent import complex_bands, measured_decay
-from magphonon.frf import fourier, harmonic_response
-from magphonon.plotting import COLOURS, legend_above
-from magphonon.sites import polarisations, site, wavevector
-from magphonon.spectrum import NORMAL, Branch, branch, compare
-from magphonon.waveplots import panels, plot_wave
-from magphonon.waves import MODELS, waves
+from magphonon.bands.bloch import bloch_modes
+from magphonon.bands.evanescent import complex_bands, measured_decay
+from magphonon.plotting.axes import COLOURS, legend_above
+from magphonon.plotting.waves import panels, plot_wave
+from magphonon.response.frf import harmonic_response
+from magphonon.response.stepped import fourier
+from magphonon.waves.branches import Branch, branch, compare
+from magphonon.waves.spectrum import NORMAL
+from magphonon.waves.tone_burst import send
+from magphonon.waves.wave_analysis import MODELS, waves
+from magphonon.waves.wave_source import polarisations, site, wavevector
 
 from .checks import Check, Outcome, save_picture
 

@@ -1,0 +1,70 @@
+from . import (
+    bands as bands,
+    cli as cli,
+    design as design,
+    dynamics as dynamics,
+    interactions as interactions,
+    lattices as lattices,
+    planning as planning,
+    plotting as plotting,
+    response as response,
+    scenes as scenes,
+    stability as stability,
+    stiffness as stiffness,
+    units as units,
+    waves as waves,
+)
+from .bands import (
+    Bands as Bands,
+    analytic_bands as analytic_bands,
+    complex_bands as complex_bands,
+    finite_displacements as finite_displacements,
+    group_velocities as group_velocities,
+    phonopy_bands as phonopy_bands,
+    sound_speeds as sound_speeds,
+)
+from .dynamics import (
+    Constant as Constant,
+    Diverged as Diverged,
+    DrivenVerlet as DrivenVerlet,
+    Harmonic as Harmonic,
+    Recorder as Recorder,
+    ToneBurst as ToneBurst,
+)
+from .interactions import (
+    Cuboid as Cuboid,
+    Hertz as Hertz,
+    InversePower as InversePower,
+    Ring as Ring,
+    Sphere as Sphere,
+    Tabulated as Tabulated,
+    Yukawa as Yukawa,
+    magnet_law as magnet_law,
+)
+from .lattices import (
+    explicit_bonds as explicit_bonds,
+    find_bonds as find_bonds,
+)
+from .plotting import (
+    plot_bands as plot_bands,
+    plot_mode as plot_mode,
+    plot_wave as plot_wave,
+)
+from .response import (
+    frequency_response as frequency_response,
+    modes as modes,
+    propagate as propagate,
+)
+from .scenes import (
+    read_scene as read_scene,
+    ready_scene as ready_scene,
+)
+from .stability import (
+    foundation_needed as foundation_needed,
+    verdict as verdict,
+)
+from .stiffness import (
+    AllNeighbours as AllNeighbours,
+    MagneticRepulsion as MagneticRepulsion,
+    relaxed as relaxed,
+)

@@ -1,0 +1,44 @@
+from .bands import (
+    Bands as Bands,
+    analytic_bands as analytic_bands,
+    band_path as band_path,
+    path_of as path_of,
+)
+from .bloch import (
+    bloch_modes as bloch_modes,
+    cell_of_free_particles as cell_of_free_particles,
+)
+from .evanescent import (
+    ComplexBands as ComplexBands,
+    complex_bands as complex_bands,
+    measured_decay as measured_decay,
+)
+from .force_constants import (
+    checked_supercell as checked_supercell,
+    default_distance as default_distance,
+    displacement_errors as displacement_errors,
+    extracted_dstar as extracted_dstar,
+    finite_displacements as finite_displacements,
+    force_constants_of as force_constants_of,
+    foundation_recovered as foundation_recovered,
+    path_on as path_on,
+    phonopy_bands as phonopy_bands,
+)
+from .phonopy_files import (
+    write_band_yaml as write_band_yaml,
+    write_phonopy_params as write_phonopy_params,
+)
+from .phonopy_units import (
+    in_phonopy_units as in_phonopy_units,
+    thermal_properties as thermal_properties,
+)
+from .velocities import (
+    group_velocities as group_velocities,
+    sound_speeds as sound_speeds,
+)
+from .zone import (
+    ZoneMap as ZoneMap,
+    first_zone as first_zone,
+    frequency_ratio as frequency_ratio,
+    zone_map as zone_map,
+)

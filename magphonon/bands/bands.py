@@ -1,0 +1,184 @@
+"""Bands of a periodic lattice from its Bloch matrix: frequencies, modes, group velocities, sound speeds."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from ase import Atoms
+from ase.cell import Cell
+from ase.dft.kpoints import BandPath
+
+from .. import units
+from ..files import save_arrays, saved_arrays
+from .bloch import bloch_modes
+
+UNITS = {
+    'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),
+    'names': ('', 'special points'), 'points': ('reciprocal vectors', 'special points', 'vectors'),
+    'omega': ('rad/ms', 'wavevectors', 'modes'), 'vectors': ('', 'wavevectors', 'modes', 'particles', 'dim'),
+}
+"""Unit and axes of what a file of bands holds."""
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Frequencies along a path through the Brillouin zone.
+
+    Attributes
+    ----------
+    path : ase.dft.kpoints.BandPath
+        Wavevectors `path.kpts` in fractions of the reciprocal vectors, and the names of special points.
+    omega : ndarray, shape (wavevectors, modes)
+        Angular frequencies in rad/ms, ascending; an unstable mode is negative, the square root of -omega^2 with its sign.
+    vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), optional
+        Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
+    """
+
+    path: BandPath
+    omega: np.ndarray
+    vectors: np.ndarray | None = None
+
+    @property
+    def frequencies_Hz(self):
+        """Frequencies in Hz, shape (wavevectors, modes)."""
+        return self.omega / (2 * np.pi) / units.Hz
+
+    @cached_property
+    def longitudinal(self):
+        """Share of each mode's motion along the wavevector, 0 to 1, shape (wavevectors, modes); NaN at k = 0.
+
+        Where branches cross, the mean of them: their modes are arbitrary there.
+        """
+        if self.vectors is None:
+            raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+        k = self.path.kpts @ self.path.cell.reciprocal().array
+        with np.errstate(invalid='ignore'):
+            direction = (k / np.linalg.norm(k, axis=1)[:, None])[:, : self.vectors.shape[-1]]
+        share = (abs(np.einsum('qmix,qx->qmi', self.vectors, direction)) ** 2).sum(axis=2)
+        return _mean_over_crossings(self.omega, share[..., None])[..., 0]
+
+    @property
+    def polarisations(self):
+        """Label of each mode, shape (wavevectors, modes): 'longitudinal', 'transverse' (over 90 %), 'mixed', or '' at k = 0."""
+        share = self.longitudinal
+        return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
+
+    def to_ase(self):
+        """The same as an `ase.spectrum.band_structure.BandStructure`; its energies are frequencies in Hz."""
+        from ase.spectrum.band_structure import BandStructure
+
+        return BandStructure(self.path, self.frequencies_Hz[None])
+
+    def save(self, path):
+        """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON."""
+        special = self.path.special_points
+        arrays = {'cell': self.path.cell.array, 'kpts': self.path.kpts, 'path': self.path.path, 'omega': self.omega,
+                  'names': np.array(list(special)), 'points': np.array(list(special.values())).reshape(-1, 3)}
+        if self.vectors is not None:
+            arrays['vectors'] = self.vectors
+        save_arrays(path, arrays, UNITS)
+
+    @classmethod
+    def load(cls, path):
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is truncated or holds something else.
+        """
+        with saved_arrays(path, 'bands') as data:
+            special = dict(zip(data['names'].tolist(), data['points'], strict=True))
+            band_path = BandPath(Cell(data['cell']), data['kpts'], special, str(data['path']))
+            return cls(band_path, data['omega'], data.get('vectors'))
+
+
+def analytic_bands(atoms, path, model='complete', vectors=False):
+    """Bands along a path from the analytic Bloch matrix (Eq. 18).
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours.
+    path : ase.dft.kpoints.BandPath
+        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`.
+    model : {'complete', 'conventional'}
+        D0 + D*, or D0 alone.
+    vectors : bool
+        Keep the modes too.
+
+    Returns
+    -------
+    Bands
+
+    Raises
+    ------
+    ValueError
+        For an unknown model, a path of another cell, or atoms without MagneticRepulsion.
+    """
+    path = path_of(atoms, path)
+    return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors))
+
+
+def band_path(atoms, points=None, npoints=300):
+    """Path through special points of the Brillouin zone, for a cell of any size.
+
+    The same as `atoms.cell.bandpath(points, npoints=npoints, pbc=atoms.pbc)`, which recognises no lattice with a constant
+    below some 0.01 mm, as it compares lengths in absolute numbers.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One periodic cell; a cell alone will do.
+    points : str, optional
+        Names of special points, as 'GMKG'; by default ASE's path through the zone of this lattice.
+    npoints : int
+
+    Returns
+    -------
+    ase.dft.kpoints.BandPath
+
+    Raises
+    ------
+    ValueError
+        If the atoms are not periodic, or ASE recognises no lattice in the cell or knows no such points.
+    """
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+    alike = Atoms(cell=atoms.cell.array / atoms.cell.lengths()[atoms.pbc].max(), pbc=atoms.pbc)
+    try:
+        path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc)
+    except (RuntimeError, KeyError) as error:
+        raise ValueError(f'ASE finds no path {points or "of its own"} through the zone of {atoms.cell.array.tolist()} mm '
+                         f'({error}); take the primitive cell, or wavevectors of your own in a BandPath') from None
+    path = path_of(alike, path)
+    return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
+
+
+def path_of(atoms, path):
+    """The same path on the very cell of `atoms`; ASE's `bandpath` returns it on a rotated copy of the cell.
+
+    Raises
+    ------
+    ValueError
+        If `path` is no BandPath or belongs to a cell of another shape, or the atoms are not periodic.
+    """
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+    if not isinstance(path, BandPath):
+        raise ValueError(f'the path must be a BandPath, not {type(path).__name__}; get one from atoms.cell.bandpath(...)')
+    periodic = np.ix_(atoms.pbc, atoms.pbc)
+    ours, theirs = ((cell.array @ cell.array.T)[periodic] for cell in (atoms.cell, path.cell))
+    if abs(ours - theirs).max(initial=0) > 1e-9 * abs(ours).max(initial=0):
+        own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
+        raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the '
+                         f'atoms {own} mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took '
+                         'its standard cell of the same lattice, whose vectors are in order of length: swap those of the atoms, '
+                         'or name points of your own to bandpath with special_points=')
+    return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
+
+
+def _mean_over_crossings(omega, values):
+    """Average `values`, shape (wavevectors, modes, any), over the modes of equal frequency, whose eigenvectors are arbitrary."""
+    same = abs(omega[:, :, None] - omega[:, None, :]) <= 1e-9 * abs(omega).max()
+    return np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), values)

@@ -1,0 +1,193 @@
+"""Complex bands: the wavenumber at a given frequency, also where no wave propagates.
+
+Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i xi/d}, with a term for each distance that
+bonds bridge; d makes the exponents whole.  At the frequency omega its mass-weighted modes v obey
+
+    sum_p D_p mu^p v = omega^2 v        p = -P ... P
+
+a polynomial eigenproblem of degree 2 P, solved as a pencil of companion matrices.  Where xi is real these are the
+bands; complex xi decay as e^{-Im xi} per step: below the cut-off of a foundation, above the bands and between them.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import lcm
+
+import numpy as np
+
+from ..errors import finite, one_of
+from ..stiffness.bond import model_stiffness
+from ..stiffness.matrices import bloch_matrix, mass_weighted
+from ..stiffness.rest import at_rest
+
+LARGEST_DENOMINATOR = 6
+"""Of the exponents along a direction; the pencil grows with it, and symmetry directions need 1, 2 or 3."""
+UNIT_CIRCLE = 1e-6
+"""A decay below this per step is none: at a band edge, a double root, round-off moves xi by its own square root."""
+VANISHED = 16
+"""A decay above this per step, 1e-7, counts as infinite: of a singular D_P the pencil returns no better zeros."""
+
+
+@dataclass(frozen=True)
+class ComplexBands:
+    """Waves along a direction at given frequencies, the slowest decay first.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (frequencies,)
+        In rad/ms.
+    xi : ndarray of complex, shape (frequencies, waves)
+        Phase and decay per step, `e^{i xi}`, real and imaginary part zero or positive; each stands for its family xi,
+        -xi and their conjugates.  Infinite where a wave ends at the particle that moves.
+    vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
+        Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
+    """
+
+    omega: np.ndarray
+    xi: np.ndarray
+    vectors: np.ndarray
+
+    @property
+    def decay_steps(self):
+        """Steps over which each wave falls to 1/e, shape (frequencies, waves); infinite where it propagates."""
+        with np.errstate(divide='ignore'):
+            return 1 / self.xi.imag
+
+
+def complex_bands(atoms, direction, omega, model='complete'):
+    """All waves along a direction at given frequencies, propagating and evanescent.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    direction : array_like, shape (3,)
+        Wavevector of xi = 2 pi in fractions of the reciprocal vectors, as for `spectrum.branch`: in the triangular
+        lattice along R2, (0, 1, 0) for a row of sources along R1 and (1/2, 1, 0) for a point source.
+    omega : array_like, shape (frequencies,)
+        In rad/ms; negative for the square root of -omega^2, as in `Bands`.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    ComplexBands
+
+    Raises
+    ------
+    ValueError
+        If the bonds bridge no whole fractions of a step along the direction, or none of them leads along it, or a band
+        is flat at one of the frequencies: there it holds every wavenumber.
+    """
+    calc = at_rest(atoms)
+    direction = finite('direction', direction, (3,))
+    omega = finite('omega', np.atleast_1d(omega))
+    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+    d, P = _exponents(calc.bonds.shift @ direction)
+    D = _laurent(calc, K, direction * d, P, atoms.get_masses())
+    _refuse_flat(calc, K, direction, atoms.get_masses(), omega)
+    waves = [_waves(D, P, w, d) for w in omega]
+    xi, v = (np.array(part) for part in zip(*waves, strict=True))
+    return ComplexBands(omega, xi, v.reshape(*xi.shape, len(atoms), calc.dim))
+
+
+def _exponents(steps):
+    """Common denominator d of the steps that bonds bridge, and the highest power P of mu among them."""
+    fractions = [Fraction(float(step)).limit_denominator(LARGEST_DENOMINATOR) for step in steps]
+    for step, fraction in zip(steps, fractions, strict=True):
+        if abs(step - fraction) > 1e-9:
+            raise ValueError(f'a bond bridges {step:.6g} steps along the direction, no fraction with a denominator up to '
+                             f'{LARGEST_DENOMINATOR}; choose a direction of symmetry, such as (0, 1, 0) or (1/2, 1, 0)')
+    d = lcm(*(fraction.denominator for fraction in fractions))
+    P = max(abs(int(d * fraction)) for fraction in fractions)
+    if P == 0:
+        raise ValueError('no bond leads along the direction; its entries belong to the periodic lattice vectors')
+    return d, P
+
+
+def _laurent(calc, K, q, P, masses):
+    """Coefficients D_p, p = -P ... P, of the Bloch matrix by powers of mu, from as many samples around the unit circle."""
+    phase = np.arange(2 * P + 1) / (2 * P + 1)
+    samples = mass_weighted(bloch_matrix(calc.bonds, K, phase[:, None] * q, calc.parameters.foundation), masses)
+    return np.fft.fftshift(np.fft.fft(samples, axis=0, norm='forward'), axes=0)
+
+
+def _refuse_flat(calc, K, direction, masses, omega):
+    xi = np.array([0.7, 1.9, 2.6])  # no phases of symmetry: only a flat band has one frequency at all three
+    bands = np.linalg.eigvalsh(mass_weighted(bloch_matrix(calc.bonds, K, xi[:, None] / (2 * np.pi) * direction,
+                                                          calc.parameters.foundation), masses))
+    hit = abs(bands - (omega * abs(omega))[:, None, None]) < 1e-10 * abs(bands).max()
+    for k in np.flatnonzero(hit.any(axis=2).all(axis=1))[:1]:
+        raise ValueError(f'a band is flat at omega = {omega[k]:.9g} rad/ms and holds every wavenumber; move the frequency')
+
+
+def _waves(D, P, omega, d):
+    """One xi, with its mode, of each family at the frequency `omega`."""
+    from scipy.linalg import eig
+
+    n = D.shape[1]
+    A = D.copy()
+    A[P] -= omega * abs(omega) * np.eye(n)
+    # A_P mu^2P v + ... + A_-P v = 0 with the blocks v, mu v, ..., mu^(2P-1) v
+    size = 2 * P * n
+    left, right = np.eye(size, k=n, dtype=complex), np.eye(size, dtype=complex)
+    left[-n:] = -np.hstack(A[:-1])
+    right[-n:, -n:] = A[-1]
+    (alpha, beta), columns = eig(left, right, homogeneous_eigvals=True)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        mu = alpha / beta
+        decay = -d * np.log(abs(mu))
+    phase = d * np.angle(mu)
+    decay[abs(decay) < UNIT_CIRCLE] = 0
+    decay[abs(decay) > VANISHED] *= np.inf
+    # xi and its conjugate, or xi and -xi if real: keep the half that decays or runs forwards
+    half = np.lexsort((-phase, -decay))[: size // 2]
+    half = half[np.lexsort((abs(phase[half]), decay[half]))]
+    v = columns[:n, half]
+    v = np.where(phase[half] < 0, v.conj(), v).T
+    with np.errstate(invalid='ignore'):
+        v = v / np.linalg.norm(v, axis=1)[:, None]
+    xi = np.where(np.isinf(decay[half]), 0, abs(phase[half])).astype(complex)
+    xi.imag = decay[half]  # 1j * decay would turn an infinite decay into a NaN
+    return xi, v
+
+
+def measured_decay(amplitudes, steps, source):
+    """Decay per step, Im xi, from the amplitudes at one frequency along a row, by least squares.
+
+    Behind a row of sources, |U| = A e^{-Im xi n}.  Around a point source the wave spreads as well:
+    |U| = A e^{-Im xi n + c/n}/sqrt(n), the Hankel function of a decaying cylindrical wave with its first correction; it
+    holds from a few decay lengths on, and for the wave of the slowest decay.
+
+    Parameters
+    ----------
+    amplitudes : array_like, shape (points,)
+        Complex or absolute, in any unit.
+    steps : array_like, shape (points,)
+        Distances from the source in steps, positive.
+    source : {'row', 'point'}
+
+    Returns
+    -------
+    decay, sigma : float
+        Per step, and its standard uncertainty from the scatter about the fit.
+
+    Raises
+    ------
+    ValueError
+        For fewer points than the fit has unknowns and two more, an amplitude of zero, or a distance that is not positive.
+    """
+    amplitudes, n = finite('amplitudes', abs(np.asarray(amplitudes))), finite('steps', steps)
+    one_of('source', source, ('row', 'point'))
+    columns = [np.ones_like(n), -n] if source == 'row' else [np.ones_like(n), -n, 1 / n]
+    if amplitudes.shape != n.shape or len(n) < len(columns) + 2:
+        raise ValueError(f'the fit needs at least {len(columns) + 2} amplitudes, each with its distance, '
+                         f'not {amplitudes.shape} and {n.shape}')
+    if not (n.min() > 0 and amplitudes.min() > 0):
+        raise ValueError(f'distances and amplitudes must be positive, not {n.min():g} steps and {amplitudes.min():g}; '
+                         'leave out the source and particles at rest')
+    spreading = 0 if source == 'row' else np.log(n) / 2
+    B = np.stack(columns, axis=1)
+    y = np.log(amplitudes) + spreading
+    solution = np.linalg.lstsq(B, y)[0]
+    scatter = ((y - B @ solution) ** 2).sum() / (len(n) - len(columns))
+    return float(solution[1]), float(np.sqrt(scatter * np.linalg.inv(B.T @ B)[1, 1]))

@@ -1,0 +1,295 @@
+"""The second road to the bands: phonopy's finite displacements of the calculator's forces.
+
+Nothing analytic enters here.  phonopy displaces the particles of a supercell one by one; the forces on all the
+others, divided by the displacement, are its force constants FC = -(D0 + D*) between bonded particles.
+
+The force constants are never symmetrised: the acoustic sum rule, which phonopy imposes in most of its default
+paths, moves the whole lattice at no cost, and so erases the foundation.  Here it is a measurement instead: what
+the rows of the force constants sum up to *is* the foundation stiffness.
+"""
+
+import numpy as np
+from ase import Atoms
+from ase.dft.kpoints import BandPath
+from ase.geometry import minkowski_reduce
+
+from .. import units
+from ..errors import positive, whole
+from ..stiffness.all_neighbours import AllNeighbours
+from ..stiffness.bond import bond_stiffness
+from ..stiffness.matrices import signed_root
+from ..stiffness.repulsion import repulsion_of
+from .bands import Bands, analytic_bands, path_of
+from .bloch import cell_of_free_particles
+
+TO_HZ = 1 / (2 * np.pi) / units.Hz
+"""phonopy's unit conversion factor: from the root of N/(mm g), rad/ms, to Hz."""
+DISTANCE = 1e-5
+"""Default displacement in shortest bonds.
+
+The error of the bands, relative to the highest frequency, is (2 to 20) (distance/bond)^2 from the curvature of the law
+and about 5e-17 bond/distance from round-off; they meet at 2e-6 with 5e-11.  The default lies on the safe side: the
+first is a share of each frequency, the second does not vanish towards zero frequency.
+"""
+ROUND_OFF = 1e-8
+"""Force constants along z below this fraction of the largest are the round-off of differences: nothing acts along z.
+
+Forces that do not cancel at rest are differences of large numbers over a displacement of 1e-5 bonds, and leave up to 1e-11; of
+particles in space the share is of the order of one.
+"""
+STEEPEST = 20.0
+"""Of laws that change within less than 1/20 of a bond, such as spheres in contact, that length counts as the bond."""
+
+
+def finite_displacements(atoms, supercell=None, distance=None):
+    """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
+
+    phonopy may use the symmetry of the positions to save displacements.  It is switched off: the forces may know
+    less symmetry (a chain in the plane does not act along z, bonds may be listed explicitly), and the search costs
+    more than it saves.
+
+    phonopy takes every frequency for THz where it multiplies by Planck's constant: take `thermal_properties`, and
+    `in_phonopy_units` for programs that know only Angstrom and eV.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One periodic cell with its MagneticRepulsion or AllNeighbours; the calculator's reference is displaced.
+    supercell : three ints, optional
+        Number of cells along each lattice vector, 1 along those that are not periodic.  By default the smallest
+        in which no bond spans half of the supercell.  Of AllNeighbours no supercell is large enough: the bands are then
+        right at the wavevectors that fit the supercell, and interpolated between them.
+    distance : float, optional
+        Displacement in mm, to both sides; by default 1e-5 of the shortest bond, where bands are good to 1e-9 of the
+        highest frequency (see `DISTANCE` and `displacement_errors`), less where the law is steep (`STEEPEST`).  From 1e-12 to
+        0.1 of the shortest bond.
+
+    Returns
+    -------
+    phonopy.Phonopy
+        With force constants in N/mm and frequencies in Hz.  No file was read or written.
+
+    Raises
+    ------
+    ValueError
+        For atoms that are not one periodic cell with such a calculator or hold constraints, a supercell in which
+        two bonds join the same two particles or which repeats a direction that is not periodic, an impossible distance.
+    """
+    from phonopy import Phonopy
+    from phonopy.structure.atoms import PhonopyAtoms
+
+    calc = _cell_calculator(atoms)
+    rest = calc.reference
+    supercell = _enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
+    distance = default_distance(calc) if distance is None else _checked_distance(distance, calc.bonds.lengths.min())
+
+    cell = PhonopyAtoms(symbols=atoms.get_chemical_symbols(), masses=atoms.get_masses(), cell=rest.cell.array,
+                        positions=rest.positions)
+    phonon = Phonopy(cell, np.diag(supercell), primitive_matrix='P', is_symmetry=False)
+    phonon.unit_conversion_factor = TO_HZ
+    phonon.generate_displacements(distance, is_plusminus=True, is_diagonal=False)
+
+    displaced = _supercell_atoms(phonon, rest.pbc)
+    displaced.calc = calc.on(displaced)  # phonopy's order of particles, not that of `repeat`
+    forces = []
+    for structure in phonon.supercells_with_displacements:
+        displaced.positions = structure.positions
+        forces.append(displaced.get_forces())
+    phonon.forces = forces
+    phonon.produce_force_constants(calculate_full_force_constants=False)
+    return phonon
+
+
+def _cell_calculator(atoms):
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic, it has no bands; displace the unit cell from which it was made')
+    calc = cell_of_free_particles(atoms)
+    calc.displacements(atoms)  # refuses atoms that are not those of the reference
+    if 'X' in atoms.symbols:
+        raise ValueError(f"phonopy refuses the symbol 'X' of particle {atoms.symbols.search('X')[0]}; "
+                         "name an element, atoms.symbols = 'Nd', and set the masses again")
+    if not calc.reference.cell.rank == 3:
+        raise ValueError(f'phonopy needs three lattice vectors, not {calc.reference.cell.rank}; give the cell one of about two '
+                         'spacings along each direction that is not periodic, then make the calculator')
+    return calc
+
+
+def _enough_cells(calc):
+    """Smallest numbers of cells that hold more than two bond lengths between lattice planes, 1 where not periodic."""
+    planes = 1 / np.linalg.norm(calc.reference.cell.reciprocal(), axis=1)
+    return np.where(calc.reference.pbc, np.floor(2 * calc.bonds.lengths.max() / planes * (1 + 1e-9)).astype(int) + 1, 1)
+
+
+def checked_supercell(calc, supercell):
+    """The `supercell` as three whole numbers, or ValueError if bonds could not be told apart in it."""
+    if np.shape(supercell) != (3,):
+        raise ValueError(f'supercell must be three numbers of cells, as (3, 3, 1), not {supercell!r}')
+    supercell = np.array([whole(f'supercell[{axis}]', n) for axis, n in enumerate(supercell)])
+    pbc = calc.reference.pbc
+    if (supercell[~pbc] > 1).any():
+        raise ValueError(f'the supercell {_ints(supercell)} repeats a direction that is not periodic; '
+                         f'give supercell={_ints(np.where(pbc, supercell, 1))}')
+    if isinstance(calc, AllNeighbours):
+        return supercell
+    # phonopy lays the force constant between two particles on their shortest connection: that is the bond only if
+    # every other image of its end is farther away.
+    vectors = minkowski_reduce(calc.reference.cell.array * supercell[:, None], pbc)[0][pbc]
+    narrowest, longest = np.linalg.norm(vectors, axis=1).min(), calc.bonds.lengths.max()
+    if not narrowest > 2 * longest * (1 + 1e-9):
+        raise ValueError(f'the supercell {_ints(supercell)} repeats every {narrowest:g} mm, so that bonds of {longest:g} mm '
+                         'reach images of the same particle on two sides, and their forces cannot be told apart; '
+                         f'give supercell={_ints(np.maximum(supercell, _enough_cells(calc)))}')
+    return supercell
+
+
+def _ints(supercell):
+    return tuple(map(int, supercell))
+
+
+def default_distance(calc):
+    """Displacement in mm: `DISTANCE` of the shortest bond, or of the length over which a steeper law changes, f/(-df/dr)."""
+    shortest = calc.bonds.lengths.min()
+    f, slope = -calc.potential.dphi(shortest), calc.potential.d2phi(shortest)
+    return DISTANCE * (min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest)
+
+
+def _checked_distance(distance, shortest):
+    distance = positive('distance', distance, 'mm')
+    if not 1e-12 * shortest <= distance <= 0.1 * shortest:
+        raise ValueError(f'the distance {distance:g} mm is {distance / shortest:.1e} of the shortest bond; outside 1e-12 to 0.1 '
+                         f'round-off or the law itself spoil the force constants: leave it out for {DISTANCE * shortest:g} mm')
+    return distance
+
+
+def _supercell_atoms(phonon, pbc):
+    s = phonon.supercell
+    return Atoms(s.symbols, positions=s.positions, masses=s.masses, cell=s.cell, pbc=pbc)
+
+
+def force_constants_of(phonon):
+    """Force constants from the particles of the cell to those of the supercell, in N/mm.
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+
+    Returns
+    -------
+    ndarray, shape (particles, particles of the supercell, dim, dim)
+        In the plane (dim = 2) where nothing acts along z.
+
+    Raises
+    ------
+    ValueError
+        If the phonon holds no force constants.
+    """
+    FC = getattr(phonon, 'force_constants', None)
+    if FC is None:
+        raise ValueError(f'{type(phonon).__name__} holds no force constants; get a phonon from finite_displacements(atoms)')
+    if FC.shape[0] == FC.shape[1]:
+        FC = FC[phonon.primitive.p2s_map]
+    planar = abs(FC[:, :, 2]).max() <= ROUND_OFF * abs(FC).max()
+    return FC[:, :, :2, :2] if planar else FC
+
+
+def phonopy_bands(phonon, path, vectors=False):
+    """Bands along a path from phonopy's dynamical matrices; the same result as `analytic_bands`.
+
+    Of a planar lattice the in-plane block is diagonalised; z decouples exactly and would add zero frequencies.
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+        From `finite_displacements`, or from `phonopy.load` of what `write_phonopy_params` wrote.
+    path : ase.dft.kpoints.BandPath
+        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`.
+    vectors : bool
+        Keep the modes too.
+
+    Returns
+    -------
+    Bands
+
+    Raises
+    ------
+    ValueError
+        For a phonon without force constants, or a path of another cell.
+    """
+    dim, path = force_constants_of(phonon).shape[-1], path_on(phonon, path)
+    n = len(phonon.unitcell)
+    D = phonon.run_qpoints(path.kpts, with_dynamical_matrices=True).dynamical_matrices
+    D = D.reshape(-1, n, 3, n, 3)[:, :, :dim, :, :dim].reshape(-1, n * dim, n * dim)
+    squares, columns = np.linalg.eigh(D)
+    if not vectors:
+        return Bands(path, signed_root(squares))
+    # phonopy's phase is that of the particle, e^{2 pi i q.(shift + s)}, ours that of its cell, e^{2 pi i q.shift}
+    phase = np.exp(2j * np.pi * path.kpts @ phonon.unitcell.scaled_positions.T)
+    modes = columns.swapaxes(1, 2).reshape(len(path.kpts), -1, n, dim)
+    return Bands(path, signed_root(squares), phase[:, None, :, None] * modes)
+
+
+def path_on(phonon, path):
+    """The same path on phonopy's unit cell; errors as in `bands.path_of`."""
+    pbc = path.cell.mask() if isinstance(path, BandPath) else True  # ASE's path has vectors only where it is periodic
+    return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)
+
+
+def extracted_dstar(phonon, atoms):
+    """What the static forces add to each bond, taken from phonopy's force constants: `D* = -FC - D0`.
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+        From `finite_displacements(atoms)`.
+    atoms : ase.Atoms
+        The same cell with its MagneticRepulsion, from which D0 = phi'' n(x)n is taken.
+
+    Returns
+    -------
+    ndarray, shape (bonds, dim, dim)
+        In N/mm, in the order of `atoms.calc.bonds`; to be compared with `bond_stiffness(...)[1]`.
+    """
+    calc = repulsion_of(atoms)
+    FC = force_constants_of(phonon)
+    home = phonon.primitive.p2s_map
+    bonds = calc.on(_supercell_atoms(phonon, calc.reference.pbc)).bonds
+    of_cell = np.isin(bonds.i, home)  # of the images of each bond, the one that starts in the cell
+    i, j = bonds.i[of_cell], bonds.j[of_cell]
+    D0, _ = bond_stiffness(bonds.vectors[of_cell, : calc.dim], calc.potential)
+    return -FC[np.searchsorted(home, i), j] - D0
+
+
+def foundation_recovered(phonon):
+    """Stiffness that resists moving the whole lattice: the row sums of the force constants.
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+
+    Returns
+    -------
+    ndarray, shape (particles, dim, dim)
+        In N/mm; the foundation stiffness times the identity, zero for a lattice without foundation.
+    """
+    return force_constants_of(phonon).sum(axis=1)
+
+
+def displacement_errors(atoms, path, distances):
+    """Error of phonopy's bands against the analytic ones for different displacements.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion of the complete model.
+    path : ase.dft.kpoints.BandPath
+    distances : sequence of float
+        Displacements in mm.
+
+    Returns
+    -------
+    ndarray, shape (distances,)
+        Largest difference of frequencies along the path, in units of the highest frequency.
+    """
+    exact = analytic_bands(atoms, path).omega
+    bands = (phonopy_bands(finite_displacements(atoms, distance=d), path) for d in distances)
+    return np.array([abs(b.omega - exact).max() for b in bands]) / exact.max()

@@ -1,0 +1,119 @@
+"""Files that phonopy and its friends read: bands with their modes, and the force constants themselves.
+
+Lengths are in mm, masses in g, forces in N, frequencies in Hz; phonopy and the viewers print what they are used to
+(Angstrom, THz, cm^-1) beside these numbers.
+"""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+from ase.dft.kpoints import parse_path_string
+
+from ..files import whole_file
+from .force_constants import force_constants_of, path_on
+
+
+def write_band_yaml(phonon, path, file):
+    """Write bands and modes as phonopy's band.yaml, for `phonopy-bandplot` and the phononwebsite viewer.
+
+    Modes carry phonopy's phase and three components: of a planar lattice, one mode per particle points along z and
+    has the frequency zero.
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+        From `finite_displacements`.
+    path : ase.dft.kpoints.BandPath
+        A path through named points, from `atoms.cell.bandpath(...)`.
+    file : path-like
+        Usually band.yaml; written whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        For a phonon without force constants, or a path of another cell or without named points.
+    OSError
+        If the file cannot be written.
+    """
+    force_constants_of(phonon)
+    pieces, names, connected = _pieces(path_on(phonon, path))
+    labels = [r'$\Gamma$' if name == 'G' else name for name in names]
+    bands = phonon.run_band_structure(pieces, with_eigenvectors=True, path_connections=connected, labels=labels)
+    # the viewer looks for a calculator (an unknown one leaves the lengths alone) and, in older versions, a supercell
+    comment = {'calculator': 'magphonon', 'length_unit': 'mm', 'frequency_unit': 'Hz',
+               'supercell_matrix': phonon.supercell_matrix.tolist()}
+    with whole_file(file) as partial:
+        bands.write_yaml(comment, partial.name)
+
+
+def _pieces(path):
+    """Straight pieces of a path, both ends included, as phonopy wants them.
+
+    Returns
+    -------
+    pieces : list of ndarray, shape (wavevectors, 3)
+    names : list of str
+        Of the end of each piece, and of its start where it does not continue the piece before.
+    connected : list of bool
+        Whether the next piece continues this one.
+    """
+    pieces, names, connected = [], [], []
+    start = 0
+    for section in filter(None, parse_path_string(path.path)):
+        names.append(section[0])
+        for a, b in pairwise(section):
+            at_b = np.flatnonzero(abs(path.kpts[start + 1 :] - path.special_points[b]).max(axis=1) < 1e-9)
+            if abs(path.kpts[start] - path.special_points[a]).max() > 1e-9 or not len(at_b):
+                raise ValueError(f'the path {path.path!r} does not run from {a} to {b}; get it from atoms.cell.bandpath(...)')
+            stop = start + 1 + at_b[0]
+            pieces.append(path.kpts[start : stop + 1])
+            names.append(b)
+            connected.append(True)
+            start = stop
+        connected[-1:] = [False]
+        start += 1
+    if not pieces:
+        raise ValueError('the path names no special points; get it from atoms.cell.bandpath(...)')
+    return pieces, names, connected
+
+
+def write_phonopy_params(phonon, file):
+    """Write cells, displacements, forces and force constants for `phonopy.load` and the `phonopy` command.
+
+    The file does not keep the unit of frequency, and phonopy's defaults would impose the acoustic sum rule, which
+    erases the foundation.  To get the same bands back::
+
+        phonon = phonopy.load('phonopy_params.yaml', symmetrize_fc=False, is_symmetry=False, is_nac=False)
+        phonon.unit_conversion_factor = 1e3 / (2 * np.pi)            # to Hz
+
+        phonopy --no-sym-fc --nosym --nonac --factor 159.15494309189535 --band "0 0 0  1/2 0 0" phonopy_params.yaml
+
+    phonopy refuses a file that names units which it does not know, so that these cannot stand where a program would find
+    them: for thermal properties, Euphonic and others save `in_phonopy_units(phonon)` instead.
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+        From `finite_displacements`.
+    file : path-like
+        Usually phonopy_params.yaml; written whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        For a phonon without force constants.
+    OSError
+        If the file cannot be written.
+    """
+    force_constants_of(phonon)
+    text = str(phonon.to_phonopy_yaml(settings={'force_constants': True}))
+    # phonopy writes masses with six decimals, made for u, which would cost the bands nine digits
+    cells = phonon.primitive, phonon.unitcell, phonon.supercell
+    masses = iter(np.concatenate([cell.masses for cell in cells]))
+    text = re.sub(r'(?<=mass: )\S+', lambda _: f'{next(masses):.17f}', text)
+    with whole_file(file) as out:
+        out.write('# lengths in mm, masses in g, forces in N, force constants in N/mm: frequencies in Hz need the factor\n'
+                  '# 159.15494309189535, and the foundation survives only without symmetrisation (phonopy --no-sym-fc);\n'
+                  '# for thermal properties and programs that expect Angstrom, AMU and eV see magphonon.in_phonopy_units\n')
+        out.write(text)

@@ -1,0 +1,97 @@
+"""A phonon in the units that phonopy and its friends take for granted: Angstrom, atomic mass, eV, and so THz.
+
+Frequencies of magnets in Hz are numbers like any others, and phonopy plots and tabulates them without harm.  Where it
+multiplies them by Planck's constant it takes them for THz: heat capacities, free energies and mean square displacements
+of a phonon in mm, g and N are then wrong by twelve powers of ten in the frequency, without a word.
+"""
+
+import warnings
+
+import numpy as np
+
+from ..errors import finite
+from ..units import J, kg, m
+from .force_constants import TO_HZ, force_constants_of
+
+ZERO = 1e-6
+"""Frequencies below this fraction of the highest one are zero: the root of the round-off of a square."""
+
+
+def in_phonopy_units(phonon):
+    """The same phonon in Angstrom, atomic mass units and eV/Angstrom^2, with frequencies in THz.
+
+    For whatever knows no other units, files for Euphonic and others::
+
+        in_phonopy_units(phonon).save('phonopy.yaml', settings={'force_constants': True})
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+        From `finite_displacements`, in mm, g and N.
+
+    Returns
+    -------
+    phonopy.Phonopy
+        With force constants but without the forces they came from; never symmetrised, as the sum rule erases the foundation.
+
+    Raises
+    ------
+    ValueError
+        For a phonon without force constants, or one whose frequencies are not in Hz.
+    """
+    from phonopy import Phonopy
+    from phonopy.physical_units import get_physical_units
+    from phonopy.structure.atoms import PhonopyAtoms
+
+    force_constants_of(phonon)
+    if not abs(phonon.unit_conversion_factor / TO_HZ - 1) < 1e-6:  # the seven digits that a file keeps
+        raise ValueError(f'the phonon has the unit conversion factor {phonon.unit_conversion_factor:.6g}, not {TO_HZ:.6g}: it is '
+                         'not in mm, g and N with frequencies in Hz; convert one from finite_displacements')
+    unit = get_physical_units()
+    angstrom, amu, eV = unit.Angstrom * m, unit.AMU * kg, unit.EV * J
+    cell = phonon.unitcell
+    rescaled = PhonopyAtoms(symbols=cell.symbols, masses=cell.masses / amu, cell=cell.cell / angstrom,
+                            scaled_positions=cell.scaled_positions)
+    # phonopy compares positions to an absolute length, which grows with the numbers
+    crystal = Phonopy(rescaled, phonon.supercell_matrix, primitive_matrix='P', is_symmetry=False,
+                      symprec=phonon.symmetry.tolerance / angstrom)
+    crystal.force_constants = phonon.force_constants / (eV / angstrom**2)
+    return crystal
+
+
+def thermal_properties(phonon, temperatures, mesh):
+    """Heat capacity, entropy and free energy of the lattice's harmonic modes, by phonopy.
+
+    Modes of zero frequency do not count, such as those along z of a planar lattice: round-off would make some of them
+    oscillators as soft as one likes, of the heat capacity k each.
+
+    Parameters
+    ----------
+    phonon : phonopy.Phonopy
+        From `finite_displacements`.
+    temperatures : array_like
+        In K.
+    mesh : three ints
+        Numbers of wavevectors along the reciprocal vectors, from Gamma on; 1 along those that are not periodic.
+
+    Returns
+    -------
+    phonopy.phonon.thermal_properties.ThermalProperties
+        With the arrays `temperatures` (K), `heat_capacity` and `entropy` (J/K per mole of cells), `free_energy` (kJ per
+        mole of cells).
+
+    Raises
+    ------
+    ValueError
+        As `in_phonopy_units`; also for a lattice with unstable modes, which has no equilibrium.
+    """
+    crystal = in_phonopy_units(phonon)
+    frequencies = crystal.run_mesh(np.asarray(mesh), is_gamma_center=True).frequencies
+    zero = ZERO * abs(frequencies).max()
+    if frequencies.min() < -zero:
+        raise ValueError(f'the lattice is unstable, with frequencies down to {frequencies.min() * 1e12:.4g} Hz on this mesh: '
+                         'it has no thermal equilibrium; hold it with a foundation')
+    with warnings.catch_warnings():
+        # phonopy warns of modes at Gamma that are slow beside 1 THz; on a foundation they are oscillators like all others
+        warnings.filterwarnings('ignore', message=r'\d+ acoustic mode')
+        return crystal.run_thermal_properties(temperatures=finite('temperatures', temperatures).ravel(), cutoff_frequency=zero)

@@ -1,0 +1,98 @@
+"""Group velocities, and the speeds of sound in long waves."""
+
+import numpy as np
+
+from ..errors import finite
+from ..stiffness.all_neighbours import AllNeighbours
+from ..stiffness.bond import model_stiffness
+from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
+from ..stiffness.repulsion import repulsion_of
+from .bands import _mean_over_crossings
+from .bloch import _wavevectors, bloch_modes, cell_of_free_particles
+
+
+def group_velocities(atoms, q, model='complete'):
+    """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
+
+    For a mode v of frequency w, `2 w dw/dk = v^+ (dD/dk) v`.  At degenerate points the velocity depends on the
+    direction of approach; there the mean of the crossing branches is returned for each.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    q, model
+        As for `bloch_modes`.
+
+    Returns
+    -------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms.
+    velocity : ndarray, shape (wavevectors, modes, dim)
+        In mm/ms = m/s; NaN where the frequency is zero or imaginary.
+    """
+    repulsion_of(atoms)
+    calc, q = cell_of_free_particles(atoms), _wavevectors(q)
+    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
+    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+    v = vectors.reshape(*omega.shape, -1)
+    gradient = mass_weighted(bloch_gradient(calc.bonds, K, q, atoms.cell.array), atoms.get_masses())
+    slope = np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real
+    slope = _mean_over_crossings(omega, slope)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        velocity = slope / (2 * omega[..., None])
+    velocity[omega <= 1e-6 * abs(omega).max()] = np.nan  # the root of a square's round-off
+    return omega, velocity
+
+
+def sound_speeds(atoms, direction=None, model='complete'):
+    """Speeds of sound along a direction, from the Bloch matrix to second order in k.
+
+    A foundation opens a gap and leaves no sound: the speeds are those of the lattice without it.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours.
+    direction : array_like, shape (dim,), optional
+        By default along x.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    ndarray, shape (dim,)
+        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  Infinite
+        where repulsion reaches so far that w/k grows without bound in long waves, as in Coulomb crystals.  NaN where
+        a mechanism of the cell, a mode without stiffness at k = 0, mixes with sound (the conventional kagome lattice).
+
+    Raises
+    ------
+    ValueError
+        For a direction of zero length or of another dimension.
+    """
+    calc = cell_of_free_particles(atoms)
+    direction = np.eye(calc.dim)[0] if direction is None else finite('direction', direction, (calc.dim,))
+    if not direction.any():
+        raise ValueError(f'the direction must not be zero, not {direction}')
+    along = direction / np.linalg.norm(direction)
+    masses = atoms.get_masses()
+    dim = calc.dim
+    A, B, C = (mass_weighted(term, masses) for term in calc.bloch_series(along, model))
+
+    # the internal modes follow the translations u: second-order perturbation theory
+    u = np.kron(np.sqrt(masses)[:, None], np.eye(dim)) / np.sqrt(masses.sum())
+    internal = np.linalg.svd(u)[0][:, dim:]
+    stiffness, modes = np.linalg.eigh(internal.T @ A @ internal)
+    floppy = abs(stiffness) <= 1e-12 * abs(A).max()
+    modes = internal @ modes
+    follow = -modes[:, ~floppy] / stiffness[~floppy] @ modes[:, ~floppy].conj().T @ B @ u
+    squares = u.T @ (C @ u + B @ follow)
+    mechanism = modes[:, floppy].conj().T @ (C @ u + B @ follow)
+    if abs(mechanism).max(initial=0) > 1e-9 * abs(squares).max():
+        return np.full(dim, np.nan)
+    if not isinstance(calc, AllNeighbours):
+        return signed_root(np.linalg.eigvalsh(squares))
+    endless, axes = np.linalg.eigh(calc.singular(along, model))
+    regular = axes[:, abs(endless) <= 1e-12 * abs(endless).max()]
+    ends = np.copysign(np.inf, endless[abs(endless) > 1e-12 * abs(endless).max()])
+    return np.sort(np.append(signed_root(np.linalg.eigvalsh(regular.T @ squares @ regular)), ends))

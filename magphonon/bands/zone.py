@@ -1,0 +1,137 @@
+"""The first Brillouin zone of a planar lattice, and what the static forces change over the whole of it."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from ase.cell import Cell
+from ase.geometry import minkowski_reduce
+
+from .. import units
+from ..errors import whole
+from ..files import Saved
+from .velocities import group_velocities
+
+PLANAR = (True, True, False)
+ROUND_OFF = 1e-6
+"""A frequency below this fraction of the highest one is zero: the root of a square's round-off."""
+
+
+def first_zone(cell):
+    """Corners of the first Brillouin zone, the Wigner-Seitz cell of the reciprocal lattice.
+
+    Parameters
+    ----------
+    cell : array_like, shape (3, 3)
+        Lattice vectors in rows, mm; the first two are those of the planar lattice.
+
+    Returns
+    -------
+    ndarray, shape (corners, 2)
+        Anticlockwise, in rad/mm.
+    """
+    from scipy.spatial import Voronoi
+
+    b = 2 * np.pi * Cell(np.asarray(cell, dtype=float)).reciprocal().array
+    b = minkowski_reduce(b, pbc=PLANAR)[0][:2, :2]  # of a reduced basis the eight nearest G bound the zone
+    G = np.array(list(product((0, 1, -1), repeat=2))) @ b
+    diagram = Voronoi(G)
+    corners = diagram.vertices[diagram.regions[diagram.point_region[0]]]
+    return corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
+
+
+@dataclass(frozen=True)
+class ZoneMap(Saved, kind='frequencies over the zone', units={
+    'cell': ('mm', 'vectors', 'dim'), 'q': ('reciprocal vectors', 'n1', 'n2', 'vectors'),
+    'omega': ('rad/ms', 'n1', 'n2', 'branches'), 'velocity': ('mm/ms', 'n1', 'n2', 'branches', 'dim'),
+}, missing=('velocity',)):
+    """Frequencies and group velocities on a mesh that covers the first Brillouin zone.
+
+    The mesh runs along the reciprocal vectors, contains Gamma and shares the symmetry of the lattice.
+
+    Attributes
+    ----------
+    cell : ndarray, shape (3, 3)
+        Lattice vectors in rows, mm.
+    q : ndarray, shape (n1, n2, 3)
+        Wavevectors in fractions of the reciprocal vectors.
+    omega : ndarray, shape (n1, n2, branches)
+        Angular frequencies in rad/ms, ascending; an unstable mode is negative, as in `Bands`.
+    velocity : ndarray, shape (n1, n2, branches, 2)
+        Group velocities in mm/ms = m/s; NaN where the frequency is zero or imaginary.
+    """
+
+    cell: np.ndarray
+    q: np.ndarray
+    omega: np.ndarray
+    velocity: np.ndarray
+
+    @property
+    def k(self):
+        """Wavevectors in rad/mm, shape (n1, n2, 2)."""
+        return 2 * np.pi * (self.q @ Cell(self.cell).reciprocal().array)[..., :2]
+
+    @property
+    def frequencies_Hz(self):
+        """Frequencies in Hz, shape (n1, n2, branches)."""
+        return self.omega / (2 * np.pi) / units.Hz
+
+
+def zone_map(atoms, steps=96, model='complete'):
+    """Frequencies and group velocities over the first Brillouin zone.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell of a planar lattice with its MagneticRepulsion.
+    steps : int
+        Mesh steps along each reciprocal vector; a multiple of 6 puts M and K of the hexagonal lattices on the mesh.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    ZoneMap
+
+    Raises
+    ------
+    ValueError
+        For a lattice that is not planar, `steps` that is no whole number, an unknown model.
+    """
+    steps = whole('steps', steps)
+    if tuple(atoms.pbc) != PLANAR:
+        raise ValueError(f'the zone is mapped for planar lattices with pbc (1, 1, 0), not {tuple(map(int, atoms.pbc))}; '
+                         'draw the bands along a path instead')
+    corners = first_zone(atoms.cell) @ atoms.cell.array[:2, :2].T / (2 * np.pi)  # in fractions: q_i = k.a_i/2 pi
+    n1, n2 = np.ceil(steps * abs(corners).max(axis=0) - 1e-9).astype(int)
+    q = np.stack(np.meshgrid(np.arange(-n1, n1 + 1), np.arange(-n2, n2 + 1), 0, indexing='ij'), axis=-1)[:, :, 0] / steps
+    omega, velocity = group_velocities(atoms, q, model)
+    mesh = q.shape[:2]
+    return ZoneMap(atoms.cell.array.copy(), q, omega.reshape(*mesh, -1), velocity.reshape(*mesh, -1, 2))
+
+
+def frequency_ratio(complete, conventional):
+    """`omega_complete/omega_conventional` of each branch over the zone: how much the static forces shift each mode.
+
+    As D* of repelling particles only softens, the ratio is at most 1.  It is negative where the complete
+    model is unstable.  Where the conventional frequency vanishes it is NaN: at Gamma without a foundation both
+    vanish, and the limit is the ratio of the sound speeds, which may depend on the direction of approach.
+
+    Parameters
+    ----------
+    complete, conventional : ZoneMap
+        Of the same lattice on the same mesh.
+
+    Returns
+    -------
+    ndarray, shape (n1, n2, branches)
+
+    Raises
+    ------
+    ValueError
+        If the maps belong to different lattices or meshes.
+    """
+    if complete.omega.shape != conventional.omega.shape or not np.allclose(complete.k, conventional.k, rtol=1e-9, atol=0):
+        raise ValueError(f'the two maps belong to different meshes, {complete.omega.shape} and {conventional.omega.shape}, '
+                         'or lattices; compute both from the same atoms and steps')
+    zero = abs(conventional.omega) <= ROUND_OFF * abs(conventional.omega).max()
+    return np.divide(complete.omega, conventional.omega, out=np.full(zero.shape, np.nan), where=~zero)

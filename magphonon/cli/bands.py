@@ -1,0 +1,147 @@
+"""`magphonon bands SCENE.toml -o DIR`: bands of a scene, by the Bloch matrix and by phonopy.
+
+The exit status is 0 if they were computed, also of a lattice that buckles; "magphonon check" judges, with status 1.
+"""
+
+
+
+
+HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
+SHOWN = 1e-5
+"""Of the highest frequency: below it a number is the root of the round-off in a square, and shown as zero."""
+KEPT = 1e-6
+"""In N/mm: phonopy writes force constants with 15 decimals, too few for those of electrons."""
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+
+
+def run(options):
+    from ..bands.bands import analytic_bands
+    from ..bands.force_constants import finite_displacements, phonopy_bands
+    from ..scenes.scene import read_scene
+    from .costs import refuse_costly
+    from .results import results
+
+    scene = read_scene(options.scene)
+    refuse_costly(scene, 'bands')
+    with results(options, scene) as folder:
+        atoms, path = scene.atoms(), scene.band_path()
+        phonon = finite_displacements(atoms, scene.supercell())
+        bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in _models(atoms)}
+        bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
+        _save(folder, bands, phonon)
+        _draw(folder, scene, bands)
+        report = _report(scene, atoms, bands, phonon)
+    print(report)
+    print(f'pictures and data are in {options.output}')
+
+
+def _models(atoms):
+    """The models that exist: of a Coulomb crystal in space the sums of D0 and D* over all neighbours diverge each by itself."""
+    from ..stiffness.bond import MODELS
+
+    return MODELS if not hasattr(atoms.calc, 'sums') or atoms.calc.sums.splits else MODELS[:1]
+
+
+def _save(folder, bands, phonon):
+    from ..bands.phonopy_files import write_band_yaml, write_phonopy_params
+
+    for name, result in bands.items():
+        result.save(folder / f'bands_{name}.npz')
+    _write_table(folder / 'bands.csv', bands)
+    write_band_yaml(phonon, bands['phonopy'].path, folder / 'band.yaml')
+    if abs(phonon.force_constants).max() > KEPT:
+        write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
+
+
+def _write_table(file, bands):
+    """One row for each wavevector: its place on the path, its fractions, the frequencies of each road."""
+    from .. import units
+    from ..files import write_columns
+
+    path = bands['complete'].path
+    names = ['path_rad_per_m', 'q1', 'q2', 'q3']
+    columns = [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
+    for name, result in bands.items():
+        names += [f'{name}_{mode + 1}_Hz' for mode in range(result.omega.shape[1])]
+        columns += [*result.frequencies_Hz.T]
+    write_columns(file, names, columns)
+
+
+def _draw(folder, scene, bands):
+    from ..bands.zone import PLANAR
+    from ..plotting.bands import plot_bands
+    from ..plotting.zone import plot_zone
+    from ..scenes.lattices import ALL
+
+    ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
+    if 'conventional' in bands:
+        plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
+    road = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
+    plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=road)
+    ax.figure.suptitle(scene.title, fontsize='medium')
+    ax.figure.savefig(folder / 'bands.png')
+    if tuple(scene.atoms().pbc) == PLANAR:
+        plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')
+
+
+def _report(scene, atoms, bands, phonon):
+    """What the terminal shows: frequencies at the special points by each road, sound, foundation and stability."""
+    import numpy as np
+    from ase.dft.kpoints import parse_path_string
+
+    from .. import units
+    from ..bands.force_constants import foundation_recovered
+    from ..bands.velocities import sound_speeds
+    from ..interactions.pair_laws import repulsion
+    from ..planning.scene import neglected
+    from ..scenes.lattices import ALL
+    from ..stability.buckling import foundation_needed
+
+    def rows(label, columns, highest):
+        table = np.where(abs(np.transpose(columns)) < SHOWN * highest, 0.0, np.transpose(columns))
+        return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{value:>14.7g}' for value in row)
+                for branch, row in enumerate(table)]
+
+    path, lattice = bands['complete'].path, scene.lattice
+    highest = max(result.frequencies_Hz.max() for result in bands.values())
+    everyone = scene.law.shells == ALL
+    force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
+    lines = [scene.title,
+             f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N', '',
+             f'{"frequency (Hz)":18}' + ''.join(f'{name:>14}' for name in bands)]
+    for name in dict.fromkeys(name for leg in parse_path_string(path.path) for name in leg):
+        at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
+        lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
+    speeds = [sound_speeds(atoms, model=model) for model in _models(atoms)]
+    lines += ['long-wave speeds along x with the foundation removed (m/s; negative: imaginary, the lattice alone would buckle)',
+              *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]
+
+    if 'conventional' not in bands:
+        lines += ['', 'no conventional model: the sums of D0 and D* diverge each by itself, only together they converge']
+    needed, softest = foundation_needed(atoms)
+    recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
+    given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.parameters.foundation, recovered, needed))
+    squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
+    difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
+    lines += ['', f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
+              f'phonopy differs from complete by at most {difference.max():.1e} of the highest squared frequency']
+    if everyone:
+        waves = path.kpts * scene.supercell()
+        fits = abs(waves - waves.round()).max(axis=1) < 1e-9
+        lines.append(f'  where the wave fits its supercell by {difference[fits].max(initial=0):.1e}; it interpolates between, '
+                     'as no supercell holds all neighbours')
+    if abs(phonon.force_constants).max() <= KEPT:
+        lines.append('phonopy_params.yaml is left out: its 15 decimals are too few for force constants of '
+                     f'{abs(phonon.force_constants).max():.0e} N/mm')
+    lines += neglected(scene)
+    if given >= needed:
+        place = ' in its plane' if atoms.calc.dim == 2 else ''
+        return '\n'.join([*lines, f'stable{place}: the static forces ask for a foundation of {needed:.6g} N/m'])
+    where = ', '.join(f'{x:.3g}' for x in softest)
+    return '\n'.join([*lines, '', f'UNSTABLE: the static forces buckle this lattice, most of all at q = ({where}).',
+                      f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',
+                      'negative frequencies. The conventional model does not show this.'])

@@ -1,0 +1,164 @@
+"""`magphonon burst SCENE.toml -o DIR`: tone bursts through the patch of a scene, in both models, over its bands.
+
+The exit status is 0 if they were run to their end, also in a lattice that buckles; "magphonon check" judges, with status 1.
+"""
+
+
+
+
+HELP = 'tone bursts through the patch of a scene, in both models, over its bands'
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst], as in "magphonon scene ideal"')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
+
+
+def run(options):
+    from tqdm import tqdm
+
+    from ..planning.scene import neglected
+    from ..scenes.scene import read_scene
+    from ..waves.wave_analysis import MODELS, report, waves, write_ridges
+    from .costs import refuse_costly
+    from .results import results
+
+    scene = read_scene(options.scene)
+    refuse_costly(scene, 'burst')
+    plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
+    with results(options, scene) as folder:
+        records, largest = {}, {}
+        for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
+            passages = {model: _send(scene, k, cell, model) for model in MODELS}
+            found = {model: waves(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
+            _save(folder, name, passages, found)
+            _draw(folder, name, passages, found)
+            if options.animation:
+                _animate(folder, name, passages)
+            records |= {f'{name}_{model}': found[model] for model in MODELS}
+            largest |= {f'{name}_{model}': passage.largest for model, (*_, passage) in passages.items()}
+        _write_row(folder / 'row.csv', *passages['complete'][:2])
+        write_ridges(folder / 'ridges.csv', records)
+        unstable = _unstable(cell)
+        text = '\n'.join([scene.title, '', report(records), *_amplitudes(cell, largest, loud=not unstable),
+                          *_decays(plan, cell, records), *unstable, '', *neglected(scene)])
+        (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
+    print(text)
+    print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
+
+
+def _send(scene, k, cell, model):
+    """Patch, site and passage of burst number k in one model; the row as the vibrometer of the scene sees it."""
+    from dataclasses import replace
+
+    from ..dynamics.cages import Diverged
+
+    patch = scene.patch_atoms(model)
+    try:
+        site, passage = scene.burst.send(k, cell, patch)
+    except Diverged as error:
+        raise ValueError(f'burst {scene.burst.names[k]}, {model} simulation: {error}') from error
+    if scene.vibrometer is not None:
+        passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
+    return patch, site, passage
+
+
+def _save(folder, name, passages, found):
+    from ..waves.vibrometer import write_displacements
+
+    for model, (_, _, passage) in passages.items():
+        write_displacements(folder / f'{name}_{model}.csv', passage.row)
+        for wave in found[model]:
+            wave.spectrum.save(folder / f'{name}_{model}_{wave.motion}.npz')
+
+
+def _write_row(file, patch, site):
+    """Which particles are measured, and where they rest."""
+    import numpy as np
+
+    from .. import units
+    from ..files import write_columns
+
+    columns = np.arange(len(site.row)), site.row, *patch.calc.reference.positions[site.row, :2].T / units.m
+    write_columns(file, ['step', 'particle', 'x_m', 'y_m'], columns)
+
+
+def _draw(folder, name, passages, found):
+    """The maps of both simulations side by side, and both patches when the wave has reached the middle of the row."""
+    from ..plotting.waves import crossing, panels, plot_snapshot, plot_wave
+
+    motions = list(dict.fromkeys(wave.motion for waves in found.values() for wave in waves))
+    figure, axes = panels(len(motions), 2)
+    for column, (model, waves) in enumerate(found.items()):
+        for row, motion in enumerate(motions):
+            wave = next((wave for wave in waves if wave.motion == motion), None)
+            if wave is None:
+                axes[row, column].set_axis_off()
+                continue
+            plot_wave(wave, axes[row, column]).get_legend().set_title(f'{model} simulation, {motion} motion')
+    figure.savefig(folder / f'{name}_maps.png', bbox_inches='tight')
+
+    figure, axes = panels(1, 2)
+    for ax, (patch, site, passage) in zip(axes[0], passages.values(), strict=True):
+        plot_snapshot(patch, passage.field, crossing(passage), site, ax)
+    figure.savefig(folder / f'{name}_snapshot.png', bbox_inches='tight')
+
+
+def _animate(folder, name, passages):
+    from ..plotting.waves import save_animation
+
+    for model, (patch, site, passage) in passages.items():
+        save_animation(folder / f'{name}_{model}.gif', patch, passage.field, site)
+
+
+def _amplitudes(cell, largest, loud):
+    """How far each burst moves the particles, and, if `loud` is asked, whether linear bands still are a measure of it."""
+    from .. import units
+    from ..stability.amplitude_shifts import frequency_shifts
+    from ..stability.verdicts import LINEAR_ERROR
+
+    spacing, bound = cell.calc.bonds.lengths.min(), frequency_shifts(cell).amplitude(LINEAR_ERROR)
+    lines = ['']
+    for record, u in largest.items():
+        lines.append(f'{record}: largest displacement {u / units.m:.3g} m, {u / spacing:.2%} of the spacing')
+        if loud and u > bound:
+            lines[-1] += (f'; LOUD: above {bound / units.m:.3g} m linear frequencies, such as the bands, are more than '
+                          f'{LINEAR_ERROR:.0%} off; lower force_N')
+    return lines
+
+
+def _decays(plan, cell, records):
+    """For bursts that none of the bands carries: how far they reach."""
+    import numpy as np
+
+    from .. import units
+    from ..bands.evanescent import complex_bands
+    from ..waves.wave_analysis import MODELS
+    from ..waves.wave_source import wavevector
+
+    lines = []
+    for name, carrier in zip(plan.names, plan.carriers_Hz, strict=True):
+        for model in MODELS:
+            if not any(wave.ridge for wave in records[f'{name}_{model}']):
+                omega = 2 * np.pi * carrier * units.Hz
+                reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
+                if np.isfinite(reach):
+                    lines.append(f'{name}_{model}: no band carries {carrier:g} Hz along R2; its slowest wave falls to 1/e '
+                                 f'in {reach:.3g} steps')
+    return ['', *lines] if lines else []
+
+
+def _unstable(cell):
+    """Says so if the infinite lattice buckles; a patch with its rim held may still stand."""
+    from .. import units
+    from ..stability.buckling import foundation_needed
+
+    needed, given = foundation_needed(cell)[0], cell.calc.parameters.foundation
+    if given >= needed:
+        return []
+    needed, given = (k / (units.N / units.m) for k in (needed, given))
+    return ['', 'UNSTABLE: the static forces buckle this lattice; in the complete simulation what grows may drown the burst.',
+            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m, and no force is small enough: what grows does '
+            'not depend on it.',
+            'The conventional model does not show this.']

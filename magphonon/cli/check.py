@@ -1,0 +1,44 @@
+"""`magphonon check SCENE.toml`: will it stay, will it run, does a linear answer hold; before it runs.
+
+The exit status is 1 if anything is at fault, such as a lattice that buckles, and 0 if nothing is.
+"""
+
+
+
+
+HELP = 'judge a scene before it runs: rest, stability, time step, supports, amplitude, supercell, cost'
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
+
+
+def run(options):
+    """Print the verdicts; returns the exit status, 0 if all is fine and 1 if something is not."""
+    from .. import units
+    from ..planning.scene import neglected
+    from ..scenes.scene import read_scene
+    from ..stability.verdicts import verdict
+    from .costs import SHARE, costs, free_memory, too_much
+
+    scene = read_scene(options.scene)
+    print(scene.title)
+    expected, free = costs(scene), free_memory()
+    faults = [too_much(scene, cost, free) for cost in expected if cost.bytes > SHARE * free]
+    atoms = scene.atoms()
+    if scene.single:
+        print(f'A constant force of {atoms.calc.load[scene.lattice.free, 1] / units.N:.6g} N along its line is taken to balance '
+              'the three magnets.')
+    supercell = scene.supercell() if scene.bands is not None else None
+    verdicts = {'The oscillator' if scene.single else 'The lattice': verdict(atoms, supercell=supercell)}
+    if scene.patch is not None and not scene.single:
+        verdicts['The patch'] = verdict(scene.patch_atoms())
+    for name, judged in verdicts.items():
+        print(f'\n{name}: {judged}')
+    for line in neglected(scene):
+        print(f'\n{line}')
+    if expected:
+        print('\nWhat its tables will take, about:', *expected, sep='\n  ')
+    for fault in faults:
+        print(f'Not as it stands: {fault}.')
+    return 0 if all(judged.fine for judged in verdicts.values()) and not faults else 1

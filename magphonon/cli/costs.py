@@ -1,0 +1,220 @@
+"""What a command will take, told before it starts: memory, time and files, and the key that they grow with.
+
+The estimates count the largest arrays and the innermost loops.  Those of `bands`, and of a response by factorisation, rest on
+peaks of resident memory and processor time of a few runs on the prototype's scene, on one core; those of bursts, of the series
+of a response and of uncertainties are counted from the arrays and the loops alone.  That is enough to tell a slip of the pen,
+such as 1e12 points, from work that is merely long, and for no more.
+"""
+
+import os
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import units as u
+from ..bands.bloch import bloch_modes
+from ..response.frf import FACTORISATION
+from ..response.normal_modes import SMALL
+from ..stiffness.bond import MODELS
+from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP
+
+SHARE = 0.5
+"""Of the memory that is free: what asks for more is refused, as the rest is needed by the system and by estimates that err."""
+GIGABYTE = 2**30
+PICTURES_bytes, PICTURES_s = 60e6, 2.0
+"""Of every command: fonts, figures and what is imported."""
+POINT_bytes, POINT_s = 2300, 1.5e-4
+"""Of bands: a wavevector of a cell of one particle, by both models and phonopy; memory goes with the square of the particles."""
+PHASE_bytes = 33
+"""Of bands: the phase of a bond at a wavevector."""
+IMAGE_bytes, IMAGE_s = 10e3, 5e-4
+"""Of phonopy: a particle of the supercell, for each particle of the cell."""
+DENSE = 3000
+"""Free directions up to which all natural frequencies are computed, as in the command."""
+TERM_s = 5e-8
+"""Of a response: a term of the series at a frequency."""
+PRODUCT_s = 2.4e-7
+"""Of a response: a product with the matrix of a patch, for each particle; a factorisation is worth `FACTORISATION` of them."""
+STEP_s = 1e-7
+"""Of a burst: a step of a particle, without the compiled engine."""
+SAMPLE_bytes, SAMPLE_s = 400, 6e-6
+"""Of a burst: a particle of the row at a time, with its map and its line of text."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one table of a scene makes a command take.
+
+    Attributes
+    ----------
+    table : str
+        Such as 'bands'.
+    memory : dict of str to float
+        Bytes, by the key of the scene that they grow with.
+    seconds : float
+        On one core.
+    files : int
+    """
+
+    table: str
+    memory: dict
+    seconds: float
+    files: int
+
+    @property
+    def bytes(self):
+        """All of the memory."""
+        return sum(self.memory.values())
+
+    @property
+    def key(self):
+        """The key that takes most of the memory."""
+        return max(self.memory, key=self.memory.get)
+
+    def __str__(self):
+        return f'[{self.table}] {amount(self.bytes)} of memory, {duration(self.seconds)}, {self.files} files'
+
+
+def amount(size):
+    """Bytes in words; less than a process takes anyway is called so."""
+    return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'some {size / GIGABYTE:.2g} GB'
+
+
+def duration(seconds):
+    """A time in words."""
+    for unit, length in (('years', 3.15e7), ('days', 86400), ('hours', 3600), ('minutes', 60)):
+        if seconds >= 2 * length:
+            return f'some {seconds / length:.2g} {unit}'
+    return f'some {seconds:.0f} s' if seconds >= 5 else 'a few seconds'
+
+
+def bands_cost(scene):
+    """Of `magphonon bands`."""
+    points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.atoms().calc.bonds)
+    images = particles**2 * float(np.prod(scene.supercell(), dtype=float))
+    memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes * particles**2 + PHASE_bytes * bonds),
+              'bands.supercell': IMAGE_bytes * images}
+    return Cost('bands', memory, PICTURES_s + POINT_s * particles**2 * points + IMAGE_s * images, 8)
+
+
+def frf_cost(scene):
+    """Of `magphonon frf`."""
+    plan, particles = scene.frf, _particles(scene)
+    size = 2 * particles
+    if size <= SMALL:
+        return Cost('frf', {'frf.points': PICTURES_bytes + 48.0 * plan.points * size},
+                    PICTURES_s + 2e-8 * plan.points * size + 1e-9 * size**3, 4)
+    terms, factorised = _series(scene, particles)
+    dense = size**2 * 20.0 if size <= DENSE else 0.0  # all natural frequencies
+    memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
+              scene.patch.size_key: dense + 1000.0 * particles}
+    work = FACTORISATION * PRODUCT_s * particles if factorised else TERM_s * terms
+    return Cost('frf', memory, PICTURES_s + 2 * plan.points * work + 5e-11 * dense**1.5 / 90, 4)
+
+
+def uncertainty_cost(scene):
+    """Of `magphonon uncertainty`."""
+    memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s + 2, 0
+    parameters = len(scene.uncertainty.model_fields_set)
+    if scene.bands is not None:
+        bonds = len(scene.atoms().calc.bonds)
+        memory['bands.points'] = scene.bands.points * len(scene.cell()) ** 2 * (POINT_bytes + PHASE_bytes * bonds * parameters)
+        seconds, files = seconds + POINT_s * scene.bands.points, files + 4
+    if scene.frf is not None:
+        particles = _particles(scene)
+        memory['frf.points'] = 72.0 * scene.frf.points * particles * (2 + parameters)
+        seconds += scene.frf.points * (1e-3 + FACTORISATION * PRODUCT_s * particles)
+        files += 3
+    return Cost('uncertainty', memory, seconds, files)
+
+
+def burst_cost(scene):
+    """Of `magphonon burst`."""
+    plan, particles = scene.burst, _particles(scene)
+    row, top, length = particles**0.5, _top(scene), plan.duration_s * u.s
+    steps = length * top / (2 * STEP)
+    frames = length * max(plan.carriers_Hz) * u.Hz * SAMPLES
+    memory = {'burst.duration_s': PICTURES_bytes + SAMPLE_bytes * frames * row,
+              scene.patch.size_key: particles * (SNAPSHOTS * 16 * 6 + 1000.0)}
+    if scene.vibrometer is not None:
+        frames = plan.duration_s * scene.vibrometer.sampling_rate_Hz
+        memory['vibrometer.sampling_rate_Hz'] = SAMPLE_bytes * frames * row
+    runs = len(MODELS) * len(plan.carriers_Hz)
+    return Cost('burst', memory, PICTURES_s + runs * (1 + STEP_s * steps * particles + SAMPLE_s * frames * row), 8 * len(
+        plan.carriers_Hz) + 3)
+
+
+def _particles(scene):
+    """Those of the patch, from its area; of the oscillator, one."""
+    if scene.single:
+        return 1
+    cell = scene.cell()
+    return max(1, len(cell) * scene.patch.cells(cell)) if scene.patch is not None else 1
+
+
+def _top(scene):
+    """Highest angular frequency of the lattice in rad/ms, on a coarse grid of the zone."""
+    q = np.stack(np.meshgrid(*3 * [np.arange(6) / 6]), axis=-1).reshape(-1, 3)
+    atoms = scene.atoms()
+    return max(abs(bloch_modes(atoms, np.where(atoms.pbc, q, 0), model)[0]).max() for model in MODELS)
+
+
+def _series(scene, particles):
+    """Terms of the longest series of a response, and whether factorising the matrix at each frequency is cheaper."""
+    omega = 2 * np.pi * scene.frf.from_Hz * u.Hz
+    terms = 21 * _top(scene) ** 2 / (2 * scene.frf.damping * omega)  # 21 = -log(1e-9)
+    return terms, terms > FACTORISATION * scene.frf.points
+
+
+COSTS = {'bands': bands_cost, 'frf': frf_cost, 'burst': burst_cost, 'uncertainty': uncertainty_cost}
+
+
+def costs(scene):
+    """Of every table of a scene that a command works on, a tuple of Cost."""
+    return tuple(estimate(scene) for name, estimate in COSTS.items() if getattr(scene, name) is not None)
+
+
+def refuse_costly(scene, *tables):
+    """Raise ValueError where a table asks for more memory than there is; the message names the key.
+
+    Parameters
+    ----------
+    scene : Scene
+    tables : str
+        Those that are about to be worked on; ones that the scene does not have are passed over.
+    """
+    free = free_memory()
+    for cost in costs(scene):
+        if cost.table in tables and cost.bytes > SHARE * free:
+            raise ValueError(too_much(scene, cost, free))
+
+
+def too_much(scene, cost, free):
+    """What is wrong with a cost, and how to mend it."""
+    value = scene
+    for key in cost.key.split('.'):
+        value = getattr(value, key)
+    return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] ask for '
+            f'{amount(cost.bytes)} of memory, more than {SHARE:.0%} of the {free / GIGABYTE:.3g} GB that are free; lower it')
+
+
+def free_memory():
+    """Bytes that this process may still take: what the system has left, within the limits set to the process."""
+    free = [8 * GIGABYTE]  # where the system does not tell
+    with suppress(ValueError, OSError, AttributeError):
+        free = [os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE')]
+    with suppress(ValueError, OSError, IndexError):
+        line = next(line for line in Path('/proc/meminfo').read_text().splitlines() if line.startswith('MemAvailable'))
+        free = [int(line.split()[1]) * 1024]
+    with suppress(ValueError, OSError):  # that of a container
+        group = Path('/sys/fs/cgroup')
+        free.append(int((group / 'memory.max').read_text()) - int((group / 'memory.current').read_text()))
+    with suppress(ImportError, ValueError, OSError, IndexError):
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY:
+            free.append(limit - int(Path('/proc/self/statm').read_text().split()[0]) * os.sysconf('SC_PAGE_SIZE'))
+    return max(min(free), 0)

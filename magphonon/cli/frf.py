@@ -1,0 +1,89 @@
+"""`magphonon frf SCENE.toml -o DIR`: displacement per harmonic force over frequency, of the oscillator or in a patch."""
+
+
+
+
+HELP = 'frequency response of the oscillator or of a patch'
+SHOWN = 12
+"""Peaks on the terminal, the highest; the table holds the whole curve."""
+MANY = 3000
+"""Free directions above which the natural frequencies, a dense eigenvalue problem, are left out: half a minute."""
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene oscillator" prints one to start from')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for the picture and data')
+
+
+def run(options):
+    import numpy as np
+
+    from ..lattices.patches import RIM
+    from ..plotting.response import plot_response
+    from ..response.frf import receptance
+    from ..response.normal_modes import natural_frequencies
+    from ..scenes.scene import read_scene
+    from .costs import refuse_costly
+    from .results import results
+
+    scene = read_scene(options.scene)
+    refuse_costly(scene, 'frf')
+    plan, axes, lines = scene.wanted('frf'), None, [scene.title]
+    with results(options, scene) as folder:
+        responses = {}
+        for model, style in (('complete', '-'), ('conventional', '--')):
+            atoms, source, answer = scene.shaken(model)
+            natural = natural_frequencies(atoms) if 2 * np.sum(atoms.get_tags() != RIM) <= MANY else np.empty(0)
+            _refuse_unstable(natural)
+            responses[model] = receptance(atoms, source, answer, plan.omega, plan.damping)
+            responses[model].save(folder / f'frf_{model}.npz')
+            axes = plot_response(responses[model], natural, axes, label=model, linestyle=style)
+            lines += _report(model, responses[model], natural)
+        _write_table(folder / 'frf.csv', responses)
+        axes[0].figure.suptitle(scene.title, fontsize='medium')
+        axes[0].figure.savefig(folder / 'frf.png')
+    print('\n'.join(lines))
+    print(f'picture and data are in {options.output}')
+
+
+def _refuse_unstable(natural):
+    from .. import units
+
+    growing = natural[natural < 0] * -units.s
+    if len(growing):
+        raise ValueError(f'the static forces make {len(growing)} vibrations grow by themselves, the fastest at '
+                         f'{growing[0]:.4g} 1/s: there is no steady response; give it a stiffer foundation or more space')
+
+
+def _write_table(file, responses):
+    """One row for each frequency: amplitude and phase by each model."""
+    import numpy as np
+
+    from .. import units
+    from ..files import write_columns
+
+    names, columns = ['frequency_Hz'], [responses['complete'].omega / (2 * np.pi) / units.Hz]
+    for model, result in responses.items():
+        names += [f'{model}_amplitude_m_per_N', f'{model}_phase_deg']
+        columns += [abs(result.response) / (units.m / units.N), np.degrees(np.angle(result.response))]
+    write_columns(file, names, columns)
+
+
+def _report(model, result, natural):
+    """What the terminal shows of a model: natural frequencies and the highest peaks."""
+    import numpy as np
+    from scipy.signal import find_peaks
+
+    from .. import units
+
+    f, amplitude = result.omega / (2 * np.pi) / units.Hz, abs(result.response) / (units.m / units.N)
+    lines = ['', model]
+    if len(natural):
+        of = natural / (2 * np.pi) / units.Hz
+        lines.append(f'  natural frequencies: {of[0]:.6g} Hz' if len(of) == 1 else
+                     f'  natural frequencies: {len(of)} from {of[0]:.6g} to {of[-1]:.6g} Hz')
+    peaks, _ = find_peaks(amplitude)
+    highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN:]])
+    lines.append(f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
+                 + (f'; the {SHOWN} highest:' if len(peaks) > SHOWN else ':' if len(peaks) else ''))
+    return lines + [f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest]

@@ -1,0 +1,154 @@
+"""The command `magphonon`: what anybody's scene file asks for, and ready scenes to start from.
+
+Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command,
+the scene or the place of the results (one message, nothing written), 3 when all is written but the report on the terminal
+could not be, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import warnings
+from contextlib import contextmanager, redirect_stdout
+from importlib import import_module
+from io import StringIO
+from threading import current_thread, main_thread
+
+from .. import __version__
+from ..spelling import did_you_mean
+
+COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
+"""Each is a module of `magphonon.commands`."""
+ASKED = ('bands', 'burst', 'design', 'frf', 'uncertainty')
+"""Those that a table of the scene, of the same name, asks for."""
+
+
+def main(arguments=None):
+    """Run the command with `arguments` (by default those of the shell) and return its exit status."""
+    _open_streams()
+    options = _options(list(sys.argv[1:] if arguments is None else arguments))
+    report = sys.stdout if sys.stdout.isatty() else StringIO()  # what goes to a file or a pipe is written when all is done
+    with redirect_stdout(report):
+        status = _status(options)
+    try:
+        if report is not sys.stdout:
+            sys.stdout.write(report.getvalue())
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader, `head` for one, has seen enough
+        _forget_output()
+    except OSError as error:
+        _forget_output()
+        print(f'magphonon: the report could not be shown ({error.strerror}); the results are written', file=sys.stderr)
+        return status or 3
+    return status
+
+
+def _status(options):
+    """Run the command; says in one message why it failed."""
+    try:
+        with _termination_unwinds(), _no_silent_overflow():
+            return options.run(options) or 0
+    except RuntimeWarning as warning:
+        return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents in '
+                        f'{_tables(options)}{_inputs(options)}')
+    except FloatingPointError as error:
+        return _refusal(f'{error}; check units and exponents in {_tables(options)}{_inputs(options)}')
+    except MemoryError as error:
+        return _refusal(f'{_inputs(options)} asks for more memory than there is ({error or "no more was given"}); '
+                        'make it smaller')
+    except (ValueError, OSError) as error:
+        return _refusal(error)
+    except Terminated as ended:
+        print(f'magphonon: {ended.words}', file=sys.stderr)
+        return ended.status
+    except KeyboardInterrupt:
+        print('magphonon: interrupted', file=sys.stderr)
+        return 130
+
+
+def _refusal(words):
+    print(f'magphonon: {words}', file=sys.stderr)
+    return 2
+
+
+def _inputs(options):
+    """The files that the command reads, for a message."""
+    return ' and '.join(getattr(options, name) for name in ('table', 'file', 'scene') if getattr(options, name, None))
+
+
+def _tables(options):
+    """The tables of a scene that the command computes with, for a message."""
+    return f'[lattice], [law] and [{options.command}] of ' if options.command in ASKED else ''
+
+
+def _open_streams():
+    """Make streams that a shell has closed (`>&-`) go nowhere, and letters that a terminal does not have be spelt out."""
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, 'w'))  # noqa: SIM115  as long as the process
+    if hasattr(sys.stdout, 'reconfigure'):  # not where a test catches it
+        sys.stdout.reconfigure(errors='backslashreplace')
+
+
+def _forget_output():
+    """Python must not flush to a reader that is gone once more when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM or SIGHUP, which by themselves would leave temporary files behind."""
+
+    def __init__(self, number):
+        self.status, self.words = 128 + number, 'terminated' if number == signal.SIGTERM else 'the terminal was closed'
+
+
+@contextmanager
+def _termination_unwinds():
+    def unwind(number, _):
+        raise Terminated(number)
+
+    if current_thread() is not main_thread():  # only there may signals be handled
+        yield
+        return
+    known = [getattr(signal, name) for name in ('SIGTERM', 'SIGHUP') if hasattr(signal, name)]
+    before = {number: signal.signal(number, unwind) for number in known if signal.getsignal(number) != signal.SIG_IGN}  # nohup
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _no_silent_overflow():
+    """An overflow, a division by zero or a NaN in a formula of the package ends the command, instead of a line among results."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
+        warnings.filterwarnings('ignore', message='Glyph .* missing from')  # a title in letters that a picture does not have
+        yield
+
+
+def _options(arguments):
+    parser = _parser()
+    first = next(iter(arguments), '-')
+    if not first.startswith('-') and first not in COMMANDS:
+        parser.error(f'there is no command {first!r}{did_you_mean(first, COMMANDS)}; the commands are '
+                     f'{", ".join(map(repr, COMMANDS))}')
+    options = parser.parse_args(arguments)
+    options.words = arguments  # results keep them
+    if getattr(options, 'output', None) == '':
+        parser.error("-o '' names no directory; '.' is the present one")
+    return options
+
+
+def _parser():
+    parser = argparse.ArgumentParser(prog='magphonon', description='Static forces in repulsive lattices: bands with D0 + D*.')
+    parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
+    commands = parser.add_subparsers(required=True, metavar='COMMAND')
+    for name in COMMANDS:
+        command = import_module(f'.{name}', __package__)
+        subparser = commands.add_parser(name, help=command.HELP, description=command.__doc__.partition(': ')[2])
+        command.add_arguments(subparser)
+        subparser.set_defaults(run=command.run, command=name)
+    return parser

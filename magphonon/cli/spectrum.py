@@ -1,0 +1,41 @@
+"""`magphonon spectrum FILE.csv SCENE.toml -o DIR`: a measured table of displacements, analysed like a simulated one."""
+
+
+
+
+HELP = 'map and ridges of a measured table of displacements, over the bands of a scene'
+
+
+def add_arguments(parser):
+    parser.add_argument('table', metavar='FILE.csv', help='displacements, columns time_s, particle, u_x_m, u_y_m; particles are '
+                                                          'numbered as in the row.csv that "magphonon burst" writes')
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst]: the row, and its bands')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+
+
+def run(options):
+    from pathlib import Path
+
+    from ..planning.scene import neglected
+    from ..plotting.waves import plot_wave
+    from ..scenes.scene import read_scene
+    from ..waves.vibrometer import read_displacements
+    from ..waves.wave_analysis import report, waves, write_ridges
+    from ..waves.wave_source import site
+    from .results import results
+
+    scene = read_scene(options.scene)
+    cell, source = scene.atoms(), scene.wanted('burst').source
+    row = site(cell, scene.patch_atoms(), source).row
+    with results(options, scene, options.table) as folder:
+        found = waves(read_displacements(options.table, row), cell, source)
+        name = Path(options.table).stem
+        own = f'spectrum_{name}'  # beside the results of `burst`, and of other tables
+        for wave in found:
+            wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
+            plot_wave(wave).figure.savefig(folder / f'{own}_{wave.motion}.png')
+        write_ridges(folder / f'{own}_ridges.csv', {name: found})
+        text = '\n'.join([scene.title, '', report({name: found}), '', *neglected(scene)])
+        (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
+    print(text)
+    print(f'\npictures and data are in {options.output}')

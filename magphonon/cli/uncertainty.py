@@ -1,0 +1,142 @@
+"""`magphonon uncertainty SCENE.toml -o DIR`: what the tolerances in [uncertainty] make of bands and responses."""
+
+
+
+
+HELP = 'bands and responses with the uncertainty that tolerances give them'
+SAMPLES = 1000
+"""Lattices drawn at random to check the linear propagation; their standard deviation is known to 1/sqrt(2 SAMPLES), 2.2 %."""
+APART = 5 / (2 * SAMPLES) ** 0.5
+"""Relative difference of standard deviations that chance does not make."""
+CURVED = 0.5
+"""Standard deviation of the second order over that of the first beyond which the sum of their squares is 12 % wider."""
+LINEAR = 0.3
+"""Relative standard deviation of an amplitude beyond which the flank of a peak is no straight line."""
+
+
+def add_arguments(parser):
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with a table [uncertainty]')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+
+
+def run(options):
+    from ..scenes.scene import read_scene
+    from .costs import refuse_costly
+    from .results import results
+
+    scene = read_scene(options.scene)
+    refuse_costly(scene, 'uncertainty')
+    tolerances = scene.wanted('uncertainty').tolerances(scene)
+    if scene.bands is None and scene.frf is None:
+        raise ValueError(f'the scene {scene.title!r} has neither [bands] nor [frf], to which tolerances could propagate; add one')
+    lines = [scene.title]
+    with results(options, scene) as folder:
+        if scene.bands is not None:
+            lines += _bands(folder, scene, tolerances)
+        if scene.frf is not None:
+            lines += _response(folder, scene, tolerances)
+    print('\n'.join(lines))
+    print(f'pictures and data are in {options.output}')
+
+
+def _bands(folder, scene, tolerances):
+    import numpy as np
+
+    from .. import units
+    from ..bands.bands import Bands, path_of
+    from ..design.uncertainty import frequency_spread, sampled_frequencies
+    from ..plotting.axes import point_name
+    from ..plotting.uncertainty import plot_band_ribbons, plot_contributions
+    from ..scenes.tolerances import varied
+
+    atoms = scene.atoms()
+    path = path_of(atoms, scene.band_path())
+    spread = frequency_spread(atoms, path.kpts, tolerances)
+    spread.save(folder / 'band_uncertainty.npz')
+    _write_table(folder / 'band_uncertainty.csv', path, spread)
+    ax = plot_band_ribbons(Bands(path, spread.values), spread, label=r'complete, $\pm 2\sigma$')
+    ax.figure.suptitle(scene.title, fontsize='medium')
+    ax.figure.savefig(folder / 'band_uncertainty.png')
+
+    # at the special points, each frequency once
+    points = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
+    at = frequency_spread(atoms, [path.special_points[name] for name in points], tolerances)
+    kept, labels = [], []
+    for k, name in enumerate(points):
+        for mode, f in enumerate(at.values[k]):
+            if f > 0 and (mode == 0 or abs(f - at.values[k, mode - 1]) > 1e-6 * f):
+                kept.append((k, mode))
+                labels.append((name, mode + 1))
+    k, mode = np.transpose(kept)
+    few = type(at)(at.names, at.covariance, at.values[k, mode], at.slopes[:, k, mode])
+    ax = plot_contributions(few, [f'{point_name(name)}, branch {branch}' for name, branch in labels])
+    ax.figure.savefig(folder / 'contributions.png')
+
+    unit = 2 * np.pi * units.Hz
+    lines = ['', f'{"frequency (Hz)":18}{"":>12}{"std":>10}' + ''.join(f'{name:>{len(name) + 3}}' for name in few.contributions)]
+    for row, (name, branch) in enumerate(labels):
+        shares = ''.join(f'{std[row] / unit:>{len(group) + 3}.2g}' for group, std in few.contributions.items())
+        lines.append(f'  {f"{name}, branch {branch}":16}{few.values[row] / unit:12.6g}{few.std[row] / unit:10.3g}{shares}')
+
+    q = [path.special_points[name] for name in points]
+    drawn = sampled_frequencies(lambda factors: varied(scene, factors).atoms(), q, tolerances, SAMPLES)
+    unstable = np.mean((drawn < -1e-6 * abs(drawn).max()).any(axis=(1, 2)))
+    certain = few.std <= 1e-9 * few.values  # those that no tolerance moves
+    apart = abs(drawn.std(axis=0, ddof=1)[k, mode][~certain] / few.std[~certain] - 1).max(initial=0.0)
+    lines.append(f'{SAMPLES} lattices drawn from these tolerances spread by up to {100 * apart:.2g} % more or less'
+                 + (f'; chance alone makes {100 / (2 * SAMPLES) ** 0.5:.1g} %' if apart <= APART and not unstable else
+                    ': the tolerances are too wide for the linear propagation of the ribbons'))
+    if unstable:
+        lines.append(f'UNSTABLE: {100 * unstable:.2g} % of these lattices buckle')
+    return lines
+
+
+def _write_table(file, path, spread):
+    """One row for each wavevector: its place on the path, its fractions, each frequency and its standard deviation."""
+    import numpy as np
+
+    from .. import units
+    from ..files import write_columns
+
+    names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
+    for mode in range(spread.values.shape[1]):
+        names += [f'frequency_{mode + 1}_Hz', f'std_{mode + 1}_Hz']
+        columns += [values[:, mode] / (2 * np.pi) / units.Hz for values in (spread.values, spread.std)]
+    write_columns(file, names, columns, missing=names[5::2])  # a frequency of zero has no slope
+
+
+def _response(folder, scene, tolerances):
+    import numpy as np
+
+    from .. import units
+    from ..design.uncertainty import response_spread
+    from ..files import write_columns
+    from ..plotting.uncertainty import plot_response_ribbon
+
+    atoms, (particle, direction), answer = scene.shaken()
+    omega = scene.frf.omega
+    force = np.zeros((len(atoms), 3))
+    force[particle] = direction
+    spread = response_spread(atoms, force, answer, omega, scene.frf.damping, tolerances)
+    spread.save(folder / 'frf_uncertainty.npz')
+    f, unit = omega / (2 * np.pi) / units.Hz, units.m / units.N
+    write_columns(folder / 'frf_uncertainty.csv', ['frequency_Hz', 'amplitude_m_per_N', 'std_m_per_N'],
+                  [f, spread.values / unit, spread.std / unit])
+    ax = plot_response_ribbon(omega, spread, label=r'complete, $\pm 2\sigma$')
+    ax.figure.suptitle(scene.title, fontsize='medium')
+    ax.figure.savefig(folder / 'frf_uncertainty.png')
+    relative = spread.std / spread.values
+    lost = np.mean(relative > LINEAR)
+    lines = ['', f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
+                 f'at most {100 * relative.max():.2g} %, at {f[relative.argmax()]:.5g} Hz']
+    if lost:
+        lines.append(f'at {100 * lost:.2g} % of the frequencies it is over {100 * LINEAR:.0f} %: there the peaks move by more '
+                     'than their width, and the ribbon only says that the amplitude is unknown')
+    curved = spread.second_order > CURVED * spread.std
+    if curved.any():
+        k = int(np.where(curved, spread.second_order / spread.values, 0).argmax())
+        share = spread.second_order[k] / spread.values[k]
+        lines.append(f'at {100 * curved.mean():.2g} % of the frequencies, on top of peaks above all, the ribbon is too narrow: '
+                     f'there the amplitude has hardly a slope, and the second order spreads it by up to {100 * share:.2g} %, at '
+                     f'{f[k]:.5g} Hz, and lowers its mean by {100 * share / 2**0.5:.2g} %')
+    return lines

@@ -1,0 +1,5 @@
+"""Backwards from frequencies: sensitivities, uncertainty, and the lattice for a wanted band."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

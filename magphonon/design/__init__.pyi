@@ -1,0 +1,26 @@
+from .inverse import (
+    BandEdge as BandEdge,
+    Design as Design,
+    Gap as Gap,
+    NoDesign as NoDesign,
+    foundation_for as foundation_for,
+    spacings_for as spacings_for,
+)
+from .sensitivities import (
+    Change as Change,
+    LawChange as LawChange,
+    exponent_change as exponent_change,
+    force_change as force_change,
+    frequency_sensitivities as frequency_sensitivities,
+    response_sensitivities as response_sensitivities,
+    screening_change as screening_change,
+    spacing_change as spacing_change,
+)
+from .uncertainty import (
+    ResponseSpread as ResponseSpread,
+    Spread as Spread,
+    Tolerances as Tolerances,
+    frequency_spread as frequency_spread,
+    response_spread as response_spread,
+    sampled_frequencies as sampled_frequencies,
+)

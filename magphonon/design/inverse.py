@@ -1,0 +1,184 @@
+"""Spacing and foundation that give a lattice the frequencies wanted of it.
+
+The cut-off, the frequency of uniform motion, fixes the foundation, `k = m w^2`.  Given k, the edge of a band or the width
+of a gap fixes the spacing.  Only spacings at which this foundation holds the lattice count: their range is searched for
+places where the wanted value is crossed, and each is refined with the analytic slope.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bands.bloch import bloch_modes
+from ..errors import finite, positive
+from ..stability.buckling import foundation_needed
+from .sensitivities import Change, frequency_sensitivities, spacing_change
+
+SCAN = 49
+"""Spacings looked at in the range; between two of them the wanted value is crossed at most once."""
+VERGE = 1e-9
+"""Relative accuracy of the spacing at which the lattice begins to buckle."""
+MESH = 24
+"""Wavevectors along each reciprocal vector among which the ends of a branch are looked for; meets M and K."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A spacing that meets what is wanted.
+
+    Attributes
+    ----------
+    spacing : float
+        In mm.
+    value, slope : float
+        What it gives, and the derivative by the logarithm of the spacing, rad/ms.
+    needed : float
+        Foundation in N/mm that the static forces ask for there.
+    """
+
+    spacing: float
+    value: float
+    slope: float
+    needed: float
+
+
+@dataclass(frozen=True)
+class BandEdge:
+    """Frequency of a branch, counted from 0, at the wavevector `q` in fractions of the reciprocal vectors."""
+
+    q: np.ndarray
+    branch: int
+
+    def __call__(self, atoms):
+        """The frequency, and its derivative by the logarithm of the spacing, rad/ms."""
+        omega, (slope,) = frequency_sensitivities(atoms, [self.q], [_spacing_of(atoms)])
+        return omega[0, self.branch], slope[0, self.branch]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Width of the gap above a branch, counted from 0; negative where that branch and the next overlap."""
+
+    branch: int
+
+    def __call__(self, atoms):
+        """The width, and its derivative by the logarithm of the spacing, rad/ms: that of the modes at its ends."""
+        axes = [np.arange(MESH) / MESH if periodic else [0.0] for periodic in atoms.pbc]
+        q = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+        omega, _ = bloch_modes(atoms, q)
+        ends = [q[omega[:, self.branch].argmax()], q[omega[:, self.branch + 1].argmin()]]
+        omega, (slope,) = frequency_sensitivities(atoms, ends, [_spacing_of(atoms)])
+        below, above = (0, self.branch), (1, self.branch + 1)
+        return omega[above] - omega[below], slope[above] - slope[below]
+
+
+def _spacing_of(atoms):
+    return Change(law=spacing_change(atoms.calc.potential))
+
+
+def foundation_for(atoms, cut_off):
+    """Foundation stiffness in N/mm that gives uniform motion the frequency `cut_off` in rad/ms; all masses are equal."""
+    return float(atoms.get_masses()[0] * positive('cut-off', cut_off, 'rad/ms') ** 2)
+
+
+def spacings_for(build, target: Callable, wanted, between):
+    """All spacings in a range at which a lattice is stable and a target has the value wanted.
+
+    Parameters
+    ----------
+    build : callable
+        From the spacing in mm to the cell with its MagneticRepulsion.
+    target : BandEdge or Gap
+        From the cell to a value and its derivative by the logarithm of the spacing, rad/ms.
+    wanted : float
+        In rad/ms.
+    between : (float, float)
+        Range of spacings in mm.
+
+    Returns
+    -------
+    list of Design
+        With increasing spacing.
+
+    Raises
+    ------
+    NoDesign
+        If no spacing in the range is stable, or none of these gives the value.
+    """
+    low, high = finite('between', between, (2,))
+    if not 0 < low < high:
+        raise ValueError(f'the range of spacings must be two increasing positive numbers in mm, not {low:g} and {high:g}')
+    stretches = _stable_stretches(build, np.geomspace(low, high, SCAN))
+    if not stretches:
+        raise NoDesign(None, None)
+    values = [[target(build(L))[0] for L in spacings] for spacings in stretches]
+    found = []
+    for spacings, off in zip(stretches, (np.array(row) - wanted for row in values), strict=True):
+        for k in np.flatnonzero((off[:-1] < 0) != (off[1:] < 0)):
+            found.append(_refine(build, target, wanted, spacings[k], spacings[k + 1]))
+        if off[-1] == 0:
+            found.append(float(spacings[-1]))
+    if not found:
+        reach = [(min(row), max(row)) for row in values]
+        raise NoDesign([(s[0], s[-1]) for s in stretches], (min(lo for lo, _ in reach), max(hi for _, hi in reach)))
+    return [Design(L, *map(float, target(build(L))), foundation_needed(build(L))[0]) for L in found]
+
+
+class NoDesign(ValueError):
+    """No spacing in the range does what is wanted.
+
+    Attributes
+    ----------
+    stable : list of (float, float), or None
+        The stable ranges of spacing in mm.
+    reach : (float, float), or None
+        The least and the largest value in them, rad/ms.
+    """
+
+    def __init__(self, stable, reach):
+        super().__init__('no spacing in the range gives the wanted value' if stable else 'no spacing in the range is stable')
+        self.stable, self.reach = stable, reach
+
+
+def _holds(build, spacing):
+    atoms = build(spacing)
+    return atoms.calc.parameters.foundation >= foundation_needed(atoms)[0]
+
+
+def _stable_stretches(build, spacings):
+    """The stable runs of `spacings`, each as far as the verge of instability."""
+    holds = np.array([_holds(build, L) for L in spacings])
+    stretches = []
+    for run in np.split(np.arange(len(spacings)), np.flatnonzero(np.diff(holds)) + 1):
+        if not holds[run[0]]:
+            continue
+        ends = [_verge(build, spacings[inside], spacings[outside])
+                for inside, outside in ((run[0], run[0] - 1), (run[-1], run[-1] + 1)) if 0 <= outside < len(spacings)]
+        stretches.append(np.unique([*spacings[run], *ends]))
+    return stretches
+
+
+def _verge(build, inside, outside):
+    """The last stable spacing on the way from a stable to an unstable one, by bisection."""
+    while abs(outside - inside) > VERGE * inside:
+        middle = (inside + outside) / 2
+        if middle in (inside, outside):
+            break
+        inside, outside = (middle, outside) if _holds(build, middle) else (inside, middle)
+    return inside
+
+
+def _refine(build, target, wanted, low, high):
+    """Spacing between `low` and `high` at which the target is met, by Newton's method within these bounds."""
+    from scipy.optimize import least_squares
+
+    def off(x):
+        return np.array([target(build(float(np.exp(x[0]))))[0] - wanted])
+
+    def slope(x):
+        return np.array([[target(build(float(np.exp(x[0]))))[1]]])
+
+    x = least_squares(off, [np.log(low * high) / 2], slope, bounds=([np.log(low)], [np.log(high)]),
+                      xtol=1e-15, ftol=None, gtol=None).x[0]
+    return float(np.exp(x))

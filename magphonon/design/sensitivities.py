@@ -1,0 +1,204 @@
+"""First derivatives of frequencies and responses by the parameters of a lattice, all analytic.
+
+The derivative of a pair law by a parameter is a pair law itself, and bond stiffness is linear in the law: so
+`bond_stiffness(vectors, change)` differentiates D0 and D* alike.  By the relative change dp/p of
+
+    the force           d phi' = phi'                      d phi'' = phi''
+    the spacing         d phi' = r phi'' - phi'            d phi'' = r phi'''         (r grows, n stays)
+    a of f = b r^-a     d phi' = -a ln(r/1 m) phi'         d phi'' = (1 - a ln(r/1 m)) phi''
+    l of Yukawa's law   d phi' = (phi + r phi')/l          d phi'' = (2 phi' + r phi'')/l
+
+Then, with the Bloch matrix D and a mode v of frequency w, `2 w dw = v^+ (dD - w^2 dM) v`, and with the resolvent
+G = (H - w^2 M + i w gamma M)^-1, `dG = -G (dH - w^2 dM + i w gamma dM) G`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import units
+from ..bands.bloch import bloch_modes
+from ..response.frf import resolvents
+from ..stiffness.bond import model_stiffness
+from ..stiffness.constraints import free_directions
+from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
+from ..stiffness.rest import BALANCED, at_rest
+
+SAME = 1e-9
+"""Of the highest frequency: branches closer than this cross."""
+SHIFTING = BALANCED
+"""Of the largest change of a bond force: what may be left on a particle."""
+STILL = 1e-6
+"""Of the highest frequency: below it a frequency is the root of the round-off in a square."""
+
+
+@dataclass(frozen=True)
+class LawChange:
+    """Derivative of a pair law by a parameter: as much of a law as stiffness asks for."""
+
+    dphi: Callable
+    d2phi: Callable
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a lattice changes in proportion to the relative change dp/p of one parameter p.
+
+    Attributes
+    ----------
+    law : object with dphi and d2phi, optional
+        Derivative of the pair law by ln p.
+    foundation : float
+        Derivative of the foundation stiffness by ln p, N/mm.
+    mass : float
+        Derivative of the logarithm of every mass by ln p.
+    """
+
+    law: object = None
+    foundation: float = 0.0
+    mass: float = 0.0
+
+
+def force_change(potential, power=1):
+    """Derivative of a law whose force goes with a `power` of the parameter."""
+    return LawChange(lambda r: power * potential.dphi(r), lambda r: power * potential.d2phi(r))
+
+
+def spacing_change(potential):
+    """Derivative of the law along the bonds as all distances grow in proportion, directions unchanged."""
+    def d2phi(r):
+        step = 1e-20 * r  # complex step: exact to round-off, for any law
+        return r * np.imag(potential.d2phi(r + 1j * step)) / step
+
+    return LawChange(lambda r: r * potential.d2phi(r) - potential.dphi(r), d2phi)
+
+
+def exponent_change(law, length=units.m):
+    """Derivative of an InversePower by ln a, while b stays the same number in N `length`^a."""
+    def x(r):
+        return law.a * np.log(r / length)
+
+    return LawChange(lambda r: -x(r) * law.dphi(r), lambda r: (1 - x(r)) * law.d2phi(r))
+
+
+def screening_change(law):
+    """Derivative of a Yukawa law by the logarithm of its screening length."""
+    return LawChange(lambda r: law.kappa * (law.phi(r) + r * law.dphi(r)),
+                     lambda r: law.kappa * (2 * law.dphi(r) + r * law.d2phi(r)))
+
+
+def frequency_sensitivities(atoms, q, changes, model='complete'):
+    """Derivatives of the frequencies by the logarithms of parameters.
+
+    Where branches cross, degenerate perturbation theory: among the modes of equal frequency those are taken in which
+    the changes are diagonal, the modes of the branches that cross.  A parameter that all particles share keeps the
+    symmetry of the lattice, so such modes exist, and branches that symmetry unites, as at Gamma and K, stay together.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    q : array_like, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors.
+    changes : sequence of Change
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms, unstable modes negative.
+    slopes : ndarray, shape (changes, wavevectors, modes)
+        `d omega/d ln p` in rad/ms.  Zero for translations without a foundation; NaN for another mode of zero
+        frequency, on the verge of instability, where the derivative is infinite.
+    """
+    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
+    q = np.reshape(q, (-1, 3))
+    v = vectors.reshape(*omega.shape, -1)
+    squares = np.sign(omega) * omega**2
+    highest = abs(omega).max()
+    calc, masses = at_rest(atoms), atoms.get_masses()
+    _refuse_moving(atoms, calc, changes)
+    W = np.empty((len(changes), *omega.shape, omega.shape[1]), dtype=complex)
+    for p, change in enumerate(changes):
+        dD = bloch_matrix(calc.bonds, _stiffness_change(calc, change, model), q, change.foundation)
+        W[p] = v.conj() @ mass_weighted(dD, masses) @ v.swapaxes(1, 2)
+        W[p] -= change.mass * squares[..., None] * np.eye(omega.shape[1])
+    dsquares = np.einsum('pqmm->pqm', W).real.copy()
+    for k in np.flatnonzero((np.diff(omega) <= SAME * highest).any(axis=1)):
+        for branches in np.split(np.arange(omega.shape[1]), np.flatnonzero(np.diff(omega[k]) > SAME * highest) + 1):
+            block = W[:, k, branches[0] : branches[-1] + 1, branches[0] : branches[-1] + 1]
+            generic = np.tensordot(np.cos(1 + np.arange(len(changes))), block, axes=1)  # weights in no special ratio
+            modes = np.linalg.eigh(generic)[1]
+            dsquares[:, k, branches] = np.einsum('ma,pmn,na->pa', modes.conj(), block, modes).real
+    still = abs(omega) <= STILL * highest
+    with np.errstate(divide='ignore', invalid='ignore'):
+        slopes = dsquares / (2 * abs(omega))
+    slopes[:, still] = np.where(abs(dsquares[:, still]) <= STILL**2 * highest**2, 0.0, np.nan)
+    return omega, slopes
+
+
+def response_sensitivities(atoms, force, omega, damping, changes):
+    """Steady displacements under a harmonic force, and their derivatives by the logarithms of parameters.
+
+    Parameters
+    ----------
+    atoms, force, omega, damping
+        As for `magphonon.response.frf.harmonic_response`.
+    changes : sequence of Change
+
+    Returns
+    -------
+    u : ndarray of complex, shape (frequencies, particles, 3)
+        In mm.
+    slopes : ndarray of complex, shape (changes, frequencies, particles, 3)
+        `du/d ln p` in mm.
+    """
+    calc, n = at_rest(atoms), len(atoms)
+    _refuse_moving(atoms, calc, changes)
+    M, gamma = np.repeat(atoms.get_masses(), 3), np.repeat(np.broadcast_to(damping, n), 3)
+    dH = [_hessian_change(calc, change) for change in changes]
+    F = np.asarray(force, dtype=complex).reshape(3 * n)
+    u = np.empty((len(omega), n, 3), dtype=complex)
+    slopes = np.empty((len(changes), len(omega), n, 3), dtype=complex)
+    for k, G in enumerate(resolvents(atoms, omega, damping)):
+        inertia = (-omega[k] ** 2 + 1j * omega[k] * gamma) * M
+        x = G(F)
+        u[k] = x.reshape(n, 3)
+        pushes = [-(H @ x + change.mass * inertia * x) for H, change in zip(dH, changes, strict=True)]
+        slopes[:, k] = G(np.transpose(pushes)).T.reshape(-1, n, 3)
+    return u, slopes
+
+
+def _refuse_moving(atoms, calc, changes):
+    """Refuse changes that would move the rest: the derivatives are those at fixed positions.
+
+    What a dead load holds stays where it is, as its load is taken to follow.
+    """
+    C, R, P = calc.bonds.incidence, calc.bonds.vectors[:, : calc.dim], free_directions(atoms)
+    r = np.linalg.norm(R, axis=1)
+    springs = (calc.offset - calc.load[:, : calc.dim]) / (calc.parameters.foundation or 1.0)
+    for change in changes:
+        pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
+        push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
+        left = np.linalg.norm((P @ (P.T @ push.ravel())).reshape(push.shape), axis=1) * ~calc.load.any(axis=1)
+        largest = max(abs(pull).max(), abs(change.foundation * springs).max())
+        for k in np.flatnonzero(left > SHIFTING * largest)[:1]:
+            raise ValueError('a parameter whose sensitivity is asked for moves the rest of the structure (it pushes particle '
+                             f'{k}), and derivatives at fixed positions would be wrong; take differences of relaxed structures')
+
+
+def _stiffness_change(calc, change, model):
+    vectors = calc.bonds.vectors[:, : calc.dim]
+    if change.law is None:
+        return np.zeros((len(vectors), calc.dim, calc.dim))
+    return model_stiffness(vectors, change.law, model)
+
+
+def _hessian_change(calc, change):
+    """In the three components of ASE; those along z stay empty for planar particles."""
+    from scipy import sparse
+
+    H = hessian(calc.bonds, _stiffness_change(calc, change, calc.parameters.model), change.foundation)
+    to_space = sparse.kron(sparse.eye_array(calc.bonds.particles), sparse.eye_array(3, calc.dim), format='csr')
+    return sparse.csr_array(to_space @ H @ to_space.T)

@@ -1,0 +1,198 @@
+"""What tolerances of the parameters make of frequencies and responses: to first order, and by sampling.
+
+With the covariance C of the relative changes dp/p and the slopes S = d value/d ln p, the variance is `S^T C S`.  The
+parameters are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bands.bloch import bloch_modes
+from ..errors import finite, whole
+from ..files import Saved
+from .sensitivities import frequency_sensitivities, response_sensitivities
+
+ROUND_OFF = 1e-12
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How well the parameters of a lattice are known.
+
+    Attributes
+    ----------
+    changes : dict of str to Change
+        Each parameter by name, and what it changes (`magphonon.design.sensitivities`).
+    covariance : ndarray, shape (parameters, parameters)
+        Of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
+
+    Raises
+    ------
+    ValueError
+        If the covariance has another shape, or is not that of any distribution.
+    """
+
+    changes: dict
+    covariance: np.ndarray
+
+    def __post_init__(self):
+        n = len(self.changes)
+        C = finite('covariance', self.covariance, (n, n))
+        if not n or not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C)[0] < -ROUND_OFF * np.trace(C):
+            raise ValueError(f'covariance must be symmetric without negative eigenvalues, with a row for each of the {n} '
+                             f'parameters, not {C.tolist()}; check the correlations')
+        object.__setattr__(self, 'covariance', C)
+
+    def samples(self, count, seed=0):
+        """Factors by which the parameters deviate, drawn from log-normal distributions (parameters are positive).
+
+        Returns
+        -------
+        ndarray, shape (count, parameters)
+        """
+        rng = np.random.default_rng(seed)
+        return np.exp(rng.multivariate_normal(np.zeros(len(self.changes)), self.covariance, whole('count', count)))
+
+
+@dataclass(frozen=True)
+class Spread(Saved, kind='uncertainties', units={
+    'names': ('', 'parameters'), 'covariance': ('', 'parameters', 'parameters'),
+    'values': ('rad/ms for frequencies, mm for amplitudes', '...'),
+    'slopes': ('that of the values, for each relative change', 'parameters', '...'),
+}, missing=('slopes',)):
+    """Values of one kind, and what the tolerances make of them to first order.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The parameters.
+    covariance : ndarray, shape (parameters, parameters)
+        Of their relative changes.
+    values : ndarray, shape (...)
+        Frequencies in rad/ms, or amplitudes in mm.
+    slopes : ndarray, shape (parameters, ...)
+        `d value/d ln p` in the unit of the values.
+    """
+
+    names: tuple
+    covariance: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+
+    @property
+    def std(self):
+        """Standard deviations in the unit of the values, shape (...)."""
+        return _std(self.covariance, self.slopes)
+
+    @property
+    def contributions(self):
+        """Standard deviation that each parameter causes alone, correlated ones together: dict of name, such as 'b, a', to (...).
+
+        Their squares add up to that of `std`.
+        """
+        from scipy.sparse.csgraph import connected_components
+
+        _, group = connected_components(self.covariance != 0)
+        members = [np.flatnonzero(group == g) for g in dict.fromkeys(group)]
+        return {', '.join(self.names[p] for p in who): _std(self.covariance[np.ix_(who, who)], self.slopes[who])
+                for who in members}
+
+
+@dataclass(frozen=True)
+class ResponseSpread(Spread, kind='uncertainties of a response', units={
+    'names': ('', 'parameters'), 'covariance': ('', 'parameters', 'parameters'), 'values': ('mm', 'frequencies'),
+    'slopes': ('mm for each relative change', 'parameters', 'frequencies'),
+    'turns': ('rad for each relative change', 'parameters', 'frequencies'),
+}):
+    """Amplitudes of a response, and what the tolerances make of them.
+
+    Attributes
+    ----------
+    turns : ndarray, shape (parameters, frequencies)
+        Slopes of the phase, `d arg(u)/d ln p` in radians.
+    """
+
+    turns: np.ndarray
+
+    @property
+    def second_order(self):
+        """Standard deviation that the second order adds to the amplitude, shape (frequencies,), in mm.
+
+        Near a resonance u = u0/(1 + z) with a small complex z, linear in the parameters.  On the peak z is imaginary: the
+        amplitude |u0| (1 - |z|^2/2) has no slope, and about normal z its mean lies lower by s^2/2 and its standard deviation
+        is s^2 over the root of 2, with the variance s^2 of |z|, the relative change of the complex u.
+        """
+        square = (self.std / self.values) ** 2 + _std(self.covariance, self.turns) ** 2
+        return self.values * square / np.sqrt(2)
+
+
+def _std(covariance, slopes):
+    return np.sqrt(np.maximum(np.einsum('p...,pr,r...->...', slopes, covariance, slopes), 0.0))
+
+
+def frequency_spread(atoms, q, tolerances, model='complete'):
+    """Frequencies and their uncertainty at any wavevectors.
+
+    Where branches cross, each keeps its own spread; see `magphonon.design.sensitivities.frequency_sensitivities`, also for NaN.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    q : array_like, shape (wavevectors, 3)
+    tolerances : Tolerances
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    Spread
+        Of the shape (wavevectors, modes).
+    """
+    omega, slopes = frequency_sensitivities(atoms, q, tolerances.changes.values(), model)
+    return Spread(tuple(tolerances.changes), tolerances.covariance, omega, slopes)
+
+
+def response_spread(atoms, force, answer, omega, damping, tolerances):
+    """Amplitude of a frequency response and its uncertainty.
+
+    Parameters
+    ----------
+    atoms, force, omega, damping
+        As for `magphonon.response.frf.harmonic_response`.
+    answer : (int, array_like of shape (3,))
+        The particle and the direction of the response.
+    tolerances : Tolerances
+
+    Returns
+    -------
+    ResponseSpread
+        Of |u|, shape (frequencies,), in mm.
+    """
+    particle, direction = answer
+    u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
+    u, du = u[:, particle] @ direction, du[:, :, particle] @ direction
+    return ResponseSpread(tuple(tolerances.changes), tolerances.covariance, abs(u), (u.conj() * du).real / abs(u), (du / u).imag)
+
+
+def sampled_frequencies(build, q, tolerances, count, seed=0):
+    """Frequencies of lattices whose parameters are drawn at random: what the linear propagation is checked against.
+
+    Parameters
+    ----------
+    build : callable
+        Takes a dict of parameter name to factor and returns the cell with its MagneticRepulsion.
+    q : array_like, shape (wavevectors, 3)
+    tolerances : Tolerances
+    count : int
+    seed : int
+
+    Returns
+    -------
+    ndarray, shape (count, wavevectors, modes)
+        In rad/ms.
+    """
+    from tqdm import tqdm
+
+    draws = tqdm(tolerances.samples(count, seed), desc='samples', delay=2, disable=None)
+    return np.array([bloch_modes(build(dict(zip(tolerances.changes, factors, strict=True))), q)[0] for factors in draws])

@@ -1,0 +1,10 @@
+"""Time steps: ASE's velocity Verlet with drives and damping, and fast engines that give the same states.
+
+`verlet` is the integrator, `drives` and `recorder` what acts and what is kept, `timestep` the limit 2/omega_max,
+`checkpoint` a run that survives being killed; `engine` and the two `kernels_*` move blocks of steps, `lammps` writes the same
+run for LAMMPS.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,32 @@
+from .cages import (
+    Cages as Cages,
+    Diverged as Diverged,
+)
+from .drives import (
+    Constant as Constant,
+    Drives as Drives,
+    Harmonic as Harmonic,
+    ToneBurst as ToneBurst,
+    constant_push as constant_push,
+    refuse_held_drives as refuse_held_drives,
+)
+from .engine import (
+    Blocks as Blocks,
+    refusal as refusal,
+)
+from .lammps import (
+    lammps_session as lammps_session,
+    read_lammps_displacements as read_lammps_displacements,
+    write_lammps_input as write_lammps_input,
+)
+from .recorder import (
+    Recorder as Recorder,
+)
+from .timestep import (
+    highest_frequency as highest_frequency,
+    linear_model as linear_model,
+    refuse_unstable as refuse_unstable,
+)
+from .verlet import (
+    DrivenVerlet as DrivenVerlet,
+)

@@ -1,0 +1,116 @@
+"""Bond forces as differences from rest, so that a displacement of 1e-12 of the spacing keeps its digits.
+
+A bond with the rest vector R and length r0, whose ends have moved apart by du, has the increment
+
+    e = (2 R.du + q |du|^2) / r0^2
+
+and pulls its far end j (and pushes its near end i) with the force, counted from rest,
+
+    H(e) R + (g + t H(e)) du
+
+    complete      q = 1, t = 1    H = f(r)/r - f(r0)/r0       r = r0 sqrt(1 + e)      g = f(r0)/r0
+    literal       q = 1, t = 0    H = (f(r) - f(r0))/r0       r = r0 sqrt(1 + e)      g = 0
+    conventional  q = 0, t = 0    H = (f(r) - f(r0))/r0       r = r0 (1 + e/2)        g = 0
+
+H has no constant term: nothing large is ever subtracted.  It is fitted through its slope, in which nothing cancels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+TOLERANCE = 1e-13
+"""Largest error of a fitted slope dH/de, as a fraction of the slope at rest."""
+RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
+"""Increments |e| for which polynomials are fitted; beyond the last the law itself is evaluated."""
+NEAR = 1e-3
+"""Increments below which H is an integral of its slope; above it the difference keeps twelve digits."""
+MOST_COEFFICIENTS = 40
+POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, MOST_COEFFICIENTS - n - 1))
+                   for n, row in enumerate(np.eye(MOST_COEFFICIENTS))]).T
+"""Chebyshev polynomials in powers of x, one in each column."""
+NODES, WEIGHTS = ((x + shift) / 2 for x, shift in zip(np.polynomial.legendre.leggauss(8), (1, 0), strict=True))
+
+
+@dataclass(frozen=True)
+class Increments:
+    """The increment law of bonds whose rest lengths fall into a few kinds.
+
+    Attributes
+    ----------
+    potential : object with dphi and d2phi
+    model : {'complete', 'conventional', 'literal'}
+    r0 : ndarray, shape (kinds,)
+        Rest length of each kind of bond, mm.
+    """
+
+    potential: object
+    model: str
+    r0: np.ndarray
+
+    @property
+    def q(self):
+        return 0.0 if self.model == 'conventional' else 1.0
+
+    @property
+    def t(self):
+        return 1.0 if self.model == 'complete' else 0.0
+
+    @property
+    def g(self):
+        """Static force over length f(r0)/r0 where it turns with the bond, N/mm, shape (kinds,)."""
+        return self.t * self.static / self.r0
+
+    @property
+    def static(self):
+        """Static force f(r0) of each kind in N."""
+        return -self.potential.dphi(self.r0)
+
+    def length(self, e, r0):
+        """Bond length that enters the law, mm."""
+        return r0 * (1 + e / 2) if self.model == 'conventional' else r0 * np.sqrt(1 + e)
+
+    def slope(self, e, r0):
+        """Slope dH/de in N/mm."""
+        r = self.length(e, r0)
+        if self.model == 'complete':
+            return -(r0**2 / (2 * r**2)) * (self.potential.d2phi(r) - self.potential.dphi(r) / r)
+        return -self.potential.d2phi(r) * (r0 / (2 * r) if self.model == 'literal' else 0.5)
+
+    def exact(self, e, r0):
+        """H(e) from the law itself, N/mm: the integral of the slope where the difference would cancel."""
+        r = self.length(e, r0)
+        near = abs(e) < NEAR
+        divisor = r if self.model == 'complete' else r0
+        H = -self.potential.dphi(r) / divisor + self.potential.dphi(r0) / r0
+        if near.any():
+            e, r0 = e[near], np.broadcast_to(r0, e.shape)[near]
+            H[near] = e * sum(w * self.slope(x * e, r0) for x, w in zip(NODES, WEIGHTS, strict=True))
+        return H
+
+    def polynomial(self, reach):
+        """Coefficients of `H = e (c0 + c1 e + ...)` for |e| <= reach, shape (kinds, coefficients), and their error.
+
+        Their number is even.
+
+        Returns
+        -------
+        (ndarray, float) or None
+            None if the law is not smooth enough there: a table with a knot within reach, or its end.
+        """
+        x = np.cos(np.linspace(0, np.pi, 301))[:, None]
+        nodes = chebyshev.chebpts1(MOST_COEFFICIENTS)[:, None]
+        try:
+            exact, sampled, at_rest = (self.slope(reach * at, self.r0) for at in (x, nodes, np.zeros((1, 1))))
+        except ValueError:  # the potential does not reach that far
+            return None
+        series = chebyshev.chebvander(nodes[:, 0], MOST_COEFFICIENTS - 1).T @ sampled * (2 / MOST_COEFFICIENTS)
+        series[0] /= 2
+        for count in range(4, MOST_COEFFICIENTS + 1, 2):
+            powers = POWERS[:count, :count] @ series[:count]
+            error = abs((np.vander(x[:, 0], count, increasing=True) @ powers - exact) / at_rest).max()
+            if error < TOLERANCE:
+                k = np.arange(count)[:, None]
+                return (powers / reach**k / (k + 1)).T, float(error)
+        return None

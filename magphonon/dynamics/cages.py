@@ -1,0 +1,153 @@
+"""The cages of bonded particles: whether a list of bonds that was made at rest is still true.
+
+Only bonded pairs repel each other.  That stands for the law as long as
+
+    no bond is shorter than CONTACT or longer than FLOWN times its rest length, and
+    no pair without a bond is nearer than the shortest bond at rest.
+
+In the first case particles have collided, or have left each other so far that others fit between them; in the second a
+repulsion as large as any at rest would be missing.  A particle that leaves its cage passes through one of the two.
+"""
+
+import numpy as np
+
+from ..lattices.bonds import bonds_within
+from ..stiffness.constraints import freedom
+
+CONTACT = 0.1
+"""Bonded particles closer than this fraction of their rest distance have collided."""
+FLOWN = 3.0
+"""Bonded particles farther apart than this multiple of their rest distance have left: two others fit in line between them, and
+the repulsion of magnets has fallen below a hundredth."""
+STILL = 0.05
+"""Of the shortest bond: displacements up to here bring no pair together, and are not looked at."""
+SURVEYED = 2.5
+"""Of the shortest bond: pairs up to here are listed; farther ones must first come nearer by as much as a bond is long."""
+APART = 1.1
+"""Of the shortest bond: pairs without a bond that are nearer at rest are meant not to feel each other, as replicas; then no
+distance without a bond is judged."""
+STRIDE = 0.1
+"""Of the shortest bond: the way of the fastest particle between two looks at most."""
+
+
+class Diverged(RuntimeError):
+    """A run went wrong; the atoms are left in the last good state.
+
+    Attributes
+    ----------
+    particle : int
+        The particle concerned.
+    time : float
+        When it was noticed, in ms.
+    atoms : ase.Atoms
+        The last good state, at `last_good` ms.
+    last_good : float
+    """
+
+    def __init__(self, particle, time, what):
+        super().__init__(f'at {time:g} ms particle {particle} {what}; the atoms keep the last good state. '
+                         'Take a shorter time step, less drive, or a start nearer to rest')
+        self.particle, self.time, self.atoms, self.last_good = int(particle), time, None, None
+
+
+class Cages:
+    """Looks whether the bonds of a structure still hold; what it has seen makes the next look cheap.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With its MagneticRepulsion.
+    """
+
+    def __init__(self, atoms):
+        self.calc, bonds = atoms.calc, atoms.calc.bonds
+        try:
+            self.mobile = freedom(atoms)[0]
+        except ValueError:  # a constraint that it does not know
+            self.mobile = np.ones(len(atoms), bool)
+        self.nearest = bonds.lengths.min(initial=np.inf)
+        self._origin = self._margin = None
+
+    def still(self, largest):
+        """Whether displacements of at most `largest` (mm) need no look; False for one that is no number."""
+        return largest <= STILL * self.nearest
+
+    def steps_between_looks(self, speed, dt, most):
+        """How many steps of `dt` (ms) the fastest particle may go at `speed` (mm/ms) from one look to the next."""
+        stride = STRIDE * self.nearest
+        return most if speed * dt * most <= stride else max(1, int(stride / (speed * dt)))
+
+    def look(self, u, time, bonded=True):
+        """Raise Diverged if the displacements `u` in mm, shape (particles, dim), are not finite or no cages any more.
+
+        Without `bonded` the lengths of the bonds are not looked at, as somebody else has done that.
+        """
+        lost = np.flatnonzero(~np.isfinite(u).all(axis=1))
+        if len(lost):
+            raise Diverged(lost[0], time, 'has left for infinity')
+        if bonded:
+            self._look_at_bonds(u, time)
+        if not self.still(np.sqrt(np.einsum('ix,ix->i', u, u).max(initial=0.0))):
+            self._look_at_others(u, time)
+
+    def _look_at_bonds(self, u, time):
+        bonds, R = self.calc.bonds, self.calc.bonds.vectors[:, : self.calc.dim]
+        r0 = np.linalg.norm(R, axis=1)
+        bond = R + u[bonds.j] - u[bonds.i]
+        r = np.linalg.norm(bond, axis=1)
+        if self.calc.parameters.model == 'conventional':
+            r = np.einsum('bx,bx->b', bond, R) / r0
+        for b in np.flatnonzero((r < CONTACT * r0) | (r > FLOWN * r0))[:1]:
+            raise Diverged(bonds.i[b], time, f'is {r[b]:g} mm from its neighbour {bonds.j[b]} instead of {r0[b]:g} mm')
+
+    def _look_at_others(self, u, time):
+        """A pair d apart at the survey can be nearer than `nearest` only if an end has moved by (d - nearest)/2 since."""
+        if self._origin is None:
+            self._survey(np.zeros_like(u))
+            self._judged = (self._distance >= APART * self.nearest).all()
+        if not self._judged:
+            return
+        moved = np.linalg.norm(u - self._origin, axis=1)
+        if moved.max() >= (SURVEYED - 1) / 2 * self.nearest:
+            self._survey(u)
+            moved = np.zeros(len(u))
+            distance, i, j = self._distance, self._i, self._j
+        else:
+            far = moved > self._margin
+            if not far.any():
+                return
+            pairs = far[self._i] | far[self._j]
+            i, j = self._i[pairs], self._j[pairs]
+            step = u - self._origin
+            distance = np.linalg.norm(self._vectors[pairs] + step[j] - step[i], axis=1)
+        for b in np.flatnonzero(distance < self.nearest)[:1]:
+            raise Diverged(i[b], time, f'is {distance[b]:g} mm from {j[b]}, with which it has no bond, nearer than the '
+                                       f'{self.nearest:g} mm at which bonded particles rest: the bonds do not hold any more')
+
+    def _survey(self, u):
+        """List the pairs without a bond near the displacements `u`."""
+        bonds, atoms = self.calc.bonds, self.calc.reference.copy()
+        atoms.positions[:, : self.calc.dim] += u
+        self._origin = u.copy()
+        try:
+            near = bonds_within(atoms, SURVEYED * self.nearest)
+        except ValueError:  # two particles coincide
+            self._i = self._j = np.zeros(1, int)
+            self._vectors, self._distance, self._margin = np.zeros((1, self.calc.dim)), np.zeros(1), np.zeros(len(u))
+            return
+        other = ~np.isin(_keys(near, near.i, near.j, near.shift), np.concatenate(
+            [_keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift)]))
+        other &= self.mobile[near.i] | self.mobile[near.j]
+        self._i, self._j, self._vectors = near.i[other], near.j[other], near.vectors[other, : self.calc.dim]
+        self._distance = np.linalg.norm(self._vectors, axis=1)
+        self._margin = np.full(len(u), (SURVEYED - 1) / 2 * self.nearest)
+        for ends in (self._i, self._j):
+            np.minimum.at(self._margin, ends, (self._distance - self.nearest) / 2)
+
+
+def _keys(near, i, j, shift):
+    """A whole number for each pair and cell; only pairs in the cells of `near` can be equal to one of these."""
+    most = abs(near.shift).max(initial=0)
+    inside = (abs(shift) <= most).all(axis=1)
+    place = np.where(inside[:, None], shift + most, 0) @ (2 * most + 1) ** np.arange(3)
+    return np.where(inside, (i * near.particles + j) * (2 * most + 1) ** 3 + place, -1)

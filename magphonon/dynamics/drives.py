@@ -1,0 +1,213 @@
+"""External forces on chosen particles, as functions of time: harmonic, tone burst, constant, or any callable.
+
+A drive is called with the time t in ms and returns the force in N on each of its `particles`, shape
+(particles, 3).  The drives of this module take several times at once, shape (times,), and then return
+(times, particles, 3).  A plain function of t acts on all particles.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import finite, positive
+from ..stiffness.constraints import refuse_held
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Force that does not change.
+
+    Parameters
+    ----------
+    particles : int or array_like of int
+    direction : array_like, shape (2,) or (3,)
+        Made a unit vector.
+    force : float or array_like, shape (particles,)
+        In N.
+    """
+
+    particles: np.ndarray
+    direction: np.ndarray
+    force: np.ndarray
+
+    def __post_init__(self):
+        _prepare(self, 'force')
+
+    def __call__(self, t):
+        return _along(self.direction, self.force + np.zeros(np.shape(t))[..., None])
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """Force `amplitude sin(omega t + phase)`.
+
+    Amplitude, angular frequency and phase may differ from particle to particle, so that one run holds many
+    replicas of a system at as many frequencies.
+
+    Parameters
+    ----------
+    particles : int or array_like of int
+    direction : array_like, shape (2,) or (3,)
+        Made a unit vector.
+    amplitude : float or array_like, shape (particles,)
+        In N.
+    omega : float or array_like, shape (particles,)
+        In rad/ms.
+    phase : float or array_like, shape (particles,)
+        In rad.
+    """
+
+    particles: np.ndarray
+    direction: np.ndarray
+    amplitude: np.ndarray
+    omega: np.ndarray
+    phase: np.ndarray = 0.0
+
+    def __post_init__(self):
+        _prepare(self, 'amplitude', 'omega', 'phase')
+
+    def __call__(self, t):
+        t = np.asarray(t)[..., None]
+        return _along(self.direction, self.amplitude * np.sin(self.omega * t + self.phase))
+
+
+@dataclass(frozen=True)
+class ToneBurst:
+    """Sine of a few cycles under a Hann window, `amplitude sin(omega s) (1 - cos(omega s/cycles))/2`, s = t - start.
+
+    Parameters
+    ----------
+    particles : int or array_like of int
+    direction : array_like, shape (2,) or (3,)
+        Made a unit vector.
+    amplitude : float or array_like, shape (particles,)
+        In N.
+    omega : float
+        Carrier in rad/ms.
+    cycles : float
+        Length of the window in periods of the carrier.
+    start : float
+        In ms.
+    """
+
+    particles: np.ndarray
+    direction: np.ndarray
+    amplitude: np.ndarray
+    omega: float
+    cycles: float = 5
+    start: float = 0.0
+
+    def __post_init__(self):
+        _prepare(self, 'amplitude')
+        positive('omega', self.omega, 'rad/ms')
+        positive('cycles', self.cycles)
+        finite('start', self.start, ())
+
+    @property
+    def end(self):
+        """Time in ms when the burst is over."""
+        return self.start + 2 * np.pi * self.cycles / self.omega
+
+    def __call__(self, t):
+        t = np.asarray(t)[..., None]
+        x = self.omega * (t - self.start)
+        window = np.where((t >= self.start) & (t <= self.end), (1 - np.cos(x / self.cycles)) / 2, 0.0)
+        return _along(self.direction, self.amplitude * window * np.sin(x))
+
+
+def _prepare(drive, *strengths):
+    """Check and normalise the fields that the drives share."""
+    try:
+        particles = np.atleast_1d(np.asarray(drive.particles))
+        whole = np.issubdtype(particles.dtype, np.integer) and particles.ndim == 1 and (particles >= 0).all()
+    except ValueError:
+        whole = False
+    if not whole or len(np.unique(particles)) < len(particles) or not len(particles):
+        raise ValueError(f'particles must be different indices, zero or above, not {drive.particles!r}')
+    direction = finite('direction', drive.direction)
+    if direction.shape not in ((2,), (3,)) or not direction.any():
+        raise ValueError(f'direction must be a vector of 2 or 3 components, not all zero, not {drive.direction!r}')
+    direction = np.append(direction, np.zeros(3 - len(direction)))
+    object.__setattr__(drive, 'particles', particles)
+    object.__setattr__(drive, 'direction', direction / np.linalg.norm(direction))
+    for name in strengths:
+        value = finite(name, getattr(drive, name))
+        if value.shape not in ((), particles.shape):
+            raise ValueError(f'{name} must be one number, or one for each of the {len(particles)} particles, not {value.shape}')
+        object.__setattr__(drive, name, np.broadcast_to(value, particles.shape))
+
+
+def _along(direction, strength):
+    return strength[..., None] * direction
+
+
+def constant_push(drives, count):
+    """Sum of the Constant ones among the drives on `count` particles, in N, shape (count, 3)."""
+    push, constant = np.zeros((count, 3)), Drives([drive for drive in drives if isinstance(drive, Constant)], count)
+    push[constant.particles] = constant.forces(np.zeros(1))[0]
+    return push
+
+
+def refuse_held_drives(drives, atoms):
+    """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push."""
+    for drive in drives:
+        if isinstance(drive, Constant | Harmonic | ToneBurst) and drive.particles.max() < len(atoms):
+            force = np.zeros((len(atoms), 3))
+            strength = drive.force if isinstance(drive, Constant) else drive.amplitude
+            force[drive.particles] = _along(drive.direction, strength)
+            refuse_held(force, atoms, f'the drive {type(drive).__name__}')
+
+
+class Drives:
+    """Sum of several drives on a structure.
+
+    Parameters
+    ----------
+    drives : sequence of drives or functions of the time
+    count : int
+        Number of particles in the structure.
+
+    Attributes
+    ----------
+    particles : ndarray of int
+        All particles that are driven.
+
+    Raises
+    ------
+    ValueError
+        If a drive names a particle that is not there, or is no drive.
+    """
+
+    def __init__(self, drives, count):
+        self._parts = []
+        for drive in drives:
+            if not callable(drive):
+                raise ValueError(f'a drive must be a Harmonic, ToneBurst, Constant or a function of the time, not {drive!r}')
+            own = getattr(drive, 'particles', None)
+            particles = np.arange(count) if own is None else np.atleast_1d(own)
+            if particles.max(initial=-1) >= count:
+                raise ValueError(f'a drive acts on particle {particles.max()}, but the structure has particles 0 to {count - 1}')
+            self._parts.append((drive, particles))
+        found = [particles for _, particles in self._parts]
+        self.particles = np.unique(np.concatenate(found)) if found else np.zeros(0, int)
+        self._rows = [np.searchsorted(self.particles, particles) for particles in found]
+
+    def __bool__(self):
+        return len(self.particles) > 0
+
+    def forces(self, times):
+        """Forces in N at the `times` in ms, shape (times, particles, 3).
+
+        Raises
+        ------
+        ValueError
+            If a function returns something else than one finite vector for each particle.
+        """
+        total = np.zeros((len(times), len(self.particles), 3))
+        for (drive, particles), rows in zip(self._parts, self._rows, strict=True):
+            shape = (len(times), len(particles), 3)
+            if isinstance(drive, Constant | Harmonic | ToneBurst):
+                total[:, rows] += drive(times)
+            else:
+                total[:, rows] += finite('force of a drive', [drive(t) for t in times], shape)
+        return total

@@ -1,0 +1,197 @@
+"""The exact state of a run between two looks at it: displacements and velocities, moved on by a kernel."""
+
+import numpy as np
+
+from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.constraints import freedom
+from ..stiffness.rest import components, static_forces
+from .bond_increments import RANGES, Increments
+from .cages import CONTACT, FLOWN, Cages
+from .drives import Constant, Drives, constant_push
+from .kernels_numpy import Kernel, Motion
+from .law_pieces import pieces
+from .memory_layout import arrange
+
+PIECES = len(RANGES)
+"""Level of the law in pieces, from contact to bonds that have flown apart; one level on it is evaluated itself."""
+
+
+def refusal(atoms):
+    """Why blocks of steps cannot integrate `atoms`, or None if they can."""
+    if type(atoms.calc) is not MagneticRepulsion:
+        return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
+    if atoms.calc.dim != 2:
+        return 'the structure is not planar'
+    if atoms.get_momenta()[:, 2].any():
+        return 'particles move out of the plane'
+    try:
+        freedom(atoms)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+class Blocks:
+    """Displacements, velocities and accelerations of a planar structure, exact where positions would round them.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With its MagneticRepulsion; `refusal(atoms)` is None.
+    dt : float
+        Time step in ms.
+    drives : sequence of drives
+    damping : ndarray, shape (particles,)
+        gamma in 1/ms.
+    """
+
+    def __init__(self, atoms, dt, drives, damping):
+        calc, masses = atoms.calc, atoms.get_masses()
+        self.atoms, self.calc, self.dt = atoms, calc, dt
+        self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
+        mobile, guided, barred = freedom(atoms)
+        static = static_forces(calc, constant_push(drives, len(atoms)))
+        driven = np.flatnonzero(mobile & static.any(axis=1))
+        driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
+        _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
+        self._static = static[driven]
+
+        self.layout = layout = arrange(calc.reference, calc.bonds, mobile)
+        self._increments = Increments(calc.potential, calc.parameters.model, layout.r0)
+        self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
+                              calc.parameters.foundation, layout.slot[driven], layout.slot[guided], barred)
+        self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
+        self._kernel_class, self._level, self._kernel = Kernel, 0, None
+        self.cages = Cages(atoms)
+        self._read()
+
+    @property
+    def engine(self):
+        return self._kernel.engine
+
+    @property
+    def displacements(self):
+        """In mm, shape (particles, 2)."""
+        return self.layout.gather(self._state[0]).T.copy()
+
+    @property
+    def velocities(self):
+        """In mm/ms, shape (particles, 2)."""
+        return self.layout.gather(self._state[1]).T.copy()
+
+    def steps_to_next_look(self, most):
+        """How many steps the next block may have, `most` at most; fewer where particles are fast."""
+        v = self._state[1]
+        return self.cages.steps_between_looks(np.sqrt(2) * max(v.max(), -v.min()), self.dt, most)
+
+    def use(self, engine):
+        """Choose the kernel: 'numpy' or 'compiled'."""
+        if engine == 'compiled':
+            from .kernels_numba import CompiledKernel as kernel_class
+        else:
+            kernel_class = Kernel
+        if kernel_class is not self._kernel_class or self._kernel is None:
+            self._kernel_class = kernel_class
+            self._fit(self._level)
+
+    def _fit(self, level):
+        """Make the kernel for increments up to RANGES[level]; beyond with the law in pieces, or itself where that is left."""
+        fit = self._increments.polynomial(RANGES[level]) if level < PIECES else None
+        self._level, self._reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
+        fitted = fit and fit[0]
+        if self._level == PIECES:
+            fitted = self._in_pieces()
+            self._level, self._reach = (PIECES, 1.0) if fitted else (PIECES + 1, np.inf)
+        kernel_class = Kernel if fitted is None else self._kernel_class
+        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted)
+
+    def _in_pieces(self):
+        """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
+        if self._kernel_class is Kernel:
+            return None
+        kinds = [pieces(self._increments, kind, CONTACT, FLOWN) for kind in range(len(self.layout.r0))]
+        return None if None in kinds else kinds
+
+    @property
+    def _exact(self):
+        return self._level > PIECES
+
+    def advance(self, first, steps):
+        """Move on by a block of `steps`, from the step number `first`.
+
+        Raises
+        ------
+        Diverged
+            And nothing has moved.
+        """
+        times = self.dt * np.arange(first, first + steps + 1)
+        forces = self._external(times)
+        if not self.current:
+            self._read()
+        with np.errstate(over='ignore', invalid='ignore'):
+            np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
+            while not (self._try(forces) <= self._reach or self._exact):
+                self._fit(self._level + 1)
+                self._stale = True
+        u = self._spare[0]
+        if self._exact or not self.cages.still(np.sqrt(2) * max(u.max(), -u.min())):
+            u = np.where(self._mobile, self.layout.gather(u).T, self.displacements)  # a held one has any force, and stays
+            self.cages.look(u, times[-1], bonded=self._exact)
+        self._state, self._spare = self._spare, self._state
+
+    def _try(self, forces):
+        """Fill the spare state with the end of the block; returns the largest increment on the way."""
+        strain = 0.0
+        if self._stale:
+            u, _, a = self._state
+            strain = self._kernel.accelerate(u, a, forces[0])
+            self._stale = False
+        return np.maximum(strain, self._kernel.advance(self._state, forces[1:], out=self._spare))
+
+    def _external(self, times):
+        """Static and external forces on the driven slots, shape (times, driven, 2)."""
+        if not len(self._static):
+            return np.zeros((len(times), 0, 2))
+        varying = components(self._varying.forces(times), 2)
+        total = np.repeat(self._static[None], len(times), axis=0)
+        total[:, self._to] += varying[:, self._from]
+        return total
+
+    def _arrays(self):
+        atoms = self.atoms.arrays
+        return *self._state[:2], self._anchors, self._masses, atoms['positions'], atoms['momenta']
+
+    @property
+    def current(self):
+        """Whether the atoms are as `write` left them; observers may change them."""
+        return self._kernel.written(*self._arrays())
+
+    def write(self):
+        """Put the state into the atoms, rounded to positions."""
+        self._kernel.write(*self._arrays())
+
+    def _read(self):
+        """Take the state from the atoms."""
+        u, v = self.calc.displacements(self.atoms), self._mobile * self.atoms.get_momenta()[:, :2] / self._masses[:, None]
+        v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
+        self._take(u, v, (self.atoms.positions[:, :2] - u).T.copy())
+
+    def _take(self, u, v, anchors):
+        self._state = tuple(self.layout.scatter(x) for x in (u, v, 0 * v))
+        self._spare = tuple(self.layout.scatter(0 * x) for x in (u, u, u))
+        self._anchors, self._stale = anchors, True
+
+    def adopt(self, old):
+        """Take over the state of other blocks on the same particles, to more digits than the positions have."""
+        self._take(old.displacements, old.velocities * self._mobile, old._anchors)
+
+    def state(self):
+        """Arrays from which `restore` continues to the same bits."""
+        return dict(zip('uva', self._state, strict=True)) | {'level': self._level, 'stale': self._stale}
+
+    def restore(self, state):
+        """Go on from a `state`; the atoms have their positions and momenta already."""
+        self._fit(int(state['level']))
+        for mine, name in zip(self._state, 'uva', strict=True):
+            mine[:] = state[name]
+        self._stale = bool(state['stale'])

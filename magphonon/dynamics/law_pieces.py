@@ -1,0 +1,131 @@
+"""The increment law in pieces, from contact to several spacings, where no single polynomial holds.
+
+With the measure of length w, which is `(r/r0)^2 = 1 + e` where the full length counts and `r/r0 = 1 + e/2` where its
+projection does, the quotient `Q(w) = H(e)/e` is cut into polynomials of degree 7.  The first cut is the one that a floating
+number makes itself: each octave of w into 2^BITS equal pieces, found by a shift of the bits of w.  A piece that misses the
+tolerance is halved until it does not, as a knot of a table or the edge of a contact asks for.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+BITS = 4
+"""Binary logarithm of the pieces of one octave."""
+DEGREE = 7
+TOLERANCE = 5e-13
+"""Largest error of a piece as a share of |Q| there and at rest; below it lies what the quotient itself loses by rounding."""
+NARROWEST = 1e-9
+"""Width of a piece that is not halved any more: what happens within it, as the jump of a force, has no place to be seen."""
+MOST = 20_000
+"""Pieces of one kind of bond; a law that needs more is noise."""
+SMALL = 1 / 16
+"""Increments below which Q is the mean slope; above it the difference of forces keeps its digits.  Less by the factor
+`3 f/(r0 dH/de)` for bonds that are stiff for their force, as contacts: there the difference is better, and the mean might
+cross the edge of the contact."""
+_NODES = chebyshev.chebpts1(DEGREE + 5)
+_FIT = np.linalg.pinv(np.vander(_NODES, DEGREE + 1, increasing=True))
+_CHECKS = np.linspace(-1, 1, 23)
+_GAUSS = tuple((x + shift) / 2 for x, shift in zip(np.polynomial.legendre.leggauss(12), (1, 0), strict=True))
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Polynomials of one kind of bond.
+
+    Attributes
+    ----------
+    per_increment : float
+        (w - 1)/e.
+    low, high : float
+        Between which w may lie.
+    first : int
+        Bits of the octave piece in which `low` lies.
+    child : ndarray of int, shape (pieces,)
+        The lower half of a piece that was halved, the upper one follows it; -1 for others.  Those of the octaves come first.
+    centre : ndarray, shape (pieces,)
+        Where it is halved, or the middle.
+    coefficients : ndarray, shape (pieces, DEGREE + 1)
+        Of Q in powers of w - centre, in N/mm.
+    """
+
+    per_increment: float
+    low: float
+    high: float
+    first: int
+    child: np.ndarray
+    centre: np.ndarray
+    coefficients: np.ndarray
+
+
+def octave_piece(w):
+    """The bits of w that number its piece of an octave."""
+    return np.asarray(w, float).view(np.int64) >> (52 - BITS)
+
+
+def pieces(increments, kind, shortest, longest):
+    """The law of one kind of bond from the length `shortest` to `longest`, in rest lengths.
+
+    Parameters
+    ----------
+    increments : Increments
+    kind : int
+
+    Returns
+    -------
+    Pieces or None
+        None for a law that needs too many.  Where the law ends before, the pieces do too.
+    """
+    r0 = increments.r0[kind]
+    per_increment, power = (0.5, 1) if increments.model == 'conventional' else (1.0, 2)
+
+    near = SMALL * min(1.0, 3 * abs(increments.static[kind] / r0 / increments.slope(0.0, r0)))
+
+    def quotient(w):
+        e = (w - 1) / per_increment
+        small = abs(e) < near
+        Q = increments.exact(np.where(small, 1.0, e), r0) / np.where(small, 1.0, e) if not small.all() else np.zeros_like(e)
+        if small.any():
+            x, weights = _GAUSS
+            Q[small] = weights @ increments.slope(x[:, None] * e[small], r0)
+        return Q
+
+    low, high = (_end_of(quotient, end**power) for end in (shortest, longest))
+    scale = abs(quotient(np.ones(1)))[0]
+    first, last = int(octave_piece(low)), int(octave_piece(high))
+    edges = (np.arange(first, last + 2, dtype=np.int64) << (52 - BITS)).view(float)
+    a, b = np.clip(edges[:-1], low, high), np.clip(edges[1:], low, high)
+    child, centre, rows = [], [], []
+    count = 0
+    while len(a):
+        c, h = (a + b) / 2, np.maximum((b - a) / 2, NARROWEST / 4)
+        powers = _FIT @ quotient(c + h * _NODES[:, None])
+        checks = quotient(c + h * _CHECKS[:, None])
+        error = abs(np.vander(_CHECKS, DEGREE + 1, increasing=True) @ powers - checks) / (abs(checks) + scale)
+        rough = (error.max(axis=0) > TOLERANCE) & (2 * h > NARROWEST)
+        count += len(a)
+        if count > MOST or not np.isfinite(powers).all():
+            return None
+        child.append(np.where(rough, count + 2 * (np.cumsum(rough) - 1), -1))
+        centre.append(c)
+        rows.append((powers / h ** np.arange(DEGREE + 1)[:, None]).T)
+        a, b = (np.stack(pair, axis=1)[rough].ravel() for pair in ((a, c), (c, b)))
+    return Pieces(per_increment, low, high, first, np.concatenate(child), np.concatenate(centre), np.concatenate(rows))
+
+
+def _end_of(quotient, wanted):
+    """The w nearest to `wanted`, on its side of rest, at which the law is still defined."""
+    def defined(w):
+        try:
+            return np.isfinite(quotient(np.array([w]))).all()
+        except ValueError:
+            return False
+
+    if defined(wanted):
+        return wanted
+    inside, outside = 1.0, wanted
+    while abs(inside - outside) > 1e-12:
+        middle = (inside + outside) / 2
+        inside, outside = (middle, outside) if defined(middle) else (inside, middle)
+    return inside

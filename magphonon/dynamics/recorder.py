@@ -1,0 +1,140 @@
+"""Displacements of a run, frame by frame, in bounded memory."""
+
+import os
+from contextlib import suppress
+from hashlib import sha256
+from tempfile import SpooledTemporaryFile, gettempdir
+from weakref import finalize
+
+import numpy as np
+
+from ..errors import whole
+from ..files import room_for, save_arrays
+
+MEMORY = 2**26
+"""Bytes of frames kept in memory; more go to a temporary file."""
+PIECE = 2**22
+"""Bytes of frames read at a time for their checksum."""
+
+
+class Recorder:
+    """Observer that keeps the displacements of particles, in float64, as exact as the engine has them.
+
+    Parameters
+    ----------
+    dyn : DrivenVerlet
+        The recorder attaches itself.
+    particles : array_like of int, optional
+        All of them if not given.
+    interval : int
+        Steps between two frames.
+    """
+
+    def __init__(self, dyn, particles=None, interval=10):
+        self._dyn, self.interval = dyn, whole('interval', interval)
+        count = len(dyn.atoms)
+        self.particles = np.arange(count) if particles is None else np.atleast_1d(particles)
+        if not (np.issubdtype(self.particles.dtype, np.integer) and self.particles.min(initial=0) >= 0
+                and self.particles.max(initial=0) < count):
+            raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
+        self._frames = []  # their times
+        self._shape = len(self.particles), dyn.displacements.shape[1]
+        self._sum = None  # of the frames in a file beside a checkpoint
+        self._open(SpooledTemporaryFile(MEMORY), gettempdir())  # noqa: SIM115  open as long as the recorder
+        dyn.recorders.append(self)
+        dyn.attach(self, self.interval)
+
+    def _open(self, file, place):
+        self._file, self._place = file, place
+        finalize(self, _close, file)
+
+    def __call__(self):
+        frame = self._dyn.displacements[self.particles].tobytes()
+        with room_for(self._place):
+            self._file.write(frame)
+        if self._sum is not None:
+            self._sum.update(frame)
+        self._frames.append(self._dyn.get_time())
+
+    @property
+    def times(self):
+        """Times of the frames in ms, shape (frames,)."""
+        return np.array(self._frames)
+
+    @property
+    def displacements(self):
+        """Displacements from rest in mm, shape (frames, particles, dim); a read-only map of the file if they are many."""
+        shape = len(self._frames), *self._shape
+        if not np.prod(shape):
+            return np.zeros(shape)
+        self._file.flush()
+        if 8 * np.prod(shape) > MEMORY:
+            return np.memmap(self._file, dtype=float, mode='r', shape=shape)
+        self._file.seek(0)
+        return np.frombuffer(self._file.read()).reshape(shape)
+
+    def save(self, path):
+        """Write `times` (ms), `displacements` (mm) and `particles` to a .npz file, whole or not at all."""
+        save_arrays(path, {'times': self.times, 'displacements': self.displacements, 'particles': self.particles},
+                    {'times': ('ms', 'frames'), 'displacements': ('mm', 'frames', 'particles', 'dim'),
+                     'particles': ('', 'particles')})
+
+    def forget_after(self, time):
+        """Drop the frames later than `time` (ms), those of a run that has gone wrong."""
+        self._cut(int(np.searchsorted(self._frames, time, side='right')))
+
+    def _cut(self, frames):
+        size = 8 * int(np.prod(self._shape)) * frames
+        self._file.flush()
+        self._file.truncate(size)
+        if self._sum is not None:
+            self._sum = self._checksum(size)
+        self._file.seek(size)
+        del self._frames[frames:]
+
+    def _checksum(self, size):
+        """Checksum of the first `size` bytes of frames; reading takes about a second for each GB."""
+        total = sha256()
+        self._file.seek(0)
+        while size and (piece := self._file.read(min(PIECE, size))):
+            total.update(piece)
+            size -= len(piece)
+        return total
+
+    def keep_at(self, path, times=None, checksum=None):
+        """Keep the frames in a file from now on; with `times`, go on after that many frames which are there already.
+
+        Raises
+        ------
+        ValueError
+            If the file is shorter than that, or its frames are not those of the `checksum`; it is left as it is.
+        """
+        if times is None:
+            frames = self.displacements.tobytes()
+            self._open(open(path, 'w+b'), path)  # noqa: SIM115
+            self._file.write(frames)
+            self._sum = sha256(frames)
+            return
+        size = 8 * int(np.prod(self._shape)) * len(times)
+        if not os.path.exists(path) or os.path.getsize(path) < size:
+            raise ValueError(f'{path} does not hold the {len(times)} frames of its checkpoint; delete both and start again')
+        self._open(open(path, 'r+b'), path)  # noqa: SIM115
+        self._sum = self._checksum(size)
+        if self._sum.hexdigest() != checksum:
+            raise ValueError(f'the frames in {path} are not those that were written with its checkpoint; '
+                             'delete both and start again')
+        self._frames = list(times)
+        self._file.truncate(size)  # frames later than the checkpoint are computed again
+        self._file.seek(size)
+
+    def keep(self):
+        """Make sure that the frames are on the disk; returns their times and their checksum."""
+        with room_for(self._place):
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        return self.times, self._sum.hexdigest()
+
+
+def _close(file):
+    with suppress(OSError):  # what a full disk has not taken was reported when it was written
+        file.close()

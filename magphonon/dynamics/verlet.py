@@ -1,0 +1,326 @@
+"""Velocity Verlet with external forces and linear damping, on ASE's own.
+
+With the damping gamma and the external force f(t), the equation of motion `m u'' = F(u) - m gamma u' + f(t)` is split
+symmetrically around ASE's step, which makes it second order in dt and leaves its limit omega dt < 2 untouched:
+
+    v <- v exp(-gamma dt/2)      half the decay, exact
+    v <- v + dt/2 f(t)/m         half the kick
+    ASE's VelocityVerlet         F
+    v <- v + dt/2 f(t + dt)/m
+    v <- v exp(-gamma dt/2)
+
+Without damping and drives it is ASE's VelocityVerlet, bit for bit.
+"""
+
+from importlib.util import find_spec
+
+import numpy as np
+from ase.md.verlet import VelocityVerlet
+from tqdm import tqdm
+
+from ..errors import finite, one_of, positive, whole
+from ..stiffness.calculator import MagneticRepulsion
+from .cages import Cages, Diverged
+from .drives import Drives, refuse_held_drives
+from .energy_log import EnergyLog
+from .engine import Blocks, refusal
+from .timestep import refuse_unstable
+
+ENGINES = ('auto', 'ase', 'numpy', 'compiled')
+COMPILING_PAYS = 5e7
+"""Particle-steps above which the compiled kernel earns back the second that loading it takes."""
+BLOCK = 32
+"""Most steps between two looks at the state, whether particles have collided or left."""
+
+
+class DrivenVerlet(VelocityVerlet):
+    """ASE's VelocityVerlet with drives and damping; observers, trajectories and logs as in any ASE dynamics.
+
+    The engines give observers the same states, equal to round-off (in blocks, where observers look decides how a sum is
+    rounded, so only runs with the same observers have the same bits).  'ase' is ASE's own loop, for any calculator;
+    'numpy' and 'compiled' move planar structures with MagneticRepulsion by blocks of steps between two observer
+    calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
+    With MagneticRepulsion a run that diverges stops with Diverged; with other calculators this is not noticed.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With its calculator.
+    timestep : float
+        In ms.
+    drives : sequence of drives
+        See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
+    damping : float or array_like, shape (particles,)
+        gamma in 1/ms.
+    engine : {'auto', 'ase', 'numpy', 'compiled'}
+        'auto' takes blocks where it can, and compiles when a run is long enough to earn that back.
+    allow_unstable : bool
+        Run even if the time step is over the limit of stability.
+    logfile : path or file, optional
+        For times in ms and energies in mJ, see `magphonon.dynamics.energy_log`; '-' is the terminal.
+    loginterval : int
+        Steps between two lines of the log, and between two frames of the trajectory.
+    **kwargs
+        `trajectory` and what else ASE's MolecularDynamics takes.
+
+    Attributes
+    ----------
+    engine : str
+        The engine in use.
+
+    Raises
+    ------
+    ValueError
+        For a time step that is not positive or over the limit 2/omega_max, a damping that is negative, a drive on a
+        particle that is not there or on held ones only, an engine that cannot integrate these atoms.
+    ImportError
+        For 'compiled' without numba.
+    """
+
+    def __init__(self, atoms, timestep, drives=(), damping=0.0, engine='auto', allow_unstable=False, logfile=None,
+                 loginterval=1, **kwargs):
+        self.asked_engine = one_of('engine', engine, ENGINES)
+        self._drive_list = list(drives)
+        self.drives = Drives(self._drive_list, len(atoms))
+        damping = finite('damping', damping)
+        if damping.shape not in ((), (len(atoms),)) or (damping < 0).any():
+            raise ValueError(f'damping must be zero or positive, one number or one for each of the {len(atoms)} particles, '
+                             f'not {damping}')
+        self.damping = np.broadcast_to(damping, len(atoms))
+        if atoms.calc is None:
+            raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
+        refuse_held_drives(self._drive_list, atoms)
+        reason = None if engine in ('auto', 'ase') else refusal(atoms)
+        if reason:
+            raise ValueError(f"engine='{engine}' cannot integrate these atoms: {reason}; use engine='ase'")
+        if engine == 'compiled' and find_spec('numba') is None:
+            raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
+        if not allow_unstable:
+            refuse_unstable(atoms, positive('timestep', timestep, 'ms'))
+        super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
+        if logfile:
+            self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
+        self.allow_unstable = allow_unstable
+        self.recorders = []
+        self._start = atoms.get_positions()
+        self._blocks, self._cages, self._unseen, self._setting = None, None, 0.0, self._current_setting()
+        self._stops = []
+        self.engine = 'ase' if engine == 'auto' and refusal(atoms) else engine
+
+    @property
+    def displacements(self):
+        """Displacements from rest in mm, shape (particles, dim); exact in the block engines.
+
+        With another calculator than MagneticRepulsion they are counted from the start.
+        """
+        if self.engine != 'ase' and self._blocks is not None:
+            return self._blocks.displacements
+        if isinstance(self.atoms.calc, MagneticRepulsion):
+            return self.atoms.calc.displacements(self.atoms)
+        return self.atoms.positions - self._start
+
+    @property
+    def velocities(self):
+        """In mm/ms, shape (particles, dim); exact in the block engines."""
+        if self.engine != 'ase' and self._blocks is not None:
+            return self._blocks.velocities
+        return (self.atoms.get_momenta() / self.masses)[:, : getattr(self.atoms.calc, 'dim', 3)]
+
+    def step(self, forces=None):
+        t, t_next = self.nsteps * self.dt, (self.nsteps + 1) * self.dt
+        self._decay()
+        self._kick(t)
+        try:
+            forces = super().step(forces)
+        except ValueError as error:
+            self._inspect(t_next)  # the calculator's words for particles that coincide or left for infinity
+            raise error
+        self._kick(t_next)
+        self._decay()
+        return forces
+
+    def _decay(self):
+        if self.damping.any():
+            self.atoms.set_momenta(np.exp(-self.damping * self.dt / 2)[:, None] * self.atoms.get_momenta())
+
+    def _kick(self, t):
+        if self.drives:
+            momenta = self.atoms.get_momenta()
+            momenta[self.drives.particles] += self.dt / 2 * self.drives.forces(np.array([t]))[0]
+            self.atoms.set_momenta(momenta)
+
+    def irun(self, steps=50):
+        """As ASE's; blocks of steps yield at their ends."""
+        self._prepare(steps)
+        run = super().irun(steps) if self.engine == 'ase' else self._irun_blocks(steps)
+        good = self._good_state() if self.engine == 'ase' else None
+        try:
+            for converged in run:
+                if self.engine == 'ase' and self._time_to_look():
+                    self._inspect(self.get_time())
+                    good = self._good_state()
+                yield converged
+        except Diverged as error:
+            if self.engine == 'ase':
+                self.nsteps, self.atoms.arrays['positions'][:], self.atoms.arrays['momenta'][:] = good
+                for recorder in self.recorders:
+                    recorder.forget_after(self.get_time())
+            else:
+                self._blocks.write()
+            error.atoms, error.last_good = self.atoms, self.get_time()
+            raise
+
+    def _irun_blocks(self, steps):
+        self.max_steps = self.nsteps + steps
+        if self.nsteps == 0:
+            self.log()
+            self.call_observers()
+        yield self.nsteps == self.max_steps
+        while self.nsteps < self.max_steps:
+            steps = self._steps_to_next_look()
+            self._blocks.advance(self.nsteps, steps)
+            self._blocks.write()
+            self.engine = self._blocks.engine
+            self.nsteps += steps
+            self.log()
+            self.call_observers()
+            yield self.nsteps == self.max_steps
+
+    def _steps_to_next_look(self):
+        intervals = [interval for _, interval, *_ in self.observers]
+        periods = [*self._stops, *(k for k in intervals if k > 0)]
+        instants = [self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
+        most = self._blocks.steps_to_next_look(BLOCK)
+        return min([most] + [k - self.nsteps % k for k in periods] + [k - self.nsteps for k in instants])
+
+    def _prepare(self, steps):
+        """Choose the engine and refuse an unstable step; again only if something has changed."""
+        old = self._blocks
+        self.engine = self.asked_engine
+        if self.engine == 'auto':
+            long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None
+            self.engine = 'ase' if refusal(self.atoms) else 'compiled' if long else 'numpy'
+        setting = self._current_setting()
+        if setting != self._setting:
+            if not self.allow_unstable:
+                refuse_unstable(self.atoms, self.dt)
+            self._blocks = self._cages = None
+            self._setting = setting
+        if self.engine == 'ase':
+            if self._cages is None and isinstance(self.atoms.calc, MagneticRepulsion):
+                self._cages = Cages(self.atoms)
+        else:
+            if self._blocks is None:
+                self._blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping)
+                if old is not None and old.current:
+                    self._blocks.adopt(old)
+            self._blocks.use(self.engine)
+            self.engine = self._blocks.engine
+
+    def _current_setting(self):
+        calc, constraints = self.atoms.calc, self.atoms.constraints
+        return (calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in constraints],
+                self.atoms.get_masses().tobytes(), self.damping.tobytes())
+
+    def _time_to_look(self):
+        """Whether the fastest particle may have gone far since the last look, or many steps have passed."""
+        if self._cages is None:
+            return self.nsteps % BLOCK == 0
+        speed = np.linalg.norm(self.atoms.arrays['momenta'] / self.masses, axis=1).max(initial=0.0)
+        self._unseen += 1 / self._cages.steps_between_looks(speed, self.dt, BLOCK) if np.isfinite(speed) else 1
+        if self._unseen < 1 - 1e-9:  # 32 times 1/32
+            return False
+        self._unseen = 0.0
+        return True
+
+    def _good_state(self):
+        return self.nsteps, self.atoms.get_positions(), self.atoms.get_momenta()
+
+    def _inspect(self, time):
+        if self._cages is not None:
+            calc = self.atoms.calc
+            u = self.atoms.positions - calc.reference.positions
+            self._cages.look(calc.displacements(self.atoms) if np.isfinite(u).all() else u[:, : calc.dim], time)
+
+    def run(self, steps=50, checkpoint=None, every=1000):
+        """Run for `steps` more steps.
+
+        Parameters
+        ----------
+        steps : int
+        checkpoint : path, optional
+            File that keeps the whole state, recorders included (their frames beside it).  If it is there already, left
+            by a run that was killed, this run goes on from it, and ends in the same bits as the same call of `run` that
+            was never killed, on the same machine; whatever differs from that run is refused by name.  A run without a
+            checkpoint, or with another `every`, differs in the last bits: blocks of steps end at each checkpoint.  A run is
+            known by the state that it started from, so it goes on with atoms, dynamics and recorders prepared afresh, as in
+            a new process, not with those that have moved.  A `trajectory=` holds the frames of the last part only; those of
+            a Recorder are complete.  Of other observers only the intervals are known, not what they do; of a calculator
+            that is not MagneticRepulsion its class, parameters and first forces.  A run that has ended goes on if it is asked
+            for more steps.
+        every : int
+            Steps between two checkpoints; a part of the run, as its drives are.
+
+        Returns
+        -------
+        bool
+            True at the end, as ASE's.
+
+        Raises
+        ------
+        Diverged
+            If particles collide or leave; a ValueError for a checkpoint that is damaged or belongs to another run, and for
+            drives or laws that could not be known again.
+        """
+        target = self.nsteps + whole('steps', steps, 0)
+        self._stops = [] if checkpoint is None else [whole('every', every)]
+        save = self._keep_checkpoints(checkpoint, target, every) if checkpoint is not None else None
+        converged = self.nsteps == target
+        with tqdm(total=target, initial=self.nsteps, unit='step', delay=2, disable=None) as progress:
+            try:
+                for converged in self.irun(target - self.nsteps):
+                    progress.update(self.nsteps - progress.n)
+                    if save and (converged or self.nsteps % every == 0):
+                        save()
+            except Diverged:
+                if save:
+                    save()  # the last good state
+                raise
+        return converged
+
+    def _keep_checkpoints(self, path, target, every):
+        """Go on from the checkpoint if there is one; return the function that writes it."""
+        from .checkpoint import load_checkpoint, run_parts, save_checkpoint
+
+        self._prepare(target - self.nsteps)
+        parts = run_parts(self, every)
+        state = load_checkpoint(path, parts)
+        if state is not None and state['nsteps'] > target:
+            raise ValueError(f'the checkpoint {path} is at step {state["nsteps"]}, but the run is to end at step {target}; '
+                             'move it away, or run for longer')
+        for k, recorder in enumerate(self.recorders):
+            kept = () if state is None else (state[f'frames{k}'], str(state[f'checksum{k}']))
+            recorder.keep_at(f'{path}.frames{k}', *kept)
+        if state is not None:
+            self._restore(state)
+        return lambda: save_checkpoint(path, parts, self._state())
+
+    def _state(self):
+        state = {'nsteps': self.nsteps, 'engine': self.engine}
+        state |= {name: self.atoms.arrays[name] for name in ('positions', 'momenta')}
+        for k, recorder in enumerate(self.recorders):
+            state[f'frames{k}'], state[f'checksum{k}'] = recorder.keep()
+        return state if self.engine == 'ase' else state | self._blocks.state()
+
+    def _restore(self, state):
+        self.nsteps = int(state['nsteps'])
+        for name in ('positions', 'momenta'):
+            self.atoms.arrays[name][:] = state[name]
+        self.asked_engine = str(state['engine'])  # another engine would round otherwise
+        if self.asked_engine != 'ase':
+            self._blocks.use(self.asked_engine)
+            self._blocks.restore(state)
+
+    def _traj_write_image(self, description):
+        self._refresh_properties()  # blocks of steps leave no forces behind
+        super()._traj_write_image(description)

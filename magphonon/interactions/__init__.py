@@ -1,0 +1,11 @@
+"""Pair laws phi(r), and where they come from: closed forms, magnets, measured forces.
+
+`pair_laws` holds inverse powers (the paper's f = b r^-a), Yukawa, Hertzian contacts and tables; `magnets` the shapes and
+grades of magnets and `magnet_pairs` the law of two of them; `force_tables` reads measured forces,
+`fits` and `smooth_laws` turn them into a law with its covariance, and `law_choice` says which to take.
+Any object with the methods phi, dphi and d2phi is a law.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,45 @@
+from .fits import (
+    Fit as Fit,
+    curvature as curvature,
+    enough as enough,
+    fit_inverse_power as fit_inverse_power,
+    scene_entry as scene_entry,
+)
+from .force_tables import (
+    Forces as Forces,
+    read_forces as read_forces,
+    synthetic_forces as synthetic_forces,
+)
+from .law_choice import (
+    LawChoice as LawChoice,
+    fit_laws as fit_laws,
+)
+from .magnet_pairs import (
+    MagnetLaw as MagnetLaw,
+    SphereLaw as SphereLaw,
+    calibrated as calibrated,
+    magnet_law as magnet_law,
+    pair_energy as pair_energy,
+    pair_force as pair_force,
+)
+from .magnets import (
+    Cuboid as Cuboid,
+    Ring as Ring,
+    Sphere as Sphere,
+    grade_remanence as grade_remanence,
+    moment as moment,
+    out_of_plane_stiffness as out_of_plane_stiffness,
+)
+from .pair_laws import (
+    Hertz as Hertz,
+    InversePower as InversePower,
+    Tabulated as Tabulated,
+    Yukawa as Yukawa,
+    higher_derivatives as higher_derivatives,
+    local_exponent as local_exponent,
+    repulsion as repulsion,
+)
+from .smooth_laws import (
+    explained as explained,
+    fit_spline as fit_spline,
+)

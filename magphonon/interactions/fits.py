@@ -1,0 +1,221 @@
+"""The law of repulsion from measured forces: an inverse power, or a smooth curve where no power holds.
+
+The strength b and the exponent a of `f = b r^-a` are correlated to within a hair of one when the data lie far from r = 1;
+what they say together, the force and its slope at a working spacing r0, is known much better.  So the fit's own
+parameters are f(r0) and a, and the covariance of anything else follows from theirs.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .. import units as u
+from ..errors import one_of, positive
+from .pair_laws import InversePower, repulsion
+
+COVERED = 0.95
+"""Probability with which an interval holds the truth."""
+NORMAL = 1.959964
+"""Half the width of that interval in standard deviations of a normal distribution."""
+LEAST_EXPONENT = 0.01
+"""A force that falls more slowly than r^-0.01 is constant for a lattice, whose mechanics is that of a >= 1."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted law.
+
+    Attributes
+    ----------
+    law : InversePower or Tabulated
+        In true distances, which are the measured ones less `offset`.
+    name : str
+    spacing : float
+        The working spacing r0 in mm, a true distance.
+    at_spacing : ndarray, shape (2,)
+        Force in N and its slope df/dr in N/mm at r0.
+    covariance : ndarray, shape (2, 2)
+        Of these two.
+    half_width : ndarray, shape (2,)
+        Half the width of their intervals of 95 %.  With few points and unknown noise that is more than 1.96 standard
+        uncertainties.
+    exponent, exponent_sigma : float
+        Local exponent -d ln f/d ln r at r0, and its standard uncertainty.
+    residuals : ndarray, shape (n,)
+        Measured less fitted force, N.
+    chi2 : float
+        Sum of squared residuals over their uncertainties, about `freedom` if the law holds; NaN where none were given.
+    freedom : float
+        Points less parameters.
+    offset, offset_sigma : float
+        Zero of the distance scale in mm, 0 where it was not fitted.
+    """
+
+    law: object
+    name: str
+    spacing: float
+    at_spacing: np.ndarray
+    covariance: np.ndarray
+    half_width: np.ndarray
+    exponent: float
+    exponent_sigma: float
+    residuals: np.ndarray
+    chi2: float
+    freedom: float
+    offset: float = 0.0
+    offset_sigma: float = 0.0
+
+    @property
+    def sigma(self):
+        """Standard uncertainties of force and slope at the spacing."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def exponent_half_width(self):
+        """Half the width of the interval of 95 % of the exponent, as many standard uncertainties as that of the slope."""
+        return NORMAL * self.exponent_sigma * (self.half_width[1] / (NORMAL * self.sigma[1]) if self.sigma[1] > 0 else 1.0)
+
+    @property
+    def strength_covariance(self):
+        """Covariance of ln b, with b in N m^a, and a, shape (2, 2): of the inverse power that touches the law at r0.
+
+        Taken as normal, it gives the intervals of 95 % of the fit.
+        """
+        # ln b = ln f + a ln r0 and a = -r0 f'/f
+        f, slope = self.at_spacing
+        a = np.array([self.spacing * slope / f**2, -self.spacing / f])
+        turn = np.stack([np.array([1 / f, 0]) + a * np.log(self.spacing / u.m), a])
+        wider = self.half_width / (NORMAL * self.sigma)
+        return turn @ (self.covariance * np.outer(wider, wider)) @ turn.T
+
+    @property
+    def touching(self):
+        """The fit with the inverse power that has its force and slope at the spacing, and their uncertainties.
+
+        For a lattice whose neighbours stand at that spacing the two laws are the same.
+        """
+        f, slope = self.at_spacing
+        a = -self.spacing * slope / f
+        return replace(self, law=InversePower(float(f * self.spacing**a), float(a)),
+                       name=f'inverse power that touches the {self.name}')
+
+
+def fit_inverse_power(forces, spacing, space='force', offset=False, contact=0.0):
+    """Least squares of `f = b (r - c)^-a`, with c = 0 unless `offset`.
+
+    Parameters
+    ----------
+    forces : Forces
+    spacing : float
+        Working spacing in mm.
+    space : {'force', 'log'}
+        Residuals in force, right for a constant uncertainty of the force; or in log force, for a constant relative one.
+        With uncertainties given, both are weighted by them.
+    offset : bool
+        Fit the zero c of the distance scale too.
+    contact : float
+        Distance of the centres at contact in mm, down to which the offset must not move a measurement; 0 for particles
+        that are points.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ValueError
+        If the points are too few, the spacing lies far outside them, the forces do not fall with the distance, the fit
+        does not converge, or its offset reaches contact.
+    """
+    from scipy.optimize import curve_fit
+
+    positive('spacing', spacing, 'mm')
+    one_of('space', space, ('force', 'log'))
+    forces.check_reach(spacing)
+    r, f = forces.r, forces.f
+    enough(r, 3 + offset, 'an inverse power' + ' with an offset' * offset)
+
+    def model(r, ln_f, a, c=0.0):
+        ln = ln_f - a * np.log((r - c) / spacing)
+        return np.exp(ln) if space == 'force' else ln
+
+    def jacobian(r, ln_f, a, c=0.0):
+        slopes = np.stack([np.ones_like(r), -np.log((r - c) / spacing), a / (r - c)][:2 + offset], axis=-1)
+        return slopes * model(r, ln_f, a, c)[:, None] if space == 'force' else slopes
+
+    exponent, ln_f = np.polyfit(np.log(r / spacing), np.log(f), 1)
+    most = max(r[0] * (1 - 1e-9) - contact, 0.0)
+    bounds = ([-np.inf, -np.inf, -np.inf][:2 + offset], [np.inf, np.inf, most][:2 + offset])
+    y, sigma = (f, forces.sigma) if space == 'force' else (np.log(f), None if forces.sigma is None else forces.sigma / f)
+    try:
+        with np.errstate(over='ignore'):  # a step too far, which is taken back or ends in a residual that is not finite
+            p, covariance = curve_fit(model, r, y, [ln_f, -exponent, 0.0][:2 + offset], sigma, absolute_sigma=sigma is not None,
+                                      bounds=bounds, method='trf', jac=jacobian, x_scale='jac', xtol=1e-12)
+    except (RuntimeError, ValueError) as error:
+        raise ValueError(f'the fit does not converge ({error}); fit it without the offset, or look for an outlier') from None
+    if not p[1] > max(LEAST_EXPONENT, 2 * np.sqrt(covariance[1, 1])):
+        raise ValueError(f'the forces do not fall with the distance (a = {p[1]:.3g}); are the columns exchanged, or is all of it '
+                         'noise?')
+    if offset and most - p[2] < 1e-6 * r[0]:
+        raise ValueError(f'the fit of the offset moves the first distance, {r[0] / u.m:g} m, down to contact at '
+                         f'{contact / u.m:g} m: what bends this law is not the zero of the distances; leave --offset out')
+    return _power_fit(forces, spacing, space, p, covariance, y - model(r, *p), sigma)
+
+
+def _power_fit(forces, spacing, space, p, covariance, residuals, sigma):
+    """The fit from its parameters ln f(r0), a and perhaps c."""
+    from scipy.stats import t
+
+    a, c = p[1], p[2] if len(p) == 3 else 0.0
+    force = np.exp(p[0])
+    law = InversePower(float(force * spacing**a), float(a))
+    turn = np.array([[force, 0], [-a * force / spacing, -force / spacing]])  # d(f, f')/d(ln f, a)
+    freedom = len(forces.r) - len(p)
+    local = turn @ covariance[:2, :2] @ turn.T
+    wide = NORMAL if sigma is not None else t.ppf((1 + COVERED) / 2, freedom)
+    return Fit(law, f'inverse power, least squares in {"force" if space == "force" else "log force"}', spacing,
+               np.array([force, -a * force / spacing]), local, wide * np.sqrt(np.diag(local)),
+               float(a), float(np.sqrt(covariance[1, 1])), forces.f - repulsion(law, forces.r - c),
+               float(np.nan if sigma is None else np.sum((residuals / sigma) ** 2)), freedom,
+               float(c), float(np.sqrt(covariance[2, 2])) if len(p) == 3 else 0.0)
+
+
+def scene_entry(fit):
+    """The table [law] of a scene file, TOML in SI units with all digits: b makes sense only with the a beside it.
+
+    An inverse power comes with the table [uncertainty], in which b, a and their correlation make sense only together.
+    """
+    f, slope = (f'{value / unit:.6g} +- {half / unit:.2g} {name}' for value, half, unit, name in
+                zip(fit.at_spacing, fit.half_width, (u.N, u.N / u.m), ('N', 'N/m'), strict=True))
+    lines = ['[law]', f'# {fit.name}: f = {f}, df/dr = {slope} (intervals of 95 %) at {fit.spacing / u.m:g} m']
+    if fit.offset:
+        lines.append(f'# distances are those measured less {fit.offset / u.m:.4g} +- {fit.offset_sigma / u.m:.1g} m')
+    if isinstance(fit.law, InversePower):
+        lines += ['# all digits: b makes sense only with the a beside it', 'kind = "inverse_power"',
+                  f'b_N_m_a = {fit.law.b / (u.N * u.m**fit.law.a)!r}', f'a = {fit.law.a!r}']
+    else:
+        lines += ['kind = "table"', f'distances_m = {(fit.law.r / u.m).tolist()}', f'forces_N = {(fit.law.f / u.N).tolist()}']
+    lines.append('shells = 1   # the number of shells of neighbours that interact')
+    (b, both), (_, a) = fit.strength_covariance if fit.sigma.all() else np.zeros((2, 2))
+    if isinstance(fit.law, InversePower) and b * a > both**2:
+        lines += ['', '[uncertainty]', f'b_percent = {float(100 * np.sqrt(b))!r}', f'a = {float(np.sqrt(a))!r}',
+                  f'correlation_a_b = {float(both / np.sqrt(b * a))!r}']
+    return '\n'.join([*lines, ''])
+
+
+def enough(r, least, what):
+    """Raise ValueError unless there are at least so many points for `what`."""
+    if len(r) < least:
+        raise ValueError(f'{what} takes at least {least} points, not {len(r)}; measure more')
+
+
+def curvature(forces):
+    """Change of the local exponent with ln r over its uncertainty: beyond some 3 in size, no inverse power holds.
+
+    From the quadratic term of log f over log r.  Its sign is that of the change: negative when the exponent falls.
+    """
+    enough(forces.r, 4, 'the test for a power law')
+    x, y = np.log(forces.r / forces.r[0]), np.log(forces.f)
+    weights = None if forces.sigma is None else forces.f / forces.sigma
+    p, covariance = np.polyfit(x, y, 2, w=weights, cov='unscaled' if weights is not None else True)
+    return float(-p[0] / np.sqrt(covariance[0, 0]))

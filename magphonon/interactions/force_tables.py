@@ -1,0 +1,181 @@
+"""Measured forces of repulsion: points (r, f), perhaps with uncertainties, and the tables that hold them."""
+
+import re
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from .. import units as u
+from ..errors import finite
+from ..textfiles import MEGABYTE, text_of
+from .pair_laws import repulsion
+
+LENGTHS = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm}
+FORCES = {'N': u.N, 'mN': 1e-3 * u.N, 'uN': 1e-6 * u.N}
+HEADER = 'its header must be r_m,f_N or r_m,f_N,sigma_N (or in mm, um, mN, uN: r_mm,f_mN)'
+MOST_BYTES = 100 * MEGABYTE
+"""Of a table: two million lines, read in some ten seconds."""
+FAR = 1.0 * u.m
+"""Where even the closest pair in a column r_m is farther apart than this, the column almost surely holds mm or um."""
+REACH = 1.2
+"""Factor beyond the data up to which a law is asked for its force: farther out, nothing measured holds it."""
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Measured forces of repulsion.
+
+    Attributes
+    ----------
+    r, f : ndarray, shape (n,)
+        Distances in mm, increasing, and forces in N, all positive.
+    sigma : ndarray, shape (n,), optional
+        Standard uncertainties of the forces, N.
+
+    Raises
+    ------
+    ValueError
+        For anything else; the message counts the points from 1.
+    """
+
+    r: np.ndarray
+    f: np.ndarray
+    sigma: np.ndarray | None = None
+
+    def __post_init__(self):
+        columns = [('distance', 'm', self.r), ('force', 'N', self.f), ('sigma', 'N', self.sigma)]
+        for name, unit, column in columns:
+            if column is None:
+                continue
+            values = finite(name, column, np.shape(self.r))
+            if not (values > 0).all():
+                k = int(np.argmin(values > 0))
+                mend = {'distance': 'distances are those of the centres', 'sigma': 'leave the column out where it is not known',
+                        'force': 'repulsion is positive: turn the sign, or, if this is noise, drop this point and all '
+                                 'farther ones'}[name]
+                raise ValueError(f'{name} {k + 1} is {values[k] / getattr(u, unit):g} {unit}; {mend}')
+        steps = np.diff(self.r)
+        if not (steps > 0).all():
+            k = int(np.argmin(steps > 0))
+            what = 'stands there twice; average its forces' if steps[k] == 0 else 'comes after a larger one; sort the points'
+            raise ValueError(f'distance {k + 2} ({self.r[k + 1] / u.m:g} m) {what}')
+
+    def check_reach(self, spacing):
+        """Raise ValueError where the `spacing` (mm) lies more than a factor REACH beyond these distances."""
+        first, last = self.r[[0, -1]]
+        beyond = max(first / spacing, spacing / last)
+        if beyond <= REACH:
+            return
+        message = (f'the spacing {spacing / u.m:g} m lies {beyond:.3g} times beyond the data, {first / u.m:g} to '
+                   f'{last / u.m:g} m; a law is not extrapolated by more than a factor {REACH:g}')
+        for factor in (1e-3, 1e-6):  # given in mm or um
+            if first <= factor * spacing <= last:
+                raise ValueError(f'{message}; did you mean {factor * spacing / u.m:g} m?')
+        raise ValueError(f'{message}; measure there')
+
+    def binned(self, most):
+        """Averages over at most `most` intervals of equal width in ln r, and how many points each of them holds.
+
+        Returns
+        -------
+        Forces, ndarray of shape (bins,)
+            The forces themselves, each once, where there are no more than `most`.
+        """
+        if len(self.r) <= most:
+            return self, np.ones(len(self.r))
+        x = np.log(self.r / self.r[0])
+        _, starts, counts = np.unique(np.minimum((x / x[-1] * most).astype(int), most - 1), return_index=True, return_counts=True)
+        weights = np.ones_like(x) if self.sigma is None else self.sigma**-2.0
+        total = np.add.reduceat(weights, starts)
+        r, f = (np.add.reduceat(weights * values, starts) / total for values in (self.r, self.f))
+        return Forces(r, f, None if self.sigma is None else total**-0.5), counts
+
+
+def read_forces(path, contact=0.0):
+    """Forces from a table of text with a header such as r_m,f_N or r_mm,f_mN,sigma_mN.
+
+    Columns stand apart by commas, semicolons, tabs or spaces; lines that begin with # are comments, of which the header may
+    be one.
+
+    Parameters
+    ----------
+    path : path-like
+    contact : float
+        Distance of the centres at contact in mm, below which no measurement can lie.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or is no such table; the message says what and where.
+    """
+    try:
+        text = text_of(path, MOST_BYTES)
+    except OSError as error:
+        raise type(error)(f'{path} cannot be read ({error.strerror})') from None
+    except UnicodeDecodeError:
+        raise ValueError(f'{path} is not a text file; save the table as CSV') from None
+    units, columns = _parsed(path, text)
+    try:
+        forces = Forces(*(column * unit for column, unit in zip(columns, units, strict=True)))
+        if units[0] == u.m and forces.r[0] >= FAR:
+            raise ValueError(f'the distances are {forces.r[0] / u.m:g} to {forces.r[-1] / u.m:g} under the header r_m; if they '
+                             'are millimetres, head the column r_mm')
+        if forces.r[0] < contact:
+            raise ValueError(f'distance 1 is {forces.r[0] / u.m:g} m, below contact at {contact / u.m:g} m; give distances '
+                             'of the centres, not gaps')
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from None
+    return forces
+
+
+def _parsed(path, text):
+    """Units of the columns, and the columns themselves, shape (columns, n)."""
+    units, rows = None, []
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.strip()
+        if not rows and _units(line.lstrip('#')):
+            units = _units(line.lstrip('#'))
+        elif line and not line.startswith('#'):
+            if units is None:
+                raise ValueError(f'{path} begins with {line[:60]!r}; {HEADER}')
+            row = _numbers(line)
+            if len(row) != len(units):
+                raise ValueError(f'{path}, line {number}: {line[:60]!r} is not {len(units)} numbers')
+            rows.append(row)
+    if units is None:
+        raise ValueError(f"{path} begins with ''; {HEADER}")
+    if not rows:
+        raise ValueError(f'{path} holds no points below its header')
+    return units, np.array(rows).T
+
+
+def _cells(line):
+    return [re.sub('^"(.*)"$', r'\1', cell) for cell in re.split(r'\s*[,;\t]\s*|\s+', line.strip())]
+
+
+def _numbers(line):
+    """The numbers of a line, or none where one of its cells is no finite number."""
+    for cells in (line.split(','), _cells(line)):  # the first takes a third of the time, and most tables are of its kind
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            row = []
+        else:
+            break
+    return row if all(map(isfinite, row)) else []
+
+
+def _units(line):
+    """The units that a header names, as r_mm,f_N,sigma_mN does, or None for any other line."""
+    match = re.fullmatch('r_(m|mm|um) f_(N|mN|uN)(?: sigma_(N|mN|uN))?', ' '.join(_cells(line)))
+    if match is None:
+        return None
+    r, *forces = (name for name in match.groups() if name is not None)
+    return [LENGTHS[r], *(FORCES[name] for name in forces)]
+
+
+def synthetic_forces(law, r, sigma, seed):
+    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): an invented measurement, to try a fit on."""
+    noise = np.random.default_rng(seed).normal(scale=sigma, size=np.shape(r))
+    return Forces(r, repulsion(law, r) + noise, np.broadcast_to(sigma, np.shape(r)))

@@ -1,0 +1,225 @@
+"""Energy, force and pair law of two magnets, from the charges on their faces."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.polynomial import Chebyshev
+from numpy.polynomial.chebyshev import chebinterpolate
+
+from .. import units
+from ..errors import finite, positive
+from .magnets import Sphere, _side_by_side, moment
+from .pair_laws import InversePower, repulsion
+
+CLEARANCE = 0.1
+"""Gap between prisms, as a fraction of their width, at which their laws start: closer, the kink at contact spoils the series."""
+FAR = 4.0
+"""Gap in widths beyond which energies are summed over faces: the sum over rims cancels in proportion to r^3."""
+DIGITS = 1e-13
+"""Of the energy: how small the end of its series is, and how well the rims are summed."""
+ENOUGH = 1e-10
+"""The same where a series has become long: more terms would cost more than they give."""
+
+
+def pair_energy(magnet, r):
+    """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
+    if not r > magnet.contact:
+        raise ValueError(f'two of {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm apart')
+    h, gap = magnet.height, (r - magnet.contact) / magnet.width
+    n = _rim_points(gap)
+    points, normals = magnet.rim(n)
+    if gap < FAR:
+        d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
+        terms = -2 * (h * np.arcsinh(h / d) - h**2 / (np.hypot(d, h) + d)) * (normals @ normals.T)
+    else:
+        points, areas = _face(points, normals, n // 2)
+        d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
+        s = np.hypot(d, h)
+        terms = 2 * h**2 / (d * s * (d + s)) * np.outer(areas, areas)  # 2 (1/d - 1/s)
+    return _charge_coupling(magnet, magnet) * np.sum(terms)
+
+
+def _face(points, normals, n):
+    """Points all over a face, `n` on each ray from its centre to a point on its rim, and their areas."""
+    node, weight = np.polynomial.legendre.leggauss(n)
+    ray = (node + 1) / 2
+    return (ray[:, None, None] * points).reshape(-1, 2), np.outer(ray * weight / 2, np.sum(points * normals, axis=1)).ravel()
+
+
+def pair_force(first, second, offset, n=96):
+    """Force on a prism whose centre is displaced by `offset` from that of another; the magnets stay parallel.
+
+    Parameters
+    ----------
+    first, second : Ring or Cuboid
+        Not touching.
+    offset : sequence of 3 floats
+        In mm; the third is along the magnetisation.
+    n : int
+        Points on a circle, or on an edge; side by side the error falls as exp(-n asinh(2 gap/width)).
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        In N.
+
+    Raises
+    ------
+    ValueError
+        For magnets that touch or overlap.
+    """
+    offset = finite('offset', offset, (3,))
+    between = abs(offset[2]) - (first.height + second.height) / 2
+    if not (between > 0 or _side_by_side(first, second, offset[:2])):
+        raise ValueError(f'{first!r} and {second!r}, displaced by {offset.tolist()} mm, touch or overlap, and then have no such '
+                         f'force; move their centres apart, by more than {first.height / 2 + second.height / 2:g} mm along '
+                         'the magnetisation or until they are clear of each other across it')
+    (points, normals), (others, outward) = first.rim(n), second.rim(n)
+    d = others + np.asarray(offset)[:2] - points[:, None]
+    force = np.zeros(3)
+    for face in (1, -1):
+        for other in (1, -1):
+            z = offset[2] + (other * second.height - face * first.height) / 2
+            s = np.sqrt((d**2).sum(axis=-1) + z**2)
+            # gradient of G = s - |z| log(s + |z|), along d and along z
+            slope = np.dstack([d / (s + abs(z))[..., None], -np.sign(z) * np.log(s + abs(z))])
+            force += face * other * np.einsum('ijk,ij->k', slope, normals @ outward.T)
+    return _charge_coupling(first, second) * force
+
+
+def _charge_coupling(first, second):
+    """`mu0 M M'/(4 pi)` in N/mm^2."""
+    return first.remanence * second.remanence / (4 * np.pi * units.mu0)
+
+
+def _rim_points(gap):
+    """How many points on a circle, or on each edge, leave an error below DIGITS, for a gap in widths of the magnets.
+
+    The nearest singularity of the integrand lies where the rims would meet, off the real rim by about the gap over half
+    the width; the error falls exponentially with it.
+    """
+    return int(np.ceil(8 - np.log(DIGITS) / np.arcsinh(2 * gap)))
+
+
+@dataclass(frozen=True)
+class MagnetLaw:
+    """Law of two equal prisms: a dipole's, times a series in the inverse square of the distance.
+
+        phi = strength r^-3 P(t),   t = (nearest/r)^2
+
+    With the mirror planes of these magnets the energy has no other powers of r, so that one polynomial P serves from
+    `nearest` to infinity, where P = 1.  For the prototype 32 terms keep ten digits of the force and, but for seven at
+    `nearest`, of its slope; a table of 400 points (`Tabulated`) keeps nine of the one and six of the other.
+
+    Attributes
+    ----------
+    strength : float
+        `mu0 m^2/(4 pi)` of the moments m, mJ mm^3.
+    nearest : float
+        Least distance in mm.
+    series : ndarray
+        Coefficients of P in Chebyshev polynomials on 0 <= t <= 1.
+
+    Raises
+    ------
+    ValueError
+        When the law is asked for a distance below `nearest`.
+    """
+
+    strength: float
+    nearest: float
+    series: np.ndarray = field(repr=False)
+
+    @cached_property
+    def _factors(self):
+        """P, and what takes its place in the force and in its slope: r d/dr = -2 t d/dt."""
+        P, t = Chebyshev(self.series, [0, 1]), Chebyshev([0.5, 0.5], [0, 1])
+        force = 3 * P + 2 * t * P.deriv()
+        return P, force, 4 * force + 2 * t * force.deriv()
+
+    def _t(self, r):
+        return (self.nearest / _apart(r, self.nearest)) ** 2
+
+    def phi(self, r):
+        return self.strength * r**-3.0 * self._factors[0](self._t(r))
+
+    def dphi(self, r):
+        return -self.strength * r**-4.0 * self._factors[1](self._t(r))
+
+    def d2phi(self, r):
+        return self.strength * r**-5.0 * self._factors[2](self._t(r))
+
+
+@dataclass(frozen=True)
+class SphereLaw(InversePower):
+    """Law of two equal spheres, point dipoles from `contact` (mm) on; below it raises ValueError."""
+
+    contact: float
+
+    def phi(self, r):
+        return super().phi(_apart(r, self.contact))
+
+    def dphi(self, r):
+        return super().dphi(_apart(r, self.contact))
+
+    def d2phi(self, r):
+        return super().d2phi(_apart(r, self.contact))
+
+
+def _apart(r, nearest):
+    """The distances, none of them below `nearest`."""
+    if not np.all(np.real(r) >= nearest):
+        raise ValueError(f'two such magnets {np.min(np.real(r)):g} mm apart are too close: their law starts at {nearest:g} mm; '
+                         'give them more room')
+    return r
+
+
+@lru_cache
+def magnet_law(magnet):
+    """Law of repulsion of two equal magnets side by side, magnetised normal to the plane.
+
+    Parameters
+    ----------
+    magnet : Ring, Cuboid or Sphere
+
+    Returns
+    -------
+    MagnetLaw or, for spheres, SphereLaw
+
+    Raises
+    ------
+    ValueError
+        For rods so slender that the series does not settle, from some 30 diameters on.
+    """
+    if isinstance(magnet, Sphere):
+        dipoles = InversePower.dipoles(moment(magnet))
+        return SphereLaw(dipoles.b, dipoles.a, magnet.contact)
+    nearest = magnet.contact + CLEARANCE * magnet.width
+    return MagnetLaw(_strength(magnet), float(nearest), _series(replace(magnet, remanence=1.0), nearest))
+
+
+def _strength(magnet):
+    return float(units.mu0 * moment(magnet) ** 2 / (4 * np.pi))
+
+
+@lru_cache(maxsize=64)
+def _series(magnet, nearest):
+    """Chebyshev coefficients of P, which does not depend on the remanence; they take most of the time."""
+    def P(x):
+        r = nearest / np.sqrt((x + 1) / 2)
+        return np.array([pair_energy(magnet, d) for d in r]) * r**3 / _strength(magnet)
+
+    for degree in (31, 63, 127, 255):  # long rods need the most: their faces see each other as single poles
+        series = chebinterpolate(P, degree)
+        if abs(series[-3:]).max() < (DIGITS if degree < 127 else ENOUGH) * abs(series).max():
+            return series
+    raise ValueError(f'the law of {magnet} takes more than {degree} terms; such slender rods act as single poles: '
+                     'take an inverse power with a = 2')
+
+
+def calibrated(magnet, r, f):
+    """The magnet with the remanence that gives the measured force `f` (N) at the distance `r` (mm)."""
+    positive('r', r, 'mm')
+    positive('f', f, 'N')
+    return replace(magnet, remanence=float(magnet.remanence * np.sqrt(f / repulsion(magnet_law(magnet), r))))

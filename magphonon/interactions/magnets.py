@@ -1,0 +1,186 @@
+"""Repulsion of equal magnets side by side, from shape and remanence.
+
+A magnet of the uniform magnetisation M = Br/mu0 normal to the plane carries the magnetic charges +M and -M per area
+on its two end faces, and nothing else.  The energy of two such magnets is a sum over pairs of faces a distance z apart
+in height, each
+
+    U = +- mu0 M M'/(4 pi) integral dA dA' g        g = 1/s,  s = sqrt(d^2 + z^2)
+
+with the distance d in the plane.  Gauss's theorem, once for either face, leaves the rims,
+
+    U = -+ mu0 M M'/(4 pi) integral dl dl' n.n' G   laplacian(G) = G_dd + G_d/d = g
+
+and G = s - |z| log(s + |z|).  As faces do not overlap, any harmonic function of d may be added to G: it integrates to zero.
+For two magnets at one height the sum over faces is, with s = sqrt(d^2 + h^2) and free of cancellation,
+
+    G = 2 (h asinh(h/d) - h^2/(s + d))
+
+Rims of any prism are summed by rules that converge exponentially with their points: equidistant ones round a circle,
+Gauss's along an edge.  A sphere is, outside itself, exactly a point dipole.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import units
+from ..errors import not_negative, one_of, positive
+
+GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38': (1.21, 1.25), 'N40': (1.25, 1.28),
+            'N42': (1.28, 1.32), 'N45': (1.32, 1.38), 'N48': (1.37, 1.42), 'N50': (1.39, 1.45), 'N52': (1.42, 1.48)}
+"""Remanence of sintered NdFeB at 20 C, least and most in T: the widest of the ranges that makers' tables give."""
+
+
+def grade_remanence(grade):
+    """Middle of the range of remanence of an NdFeB grade such as 'N42', in units of the package.
+
+    Raises
+    ------
+    ValueError
+        For an unknown grade.
+    """
+    return np.mean(GRADES_T[one_of('grade', grade, tuple(GRADES_T))]) * units.T
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Ring, or with `inner` = 0 a disc, magnetised along its axis.
+
+    Attributes
+    ----------
+    outer, inner, height : float
+        Diameters and height in mm.
+    remanence : float
+        In N/(A mm); write `1.3 * units.T`.
+    """
+
+    outer: float
+    inner: float
+    height: float
+    remanence: float
+
+    def __post_init__(self):
+        _check_lengths(self, 'outer', 'height')
+        if not_negative('inner', self.inner, 'mm') >= self.outer:
+            raise ValueError(f'inner must be less than outer = {self.outer:g} mm, not {self.inner:g}; both are diameters')
+
+    @property
+    def contact(self):
+        """Distance of the centres of two that touch, mm."""
+        return self.outer
+
+    @property
+    def width(self):
+        """Across the line that joins the centres, mm."""
+        return self.outer
+
+    @property
+    def volume(self):
+        """In mm^3."""
+        return np.pi * (self.outer**2 - self.inner**2) / 4 * self.height
+
+    def rim(self, n):
+        """Points on the rim of a face, shape (m, 2), and its outward normals times the length dl, in mm."""
+        angle = 2 * np.pi * np.arange(n) / n
+        normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        circles = [(self.outer / 2, 1)] + [(self.inner / 2, -1)] * (self.inner > 0)
+        return (np.concatenate([radius * normal for radius, _ in circles]),
+                np.concatenate([outward * radius * 2 * np.pi / n * normal for radius, outward in circles]))
+
+
+@dataclass(frozen=True)
+class Cuboid:
+    """Cuboid magnetised along its height; `length` lies along the line that joins two of them.
+
+    A law of distance holds for two that face each other squarely.  Their forces are not quite central: two cubes of 5 mm
+    10 mm apart resist a sideways displacement by 4 % less than the -f/r of a law, plates of 4 x 10 mm by 40 % less.
+
+    Attributes
+    ----------
+    length, width, height : float
+        In mm.
+    remanence : float
+        In N/(A mm).
+    """
+
+    length: float
+    width: float
+    height: float
+    remanence: float
+
+    def __post_init__(self):
+        _check_lengths(self, 'length', 'width', 'height')
+
+    @property
+    def contact(self):
+        """Distance of the centres of two that touch, mm."""
+        return self.length
+
+    @property
+    def volume(self):
+        """In mm^3."""
+        return self.length * self.width * self.height
+
+    def rim(self, n):
+        """Points on the rim of a face, shape (4 n, 2), and its outward normals times the length dl, in mm."""
+        node, weight = np.polynomial.legendre.leggauss(n)
+        a, b, one = self.length / 2, self.width / 2, np.ones(n)
+        points = [(a * one, b * node), (-a * one, b * node), (a * node, b * one), (a * node, -b * one)]
+        normals = [(b * weight, 0 * one), (-b * weight, 0 * one), (0 * one, a * weight), (0 * one, -a * weight)]
+        return tuple(np.concatenate([np.stack(side, axis=-1) for side in sides]) for sides in (points, normals))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Sphere magnetised uniformly; `diameter` in mm, `remanence` in N/(A mm)."""
+
+    diameter: float
+    remanence: float
+
+    def __post_init__(self):
+        _check_lengths(self, 'diameter')
+
+    @property
+    def contact(self):
+        """Distance of the centres of two that touch, mm."""
+        return self.diameter
+
+    @property
+    def volume(self):
+        """In mm^3."""
+        return np.pi * self.diameter**3 / 6
+
+
+def _check_lengths(magnet, *names):
+    for name in names:
+        positive(name, getattr(magnet, name), 'mm')
+    positive('remanence', magnet.remanence, 'N/(A mm)')
+
+
+def moment(magnet):
+    """Magnetic moment M V in A mm^2."""
+    return magnet.remanence / units.mu0 * magnet.volume
+
+
+def _side_by_side(first, second, offset):
+    """Whether the faces of two prisms neither touch nor overlap where their centres are `offset` apart in the plane."""
+    if isinstance(first, Ring) and isinstance(second, Ring):
+        nearest, farthest = np.linalg.norm(offset) - second.outer / 2, np.linalg.norm(offset) + second.outer / 2
+        in_its_bore = np.linalg.norm(offset) + first.outer / 2 < second.inner / 2
+        return nearest > first.outer / 2 or farthest < first.inner / 2 or in_its_bore
+    if isinstance(second, Ring):
+        return _side_by_side(second, first, offset)
+    sides = np.array([second.length, second.width]) / 2
+    if isinstance(first, Ring):
+        nearest = np.linalg.norm(np.maximum(abs(offset) - sides, 0))
+        return nearest > first.outer / 2 or np.linalg.norm(abs(offset) + sides) < first.inner / 2
+    return (abs(offset) > sides + np.array([first.length, first.width]) / 2).any()
+
+
+def out_of_plane_stiffness(potential, r):
+    """Stiffness in N/mm of a bond of round magnets against motion out of the plane, negative: they tip out of it.
+
+    The energy of two magnets is harmonic in their displacement (Earnshaw), so that
+    `U_zz = -(U_rr + U_r/r) = -(a - 1) f/r` with the local exponent a.  A central phi(r) would give `-f/r`.
+    """
+    return -(potential.d2phi(r) + potential.dphi(r) / r)

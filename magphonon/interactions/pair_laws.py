@@ -1,0 +1,266 @@
+"""Pair laws of repulsion: `phi(r)`, its slope `dphi` and its curvature `d2phi`.
+
+Any object with these three vectorised methods is a potential; nothing has to be inherited.  The force with
+which two particles repel each other is `f(r) = -phi'(r)`.  (The paper writes `f = phi_r`; with the usual sign
+of an energy it is the negative slope, and the bond stiffness is `phi'' nn + (phi'/r)(I - nn)`.)
+
+The methods accept complex distances, so that derivatives can be checked by the complex step.
+
+A law that is also a mixture of Gaussians, `phi(r) = int_0^inf rho(t) exp(-t r^2) dt`, says so with `gaussians(t)`, the
+density rho, and `gaussian_moment(t)`, the integral of `t rho` from zero: then all neighbours of an infinite lattice can
+be summed (`magphonon.stiffness.ewald`).
+"""
+
+from dataclasses import dataclass, field
+from math import lgamma
+
+import numpy as np
+
+from .. import units
+from ..errors import finite, positive
+
+
+def repulsion(potential, r):
+    """Repulsive force `f(r) = -phi'(r)` in N at the distances `r` in mm."""
+    return -potential.dphi(r)
+
+
+@dataclass(frozen=True)
+class InversePower:
+    """Inverse-power repulsion `f(r) = b r**-a`, the paper's law for magnets.
+
+    Parameters
+    ----------
+    b : float
+        Strength in N mm^a; write `b = 1.6209e-10 * N * m**a`.
+    a : float
+        Exponent of the force, positive.  Side-by-side dipoles have a = 4.
+
+    Raises
+    ------
+    ValueError
+        If `b` or `a` is not a positive number.
+    """
+
+    b: float
+    a: float
+
+    def __post_init__(self):
+        positive('b', self.b, 'N mm^a')
+        positive('a', self.a)
+
+    @classmethod
+    def dipoles(cls, moment):
+        """Point dipoles `moment` (A mm^2), normal to the plane: `f = b r^-4`, `b = 3 mu0 m^2/(4 pi)`."""
+        positive('moment', moment, 'A mm^2')
+        return cls(b=3 * units.mu0 * moment**2 / (4 * np.pi), a=4.0)
+
+    @classmethod
+    def coulomb(cls, charge):
+        """Point charges, each `charge` (A ms): `f = b r^-2`, `b = mu0 c^2 Q^2/(4 pi)`."""
+        positive('charge', charge, 'A ms')
+        return cls(b=units.mu0 * units.c**2 * charge**2 / (4 * np.pi), a=2.0)
+
+    def phi(self, r):
+        if self.a == 1:
+            return -self.b * np.log(r)
+        return self.b * r ** (1 - self.a) / (self.a - 1)
+
+    def dphi(self, r):
+        return -self.b * r**-self.a
+
+    def d2phi(self, r):
+        return self.a * self.b * r ** (-self.a - 1)
+
+    def gaussians(self, t):
+        return self.b * np.exp((self.a - 3) / 2 * np.log(t) - lgamma((self.a + 1) / 2)) / 2
+
+    def gaussian_moment(self, t):
+        return t**2 * self.gaussians(t) * 2 / (self.a + 1)
+
+
+@dataclass(frozen=True)
+class Yukawa:
+    """Screened Coulomb repulsion `phi(r) = c exp(-kappa r)/r`, of dust grains in a plasma.
+
+    Parameters
+    ----------
+    c : float
+        Strength in mJ mm, positive.
+    kappa : float
+        Inverse screening length in 1/mm, positive.
+
+    Raises
+    ------
+    ValueError
+        If `c` or `kappa` is not a positive number.
+    """
+
+    c: float
+    kappa: float
+
+    def __post_init__(self):
+        positive('c', self.c, 'mJ mm')
+        positive('kappa', self.kappa, '1/mm')
+
+    def phi(self, r):
+        return self.c * np.exp(-self.kappa * r) / r
+
+    def dphi(self, r):
+        return -self.phi(r) * (self.kappa + 1 / r)
+
+    def d2phi(self, r):
+        return self.phi(r) * (self.kappa**2 + 2 * self.kappa / r + 2 / r**2)
+
+    def gaussians(self, t):
+        return self.c / np.sqrt(np.pi * t) * np.exp(-(self.kappa**2) / (4 * t))
+
+    def gaussian_moment(self, t):
+        from scipy.special import erfcx
+
+        z = self.kappa / (2 * np.sqrt(t))
+        return 2 / 3 * t**2 * self.gaussians(t) * (1 - 2 * z**2 * (1 - np.sqrt(np.pi) * z * erfcx(z)))
+
+
+@dataclass(frozen=True)
+class Hertz:
+    """Contact of elastic spheres, `f(r) = A (d - r)^(3/2)` where they overlap and no force beyond the diameter d.
+
+    Parameters
+    ----------
+    stiffness : float
+        A in N mm^-3/2, positive.
+    diameter : float
+        Distance d at which two spheres touch in mm, positive.
+
+    Raises
+    ------
+    ValueError
+        If either is not a positive number.
+    """
+
+    stiffness: float
+    diameter: float
+
+    def __post_init__(self):
+        positive('stiffness', self.stiffness, 'N mm^-3/2')
+        positive('diameter', self.diameter, 'mm')
+
+    @classmethod
+    def spheres(cls, diameter, youngs_modulus, poisson_ratio):
+        """Equal spheres of one material: `A = E sqrt(d)/(3 (1 - nu^2))`; diameter in mm, modulus in N/mm^2."""
+        positive('diameter', diameter, 'mm')
+        positive('youngs_modulus', youngs_modulus, 'N/mm^2')
+        return cls(youngs_modulus * np.sqrt(diameter) / (3 * (1 - poisson_ratio**2)), diameter)
+
+    def _overlap(self, r):
+        return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
+
+    def phi(self, r):
+        return 2 / 5 * self.stiffness * self._overlap(r) ** 2.5
+
+    def dphi(self, r):
+        return -self.stiffness * self._overlap(r) ** 1.5
+
+    def d2phi(self, r):
+        return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
+
+
+# Gauss-Legendre on [0, 1]: the energy between two table points to round-off, also for a law as steep as r^-12
+# sampled twice per octave.
+_NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(16), (1, 0), strict=True))
+
+
+@dataclass(frozen=True)
+class Tabulated:
+    """A smooth law through measured force-distance data: cubic spline of `log f` over `log r`.
+
+    On logarithmic axes an inverse power is a straight line, which the spline reproduces exactly; between
+    measured points the force stays positive and has a continuous slope and curvature.  The energy is the
+    integral of the force, zero at the last point.
+
+    Parameters
+    ----------
+    r : array_like, shape (n,)
+        Distances in mm, increasing, n >= 4.
+    f : array_like, shape (n,)
+        Repulsive forces in N, positive.
+
+    Raises
+    ------
+    ValueError
+        If the table is malformed, or when the law is asked for a distance outside it.
+    """
+
+    r: np.ndarray
+    f: np.ndarray
+    _slopes: np.ndarray = field(init=False, repr=False, compare=False)
+    _energies: np.ndarray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self):
+        from scipy.interpolate import CubicSpline
+
+        r, f = finite('r', self.r).copy(), finite('f', self.f).copy()
+        if r.ndim != 1 or r.shape != f.shape or len(r) < 4:
+            raise ValueError(f'a table needs two columns of at least 4 points, not r {r.shape} and f {f.shape}')
+        if not (r[0] > 0 and (np.diff(r) > 0).all()):
+            raise ValueError(f'table distances must be positive and increasing, not {r}; sort them and drop repeats')
+        if not (f > 0).all():
+            raise ValueError(f'table forces must be positive (repulsive), not {f.min():g} N; drop the points at the noise floor')
+        spline = CubicSpline(np.log(r), np.log(f))
+        for name, value in (('r', r), ('f', f), ('_slopes', spline.c), ('_energies', np.zeros(len(r)))):
+            object.__setattr__(self, name, value)
+        # phi at each point from the integral over the interval beyond it
+        steps = [self._force_integral(k, r[k + 1]) for k in range(len(r) - 1)]
+        object.__setattr__(self, '_energies', np.append(np.cumsum(steps[::-1])[::-1], 0.0))
+
+    def _interval(self, r):
+        """Index k of the table interval that holds each distance."""
+        real = np.real(r)
+        if not ((real >= self.r[0]) & (real <= self.r[-1])).all():
+            bad = np.asarray(real)[~((real >= self.r[0]) & (real <= self.r[-1]))].flat[0]
+            raise ValueError(f'distance {bad:g} mm is outside the table ({self.r[0]:g} to {self.r[-1]:g} mm); '
+                             'extend the measurement, a table is not extrapolated')
+        return np.clip(np.searchsorted(self.r, real, side='right') - 1, 0, len(self.r) - 2)
+
+    def _force(self, k, r):
+        """Force, and d log f/d log r, on the spline piece k."""
+        x = np.log(r) - np.log(self.r[k])
+        c3, c2, c1, c0 = self._slopes[:, k]
+        return np.exp(c0 + x * (c1 + x * (c2 + x * c3))), c1 + x * (2 * c2 + x * 3 * c3)
+
+    def _force_integral(self, k, r):
+        """Integral of the force from the point k of the table to `r`."""
+        start = self.r[k]
+        span = r - start
+        return span * sum(w * self._force(k, start + node * span)[0] for node, w in zip(_NODES, _WEIGHTS, strict=True))
+
+    def phi(self, r):
+        k = self._interval(r)
+        return self._energies[k] - self._force_integral(k, r)
+
+    def dphi(self, r):
+        return -self._force(self._interval(r), r)[0]
+
+    def d2phi(self, r):
+        f, slope = self._force(self._interval(r), r)
+        return -f * slope / r
+
+
+CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
+RADIUS, STEEPEST = 1e-2, 20.0
+"""The circle on which the law is sampled for its higher derivatives, to some 1e-11: its radius as a share of the bond, or
+of 20 f/f' where the law is steeper, such as that of spheres in contact."""
+
+
+def higher_derivatives(potential, r):
+    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula."""
+    f, slope = abs(potential.dphi(r)), abs(potential.d2phi(r))
+    radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
+    around = potential.d2phi(r + radius * CIRCLE)
+    return tuple(n * (around * CIRCLE**-n).mean(axis=0).real / radius**n for n in (1, 2))
+
+
+def local_exponent(potential, r):
+    """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`."""
+    return -r * potential.d2phi(r) / potential.dphi(r)

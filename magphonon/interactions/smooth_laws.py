@@ -1,0 +1,179 @@
+"""A smooth law through measured forces that need not be an inverse power, with intervals that hold the truth.
+
+The law is an inverse power and a smooth departure from it,
+
+    ln f = ln f0 - a ln(r/r0) + w(ln r),     <w(x) w(x')> = tau^2 exp(-(x - x')^2/2)
+
+where w is a Gaussian process: the exponent changes by about tau where the distance changes by a factor e.  Nothing is
+known beforehand about f0 and a.  A force that falls on a curve of another shape bends w, so that the misfit of an inverse
+power is a part of the uncertainty.  How much the law bends (tau) is not known, nor, without `sigma_N`, how large the noise
+is (s) and at which force c it begins to grow,
+
+    sigma = s (f + c)
+
+with c large for the resolution of a load cell alone, c = 0 for errors of the distance alone.  So the answer is an average
+over all of these, each with its probability by the data.  That average is a mixture of normal distributions, and the
+interval of 95 % is taken from it.  Few points say too much about c by chance: what they say about it counts as a square
+root, and what they say about s is one half of a degree of freedom less.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from ..errors import positive
+from .fits import COVERED, Fit, enough
+from .pair_laws import Tabulated
+
+BENDS = 0.5, 1.0, 2.0, 4.0
+"""Values of tau: an inverse power in the noise, up to the tail of a screened force (5 screening lengths apart: 4)."""
+CROSSINGS = np.array([0.75, 0.5, 0.25])
+"""Values of c between none and all: from the smallest (0) to the largest force (1), in the logarithm."""
+SCALES = np.exp(np.arange(-1.0, 3.3, 0.3))
+"""Values of s, in units of what a quadratic through the logarithms leaves: with two degrees of freedom the tail is long."""
+NODES = 12
+MOST_POINTS = 500
+"""More points than this are averaged in intervals of ln r, whose width matters by a part in 1e5 of the force."""
+UNLIKELY = 0.01
+"""Probability of a chi2 below which the given uncertainties are too small, and are enlarged."""
+
+
+def fit_spline(forces, spacing):
+    """Smooth law through the data: an inverse power and a smooth departure, as a cubic spline of `log f` over `log r`.
+
+    Parameters
+    ----------
+    forces : Forces
+    spacing : float
+        Working spacing in mm.
+
+    Returns
+    -------
+    Fit
+        Its law is a `Tabulated` through the nodes of the spline.  Its covariance and intervals take in that no inverse
+        power may hold.  Where the given uncertainties explain the scatter with a probability below UNLIKELY only, both
+        are enlarged by the root of chi2/freedom.
+
+    Raises
+    ------
+    ValueError
+        If the points are fewer than 4, the spacing lies far outside them, or the curve does not fall everywhere.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.stats import chi2 as chi_squared
+
+    positive('spacing', spacing, 'mm')
+    enough(forces.r, 4, 'a smooth curve')
+    forces.check_reach(spacing)
+    points, counts = forces.binned(MOST_POINTS)
+    x = np.log(points.r / spacing)
+    nodes = np.linspace(min(x[0], 0.0), max(x[-1], 0.0), NODES)
+    departures, sizes = np.linalg.svd(np.exp(-(np.subtract.outer(nodes, nodes) ** 2) / 2))[:2]
+    many = sizes > 1e-9 * sizes[0]
+    values = np.column_stack([np.ones(NODES), nodes, departures[:, many] * np.sqrt(sizes[many])])  # of ln f at the nodes
+    basis = CubicSpline(nodes, values)
+    design, at = basis(x), np.stack([basis(0.0), basis(0.0, 1)])
+
+    start = _quadratic(x, points, counts)
+    p, hessian, probability, sigma = _average(points, counts, design, start)
+    mean = probability @ p
+    fitted = np.exp(design @ mean)
+    law = Tabulated(spacing * np.exp(nodes), np.exp(values @ mean))
+    if (np.diff(law.f) >= 0).any():
+        raise ValueError('the curve through the points does not fall everywhere; look for an outlier, and drop the far points '
+                         'that are noise')
+
+    force, a = np.exp(p @ at[0]), -p @ at[1]
+    within = at @ np.linalg.inv(hessian) @ at.T  # of ln f and d ln f/d ln r, in each part of the mixture
+    turn = np.zeros((len(p), 2, 2))
+    turn[:, 0, 0], turn[:, 1, 0], turn[:, 1, 1] = force, -a * force / spacing, force / spacing
+    within_f = turn @ within @ turn.transpose(0, 2, 1)
+    parts = np.stack([force, -a * force / spacing], axis=1)
+    here = np.exp(at[0] @ mean) * np.array([1, at[1] @ mean / spacing])
+    off = parts - here
+    covariance = np.einsum('c,cij->ij', probability, within_f + off[:, :, None] * off[:, None, :])
+    half = np.array([_half_width(probability, off[:, k], np.sqrt(within_f[:, k, k])) for k in range(2)])
+    exponent = float(-at[1] @ mean)
+    spread = float(np.sqrt(probability @ (within[:, 1, 1] + (a - exponent) ** 2)))
+
+    chi2, freedom = np.nan, float(len(x) - 2)
+    if points.sigma is not None:
+        hat = np.einsum('cn,ni,cij,nj->c', (fitted / sigma) ** 2, design, np.linalg.inv(hessian), design)
+        chi2, freedom = float(np.sum(((points.f - fitted) / points.sigma) ** 2)), float(len(x) - probability @ hat)
+        if chi_squared.sf(chi2, freedom) < UNLIKELY:
+            larger = np.sqrt(chi2 / freedom)
+            covariance, half, spread = covariance * larger**2, half * larger, spread * larger
+    return Fit(law, 'smooth curve', spacing, here, covariance, half, exponent, spread,
+               forces.f - np.exp(CubicSpline(nodes, values @ mean)(np.log(forces.r / spacing))), chi2, freedom)
+
+
+def _quadratic(x, points, counts):
+    """Forces of a parabola through the logarithms, shape (n,): where the search starts, and the size of the noise."""
+    weights = np.sqrt(counts * points.f) if points.sigma is None else points.f / points.sigma
+    return np.exp(np.polyval(np.polyfit(x, np.log(points.f), min(2, len(x) - 3), w=weights), x))
+
+
+def _average(points, counts, design, start):
+    """Fits for all noises and bends: parameters (fits, k), Hessians (fits, k, k), probabilities and sigma (fits, n)."""
+    if points.sigma is not None:
+        return _fitted(points.f, np.tile(points.sigma, (len(BENDS), 1)), np.array(BENDS), design, start)
+    kinds = range(len(CROSSINGS) + 2)
+    kind, scale, bend = (np.array(column) for column in zip(*product(kinds, SCALES, BENDS), strict=True))
+    smooth = start
+    for _ in range(2):  # the noise grows with the smooth force, not with the measured one, which is low where the noise is
+        shape = _noises(smooth)[kind] / np.sqrt(counts)
+        left = (points.f - start) / shape
+        freedom = max(len(start) - 3, 1)
+        s = scale * np.maximum(np.sqrt(np.sum(left**2, axis=1) / freedom), 1e-9 * points.f.max())
+        p, hessian, probability, sigma = _fitted(points.f, s[:, None] * shape, bend, design, start, prior=np.sqrt(scale))
+        share = np.array([probability[kind == one].sum() for one in kinds])
+        probability = probability / np.sqrt(np.maximum(share, 1e-300))[kind]
+        probability /= probability.sum()
+        smooth = np.exp(design @ (probability @ p))
+    return p, hessian, probability, sigma
+
+
+def _noises(f):
+    """How the noise may grow with the force: constant, f + c, and f, each of geometric mean 1, shape (kinds, n)."""
+    sums = [f + f.min() ** (1 - q) * f.max() ** q for q in CROSSINGS]
+    shapes = np.stack([np.ones_like(f), *sums, f])
+    return shapes / np.exp(np.log(shapes).mean(axis=1, keepdims=True))
+
+
+def _fitted(f, sigma, bend, design, start, prior=1.0):
+    """Gauss-Newton least squares with the prior of the departures, for all `sigma` (fits, n) and `bend` (fits,) at once."""
+    k = design.shape[1]
+    precision = np.append([0.0, 0.0], np.ones(k - 2)) / bend[:, None] ** 2
+    products = (design[:, :, None] * design[:, None, :]).reshape(len(f), k * k)
+    first = np.linalg.solve(design.T @ design + 1e-6 * np.diag(precision[-1] > 0), design.T @ np.log(start))
+    p = np.tile(first, (len(sigma), 1))
+    for _ in range(50):
+        model = np.exp(p @ design.T)
+        hessian = ((model / sigma) ** 2 @ products).reshape(-1, k, k) + precision[:, :, None] * np.eye(k)
+        step = np.linalg.solve(hessian, (((f - model) * model / sigma**2) @ design - precision * p)[:, :, None])[:, :, 0]
+        change = abs(step @ design.T).max(axis=1)
+        p = p + step * np.minimum(1, 0.5 / np.maximum(change, 0.5))[:, None]  # ln f moves by 1/2 at most
+        if change.max() < 1e-6:  # Gauss and Newton gain digits fast: what is left is far below the noise
+            break
+    evidence = (-np.sum(((f - np.exp(p @ design.T)) / sigma) ** 2, axis=1) / 2 - np.sum(np.log(sigma), axis=1)
+                - np.sum(precision * p**2, axis=1) / 2 - (k - 2) * np.log(bend) - np.linalg.slogdet(hessian)[1] / 2)
+    probability = np.exp(evidence - evidence.max()) * prior
+    return p, hessian, probability / probability.sum(), sigma
+
+
+def _half_width(probability, off, sigma):
+    """Distance from zero within which a mixture of normal distributions has the probability COVERED."""
+    from scipy.optimize import brentq
+    from scipy.special import ndtr
+
+    def beyond(h):
+        return probability @ (ndtr((h - off) / sigma) - ndtr((-h - off) / sigma)) - COVERED
+
+    return brentq(beyond, 0.0, np.max(abs(off) + 10 * sigma))
+
+
+def explained(curve):
+    """Whether the uncertainties given to a curve explain its scatter; without any they do."""
+    from scipy.stats import chi2
+
+    return bool(np.isnan(curve.chi2) or chi2.sf(curve.chi2, curve.freedom) >= UNLIKELY)

@@ -1,0 +1,9 @@
+"""Where the particles stand, and which of them repel each other.
+
+`crystals` are the unit cells (chain, triangular, honeycomb, ...) and the paper's oscillator (Sec. III), all as `ase.Atoms`;
+`patches` cuts finite patches with a held rim out of them; `bonds` finds the interacting pairs.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,27 @@
+from .bonds import (
+    Bonds as Bonds,
+    bonds_within as bonds_within,
+    explicit_bonds as explicit_bonds,
+    find_bonds as find_bonds,
+    image_of as image_of,
+    pairs_within as pairs_within,
+    repeat_bonds as repeat_bonds,
+)
+from .crystals import (
+    OSCILLATOR_BONDS as OSCILLATOR_BONDS,
+    bcc as bcc,
+    chain as chain,
+    fcc as fcc,
+    honeycomb as honeycomb,
+    kagome as kagome,
+    oscillator as oscillator,
+    square as square,
+    triangular as triangular,
+)
+from .patches import (
+    RIM as RIM,
+    half_hexagon as half_hexagon,
+    hexagon as hexagon,
+    parallelogram as parallelogram,
+    rectangle as rectangle,
+)

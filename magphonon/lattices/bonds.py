@@ -1,0 +1,381 @@
+"""Bonds: which particles repel each other, each pair once, also across the border of a periodic cell.
+
+One list serves the calculator, the Hessian and the bands.  A bond runs from particle i to the image of
+particle j in the cell `shift`; with the incidence matrix C(q), whose row for a bond holds -1 at i and
+e^{2 pi i q.shift} at j,
+
+    forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
+"""
+
+import operator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from ..errors import positive, whole
+
+SHELL_WIDTH = 1e-4
+"""Distances that follow each other within this fraction belong to one shell of neighbours.
+
+People write lattice constants with three or more digits (8.66 for 5 sqrt(3) moves a distance by 2e-5) and files with eight
+decimals; of the usual lattices, two of the first hundred shells are never closer than 1e-3, two of the first thousand 1e-4.
+"""
+EXACT = 1e-9
+"""Distances that differ by less than this fraction are equal: round-off of the positions, no rounding."""
+CLEAR = 4.0
+"""The narrowest gap between two shells must be this many times the widest one inside a shell, where positions are rounded."""
+CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
+"""Two shells may be one that rounding split if their gap is narrow and a gap beside it is `CONTRAST` times wider.
+
+Narrow is `CLOSE` after the last shell wanted, where neighbours would be lost, and `ROUNDED` between the shells before it, where
+only their number is in doubt; crystals differ more (the two first distances in cobalt and magnesium by 3e-3).  In the usual
+lattices, where shells crowd at large distances, the ratio stays below 20 over the first three thousand shells.
+"""
+ON_SHELL = 1e-6
+"""A cutoff nearer to a shell than this fraction of itself falls on it: displacements of finite differences would cross it."""
+SCATTER = 0.1
+"""Particles without a bond, while the next distance is longer by less than this fraction, betray positions that scatter."""
+
+
+@dataclass(frozen=True)
+class Bonds:
+    """The bonds of one structure.
+
+    Attributes
+    ----------
+    i, j : ndarray of int, shape (bonds,)
+        The particles that each bond joins; equal for a bond between a particle and its own periodic image.
+    shift : ndarray of int, shape (bonds, 3)
+        The periodic cell that holds j.
+    vectors : ndarray, shape (bonds, 3)
+        From i to j at rest, in mm.
+    particles : int
+        Number of particles in the structure.
+    cutoff : float or None
+        Distance in mm within which the bonds were found; None for an explicit list.
+    """
+
+    i: np.ndarray
+    j: np.ndarray
+    shift: np.ndarray
+    vectors: np.ndarray
+    particles: int
+    cutoff: float | None = None
+
+    def __len__(self):
+        return len(self.i)
+
+    @property
+    def lengths(self):
+        """Bond lengths at rest in mm, shape (bonds,)."""
+        return np.linalg.norm(self.vectors, axis=1)
+
+    @property
+    def coordination(self):
+        """Number of bonds that end at each particle, shape (particles,)."""
+        return np.bincount(np.concatenate([self.i, self.j]), minlength=self.particles)
+
+    def at(self, atoms):
+        """The same pairs of particles with the vectors that they have in `atoms`, in whatever periodic image these stand."""
+        vectors = atoms.positions[self.j] + self.shift @ atoms.cell.array - atoms.positions[self.i]
+        if np.array_equal(vectors, self.vectors):
+            return self
+        shift, change = self.shift, vectors - self.vectors
+        if atoms.pbc.any() and (np.linalg.norm(change, axis=1) > self.lengths / 2).any():
+            from ase.geometry import find_mic
+
+            jump = change - find_mic(change, atoms.cell, atoms.pbc)[0]  # of particles that stand in another cell now
+            shift = shift - np.round(jump @ np.linalg.pinv(atoms.cell.array)).astype(int)
+            vectors = vectors - jump
+        same = np.allclose(vectors, self.vectors, rtol=0, atol=1e-9 * self.lengths.max(initial=0))
+        return Bonds(self.i, self.j, shift, vectors, self.particles, self.cutoff if same else None)
+
+    @cached_property
+    def incidence(self):
+        """Incidence matrix C at q = 0, sparse, shape (bonds, particles); a self-image bond has an empty row."""
+        return self.incidence_at((0, 0, 0)).real
+
+    def incidence_at(self, q):
+        """Incidence matrix C(q) at the wavevector `q` in fractions of the reciprocal vectors; sparse, complex."""
+        from scipy.sparse import csr_array
+
+        row = np.arange(len(self))
+        phase = np.exp(2j * np.pi * self.shift @ np.asarray(q, dtype=float))
+        entries = np.concatenate([-np.ones(len(self)), phase])
+        matrix = csr_array((entries, (np.tile(row, 2), np.concatenate([self.i, self.j]))),
+                           shape=(len(self), self.particles))
+        matrix.eliminate_zeros()
+        return matrix
+
+
+def find_bonds(atoms, shells=1, cutoff=None):
+    """Bonds between all particles up to the given shell of neighbours, or within `cutoff`.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        The rest configuration; its periodic directions are honoured.
+    shells : int
+        Number of neighbour shells; ignored when `cutoff` is given.  A shell is a group of distances that follow each other
+        within `SHELL_WIDTH`, so that rounded lattice constants and coordinates keep their bonds.
+    cutoff : float, optional
+        Distance in mm.
+
+    Returns
+    -------
+    Bonds
+
+    Raises
+    ------
+    ValueError
+        If particles coincide, none lies within reach, or the cutoff falls on a shell of neighbours, where the
+        smallest displacement would make and break bonds and corrupt every finite difference.  If the shells cannot be told
+        apart: the next one follows so closely that rounding may have split one shell in two, or positions scatter.
+    """
+    if cutoff is None:
+        cutoff = _shell_cutoff(atoms, whole('shells', shells))
+        bonds = bonds_within(atoms, cutoff)
+        _refuse_scatter(atoms, bonds)
+        return bonds
+    cutoff = positive('cutoff', cutoff, 'mm')
+    distances = _distances(atoms, cutoff * (1 + 2 * ON_SHELL))
+    if not len(distances):
+        raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it')
+    near = distances[np.argmin(abs(distances - cutoff))]
+    if abs(near - cutoff) <= ON_SHELL * cutoff:
+        raise ValueError(f'the cutoff {cutoff:g} mm falls on a shell of neighbours at {near:.9g} mm; '
+                         'move it between two shells, or give shells=')
+    return bonds_within(atoms, cutoff)
+
+
+def bonds_within(atoms, cutoff):
+    """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more."""
+    i, j, shift, lengths = pairs_within(atoms, cutoff)
+    _refuse_coincident(i, j, lengths, cutoff)
+    backwards = i > j
+    i, j = np.where(backwards, j, i), np.where(backwards, i, j)
+    shift[backwards] *= -1
+    order = np.lexsort((*shift.T[::-1], j, i))  # whatever order the tree found them in
+    i, j, shift = i[order], j[order], shift[order]
+    vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
+    return Bonds(i, j, shift, vectors, len(atoms), cutoff)
+
+
+def _distances(atoms, cutoff):
+    return np.unique(pairs_within(atoms, cutoff)[3])
+
+
+def pairs_within(atoms, cutoff):
+    """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
+
+    A k-d tree over the images near the cell: ASE 3.29's neighbour list puts all particles of a flat structure without
+    periodic borders into one bin and asks for the square of their number in memory.
+    """
+    from scipy.spatial import cKDTree
+
+    if not np.isfinite(atoms.positions).all():
+        k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
+        raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
+    periods = atoms.cell.array[atoms.pbc]
+    if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # of no vectors NumPy before 2.4.5 knows no rank
+        raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
+                         'set its cell, or its pbc to False')
+    inverse = np.linalg.pinv(periods)
+    home = np.floor(atoms.positions @ inverse).astype(int)
+    fraction = atoms.positions @ inverse - home
+    points = atoms.positions - home @ periods
+
+    # Shift zero and half of the others; the other half would find every pair again, from its far end.
+    reach = cutoff * np.linalg.norm(inverse, axis=0)
+    shifts = np.array(list(product(*(range(-k, k + 1) for k in np.floor(reach + 1).astype(int)))), dtype=int)
+    shifts = shifts[len(shifts) // 2 :]
+    near = [np.flatnonzero(((fraction + s > -reach) & (fraction + s < 1 + reach)).all(axis=1)) for s in shifts]
+    particle, cell = np.concatenate(near), np.repeat(shifts, [len(k) for k in near], axis=0)
+
+    images = cKDTree(points[particle] + cell @ periods)
+    found = cKDTree(points).sparse_distance_matrix(images, cutoff, output_type='ndarray')
+    found = found[(found['i'] < found['j']) | (found['j'] >= len(atoms))]
+    i, j = found['i'], particle[found['j']]
+    shift = np.zeros((len(found), 3), dtype=int)
+    shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
+    return i, j, shift, found['v']
+
+
+def _shell_cutoff(atoms, shells):
+    """Distance midway between the last shell wanted and the next one."""
+    if len(atoms) < 2 and not atoms.pbc.any():
+        raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
+    others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
+    extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
+    reach = 1.8 * np.linalg.norm(others, axis=1).min()  # the two first shells of the common lattices: 1 and sqrt(2) or sqrt(3)
+    while True:
+        distances = _distances(atoms, reach)
+        gaps = np.diff(distances) / distances[1:]
+        last = np.flatnonzero(gaps > SHELL_WIDTH)  # of each shell that another one follows
+        complete = reach >= extent and not atoms.pbc.any()
+        if len(last) > shells or (complete and len(last) == shells):
+            _refuse_unclear_shells(atoms, distances, gaps, last, shells)
+            return distances[last[shells - 1] : last[shells - 1] + 2].mean()
+        if complete:
+            if len(last) + 1 == shells:
+                return reach
+            raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
+        reach = 1.5 * reach + 1e-6 * extent  # the sum: where particle 0 coincides with another, the reach starts from zero
+
+
+def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
+    """Refuse to end at a shell that rounding may have split, or to count shells that are no clearer than the rounding.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    distances : ndarray, shape (n,)
+        Different distances in ascending order.
+    gaps : ndarray, shape (n - 1,)
+        Between them, over the longer one.
+    last : ndarray of int
+        The last distance of each shell that another one follows.
+    shells : int
+        The number of shells that were asked for.
+    """
+    end = last[shells - 1]
+    between = np.concatenate([[1.0], gaps[last[: shells + 1]]])  # before the first shell there is nothing
+    beside = np.maximum(between[:-1], np.append(between[2:], 0)[: len(between) - 1])[:shells]
+    between = between[1 : shells + 1]
+    narrow = np.append(np.full(shells - 1, ROUNDED), CLOSE)
+    split = (between < narrow) & (CONTRAST * between < beside)
+    inside = gaps[:end][(gaps[:end] > EXACT) & (gaps[:end] <= SHELL_WIDTH)].max(initial=0)
+    if not split.any() and between.min() >= CLEAR * inside:
+        return
+    if split.any():
+        end = last[split.argmax()]
+    raise ValueError(f'the shells of neighbours are not clear: one ends at {distances[end]:.9g} mm, and the next '
+                     f'distance is {distances[end + 1]:.9g} mm, {100 * gaps[end]:.2g} % longer; if rounded or measured positions '
+                     'split one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
+                     f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
+
+
+def _widest_gap(atoms, last):
+    """A cutoff in the widest gap between the distances up to `2 * last` (mm), where true shells most likely part."""
+    distances = np.append(_distances(atoms, 2 * last), 2 * last)
+    gap = np.argmax(np.diff(np.log(distances)))
+    return distances[gap : gap + 2].mean()
+
+
+def _refuse_scatter(atoms, bonds):
+    """Refuse shells that leave particles without a bond although the next distance is hardly longer."""
+    alone, last = np.flatnonzero(bonds.coordination == 0), bonds.lengths.max(initial=0)
+    following = 2 * bonds.cutoff - last  # the cutoff is midway
+    if len(alone) and following < (1 + SCATTER) * last:
+        raise ValueError(f'the shells of neighbours end at {last:.6g} mm, the next distance is {following:.6g} mm, and '
+                         f'{len(alone)} particles such as {alone[0]} have no bond: the positions scatter, so that every distance '
+                         'is a shell of its own; give a cutoff= between true shells '
+                         f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
+
+
+def _refuse_coincident(i, j, lengths, scale):
+    if len(lengths) and lengths.min() <= 1e-12 * scale:
+        k = lengths.argmin()
+        raise ValueError(f'particles {i[k]} and {j[k]} coincide; move one of them, or list the bonds explicitly (bonds=)')
+
+
+def explicit_bonds(atoms, pairs):
+    """Bonds between the listed pairs of particles, for structures that no cutoff describes.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        The rest configuration.
+    pairs : sequence of (i, j) or (i, j, shift)
+        Particle indices, and the periodic cell of j (three integers, default 0 0 0).
+
+    Returns
+    -------
+    Bonds
+
+    Raises
+    ------
+    ValueError
+        If an index is out of range, a pair is listed twice or joins a particle to itself, or two bonded particles coincide.
+    """
+    n = len(atoms)
+    listed = {}
+    for pair in pairs:
+        try:
+            i, j, shift = (*pair, (0, 0, 0)) if len(pair) == 2 else pair
+            i, j, sx, sy, sz = map(operator.index, (i, j, *shift))
+        except (TypeError, ValueError):
+            raise ValueError(f'a bond is (i, j) or (i, j, shift) in whole numbers, as (0, 1, (1, 0, 0)), not {pair!r}') from None
+        shift = sx, sy, sz
+        if not (0 <= i < n and 0 <= j < n):
+            raise ValueError(f'bond {tuple(pair)} names a particle outside 0 to {n - 1}; particles are counted from 0')
+        if i == j and shift == (0, 0, 0):
+            raise ValueError(f'bond {tuple(pair)} joins particle {i} to itself; name another one, or the shift of its image')
+        if any(shift[k] and not atoms.pbc[k] for k in range(3)):
+            raise ValueError(f'bond {tuple(pair)} crosses a border that is not periodic; keep its shift 0 there')
+        reverse = (j, i, tuple(-k for k in shift))
+        if (i, j, shift) in listed or reverse in listed:
+            raise ValueError(f'bond {tuple(pair)} is listed twice; list each pair once, from either end')
+        listed[i, j, shift] = None
+    if not listed:
+        raise ValueError(f'the list of bonds is empty, {pairs!r}; list at least one pair (i, j)')
+    i, j, shift = (np.array(column) for column in zip(*listed, strict=True))
+    vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
+    lengths = np.linalg.norm(vectors, axis=1)
+    _refuse_coincident(i, j, lengths, lengths.max())
+    return Bonds(i, j, shift, vectors, n)
+
+
+def repeat_bonds(bonds, atoms, supercell):
+    """The same bonds in a supercell of `atoms`, whatever the order of its particles.
+
+    Parameters
+    ----------
+    bonds : Bonds
+        Bonds of `atoms`.
+    atoms, supercell : ase.Atoms
+        The periodic cell, and a structure of whole cells of it (phonopy's or `repeat`'s).
+
+    Returns
+    -------
+    Bonds
+
+    Raises
+    ------
+    ValueError
+        If the supercell does not consist of images of the cell's particles.
+    """
+    origin = image_of(atoms, supercell)
+    images = [np.flatnonzero(origin == k) for k in range(len(atoms))]
+    counts = [len(images[k]) for k in bonds.i]
+    i = np.concatenate([images[k] for k in bonds.i])
+    vectors = np.repeat(bonds.vectors, counts, axis=0)
+    ends = supercell.positions[i] + vectors
+    j = _site_of(ends, supercell)
+    shift = np.round((ends - supercell.positions[j]) @ np.linalg.inv(supercell.cell.array)).astype(int)
+    return Bonds(i, j, shift, vectors, len(supercell), bonds.cutoff)
+
+
+def image_of(atoms, supercell):
+    """The particle of the periodic cell `atoms` of which each particle of a supercell is an image, shape (particles,).
+
+    Raises
+    ------
+    ValueError
+        If the supercell does not consist of images of the cell's particles.
+    """
+    return _site_of(supercell.positions, atoms)
+
+
+def _site_of(points, atoms):
+    """The particle of `atoms` of which an image stands at each of the points."""
+    from scipy.spatial import cKDTree
+
+    inverse = np.linalg.inv(atoms.cell.array)
+    tree = cKDTree(np.mod(atoms.positions @ inverse, 1.0) % 1.0, boxsize=1.0)  # twice: mod of -1e-17 is 1.0
+    distance, index = tree.query(np.mod(points @ inverse, 1.0) % 1.0)
+    if distance.size and distance.max() > 1e-6:
+        raise ValueError('the supercell does not consist of images of the cell; build it with repeat() or phonopy')
+    return index

@@ -1,0 +1,104 @@
+"""Lattices of particles as ASE Atoms: unit cells, finite patches with their rim, and the oscillator of Sec. III.
+
+Lengths in mm, masses in g (`magphonon.units`).  Planar lattices lie in z = 0, periodic along their lattice
+vectors only; the third vector, `2 * spacing` long, is the vacuum above the plane.  `fcc` and `bcc` fill space.
+Particles carry the symbol 'Nd' (phonopy refuses 'X') and their own mass.  `spacing` is always the nearest-neighbour distance.
+"""
+
+from numbers import Real
+
+import numpy as np
+from ase import Atoms
+from ase.constraints import FixAtoms
+
+from ..errors import positive
+
+SYMBOL = 'Nd'
+OSCILLATOR_BONDS = ((0, 3), (1, 3), (2, 3))
+"""The bonds of `oscillator`, to be given explicitly: at theta0 = pi/2 its fixed magnets coincide."""
+
+
+def chain(spacing, mass):
+    """Straight chain along x; one particle per cell."""
+    return _cell(spacing, mass, [1, 0], [0, 2], [[0, 0]], pbc=(1, 0, 0))
+
+
+def square(spacing, mass):
+    """Square lattice; one particle per cell."""
+    return _cell(spacing, mass, [1, 0], [0, 1], [[0, 0]])
+
+
+def triangular(spacing, mass):
+    """Triangular lattice in the paper's basis, R1 = (1, 0) L0 and R2 = (1/2, sqrt(3)/2) L0; one particle per cell."""
+    return _cell(spacing, mass, [1, 0], [1 / 2, np.sqrt(3) / 2], [[0, 0]])
+
+
+def honeycomb(spacing, mass):
+    """Honeycomb lattice; two particles per cell, lattice constant `sqrt(3) * spacing`."""
+    a = np.sqrt(3)
+    return _cell(spacing, mass, [a, 0], [a / 2, 3 / 2], [[0, 0], [a / 2, 1 / 2]])
+
+
+def kagome(spacing, mass):
+    """Kagome lattice; three particles per cell, lattice constant `2 * spacing`."""
+    return _cell(spacing, mass, [2, 0], [1, np.sqrt(3)], [[0, 0], [1, 0], [1 / 2, np.sqrt(3) / 2]])
+
+
+def fcc(spacing, mass):
+    """Face-centred cubic lattice, periodic in space; one particle per cell, lattice constant `sqrt(2) * spacing`."""
+    return _crystal(spacing, mass, np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / np.sqrt(2))
+
+
+def bcc(spacing, mass):
+    """Body-centred cubic lattice, periodic in space; one particle per cell, lattice constant `2/sqrt(3) * spacing`."""
+    return _crystal(spacing, mass, np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / np.sqrt(3))
+
+
+def _crystal(spacing, mass, vectors):
+    spacing, mass = positive('spacing', spacing, 'mm'), positive('mass', mass, 'g')
+    return Atoms(SYMBOL, masses=[mass], cell=spacing * vectors, pbc=True)
+
+
+def _cell(spacing, mass, a1, a2, positions, pbc=(1, 1, 0)):
+    spacing, mass = positive('spacing', spacing, 'mm'), positive('mass', mass, 'g')
+    plane = spacing * np.array([a1, a2])
+    cell = np.zeros((3, 3))
+    cell[:2, :2] = plane
+    cell[2, 2] = 2 * spacing
+    flat = np.zeros((len(positions), 3))
+    flat[:, :2] = spacing * np.array(positions)
+    return Atoms([SYMBOL] * len(flat), positions=flat, masses=[mass] * len(flat), cell=cell, pbc=pbc)
+
+
+def oscillator(theta0, spacing, mass):
+    """One free magnet on three fixed ones: the paper's single-particle oscillator (Sec. III, Fig. 1).
+
+    The free particle, the paper's number 4, rests at the origin.  One fixed magnet stands `spacing` below it, two
+    stand at the angle `theta0` below the horizontal on its left and right.  The three push it upwards; an external
+    force must balance them.  Give the calculator `bonds=OSCILLATOR_BONDS`.
+
+    Parameters
+    ----------
+    theta0 : float
+        Angle in rad, 0 to pi/2.
+    spacing, mass : float
+        Bond length in mm, mass of each particle in g.
+
+    Returns
+    -------
+    ase.Atoms
+        Four particles, the first three held by FixAtoms.
+
+    Raises
+    ------
+    ValueError
+        If `theta0` is outside 0 to pi/2, or spacing or mass is not positive.
+    """
+    spacing, mass = positive('spacing', spacing, 'mm'), positive('mass', mass, 'g')
+    if not isinstance(theta0, Real) or not 0 <= theta0 <= np.pi / 2:
+        raise ValueError(f'theta0 must lie between 0 and pi/2 rad, not {theta0!r}; degrees are given as 30 * units.deg')
+    c, s = np.cos(theta0), np.sin(theta0)
+    atoms = Atoms([SYMBOL] * 4, positions=spacing * np.array([[-c, -s, 0], [c, -s, 0], [0, -1, 0], [0, 0, 0]]),
+                  masses=[mass] * 4)
+    atoms.set_constraint(FixAtoms([0, 1, 2]))
+    return atoms

@@ -1,0 +1,89 @@
+"""Finite patches cut out of a lattice, with a held rim."""
+
+import numpy as np
+from ase.constraints import FixAtoms
+
+from ..errors import positive, whole
+from .bonds import bonds_within, find_bonds
+
+RIM = 1
+"""Tag of the particles on the rim of a patch; those inside have the tag 0."""
+
+
+def parallelogram(cell, n1, n2):
+    """Patch of `n1 x n2` cells of a planar lattice, its rim held fixed.
+
+    Every patch is centred on the origin, carries the tag `RIM` on the particles that lack a nearest neighbour,
+    and holds them with ASE's FixAtoms: inside the rim each particle has its full shell and is in equilibrium.
+    Deleting the constraint leaves a free edge, which the static forces push outwards.  The array 'site' numbers
+    the particles on the parallelogram from which the patch was cut.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        Planar unit cell, pbc (1, 1, 0).
+    n1, n2 : int
+        Number of cells along the two lattice vectors.
+
+    Returns
+    -------
+    ase.Atoms
+        The patch, not periodic.
+
+    Raises
+    ------
+    ValueError
+        If the cell is not planar, or no particle of the patch lies inside its rim.
+    """
+    return _patch(cell, whole('n1', n1), whole('n2', n2), lambda x, y: np.zeros(x.shape))
+
+
+def rectangle(cell, width, height):
+    """Patch of the particles within a `width` x `height` (mm) rectangle; rim and errors as in `parallelogram`."""
+    width, height = positive('width', width, 'mm'), positive('height', height, 'mm')
+    return _cut(cell, np.hypot(width, height) / 2, lambda x, y: np.maximum(abs(x) - width / 2, abs(y) - height / 2))
+
+
+def hexagon(cell, side):
+    """Patch within a regular hexagon of `side` (mm), corners on the x axis; rim and errors as in `parallelogram`."""
+    side = positive('side', side, 'mm')
+    return _cut(cell, side, lambda x, y: _beyond_hexagon(x, y, side))
+
+
+def half_hexagon(cell, side):
+    """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; rim and errors as in `parallelogram`."""
+    side = positive('side', side, 'mm')
+    return _cut(cell, side, lambda x, y: np.maximum(_beyond_hexagon(x, y, side), -y))
+
+
+def _beyond_hexagon(x, y, side):
+    return np.maximum(abs(y), (abs(y) + np.sqrt(3) * abs(x)) / 2) - side * np.sqrt(3) / 2
+
+
+def _cut(cell, radius, beyond):
+    """Patch within a shape that fits in a circle of `radius`; `beyond(x, y)` is the distance outside its border."""
+    if tuple(cell.pbc) != (True, True, False):
+        raise ValueError(f'a patch is cut from a planar cell with pbc (1, 1, 0), not {tuple(map(int, cell.pbc))}')
+    rows = cell.cell.reciprocal()[:2]  # their inverse lengths are the distances between lattice rows
+    n1, n2 = 2 * np.ceil(radius * np.linalg.norm(rows, axis=1)).astype(int) + 3
+    return _patch(cell, n1, n2, beyond)
+
+
+def _patch(cell, n1, n2, beyond):
+    if tuple(cell.pbc) != (True, True, False):
+        raise ValueError(f'a patch is cut from a planar cell with pbc (1, 1, 0), not {tuple(map(int, cell.pbc))}')
+    shell = find_bonds(cell)
+    patch = cell.repeat((n1, n2, 1))
+    patch.positions -= cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
+    patch.set_array('site', np.arange(len(patch)))
+    x, y = patch.positions[:, :2].T
+    inside = beyond(x, y) <= 1e-9 * shell.lengths[0]  # a particle on the border belongs to the patch
+    coordination = np.tile(shell.coordination, n1 * n2)[inside]
+    patch = patch[inside]
+    patch.pbc, patch.cell = False, None
+    rim = bonds_within(patch, shell.cutoff).coordination < coordination if len(patch) else np.array([True])
+    if rim.all():
+        raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
+    patch.set_tags(np.where(rim, RIM, 0))
+    patch.set_constraint(FixAtoms(mask=rim))
+    return patch

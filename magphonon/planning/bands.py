@@ -1,0 +1,191 @@
+"""The ladder for bands: which model and how many shells of neighbours a band diagram, or one band edge, needs.
+
+The rungs are compared at a few wavevectors: the special points of the path and some between them, most of them near the
+points, where long-ranged forces show, or at all of them where the lattice is unstable.  Neighbours are summed to a
+reach; beyond it they are a continuum, whose own motion averages out within a wavelength: what remains is the spring to a
+medium at rest, of rho particles per area,
+
+    sum over r > R of (phi'' + phi'/r)/2  ->  pi rho integral of (r phi')'  =  pi rho R f(R)
+
+The reach doubles until a rung with half of it meets the tolerance.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bands.bloch import bloch_modes, cell_of_free_particles
+from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within
+from ..stiffness.bond import bond_stiffness
+from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
+from .plan import ALL, EIGENSOLVE, Plan, Rung
+
+REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
+"""Neighbours summed for the richest rung, in spacings."""
+STEP = 1.2
+"""Ratio of the numbers of shells of two rungs, or one shell more."""
+LINE = 6
+"""Times farther on a line, where neighbours are few and no continuum is added."""
+FRACTIONS = (0, 0.03, 0.06, 0.1, 0.17, 0.25, 0.5, 0.75, 0.9, 0.97)
+"""Wavevectors looked at, as fractions of a leg of the path."""
+EWALD = 1800
+"""Bonds of a particle whose sum takes as long as the exact one over all of its neighbours, measured."""
+ROUND_OFF = 1e-6
+"""Of the highest frequency: the root of the round-off in a square."""
+DOUBT = 0.25
+"""The error may be larger by this share between the wavevectors looked at."""
+DOUBT_AT_EDGE = 0.05
+"""At the one wavevector of an edge, only for the continuum."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One band edge: the frequency of a branch at a wavevector.
+
+    Attributes
+    ----------
+    name : str
+    q : ndarray, shape (3,)
+        In fractions of the reciprocal vectors.
+    branch : int
+        Counted from 0, the lowest.
+    """
+
+    name: str
+    q: np.ndarray
+    branch: int
+
+
+def plan_bands(atoms, path, tolerance, edge=None):
+    """Plan for the bands along a path, or for one edge of them.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.  Its own shells do not matter here: all particles repel each other.
+    path : ase.dft.kpoints.BandPath
+    tolerance : float
+        Of the frequencies: relative to the highest, or of an edge relative to itself.
+    edge : Edge, optional
+
+    Returns
+    -------
+    Plan
+        The settings of its rungs are `model` and `shells`, 'all' where the sums are exact.
+
+    Raises
+    ------
+    ValueError
+        For an edge at a frequency that is zero or imaginary.
+    """
+    spent, q = 0.0, _looked_at(path) if edge is None else np.array([edge.q])
+    if edge is None and (omega := bloch_modes(atoms, q)[0]).min() < -ROUND_OFF * omega.max():
+        q = path.kpts  # a frequency is steep where its square changes sign: a few wavevectors do not show the largest error
+    for reach in REACHES:
+        plan = _plan_within(atoms, path, tolerance, edge, q, reach, spent)
+        spent = plan.cost
+        summed = [rung for rung in plan.rungs if rung.settings['shells'] != ALL]
+        good = [rung.settings['shells'] for rung in summed if rung.meets(tolerance)]
+        if good and 3 * good[0] <= summed[-1].settings['shells']:  # half the reach holds a quarter of the shells or more
+            break
+        if plan.rungs[-1].cost < summed[-1].cost:  # the exact sum is cheaper than to look farther
+            break
+    return plan
+
+
+def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
+    """Plan with the neighbours within `reach` spacings, looked at `q`; `spent` is what earlier estimates have cost."""
+    calc, size = cell_of_free_particles(atoms), len(atoms) * atoms.calc.dim
+    shells = neighbour_shells(atoms, reach)
+    counts = np.unique(np.floor(STEP ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(STEP)))).astype(int))
+    continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
+    errors = _errors(atoms, q, edge, shells, counts, continuum)
+
+    waves, doubt = (len(path.kpts), DOUBT) if edge is None else (1, DOUBT_AT_EDGE)
+    at = f'at {waves} wavevectors' if waves > 1 else 'at its wavevector'
+    bonds = np.cumsum([len(shell) for shell in shells])
+    rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
+                  bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), doubt, {'model': model, 'shells': int(k)})
+             for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
+    if hasattr(calc.potential, 'gaussians') and getattr(calc.potential, 'a', np.inf) > 1:
+        rungs.append(Rung('complete linear, all neighbours', f'Ewald sums {at}',
+                          bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
+                          {'model': 'complete', 'shells': ALL}))
+    farthest = shells[-1].lengths.mean() / shells[0].lengths.mean()
+    evidence = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} spacings'
+                + (' and a continuum beyond' if continuum.any() else ''))
+    what = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
+    cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(errors) * len(q) * EIGENSOLVE * size**3
+    return Plan(*what, tolerance, tuple(rungs), (evidence,), spent + cost)
+
+
+def _errors(atoms, q, edge, shells, counts, continuum):
+    """Error of the conventional model with one shell, then of the complete one with each number of shells in `counts`."""
+    calc = atoms.calc
+    parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.potential) for shell in shells]
+    D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
+                 for k in (0, 1))
+    richest = D0[-1] + Dstar[-1] + continuum
+    D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], richest[None]]) + calc.parameters.foundation * np.eye(D0.shape[-1])
+    *omega, exact = signed_root(np.linalg.eigvalsh(mass_weighted(D, atoms.get_masses())))
+    if edge is None:
+        return abs(omega - exact).max(axis=(1, 2)) / exact.max()
+    wanted = exact[0, edge.branch]
+    if not wanted > ROUND_OFF * abs(exact).max():
+        raise ValueError(f'{edge.name} is zero or imaginary, and has no relative error; choose another edge, or all bands')
+    return abs(omega - exact)[:, 0, edge.branch] / wanted
+
+
+def _neighbours(shells):
+    return 'nearest neighbours' if shells == 1 else f'{shells} shells'
+
+
+def bloch_cost(bonds, waves, size, dim, model):
+    """Multiplications of the bands of a cell: the stiffness of its bonds, then at each wavevector phases and an eigen-solve."""
+    stiffness = bonds * dim**2 * (2 if model == 'complete' else 1)
+    return stiffness + waves * (bonds * dim**2 + EIGENSOLVE * size**3)
+
+
+def _looked_at(path):
+    """Special points of the path and a few wavevectors between them, shape (wavevectors, 3)."""
+    x, stops, _ = path.get_linear_kpoint_axis()
+    stops = np.unique(stops)
+    wanted = np.append((stops[:-1, None] + np.diff(stops)[:, None] * FRACTIONS).ravel(), stops[-1])
+    return path.kpts[np.unique(abs(x - wanted[:, None]).argmin(axis=1))]
+
+
+def neighbour_shells(atoms, reach):
+    """The bonds of each shell of neighbours within `reach` spacings, as far as the law knows them, a list of Bonds."""
+    calc = cell_of_free_particles(atoms)
+    spacing = calc.bonds.lengths.min()
+    every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else LINE * reach) * spacing)
+    order = np.argsort(every.lengths, kind='stable')
+    lengths = every.lengths[order]
+    ends = np.flatnonzero(np.diff(lengths) > SHELL_WIDTH * lengths[1:]) + 1
+    shells = [Bonds(every.i[s], every.j[s], every.shift[s], every.vectors[s], every.particles) for s in np.split(order, ends)]
+    return shells[: _known(calc.potential, [shell.lengths.mean() for shell in shells])]
+
+
+def _known(potential, distances):
+    """Number of `distances` that the law knows: a measured table ends somewhere."""
+    for k, r in enumerate(distances):
+        try:
+            potential.dphi(r)
+        except ValueError:
+            return k
+    return len(distances)
+
+
+def _continuum(atoms, R, q):
+    """Springs to the neighbours beyond R, shape (wavevectors, size, size); at q = 0 these move along."""
+    calc, plane = atoms.calc, atoms.cell.array[atoms.pbc]
+    n, d = len(atoms), len(plane)
+    if d == 1:
+        return np.zeros((len(q), 1, 1))
+    rho = n / np.sqrt(np.linalg.det(plane @ plane.T))
+    try:
+        spring = {2: np.pi * R, 3: 4 * np.pi / 3 * R**2}[d] * rho * -calc.potential.dphi(R)
+    except ValueError:  # beyond a measured table
+        spring = 0.0
+    along = np.kron(np.full((n, n), 1 / n), np.eye(d))
+    return spring * (np.eye(n * d) - np.all(abs(q) < 1e-9, axis=1)[:, None, None] * along)

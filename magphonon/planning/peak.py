@@ -1,0 +1,196 @@
+"""The ladder for the peak of a frequency response: whether its frequency needs D*, or moves with the amplitude.
+
+In a mode e of frequency w, normalised to sum m e^2 = 1, D* has the share e D* e of w^2: without it the peak stands
+higher by about half of that over w^2.  A force F cos(W t) drives the mode to the amplitude e.F/(gamma W), which moves
+the peak along its backbone (`magphonon.stability.amplitude_shifts`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import units
+from ..dynamics.timestep import highest_frequency
+from ..response.frf import frequency_response, harmonic_response
+from ..response.normal_modes import SMALL, Modes, modes, reduced
+from ..response.stepped import HEADSTART, STEADY
+from ..stability.amplitude_shifts import ALIKE, FarFromLinear, vibration
+from ..stiffness.bond import bond_stiffness
+from ..stiffness.constraints import free_directions
+from ..stiffness.rest import at_rest
+from .plan import EIGENSOLVE, Plan, Rung, force_cost, percent
+
+LONGEST_STEP = 0.5
+"""Time step of a run, at most, as a share of the limit 2/omega_max."""
+SHARE = 0.6
+"""Of the tolerance that time steps may use up."""
+SHARPNESS = 0.5
+"""Modes whose peaks reach this share of the highest must agree that D* does not matter: it may exchange them."""
+LARGE = 1000
+"""Degrees of freedom above which a structure is not diagonalised, some 0.3 s."""
+DOUBT_ALONE = 10.0
+"""Of the shift of a pattern that swings alone, without the others that follow it: right in its order of magnitude."""
+DOUBT_FIRST_ORDER = 1.0
+"""Of the error without D*: first-order perturbation theory is right to a factor of two."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The highest resonance of a response in its range.
+
+    Attributes
+    ----------
+    linear : Modes
+        All modes of a small structure; of a large one, only the pattern in which it swings at the peak.
+    mode : int
+        The mode that resonates.
+    rivals : ndarray of int
+        Modes with nearly as high a peak, itself among them.
+    force : float
+        The force on the mode for a unit force, g^-1/2.
+    """
+
+    linear: Modes
+    mode: int
+    rivals: np.ndarray
+    force: float
+
+    @property
+    def omega(self):
+        """In rad/ms."""
+        return float(self.linear.omega[self.mode])
+
+
+def highest_peak(atoms, source, answer, omega, damping):
+    """The resonance that dominates the response in the range of frequencies, in the complete linear model.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    source, answer : tuple of int and array_like, shape (3,)
+        Particle and direction of the force, and of the displacement that is looked at.
+    omega : array_like
+        In rad/ms, ascending.
+    damping : float
+        gamma in 1/ms.
+
+    Raises
+    ------
+    ValueError
+        If the structure is unstable or does not resonate in the range.
+    """
+    if free_directions(atoms).shape[1] > LARGE:
+        return _peak_of_field(atoms, source, answer, omega, damping)
+    linear = modes(atoms)
+    w = linear.omega
+    if w[0] < 0:
+        raise ValueError(f'the structure is unstable (growth rate {-w[0]:.4g} / ms) and has no steady response; '
+                         '"magphonon check" says what would hold it')
+    linear = _turned(linear, source)
+    push, seen = (_at(linear.shapes, place) for place in (source, answer))
+    height = np.where((w >= omega[0]) & (w <= omega[-1]) & (w > 0), abs(push * seen), 0) / np.maximum(w, omega[0])
+    if not height.any():
+        raise ValueError('no mode resonates between the lowest and the highest frequency; widen the range of [frf]')
+    mode = int(height.argmax())
+    return Peak(linear, mode, np.flatnonzero(height >= SHARPNESS * height[mode]), float(abs(push[mode])))
+
+
+def _peak_of_field(atoms, source, answer, omega, damping):
+    """The peak of a large structure: its response at all frequencies, and all of its particles at the highest."""
+    force = np.zeros((len(atoms), 3))
+    force[source[0]] = source[1]
+    response = frequency_response(atoms, force, omega, damping, [answer[0]], tolerance=1e-4)[:, 0] @ answer[1]
+    w = omega[abs(response).argmax()]
+    e = harmonic_response(atoms, force, [w], damping)[0, :, : atoms.calc.dim].imag
+    e /= np.sqrt(np.einsum('i,ix,ix->', atoms.get_masses(), e, e))
+    return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(_at(e[None], source)[0])))
+
+
+def _at(shapes, place):
+    """Displacement of each mode at a particle along a direction, g^-1/2."""
+    particle, direction = place
+    return shapes[:, particle] @ np.asarray(direction)[: shapes.shape[2]]
+
+
+def _turned(linear, source):
+    """The same modes, but of those with equal frequencies only the first answers to the force."""
+    shapes = linear.shapes.copy()
+    scale = ALIKE * linear.omega[-1]
+    for group in np.split(np.arange(len(shapes)), np.flatnonzero(np.diff(linear.omega) > scale) + 1):
+        push = _at(shapes[group], source)
+        if len(group) > 1 and push.any():
+            basis = np.linalg.qr(np.column_stack([push, np.eye(len(group))]))[0]
+            shapes[group] = np.einsum('gh,gix->hix', basis, shapes[group])
+    return Modes(linear.omega, shapes)
+
+
+def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
+    """Plan for the frequency of the highest peak of a response.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest, with MagneticRepulsion.
+    source, answer, omega, damping
+        As for `highest_peak`.
+    tolerance : float
+        Of the frequency, relative.
+    force : float
+        Amplitude in N; zero for the response to a vanishing force.
+
+    Returns
+    -------
+    Plan
+        The settings of its rungs are `model` and, where time is stepped, `dt` in ms.
+    """
+    calc = at_rest(atoms)
+    peak = highest_peak(atoms, source, answer, omega, damping)
+    w = peak.omega
+    stiffening = turning(atoms, peak)
+    frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
+    where = f'the peak stands at {w / (2 * np.pi) / units.Hz:.6g} Hz'
+    evidence = [f'{where}; D* moves it by {percent(frozen)}, to first order' if frozen else
+                f'{where}; nothing turns a bond there, so D* has no part in it']
+    shift, evaluations = 0.0, 0
+    if force:
+        try:
+            swing = vibration(atoms, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
+            shift, evaluations = abs(swing.omega / w - 1), swing.evaluations
+            moves = f'which moves the peak by {percent(shift)} ' + ('up' if swing.omega > w else 'down')
+        except FarFromLinear as error:
+            shift, evaluations, moves = np.inf, error.evaluations, 'beyond a periodic vibration'
+        reach = force * peak.force / (damping * w) * abs(peak.linear.shapes[peak.mode]).max() / calc.bonds.lengths.min()
+        evidence.append(f'{force:g} N swings it by {percent(reach)} of the spacing, {moves}')
+
+    points, nearest, free = len(omega), len(calc.bonds), free_directions(atoms).shape[1]
+    top, shift_doubt = highest_frequency(atoms), 0.0 if free <= LARGE else DOUBT_ALONE
+    if free <= SMALL:
+        method, price = f'a sum over {free} modes' if free > 1 else 'its closed form', EIGENSOLVE * free**3 + points * free
+    else:
+        products = np.log(1e9) * top**2 / (2 * damping * omega[0])
+        method, price = f'a Chebyshev series of some {products:.0f} products with the stiffness', products * reduced(atoms).K.nnz
+    rungs = [Rung('conventional linear', method, price, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
+                  {'model': 'conventional'}),
+             Rung('complete linear', method, price, shift, shift_doubt, {'model': 'complete'})]
+    if force:
+        dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
+        steps = int(np.ceil(2 * np.log(HEADSTART / STEADY) / damping / dt))
+        rungs.append(Rung('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
+                          points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
+                          {'model': 'complete', 'dt': float(dt)}))
+    return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(rungs), tuple(evidence),
+                price + evaluations * nearest * force_cost(calc.dim))
+
+
+def turning(atoms, peak):
+    """Share e D* e/w^2 of the static forces in the squared frequency of each of the peak's rivals."""
+    calc = at_rest(atoms)
+    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
+    n = R / bonds.lengths[:, None]
+    e = peak.linear.shapes[peak.rivals]
+    apart = e[:, bonds.j] - e[:, bonds.i]
+    sideways = apart - np.einsum('mbx,bx->mb', apart, n)[..., None] * n
+    if abs(sideways).max() <= 1e-12 * abs(e).max():
+        return np.zeros(len(e))
+    Dstar = bond_stiffness(R, calc.potential)[1]
+    return np.einsum('mbx,bxy,mby->m', sideways, Dstar, sideways) / peak.linear.omega[peak.rivals] ** 2

@@ -1,0 +1,208 @@
+"""The plans for what a scene asks, and their runs: [bands] for bands, [frf] for a peak, [burst] for waveforms.
+
+The table [plan] adds what these leave open: one band edge instead of all bands, the force at which a response is wanted.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .. import units as u
+from ..files import write_columns
+from .plan import ALL, Plan, percent
+
+NOTHING = 1e-3
+"""Of the bands: what neighbours left out may change without a word."""
+SAMPLES = 12
+"""Frames of a record to a period of the carrier."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One thing that a scene asks for, and how it is answered.
+
+    Attributes
+    ----------
+    name : str
+        Of its files.
+    plan : Plan
+    answer : function
+        Of a folder and the settings of a rung; writes the data there.
+    notes : tuple of str
+        What the plan leaves out.
+    """
+
+    name: str
+    plan: Plan
+    answer: object
+    notes: tuple = ()
+
+    def report(self):
+        """The plan in words."""
+        return '\n'.join([self.plan.report(), *(f'  {note}' for note in self.notes)])
+
+    def run(self, folder):
+        """Run the rung that was chosen and write its data into the folder, as plan_NAME: `bands` and `frf` write others."""
+        self.answer(folder / f'plan_{self.name}', **self.plan.choice.settings)
+
+
+def scene_plans(scene, tolerance):
+    """Plans for everything that a scene asks, one after the other, as Wanted.
+
+    Parameters
+    ----------
+    scene : Scene
+    tolerance : float
+
+    Raises
+    ------
+    ValueError
+        If it asks for nothing that a plan knows, or what it asks for cannot be had.
+    """
+    if scene.bands is None and scene.frf is None and scene.burst is None:
+        raise ValueError(f'the scene {scene.title!r} asks for nothing; add a table [bands], [frf] or [burst]')
+    if scene.bands is not None:
+        yield _bands(scene, tolerance)
+    if scene.frf is not None:
+        yield _peak(scene, tolerance)
+    if scene.burst is not None:
+        for k in range(len(scene.burst.carriers_Hz)):
+            yield _burst(scene, tolerance, k)
+
+
+def _cell(scene, shells=1):
+    """The cell of a scene with as many shells of neighbours as a rung asks for, whatever the scene says."""
+    from ..stiffness.all_neighbours import AllNeighbours
+    from ..stiffness.calculator import MagneticRepulsion
+
+    atoms = scene.cell()
+    foundation = scene.foundation.k if scene.foundation else 0.0
+    if shells == ALL:
+        atoms.calc = AllNeighbours(atoms, scene.law.potential(), foundation=foundation)
+        return atoms
+    atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), foundation=foundation, shells=shells)
+    return atoms
+
+
+def _bands(scene, tolerance):
+    from .bands import Edge, plan_bands
+
+    atoms, path, edge = _cell(scene), scene.band_path(), None
+    if scene.plan is not None and scene.plan.edge is not None:
+        point, branch = scene.plan.edge, scene.plan.branch
+        edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
+    return Wanted('bands', plan_bands(atoms, path, tolerance, edge), lambda file, **rung: _write_bands(scene, file, edge, **rung))
+
+
+def _beyond_nearest(scene):
+    """What no rung of a patch has: its rim balances nearest neighbours only."""
+    return (f'All this is for nearest neighbours, which alone the rim of a patch balances; all others would move the bands by '
+            f'{percent(_error_of_shells(scene, 1))}.')
+
+
+def neglected(scene):
+    """What the neighbours that a scene leaves out would do to its bands, a list of one line, or of none if they do nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    if scene.single or scene.law.shells == ALL:
+        return []
+    error = _error_of_shells(scene, scene.law.shells)
+    if error < NOTHING:
+        return []
+    counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
+    return [f'{counted}: all others would move the bands by up to {percent(error)}; '
+            '"magphonon plan" says what it costs to count more.']
+
+
+def _error_of_shells(scene, shells):
+    """Error of the complete bands with no more than so many shells of neighbours, relative as that of `plan_bands`."""
+    from .bands import plan_bands
+
+    rungs = plan_bands(_cell(scene), scene.lattice.path(None, 60), tolerance=1.0).rungs
+    summed = [rung for rung in rungs if rung.settings['model'] == 'complete' and rung.settings['shells'] != ALL]
+    return [rung for rung in summed if rung.settings['shells'] <= shells][-1].error
+
+
+def _write_bands(scene, file, edge, model, shells):
+    from ..bands.bands import analytic_bands
+    from ..bands.bloch import bloch_modes
+
+    atoms, path = _cell(scene, shells), scene.band_path()
+    if edge is None:
+        bands = analytic_bands(atoms, path, model)
+        bands.save(file.with_suffix('.npz'))
+        x = path.get_linear_kpoint_axis()[0] * u.m
+        frequencies = bands.frequencies_Hz
+    else:
+        x, frequencies = np.zeros(1), bloch_modes(atoms, edge.q[None], model)[0] / (2 * np.pi) / u.Hz
+    names = ['path_rad_per_m'] + [f'branch_{k + 1}_Hz' for k in range(frequencies.shape[1])]
+    write_columns(file.with_suffix('.csv'), names, [x, *frequencies.T])
+
+
+def _peak(scene, tolerance):
+    from .peak import plan_peak
+
+    force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
+    atoms, source, answer = scene.shaken()
+    plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
+    notes = () if force else ('The response is that to a vanishing force; [plan] force_N = ... asks for another.',)
+    if not scene.single:
+        notes += (_beyond_nearest(scene),)
+    return Wanted('frf', plan, lambda file, **rung: _write_response(scene, file, force, **rung), notes)
+
+
+def _write_response(scene, file, force, model, dt=None):
+    from ..response.frf import receptance
+    from ..response.stepped import stepped_response
+
+    (atoms, source, answer), omega, damping = scene.shaken(model), scene.frf.omega, scene.frf.damping
+    if dt is None:
+        response = receptance(atoms, source, answer, omega, damping)
+    else:
+        response = stepped_response(atoms, source, answer, omega, damping, force, dt)
+    response.save(file.with_suffix('.npz'))
+    amplitude, phase = abs(response.response) / (u.m / u.N), np.degrees(np.angle(response.response))
+    write_columns(file.with_suffix('.csv'), ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],
+                  [omega / (2 * np.pi) / u.Hz, amplitude, phase])
+
+
+def _burst(scene, tolerance, k):
+    from ..waves.wave_source import site
+    from .waveform import plan_beam, plan_waveform
+
+    plan, cell, patch = scene.burst, scene.atoms(), scene.patch_atoms()
+    where = site(cell, patch, plan.source)
+    omega, angle = 2 * np.pi * plan.carriers_Hz[k] * u.Hz, plan.directions_deg[k] * u.deg
+    direction, damping, duration = (np.cos(angle), np.sin(angle)), 2 * plan.damping_ratio * omega, plan.duration_s * u.s
+    drive = where.burst(direction, plan.force_N * u.N, omega, plan.cycles)
+    if plan.source == 'row':
+        found = plan_beam(cell, patch, where, drive, damping, duration, tolerance)
+    else:
+        found = plan_waveform(patch, drive, where.row, damping, duration, tolerance)
+    burst = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
+    found = replace(found, quantity=burst)
+    return Wanted(f'burst_{plan.names[k]}', found,
+                  lambda file, **rung: _write_waveform(scene, file, where.row, drive, damping, duration, **rung),
+                  (_beyond_nearest(scene),))
+
+
+def _write_waveform(scene, file, row, drive, damping, duration, model, dt=None):
+    from ..dynamics.recorder import Recorder
+    from ..dynamics.verlet import DrivenVerlet
+    from ..response.propagation import propagate
+    from ..waves.vibrometer import Displacements, write_displacements
+
+    patch = scene.patch_atoms(model)
+    frame = 2 * np.pi / drive.omega / SAMPLES
+    if dt is None:
+        times = np.arange(0, duration, frame)
+        record = Displacements(times, row, propagate(patch, times, [drive], damping, row).displacements)
+    else:
+        dyn = DrivenVerlet(patch, dt, [drive], damping)
+        recorder = Recorder(dyn, row, max(1, int(frame / dt)))
+        dyn.run(int(duration / dt))
+        record = Displacements(recorder.times, recorder.particles, recorder.displacements)
+    write_displacements(file.with_name(file.name + '.csv'), record)

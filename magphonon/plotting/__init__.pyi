@@ -1,0 +1,35 @@
+from .axes import (
+    legend_above as legend_above,
+    new_axes as new_axes,
+    point_name as point_name,
+)
+from .bands import (
+    plot_bands as plot_bands,
+)
+from .fits import (
+    plot_fits as plot_fits,
+)
+from .modes import (
+    plot_mode as plot_mode,
+)
+from .response import (
+    plot_response as plot_response,
+    response_axes as response_axes,
+)
+from .uncertainty import (
+    plot_band_ribbons as plot_band_ribbons,
+    plot_contributions as plot_contributions,
+    plot_response_ribbon as plot_response_ribbon,
+)
+from .waves import (
+    crossing as crossing,
+    panels as panels,
+    plot_snapshot as plot_snapshot,
+    plot_wave as plot_wave,
+    save_animation as save_animation,
+)
+from .zone import (
+    plot_isofrequency as plot_isofrequency,
+    plot_ratio as plot_ratio,
+    plot_zone as plot_zone,
+)

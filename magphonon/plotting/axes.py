@@ -1,0 +1,33 @@
+"""Axes, colours and legends that all pictures share."""
+
+
+
+
+COLOURS = ('#0072B2', '#D55E00', '#000000', '#009E73', '#CC79A7', '#E69F00', '#56B4E9')
+"""Okabe and Ito's colours, which colour-blind readers tell apart; in grey the line styles do."""
+UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
+"""Look of every region where modes are unstable."""
+MARKERS = 40  # on each branch: few enough to see the line behind them
+
+
+def new_axes(width=5.2, height=4.0):
+    """Axes of a figure of its own, `width` x `height` in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure((width, height), dpi=200, layout='compressed').add_subplot()
+
+
+def legend_above(ax, **options):
+    """Legend above the axes, where it covers no data, in as many columns as the figure is wide enough for."""
+    options = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0), 'ncols': 3, 'frameon': False} | options
+    for columns in range(options['ncols'], 0, -1):
+        legend = ax.legend(**options | {'ncols': columns})
+        if legend.get_window_extent().width < ax.figure.bbox.width:
+            break
+    return legend
+
+
+def point_name(name):
+    """Name of a special point as it is printed: Γ for G, an index lowered."""
+    name = 'Γ' if name == 'G' else name
+    return name if len(name) == 1 else f'{name[0]}$_{{{name[1:].lstrip("_")}}}$'

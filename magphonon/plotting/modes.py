@@ -1,0 +1,107 @@
+"""A mode shape drawn on its lattice."""
+
+from itertools import product
+
+import numpy as np
+
+from .. import units
+from ..bands.zone import ROUND_OFF
+from ..stiffness.repulsion import repulsion_of
+from .axes import COLOURS, new_axes, point_name
+
+# Of a mode shape, in lattice constants: half the window, cells that fill it; and the longest arrow in bond lengths.
+WINDOW, REACH, ARROW = 2.4, 5, 0.42
+
+
+def plot_mode(atoms, bands, q, mode, ax=None):
+    """Shape of a mode: particles at rest, their orbits, and their displacements at the moment of the largest one.
+
+    Modes of equal frequency may be mixed at will; of those one choice is drawn, and called degenerate.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell of a planar lattice with its MagneticRepulsion.
+    bands : Bands
+        Of these atoms, with modes (`vectors=True`).
+    q : str or int
+        Name of a special point on the path, or index of a wavevector of the path.
+    mode : int
+        Branch by ascending frequency, from 0; it is printed from 1.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the bands hold no modes, or the path has no such point, or the mode does not exist.
+    """
+    from matplotlib.collections import LineCollection
+
+    if bands.vectors is None:
+        raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+    where = _wavevector(bands.path, q)
+    if not 0 <= mode < bands.omega.shape[1]:
+        raise ValueError(f'mode must be 0 to {bands.omega.shape[1] - 1}, not {mode!r}')
+    ax = new_axes(4.6, 4.6) if ax is None else ax
+    bonds = repulsion_of(atoms).bonds
+    cells = np.array(list(product(range(-REACH, REACH + 1), range(-REACH, REACH + 1), (0,))))
+    rest = ((cells @ atoms.cell.array)[:, None] + atoms.positions)[..., :2] / units.m
+    u = _displacements(bands.vectors[where, mode], atoms.get_masses(), bands.path.kpts[where], cells)
+    u *= ARROW * bonds.lengths.min() / units.m / abs(u).max()  # of the longest orbit
+
+    ends = np.stack([rest[:, bonds.i], rest[:, bonds.i] + bonds.vectors[:, :2] / units.m], axis=-2)
+    ax.add_collection(LineCollection(ends.reshape(-1, 2, 2), colors='0.88', linewidths=1, zorder=1))
+    turn = np.exp(1j * np.linspace(0, 2 * np.pi, 49))
+    orbits = rest[..., None, :] + (u[..., None, :] * turn[:, None]).real
+    ax.add_collection(LineCollection(orbits.reshape(-1, len(turn), 2), colors='0.55', linewidths=0.8, zorder=2))
+    x, y = rest.reshape(-1, 2).T
+    ax.plot(x, y, 'o', color='0.4', markerfacecolor='white', zorder=3)
+    ax.quiver(x, y, *u.real.reshape(-1, 2).T, color=COLOURS[0], angles='xy', scale_units='xy', scale=1, width=0.007, zorder=4)
+
+    half = WINDOW * atoms.cell.lengths()[:2].min() / units.m
+    title = f'{_printed_wavevector(bands.path, where)}, branch {mode + 1}\n{_printed_frequency(bands, where, mode)}'
+    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', xlim=(-half, half), ylim=(-half, half), aspect='equal', title=title)
+    return ax
+
+
+def _displacements(vector, masses, q, cells):
+    """Complex displacements of a mass-weighted mode in the `cells`, in its phase where the largest one is real."""
+    u = vector / np.sqrt(masses)[:, None]
+    largest = u.flat[abs(u).argmax()]
+    return u * largest.conj() / abs(largest) * np.exp(2j * np.pi * cells @ q)[:, None, None]
+
+
+def _wavevector(path, q):
+    """Index on the path of a named special point, or of itself."""
+    if isinstance(q, str):
+        if q not in path.special_points:
+            raise ValueError(f'the path has no special point {q!r}; it knows {", ".join(path.special_points)}')
+        distance = abs(path.kpts - path.special_points[q]).max(axis=1)
+        if distance.min() > 1e-6:
+            raise ValueError(f'the path {path.path} does not pass through {q}; choose a path that does')
+        return distance.argmin()
+    if not 0 <= q < len(path.kpts):
+        raise ValueError(f'q must be the name of a special point or an index from 0 to {len(path.kpts) - 1}, not {q!r}')
+    return q
+
+
+def _printed_wavevector(path, where):
+    """Name of a special point, or the fractions of the reciprocal vectors."""
+    for name, point in path.special_points.items():
+        if abs(path.kpts[where] - point).max() < 1e-6:
+            return point_name(name)
+    return '$q$ = ({:.3g}, {:.3g})'.format(*path.kpts[where])
+
+
+def _printed_frequency(bands, where, mode):
+    """Frequency and polarisation, or the growth rate of an unstable mode."""
+    if bands.omega[where, mode] < 0:
+        return f'unstable, grows at {-bands.omega[where, mode] * units.s:.4g} 1/s'
+    others = np.delete(bands.omega[where], mode)
+    degenerate = abs(others - bands.omega[where, mode]).min(initial=np.inf) < ROUND_OFF * abs(bands.omega).max()
+    polarisation = 'degenerate' if degenerate else bands.polarisations[where, mode]
+    return f'{bands.frequencies_Hz[where, mode]:.4g} Hz' + (f', {polarisation}' if polarisation else '')

@@ -1,0 +1,58 @@
+"""Frequency responses drawn in SI: amplitude and phase over frequency, with the natural frequencies."""
+
+import numpy as np
+
+from .. import units
+from .axes import COLOURS, legend_above
+
+FEW = 8
+"""Up to so many natural frequencies are bars as high as the axes, as in the paper; more are ticks on their floor."""
+
+
+def response_axes():
+    """Two axes of a figure of its own, for amplitude and phase."""
+    from matplotlib.figure import Figure
+
+    axes = Figure((5.6, 5.2), dpi=200, layout='constrained').subplots(2, sharex=True, height_ratios=(2, 1))
+    axes[0].set(yscale='log', ylabel='displacement per force (m/N)')
+    axes[1].set(xlabel='frequency (Hz)', ylabel='phase (deg)', ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    for ax in axes:
+        ax.grid(color='0.9', linewidth=0.6)
+        ax.set_prop_cycle(color=COLOURS)
+    return axes
+
+
+def plot_response(response, natural=(), axes=None, label=None, **line):
+    """Amplitude and phase of a response, and the natural frequencies in its range.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Of one particle, shape (frequencies,).
+    natural : array_like
+        Natural frequencies in rad/ms; unstable ones, which are negative, are left out.
+    axes : array of two matplotlib.axes.Axes, optional
+        From `response_axes`, with other responses to draw over.
+    label : str, optional
+    **line
+        Properties of `matplotlib.lines.Line2D`.
+
+    Returns
+    -------
+    array of two matplotlib.axes.Axes
+    """
+    axes = response_axes() if axes is None else axes
+    f, natural = (np.asarray(w) / (2 * np.pi) / units.Hz for w in (response.omega, natural))
+    (curve,) = axes[0].plot(f, abs(response.response) / (units.m / units.N), label=label, **line)
+    look = {'color': curve.get_color(), 'linestyle': curve.get_linestyle()}
+    axes[1].plot(f, np.degrees(np.angle(response.response)), **look)
+    inside = natural[(natural >= f[0]) & (natural <= f[-1])]
+    rows = len(axes[0].collections)  # of ticks, one above the other
+    low, high = (0, 1) if len(inside) <= FEW else (0.03 * rows, 0.03 * rows + 0.025)
+    name = f'natural frequencies, {label}' if label else None
+    axes[0].vlines(inside, low, high, transform=axes[0].get_xaxis_transform(), linewidth=0.8, label=name, colors=look['color'],
+                   linestyles=look['linestyle'])
+    axes[0].set_xlim(f[0], f[-1])
+    if label:
+        legend_above(axes[0], ncols=2, fontsize=9)
+    return axes

@@ -1,0 +1,70 @@
+"""Uncertainty drawn in SI: ribbons around bands and responses, and which parameter causes how much of it."""
+
+import numpy as np
+
+from .. import units
+from .axes import COLOURS, legend_above, new_axes
+from .bands import plot_bands
+
+WIDTH = 2
+"""Half width of a ribbon in standard deviations: 95 of 100 lattices lie within."""
+HATCHES = ('', '////', '....', 'xxxx', '----')
+"""Tell bars apart in grey."""
+
+
+def plot_band_ribbons(bands, spread, ax=None, label=None, **line):
+    """Bands with a ribbon of two standard deviations around each branch; `line` as in `plot_bands`."""
+    ax = plot_bands(bands, ax, label=label, **line)
+    x = bands.path.get_linear_kpoint_axis()[0]
+    colour = ax.lines[-1].get_color()
+    for f, std in zip(bands.frequencies_Hz.T, spread.std.T / (2 * np.pi) / units.Hz, strict=True):
+        ax.fill_between(x, f - WIDTH * std, f + WIDTH * std, color=colour, alpha=0.3, linewidth=0)
+    top = np.nanmax(bands.frequencies_Hz + WIDTH * spread.std / (2 * np.pi) / units.Hz)
+    ax.set_ylim(top=max(ax.get_ylim()[1], 1.02 * top))
+    return ax
+
+
+def plot_response_ribbon(omega, spread, force=1.0, ax=None, label=None, **line):
+    """Amplitude of a response per `force` (N) over the angular frequencies `omega`, with a ribbon of two standard deviations."""
+    if ax is None:
+        ax = new_axes()
+        ax.set(xlabel='frequency (Hz)', ylabel='displacement per force (m/N)', yscale='log')
+    f, unit = omega / (2 * np.pi) / units.Hz, force * units.m / units.N
+    (curve,) = ax.plot(f, spread.values / unit, label=label, **line)
+    low, high = spread.values - WIDTH * spread.std, spread.values + WIDTH * spread.std
+    floor = spread.values.min() / 10  # a ribbon wider than the value it surrounds has no lower edge on a logarithmic axis
+    ax.fill_between(f, np.maximum(low, floor) / unit, high / unit, color=curve.get_color(), alpha=0.3, linewidth=0)
+    ax.set_xlim(f[0], f[-1])
+    if label is not None:
+        legend_above(ax)
+    return ax
+
+
+def plot_contributions(spread, labels, ax=None):
+    """Bars of the standard deviation that each parameter causes alone, correlated ones together, and of all.
+
+    Parameters
+    ----------
+    spread : Spread
+        Of frequencies, shape (frequencies,).
+    labels : sequence of str
+        Names of these frequencies.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    rows = {'all together': spread.std} | dict(sorted(spread.contributions.items(), key=lambda row: row[1].max()))
+    ax = new_axes(5.2, 1 + 0.15 * (len(labels) + 1) * len(rows)) if ax is None else ax
+    height, y = 0.8 / len(labels), np.arange(len(rows))
+    for k, (label, hatch) in enumerate(zip(labels, (HATCHES * len(labels))[: len(labels)], strict=True)):
+        share = 100 * np.array([std[k] for std in rows.values()]) / abs(spread.values[k])
+        bars = ax.barh(y + 0.4 - (k + 0.5) * height, share, height, color=COLOURS[k % len(COLOURS)], alpha=0.75,
+                       hatch=hatch, edgecolor='white', label=f'{label}, {abs(spread.values[k]) / (2 * np.pi) / units.Hz:.4g} Hz')
+        ax.bar_label(bars, fmt='%.2g', padding=2, fontsize=7)
+    ax.set_yticks(y, [name.replace('_', ' ') for name in rows])
+    ax.set_xlabel('standard deviation (% of the frequency)')
+    ax.margins(x=0.1, y=0.02)
+    legend_above(ax, ncols=2, fontsize=8)
+    return ax

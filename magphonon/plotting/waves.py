@@ -1,0 +1,117 @@
+"""Wavenumber-frequency maps over the bands, and snapshots of waves, drawn in SI on matplotlib axes."""
+
+import numpy as np
+
+from .. import units
+from .axes import COLOURS, legend_above, new_axes
+
+FLOOR_dB = -40
+"""The weakest power that a map shows, in decibels of its strongest."""
+LINES = {'complete': (COLOURS[0], '-'), 'conventional': (COLOURS[1], '--')}
+MARGIN = 1.4
+"""A map ends at this multiple of the highest frequency that it shows."""
+
+
+def plot_wave(wave, ax=None):
+    """Wavenumber-frequency map with the branches of both models and the ridge over it.
+
+    Parameters
+    ----------
+    wave : Wave
+        Its ridge is drawn as circles with their uncertainty.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = new_axes() if ax is None else ax
+    spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
+    with np.errstate(divide='ignore'):
+        dB = 10 * np.log10(spectrum.power / spectrum.peak)
+    lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards
+    top = min(MARGIN * lit, spectrum.omega[-1])
+    shown = spectrum.omega <= top
+    image = ax.pcolormesh(spectrum.xi[forward], units.hertz(spectrum.omega[shown]), dB[np.ix_(shown, forward)].clip(FLOOR_dB),
+                          cmap='Greys', vmin=FLOOR_dB, vmax=0, shading='nearest', rasterized=True)
+    ax.figure.colorbar(image, ax=ax, label='power (dB)')
+    for (model, name), branch in wave.branches.items():
+        colour, line = LINES[model]
+        ax.plot(branch.xi, units.hertz(branch.omega), line, color=colour, linewidth=1.6, label=model if name == 'shear' else None)
+    if wave.ridge:
+        ridge = wave.ridge
+        ax.errorbar(ridge.xi, units.hertz(ridge.omega), units.hertz(ridge.sigma_omega), ridge.sigma_xi, fmt='o', color=COLOURS[3],
+                    markersize=3.5, markerfacecolor='white', linewidth=0.9, label='ridge')
+    ax.set(xlabel=r'phase per step $\xi = k\cdot R_2$ (rad)', xlim=(0, np.pi),
+           ylabel='frequency (Hz)', ylim=(0, units.hertz(top)))
+    ax.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
+    legend_above(ax, title=f'{wave.motion} motion')
+    return ax
+
+
+def plot_snapshot(patch, field, frame, site, ax=None):
+    """All particles of a patch at one moment: the darker, the farther from rest; where it is driven and measured.
+
+    Parameters
+    ----------
+    patch : ase.Atoms
+        Of which the rest positions are those of its calculator.
+    field : Displacements
+        Of all its particles.
+    frame : int
+    site : Site
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = new_axes() if ax is None else ax
+    rest = patch.calc.reference.positions[:, :2] / units.m
+    width = ax.get_position().width * ax.figure.get_figwidth()
+    diameter = 72 * width * patch.calc.bonds.lengths.min() / units.m / np.ptp(rest[:, 0])  # in points, to touch each other
+    dots = ax.scatter(*rest.T, s=(0.8 * diameter) ** 2, c=_distance(field, frame), cmap='Greys', vmin=0, linewidths=0)
+    ax.figure.colorbar(dots, ax=ax, label='displacement (m)', shrink=0.6)
+    ax.plot(*rest[site.row].T, '--', color=COLOURS[0], linewidth=1, label='measured along $R_2$')
+    ax.plot(*rest[site.driven].T, '-', color=COLOURS[1], marker='^', markersize=3, linewidth=1, label='driven')
+    legend_above(ax, ncols=2, title=_moment(patch, field, frame))
+    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal')
+    return ax
+
+
+def crossing(passage):
+    """Index of the frame of the whole patch nearest to the moment when the middle of the measured row moves most."""
+    u = np.linalg.norm(passage.row.u[:, len(passage.row.particles) // 2], axis=1)
+    return int(abs(passage.field.t - passage.row.t[u.argmax()]).argmin())
+
+
+def save_animation(path, patch, field, site):
+    """Write a GIF of all frames, each in its own scale of grey, so that a wave is seen until it has decayed."""
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
+    ax = plot_snapshot(patch, field, len(field.t) // 2, site)
+    dots, title = ax.collections[0], ax.get_legend().get_title()
+
+    def show(frame):
+        distance = _distance(field, frame)
+        dots.set_array(distance)
+        dots.set_clim(0, distance.max() or 1)
+        title.set_text(_moment(patch, field, frame))
+
+    FuncAnimation(ax.figure, show, frames=range(1, len(field.t))).save(path, writer=PillowWriter(fps=8), dpi=120)
+
+
+def _distance(field, frame):
+    return np.linalg.norm(field.u[frame], axis=1) / units.m
+
+
+def _moment(patch, field, frame):
+    return f'{patch.calc.parameters.model} model, {field.t[frame] / units.s:.3f} s after the start'
+
+
+def panels(rows, columns):
+    """A figure of its own with `rows x columns` axes, an array of that shape."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((5.2 * columns, 4.2 * rows), dpi=150, layout='compressed')
+    return figure, figure.subplots(rows, columns, squeeze=False)

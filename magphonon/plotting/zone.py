@@ -1,0 +1,215 @@
+"""Maps over the first Brillouin zone, drawn in SI on matplotlib axes; see `magphonon.plotting.bands`."""
+
+import numpy as np
+from ase import Atoms
+from ase.cell import Cell
+from ase.dft.kpoints import resolve_kpt_path_string
+
+from .. import units
+from ..bands.bands import band_path
+from ..bands.zone import PLANAR, ROUND_OFF, first_zone, frequency_ratio
+from .axes import COLOURS, UNSTABLE, legend_above, new_axes, point_name
+
+ARROWS = 9  # of group velocity along each reciprocal vector
+ROUND = (1, 2, 5, 10)  # contours at round numbers
+
+
+def plot_zone(path, ax=None):
+    """First Brillouin zone with the path of a band diagram and its special points.
+
+    Parameters
+    ----------
+    path : ase.dft.kpoints.BandPath
+        `bands.path`, through a planar lattice.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the special points do not span a plane.
+    """
+    if np.linalg.matrix_rank(list(path.special_points.values())) != 2:
+        raise ValueError(f'the zone is drawn for planar lattices, but the special points of the path {path.path} span no plane')
+    ax, _ = _zone_axes(ax, path.cell)
+    names, points = resolve_kpt_path_string(path.path, path.special_points)
+    for stretch in points:
+        ax.plot(*_cartesian(path.cell, stretch).T, color=COLOURS[0], linewidth=2.5, solid_joinstyle='round')
+    _mark_points(ax, path.cell, {name: path.special_points[name] for stretch in names for name in stretch})
+    return ax
+
+
+def plot_isofrequency(complete, conventional, branch, ax=None):
+    """Contours of equal frequency of one branch, complete solid and conventional dashed, with the complete group velocity.
+
+    Parameters
+    ----------
+    complete, conventional : ZoneMap
+        Of the same lattice.
+    branch : int
+        By ascending frequency, from 0; it is printed from 1.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Hatched where the complete model is unstable.
+
+    Raises
+    ------
+    ValueError
+        If the branch does not exist.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import MaxNLocator
+
+    _check_branch(complete, branch)
+    ax, zone = _zone_axes(ax, complete.cell)
+    f = complete.frequencies_Hz[..., branch]
+    levels = MaxNLocator(8, steps=ROUND).tick_values(max(f.min(), 0), f.max())
+    handles = []
+    for name, zone_map, colour, style in (('complete', complete, COLOURS[0], 'solid'),
+                                          ('conventional', conventional, COLOURS[1], 'dashed')):
+        f = zone_map.frequencies_Hz[..., branch]
+        crossed = levels[(levels > max(f.min(), 0)) & (levels < f.max())]
+        look = {'linestyles': style, 'colors': colour, 'linewidths': 1.4}
+        if len(crossed):
+            _label_inside(ax, ax.contour(*_mesh(zone_map), f, levels=crossed, **look), zone)
+        else:
+            span = dict.fromkeys(f'{x:.4g}' for x in (f.min(), f.max()))
+            name += f' ({" to ".join(span)} throughout)'  # too flat for a contour
+        handles.append(Line2D([], [], color=colour, linestyle=style, label=name))
+    _draw_velocity(ax, complete, branch, zone)
+    handles.append(Line2D([], [], color='0.35', linestyle='', marker=r'$\rightarrow$', markersize=12, label='group velocity'))
+    handles += _hatch_unstable(ax, complete, branch, zone)
+    _mark_points(ax, complete.cell, _special_points(complete.cell))
+    legend_above(ax, handles=handles, ncols=2, title=f'frequency (Hz), {_branch_name(complete, branch)}')
+    return ax
+
+
+def plot_ratio(complete, conventional, branch, ax=None):
+    """Map of `omega_complete/omega_conventional` of one branch over the zone.
+
+    Parameters
+    ----------
+    complete, conventional : ZoneMap
+        Of the same lattice on the same mesh.
+    branch : int
+        By ascending frequency, from 0; it is printed from 1.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Blank where the ratio is 0/0 (at Gamma without a foundation), hatched where the complete model is unstable.
+
+    Raises
+    ------
+    ValueError
+        If the branch does not exist, the maps differ in lattice or mesh, or nothing of the branch has a ratio.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    _check_branch(complete, branch)
+    ratio = frequency_ratio(complete, conventional)[..., branch]
+    if not (ratio > 0).any():
+        raise ValueError(f'{_branch_name(complete, branch)} is nowhere stable in both models: it has no ratio to draw; '
+                         'add a foundation')
+    ax, zone = _zone_axes(ax, complete.cell)
+    levels = MaxNLocator(8, steps=ROUND).tick_values(max(np.nanmin(ratio), 0), np.nanmax(ratio))
+    filled = ax.contourf(*_mesh(complete), ratio, levels=levels, cmap='cividis')
+    filled.set_clip_path(zone)
+    _label_inside(ax, ax.contour(*_mesh(complete), ratio, levels=levels[1:-1], colors='black', linewidths=0.7), zone)
+    label = r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$, ' + _branch_name(complete, branch)
+    ax.figure.colorbar(filled, ax=ax, pad=0.03, label=label)
+    handles = _hatch_unstable(ax, complete, branch, zone)
+    if handles:
+        legend_above(ax, handles=handles)
+    _mark_points(ax, complete.cell, _special_points(complete.cell))
+    return ax
+
+
+def _check_branch(zone_map, branch):
+    if not 0 <= branch < zone_map.omega.shape[-1]:
+        raise ValueError(f'branch must be 0 to {zone_map.omega.shape[-1] - 1}, not {branch!r}')
+
+
+def _branch_name(zone_map, branch):
+    return f'branch {branch + 1} of {zone_map.omega.shape[-1]}'
+
+
+def _zone_axes(ax, cell):
+    """Axes in k_x and k_y, and the outline of the zone on them."""
+    ax = new_axes(5.4, 4.8) if ax is None else ax
+    corners = first_zone(cell) * units.m
+    (zone,) = ax.fill(*corners.T, facecolor='none', edgecolor='black', linewidth=1.2, zorder=4)
+    half_x, half_y = 1.2 * abs(corners).max(axis=0)
+    ax.set(xlabel='$k_x$ (rad/m)', ylabel='$k_y$ (rad/m)', xlim=(-half_x, half_x), ylim=(-half_y, half_y), aspect='equal')
+    return ax, zone
+
+
+def _cartesian(cell, q):
+    """Wavevectors in rad/m from fractions of the reciprocal vectors."""
+    return 2 * np.pi * (np.asarray(q) @ Cell(cell).reciprocal().array)[..., :2] * units.m
+
+
+def _mesh(zone_map):
+    return np.moveaxis(zone_map.k * units.m, -1, 0)
+
+
+def _special_points(cell):
+    return band_path(Atoms(cell=cell, pbc=PLANAR), npoints=0).special_points
+
+
+def _halo(width):
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=width, foreground='white')]
+
+
+def _mark_points(ax, cell, points):
+    """Dots and names at special points, the names pushed away from Gamma."""
+    for name, q in points.items():
+        k = _cartesian(cell, q)
+        away = k / np.linalg.norm(k) if k.any() else np.array([-1, 1]) / np.sqrt(2)
+        ax.plot(*k, 'o', color='black', markersize=5, zorder=5)
+        ax.annotate(point_name(name), k, xytext=12 * away, textcoords='offset points', ha='center', va='center',
+                    fontsize='large', path_effects=_halo(2.5), zorder=5)
+
+
+def _label_inside(ax, contours, zone):
+    """Cut contours at the border of the zone, and label them well inside it."""
+    contours.set_clip_path(zone)
+    for text in ax.clabel(contours, inline=False, fontsize='small'):
+        text.set_path_effects(_halo(3))
+        if not zone.get_path().contains_point(1.08 * np.array(text.get_position())):
+            text.remove()
+
+
+def _draw_velocity(ax, zone_map, branch, zone):
+    """Arrows along the group velocity at some wavevectors inside the zone; none where it vanishes."""
+    n1, n2 = (size // 2 for size in zone_map.q.shape[:2])  # Gamma
+    stride = max(1, round(1 / (ARROWS * zone_map.q[n1 + 1, n2, 0])))
+    some = np.s_[n1 % stride :: stride, n2 % stride :: stride]
+    k, v = zone_map.k[some].reshape(-1, 2) * units.m, zone_map.velocity[some][:, :, branch].reshape(-1, 2)
+    speed = np.linalg.norm(v, axis=1)
+    moving = zone.get_path().contains_points(k) & (speed > ROUND_OFF * np.nanmax(speed, initial=0))
+    direction = v[moving] / speed[moving, None]
+    ax.quiver(*k[moving].T, *direction.T, color='0.35', pivot='mid', angles='xy', scale=24, width=0.005)
+
+
+def _hatch_unstable(ax, zone_map, branch, zone):
+    """Hatch the unstable part of the zone; return its entry for the legend, if there is any."""
+    from matplotlib.patches import Patch
+
+    omega = zone_map.omega[..., branch]
+    if omega.min() >= -ROUND_OFF * abs(zone_map.omega).max():
+        return []
+    region = ax.contourf(*_mesh(zone_map), omega, levels=[omega.min(), 0], colors=UNSTABLE['facecolor'],
+                         hatches=[UNSTABLE['hatch']])
+    region.set(edgecolor=UNSTABLE['edgecolor'], linewidth=UNSTABLE['linewidth'])
+    region.set_clip_path(zone)
+    return [Patch(label='unstable', **UNSTABLE)]

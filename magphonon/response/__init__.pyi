@@ -1,0 +1,31 @@
+from .frf import (
+    FrequencyResponse as FrequencyResponse,
+    frequency_response as frequency_response,
+    harmonic_response as harmonic_response,
+    receptance as receptance,
+    resolvents as resolvents,
+    series_response as series_response,
+)
+from .normal_modes import (
+    Modes as Modes,
+    Reduced as Reduced,
+    modes as modes,
+    natural_frequencies as natural_frequencies,
+    recorded as recorded,
+    reduced as reduced,
+    reduced_about as reduced_about,
+    sizes as sizes,
+)
+from .propagation import (
+    Transient as Transient,
+    propagate as propagate,
+)
+from .stepped import (
+    fourier as fourier,
+    impulse_response as impulse_response,
+    lock_in as lock_in,
+    remaining_transient as remaining_transient,
+    replicas as replicas,
+    steady_amplitudes as steady_amplitudes,
+    stepped_response as stepped_response,
+)

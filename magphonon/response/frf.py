@@ -1,0 +1,264 @@
+"""Frequency response: the linear closed form, lock-in on a recorded signal, steady state, one impulse for all frequencies.
+
+Amplitudes are complex, `u = Re(U e^{i omega t})`; a force F cos(omega t) has the amplitude F, so a response that lags
+has a negative phase.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import finite, not_negative, positive
+from ..files import Saved
+from ..stiffness.constraints import free_motion, refuse_held
+from ..stiffness.rest import at_rest
+from .chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, stable_interval, whole_interval
+from .normal_modes import ROUND_OFF, SMALL, recorded, reduced, sizes
+
+
+@dataclass(frozen=True)
+class FrequencyResponse(Saved, kind='frequency responses', units={
+    'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
+}):
+    """Displacement per force over frequency.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (frequencies,)
+        In rad/ms.
+    response : ndarray of complex, shape (frequencies, ...)
+        In mm/N.
+    transient : float
+        Largest relative error that what had not yet decayed can have left; zero in closed form.
+    """
+
+    omega: np.ndarray
+    response: np.ndarray
+    transient: float = 0.0
+
+    @property
+    def peak(self):
+        """Frequency of the largest amplitude in rad/ms, shape (...)."""
+        return self.omega[abs(self.response).argmax(axis=0)]
+
+
+def harmonic_response(atoms, force, omega, damping):
+    """Steady displacements under a harmonic force, by direct solution of the linear equations of motion.
+
+        (H - omega^2 M + i omega gamma M) u = F
+
+    within the directions that the constraints leave free; u = 0 along all others.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
+    force : array_like of complex, shape (particles, 3)
+        Amplitudes in N.
+    omega : array_like, shape (frequencies,)
+        In rad/ms.
+    damping : float or array_like, shape (particles,)
+        Force per momentum gamma in 1/ms; a mode of the frequency w has the damping ratio gamma/(2 w).
+
+    Returns
+    -------
+    ndarray of complex, shape (frequencies, particles, 3)
+        In mm.
+
+    Raises
+    ------
+    ValueError
+        For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, an
+        undamped resonance, a structure that is not at rest, a force on held particles only.
+    """
+    n = len(atoms)
+    force = np.asarray(force, dtype=complex)
+    finite('force', abs(force), (n, 3))
+    refuse_held(force, atoms, 'the force')
+    return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(atoms, omega, damping)])
+
+
+def resolvents(atoms, omega, damping):
+    """The resolvent `G = (H - omega^2 M + i omega gamma M)^-1` at one frequency after the other, as a function.
+
+    G(F) takes forces of the shape (3 particles,) or (3 particles, columns) and returns displacements of the same shape;
+    its arguments and errors are those of `harmonic_response`.
+    """
+    from scipy import sparse
+    from scipy.sparse.linalg import splu
+
+    n = len(atoms)
+    omega = finite('omega', np.atleast_1d(omega))
+    gamma = finite('damping', damping)
+    if gamma.shape not in ((), (n,)):
+        raise ValueError(f'damping must be one number or one for each of the {n} particles, not {gamma.shape}')
+    not_negative('damping', float(gamma.min()), '1/ms')
+    M = np.repeat(atoms.get_masses(), 3)
+    calc = at_rest(atoms)
+    H = calc.get_hessian(calc.reference)
+    B = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, calc.dim)) @ free_motion(atoms)
+    for w in omega:
+        dynamic = H + sparse.diags_array(-(w**2) * M + 1j * w * np.repeat(np.broadcast_to(gamma, n), 3) * M)
+        try:
+            solve = splu(sparse.csc_array(B.T @ dynamic @ B)).solve
+        except RuntimeError as error:
+            raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
+                             'damp it or move the frequency') from error
+        yield lambda F, solve=solve: B @ solve(B.T @ F)
+
+
+FACTORISATION = 500
+"""Products that take as long as one sparse factorisation: measured on patches of 1000 to 10 000 particles."""
+
+
+def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1e-9):
+    """Steady displacements under a harmonic force at many frequencies: what `frf.harmonic_response` solves one by one.
+
+    A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
+    about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
+    force : array_like of complex, shape (particles, 3)
+        Amplitudes in N, of e^{i omega t}.
+    omega : array_like, shape (frequencies,)
+        In rad/ms.
+    damping : float
+        gamma in 1/ms.
+    particles : array_like of int, optional
+        Where the response is wanted; everywhere if not given.
+    tolerance : float
+        At each frequency, of the largest displacement there.
+
+    Returns
+    -------
+    ndarray of complex, shape (frequencies, particles, 3)
+        In mm.
+
+    Raises
+    ------
+    ValueError
+        For another shape, a negative damping, an undamped resonance, a structure that is not at rest, one that is
+        unstable and has no steady state, or a force on held particles only.
+    """
+    scene = reduced(atoms)
+    omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')
+    force = np.asarray(force, dtype=complex)
+    finite('force', abs(force), (len(atoms), 3))
+    refuse_held(force, atoms, 'the force')
+    positive('tolerance', tolerance)
+    particles = recorded(particles, len(atoms))
+    s = scene.shapes.T @ force[:, : scene.dim].ravel()
+    s = s if s.imag.any() else s.real
+    u = np.zeros((len(omega), len(particles), 3), complex)
+    if scene.K.shape[0] <= SMALL:
+        u[..., : scene.dim] = _by_modes(scene, s, omega, gamma, particles)
+        return u
+    try:
+        if _series_length(scene.K, omega, gamma, tolerance) > FACTORISATION * len(omega):
+            _refuse_unstable(whole_interval(scene.K))
+            return harmonic_response(atoms, force, omega, gamma)[:, particles]
+        u[..., : scene.dim] = series_response(scene, s, omega, gamma, particles, tolerance)[0]
+    except Outside:
+        _refuse_unstable(whole_interval(scene.K))
+    return u
+
+
+def receptance(atoms, source, answer, omega, damping):
+    """Displacement of one particle per harmonic force on one, each along its own direction.
+
+    Parameters
+    ----------
+    atoms, omega, damping
+        As for `frequency_response`.
+    source, answer : tuple of int and array_like, shape (3,)
+        The particle and the unit vector of the direction: where the force acts, and where its effect is seen.
+
+    Returns
+    -------
+    FrequencyResponse
+        Of shape (frequencies,).
+    """
+    (driven, push), (seen, along) = source, answer
+    force = np.zeros((len(atoms), 3))
+    force[driven] = push
+    omega = np.atleast_1d(omega)
+    return FrequencyResponse(omega, frequency_response(atoms, force, omega, damping, np.array([seen]))[:, 0] @ along)
+
+
+def _refuse_unstable(spectrum):
+    if spectrum.lowest < -ROUND_OFF * spectrum.highest:
+        raise ValueError(f'the structure is unstable (growth rate {np.sqrt(-spectrum.lowest):.4g} / ms) and has no steady state; '
+                         'see magphonon.stability.verdicts for what would hold it') from None
+
+
+def _by_modes(scene, s, omega, gamma, particles):
+    squares, vectors = np.linalg.eigh(scene.K.toarray())
+    _refuse_unstable(Interval(squares[0], squares[-1]))
+    dynamic = squares - omega[:, None] ** 2 + 1j * gamma * omega[:, None]
+    for w in omega[abs(dynamic).min(axis=1) <= ROUND_OFF * squares[-1]]:
+        raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; damp it or move the frequency')
+    rows, shapes = scene.rows(particles)
+    y = (vectors.T @ s / dynamic) @ vectors[rows].T
+    return (shapes @ y.T).T.reshape(len(omega), len(particles), scene.dim)
+
+
+def _inner(z):
+    """`z - sqrt(z^2 - 1)` within the unit circle, without its cancellation at large z."""
+    return 1 / (z + np.sqrt(z - 1) * np.sqrt(z + 1))  # the branch cut lies on the interval
+
+
+def _scaled(K, omega, gamma):
+    """The interval of the spectrum, and where `z = omega^2 - i gamma omega` lies when that is [-1, 1]."""
+    interval = stable_interval(K)
+    return interval, (omega**2 - 1j * gamma * omega - interval.centre) / interval.radius
+
+
+def _series_length(K, omega, gamma, tolerance):
+    """About how many terms the longest series has."""
+    return np.log(tolerance) / np.log(abs(_inner(_scaled(K, omega, gamma)[1])).max()) if gamma else np.inf
+
+
+def series_response(scene, s, omega, gamma, particles, tolerance):
+    """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).
+
+    Parameters
+    ----------
+    scene : Reduced
+    s : ndarray, shape (free,)
+        Reduced force.
+    omega, gamma, particles, tolerance
+        As for `frequency_response`.
+
+    Returns
+    -------
+    u : ndarray of complex, shape (frequencies, particles, dim)
+        In mm.
+    products : int
+        Matrix-vector products taken.
+
+    Raises
+    ------
+    Outside
+        If the structure is unstable.
+    """
+    interval, z = _scaled(scene.K, omega, gamma)
+    rows, shapes = scene.rows(particles)
+    w = _inner(z)
+    root = z - w
+    length, size = np.linalg.norm(s), sizes(shapes)
+    y, open_ = np.zeros((len(z), len(rows)), complex), np.ones(len(z), bool)
+    for n, block in enumerate(chebyshev_blocks(scene.K, interval, s, rows)):
+        powers = 2 * w[open_, None] ** (n * BLOCK + np.arange(BLOCK))
+        if n == 0:
+            powers[:, 0] = 1
+        y[open_] += powers @ block
+        left = 2 * abs(w) ** ((n + 1) * BLOCK) / (1 - abs(w))
+        largest = (abs(y) * size).max(axis=1, initial=0.0)
+        open_ = (left * length * size.max(initial=0.0) > tolerance * largest) & (left > np.finfo(float).eps)
+        if not open_.any():
+            break
+    y /= -root[:, None] * interval.radius
+    return (shapes @ y.T).T.reshape(len(z), len(particles), scene.dim), (n + 1) * BLOCK

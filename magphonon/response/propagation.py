@@ -1,0 +1,231 @@
+"""The exact linear transient: `u(t) = int G(t - t') f(t') dt'` without time steps.
+
+The flow of `y'' + gamma y' + K y = g(t)` from t' to t is a function of K.  A drive is a sum of time courses times patterns
+of force s; of each, the response is `sum_n c_n(t) T_n(X) s` at every time t, where the c_n(t) are those of single oscillators
+(`magphonon.response.damped_oscillator`) at the Chebyshev points.  Free motion is two more such sums, of
+initial displacements and velocities.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
+from ..errors import finite, not_negative, positive
+from ..files import Saved
+from ..stiffness.rest import components, rest_of_motion, static_forces
+from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
+from .damped_oscillator import forced_response, free_response, sampled, separated
+from .normal_modes import recorded, reduced_about, sizes
+
+SPAN = 2000.0
+"""Longest part in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
+LARGEST = 2**22
+"""Most coefficients of a part, times by terms."""
+OVERFLOW = 600.0
+"""Largest exponent of growth."""
+RESOLVED = 1e-14
+"""Of the impulse of a drive: what round-off leaves of its kinks."""
+UNRESOLVED = 1e-11
+"""Of the largest coefficient: the last ones are larger only if the series is too short, never by round-off."""
+EPS = np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class Transient(Saved, kind='transients', units={
+    'times': ('ms', 'times'), 'particles': ('', 'recorded'), 'displacements': ('mm', 'times', 'recorded', 'dim'),
+    'velocities': ('mm/ms', 'times', 'recorded', 'dim'), 'error': ('mm',), 'products': ('',),
+}):
+    """Motion at chosen times.
+
+    Attributes
+    ----------
+    times : ndarray, shape (times,)
+        In ms.
+    particles : ndarray of int, shape (recorded,)
+    displacements, velocities : ndarray, shape (times, recorded, dim)
+        From rest, in mm and mm/ms.
+    error : float
+        Estimate, rather too high, of the error of any displacement by the end of its series and by round-off, mm.
+    products : int
+        Matrix-vector products taken.
+    """
+
+    times: np.ndarray
+    particles: np.ndarray
+    displacements: np.ndarray
+    velocities: np.ndarray
+    error: float
+    products: int
+
+
+def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e-9):
+    """Motion of the linearised structure from its present state at t = 0, at any later times.
+
+    Its cost is that of about `omega_max t/2` products with the matrix of stiffness, where velocity Verlet takes ten times as
+    many for an error of a percent.  An unstable structure moves as its linear equations say: its modes grow.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With MagneticRepulsion; displacements from rest and momenta are the initial state.  Rest is the reference of the
+        calculator where the forces balance, the Constant drives among them; otherwise it is where the atoms are, if these
+        have found another rest (`magphonon.stiffness.rest`).  FixAtoms, FixedLine and FixedPlane are respected.
+    times : array_like, shape (times,)
+        Increasing, in ms.
+    drives : sequence of drives
+        See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
+        It should be smooth but for kinks and steps, and have no pulse shorter than the shortest period.
+    damping : float
+        gamma in 1/ms, of all particles.
+    particles : array_like of int, optional
+        Whose motion is wanted; that of all if not given.
+    tolerance : float
+        Largest error of a displacement, as a share of the largest one in the answer.
+
+    Returns
+    -------
+    Transient
+
+    Raises
+    ------
+    ValueError
+        For times that do not increase, a damping that differs between particles, a held particle that is displaced, a
+        drive that is rough or pushes held particles only, an unstable structure that grows beyond all numbers, one that is at
+        rest neither in the reference nor where it is.
+    """
+    times = finite('times', np.atleast_1d(times))
+    if times.ndim != 1 or not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
+        raise ValueError('times must be one or more increasing numbers in ms, zero or above')
+    if np.ndim(damping):
+        raise ValueError('damping must be one number: with one for each particle the motion is no function of one matrix; '
+                         'use DrivenVerlet')
+    gamma, tolerance = not_negative('damping', damping, '1/ms'), positive('tolerance', tolerance)
+    particles = recorded(particles, len(atoms))
+    drives = list(drives)
+    refuse_held_drives(drives, atoms)
+    calc = rest_of_motion(atoms, constant_push(drives, len(atoms)))
+    scene = reduced_about(calc, atoms)
+    state, load = _initial_state(atoms, calc, scene), _Load(atoms, calc, scene, drives, tolerance)
+    try:
+        return _propagate(scene, stable_interval(scene.K), gamma, state, load, times, particles, tolerance)
+    except Outside:
+        interval = whole_interval(scene.K)
+    growth = np.sqrt(-interval.lowest) * times[-1]
+    if growth > OVERFLOW:
+        raise ValueError(f'the structure is unstable and grows e^{growth:.0f} times in {times[-1]:g} ms; ask for a shorter time, '
+                         'or see magphonon.stability.verdicts for what would hold it')
+    return _propagate(scene, interval, gamma, state, load, times, particles, tolerance)
+
+
+def _initial_state(atoms, calc, scene):
+    """Displacements and velocities in reduced coordinates, shape (free, 2)."""
+    u = calc.displacements(atoms).ravel()
+    momenta = atoms.get_momenta()[:, : scene.dim].ravel()
+    y = scene.shapes.T @ (np.repeat(atoms.get_masses(), scene.dim) * u)
+    outside = abs(scene.shapes @ y - u)
+    if outside.max() > 1e-9 * abs(u).max():
+        raise ValueError(f'particle {outside.argmax() // scene.dim} is {outside.max():g} mm away from rest in a direction '
+                         'in which it is held; start from rest there')
+    return np.stack([y, scene.shapes.T @ momenta], axis=1)
+
+
+class _Load:
+    """Forces on a structure, as time courses times patterns."""
+
+    def __init__(self, atoms, calc, scene, drives, tolerance):
+        varying = [drive for drive in drives if not isinstance(drive, Constant)]
+        self.static = scene.shapes.T @ static_forces(calc, constant_push(drives, len(atoms))).ravel()
+        self._varying, self._dim, self._tolerance = Drives(varying, len(atoms)), scene.dim, tolerance
+        driven = self._varying.particles[:, None] * scene.dim + np.arange(scene.dim)
+        self._shapes = scene.shapes[driven.ravel()]
+        self._kinks = np.array([t for d in varying if isinstance(d, ToneBurst) for t in (d.start, d.end)])
+
+    def _forces(self, times):
+        return components(self._varying.forces(times), self._dim).reshape(len(times), -1)
+
+    def between(self, start, stops, rate):
+        """Panels from `start` through the `stops`: edges, courses (panels, nodes, terms), patterns (free, terms)."""
+        kinks = self._kinks[(self._kinks > start) & (self._kinks < stops[-1])]
+        edges = np.unique(np.concatenate([[start], stops, kinks]))
+        edges, values = sampled(self._forces, edges, rate, max(1e-2 * self._tolerance, RESOLVED))
+        panels, nodes, components = values.shape
+        courses, patterns = separated(values.reshape(panels * nodes, components))
+        courses, patterns = np.column_stack([courses, np.ones(panels * nodes)]), self._shapes.T @ patterns.T
+        patterns = np.column_stack([patterns, self.static])
+        acting = patterns.any(axis=0)
+        return edges, courses[:, acting].reshape(panels, nodes, acting.sum()), patterns[:, acting]
+
+
+def _propagate(scene, interval, gamma, state, load, times, particles, tolerance):
+    """The transient, in parts that are short enough."""
+    rows, shapes = scene.rows(particles)
+    size = sizes(shapes)
+    rate = np.sqrt(interval.highest - interval.lowest)
+    parts = int(np.ceil(max(rate * times[-1] / SPAN, len(times) * rate * times[-1] / 2 / LARGEST, 1)))
+    ends = times[-1] * np.arange(1, parts + 1) / parts
+    part = np.searchsorted(ends[:-1], times)
+    found, error, products, start = [], 0.0, 0, 0.0
+    for k, end in enumerate(ends):
+        wanted = times[part == k]
+        stops = wanted if end in wanted[-1:] else np.append(wanted, end)
+        y, state, missed, taken = _part(scene.K, interval, gamma, state, load, start, stops, rows, size, tolerance,
+                                        last=k + 1 == parts)
+        found.append(y[: len(wanted)])
+        growth = np.exp(np.sqrt(-interval.lowest) * (end - start))
+        error, products, start = growth * error + missed, products + taken, end
+    y = np.concatenate(found)
+    motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), scene.dim)
+    return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
+
+
+def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, last):
+    """Motion at the `stops` after the `state` at `start`; to round-off, for the next part, unless it is the last one.
+
+    Returns
+    -------
+    y : ndarray, shape (stops, 2, rows)
+    state : ndarray, shape (free, 2)
+        At the last stop, unless this part is the last.
+    error : float
+        As in Transient.
+    products : int
+    """
+    rate = np.sqrt(interval.highest - interval.lowest)
+    edges, courses, patterns = load.between(start, stops, max(rate, gamma))
+    outputs = np.searchsorted(edges, stops)
+    moving = np.flatnonzero(state.any(axis=0))
+
+    def free(w2):
+        return np.moveaxis(free_response(w2, gamma, (stops - start)[:, None]), 2, 0)[:, :, moving]
+
+    z = rate * (stops[-1] - start)
+    terms = int(z / 2 + 6 * np.cbrt(z)) + 20
+    sources = [(state[:, moving], free)] if len(moving) else []
+    width = max(1, LARGEST // (len(stops) * terms))  # patterns at a time
+    for k in range(0, patterns.shape[1], width):
+        own = np.ascontiguousarray(courses[..., k : k + width])
+        sources.append((patterns[:, k : k + width], lambda w2, own=own: forced_response(w2, gamma, edges, own, outputs)))
+
+    y, end = np.zeros((len(stops), 2, len(rows))), np.zeros((2, K.shape[0]))
+    error, products = 0.0, 0
+    for s, motions in sources:
+        c = coefficients(motions(interval.nodes(terms)))  # (stops, 2, columns of s, terms)
+        while abs(c[..., -8:]).max() > UNRESOLVED * abs(c).max():
+            c = coefficients(motions(interval.nodes(2 * c.shape[-1])))
+        weight = (abs(c) / np.array([1.0, rate])[:, None, None]).max(axis=(0, 1)) * np.linalg.norm(s, axis=0)[:, None]
+        left = np.cumsum(weight.sum(axis=0)[::-1])[::-1] * size.max(initial=0.0)
+        left = np.append(left, np.zeros(BLOCK))
+        for n, block in enumerate(chebyshev_blocks(K, interval, s, rows if last else slice(None))):
+            used = (n + 1) * BLOCK
+            own = c[..., used - BLOCK : used]
+            block = block[: own.shape[-1]].swapaxes(1, 2)  # terms, columns, rows
+            if not last:
+                end += np.tensordot(own[-1], block, ((2, 1), (0, 1)))
+                block = block[..., rows]
+            y += np.tensordot(own, block, ((3, 2), (0, 1)))
+            enough = tolerance * (abs(y[:, 0]) * size).max(initial=0.0) / len(sources) if last else 0.0
+            if used >= c.shape[-1] or left[used] <= enough:
+                break
+        error, products = error + left[used] + EPS * (1 + z) * left[0], products + used * s.shape[1]
+    return y, end.T, error, products

@@ -1,0 +1,276 @@
+"""Many small structures in one Atoms, each at a frequency of its own: a response at finite amplitude in one run."""
+
+import numpy as np
+from ase import Atoms
+from ase.constraints import FixAtoms
+
+from ..dynamics.drives import Harmonic
+from ..dynamics.recorder import Recorder
+from ..dynamics.verlet import DrivenVerlet
+from ..errors import finite, positive
+from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.rest import settled
+from .frf import FrequencyResponse
+
+STEADY = 1e-3
+"""What the transient may leave of an amplitude; harmonics of a nonlinear motion disturb the lock-in by less."""
+FRAMES = 12
+"""Of a record, to a period."""
+
+
+def stepped_response(atoms, source, answer, omega, damping, force, dt):
+    """The response at a finite force, in time: a replica of the structure for each frequency, run until it is steady.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    source, answer : tuple of int and array_like, shape (3,)
+        Particle and direction of the force and of the displacement, which must be along x or y.
+    omega : array_like, shape (frequencies,)
+        In rad/ms.
+    damping : float
+        gamma in 1/ms.
+    force : float
+        In N.
+    dt : float
+        In ms.
+
+    Returns
+    -------
+    FrequencyResponse
+    """
+    axis = int(abs(np.asarray(answer[1])).argmax())
+    if abs(abs(answer[1][axis]) - 1) > 1e-9:
+        raise ValueError(f'a response in time steps is seen along x or y, not along {answer[1]}; turn [frf.response]')
+    many = replicas(len(omega) * [settled(atoms)])
+    first = len(atoms) * np.arange(len(omega))
+    drive = Harmonic(first + source[0], source[1], force, omega, phase=np.pi / 2)
+    dyn = DrivenVerlet(many, dt, [drive], damping)
+    recorder = Recorder(dyn, first + answer[0], interval=max(1, int(2 * np.pi / np.max(omega) / FRAMES / dt)))
+    amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, STEADY)
+    return FrequencyResponse(np.asarray(omega), amplitudes * answer[1][axis] / force, left)
+
+
+def replicas(structures):
+    """Structures of one law and model in one Atoms, one after the other, which do not feel each other.
+
+    Parameters
+    ----------
+    structures : sequence of ase.Atoms
+        With their MagneticRepulsion, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may stand at one place
+        and may be the same: only the bonds within each act.
+
+    Returns
+    -------
+    ase.Atoms
+    """
+    first = np.cumsum([0, *(len(atoms) for atoms in structures)])
+    many = Atoms(np.concatenate([atoms.numbers for atoms in structures]), np.concatenate([a.positions for a in structures]),
+                 masses=np.concatenate([atoms.get_masses() for atoms in structures]))
+    held, bonds = {}, []
+    for shift, atoms in zip(first, structures, strict=False):
+        for c in atoms.constraints:
+            held.setdefault((type(c), () if isinstance(c, FixAtoms) else tuple(c.dir)), []).extend(c.index + shift)
+        bonds += zip((atoms.calc.bonds.i + shift).tolist(), (atoms.calc.bonds.j + shift).tolist(), strict=True)
+    many.set_constraint([kind(particles, *([direction] if direction else ())) for (kind, direction), particles in held.items()])
+    calc = structures[0].calc
+    anchors, load = (np.concatenate([getattr(atoms.calc, name) for atoms in structures]) for name in ('anchors', 'load'))
+    many.calc = MagneticRepulsion(many, calc.potential, bonds=bonds, anchors=anchors, load=load, **calc.parameters)
+    return many
+
+
+LEAST_PERIODS = 3
+"""Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
+HEADSTART = 1e3
+"""Of the transient over the steady amplitude, at most, at the start: far below or above resonance it is the larger one."""
+
+
+def lock_in(signal, dt, omega, start=0.0):
+    """Complex amplitude of a recorded signal at a frequency, `signal = Re(U e^{i omega t})` plus a constant.
+
+    Least squares under a Hann window: a steady oscillation is returned exactly, whatever part of a period the window
+    ends with, and what oscillates elsewhere is suppressed.
+
+    Parameters
+    ----------
+    signal : array_like, shape (frames, ...)
+        One window of the record.
+    dt : float
+        Time between frames in ms.
+    omega : float or array_like, shape (...)
+        In rad/ms, one for each signal.
+    start : float
+        Time of the first frame in ms, which sets the origin of the phase.
+
+    Returns
+    -------
+    ndarray of complex, shape (...)
+        In the unit of the signal.
+
+    Raises
+    ------
+    ValueError
+        If the window holds less than three periods, or less than two frames per period.
+    """
+    signal = finite('signal', signal)
+    dt = positive('dt', dt, 'ms')
+    frames = len(signal)
+    omega = np.broadcast_to(finite('omega', omega), signal.shape[1:])
+    if omega.size and not omega.min() * frames * dt >= LEAST_PERIODS * 2 * np.pi:
+        raise ValueError(f'the window of {frames * dt:g} ms is shorter than {LEAST_PERIODS} periods of '
+                         f'omega = {omega.min():g} rad/ms; record longer')
+    if omega.size and not omega.max() * dt < np.pi:
+        raise ValueError(f'dt = {dt:g} ms leaves less than two frames to a period of '
+                         f'omega = {omega.max():g} rad/ms; record more often')
+    phase = np.multiply.outer(start + dt * np.arange(frames), omega)
+    basis = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)])
+    window = np.sin(np.pi * (np.arange(frames) + 0.5) / frames) ** 2
+    normal = np.einsum('t,at...,bt...->...ab', window, basis, basis)
+    moment = np.einsum('t,at...,t...->...a', window, basis, signal)
+    _, c, s = np.moveaxis(np.linalg.solve(normal, moment[..., None])[..., 0], -1, 0)
+    return c - 1j * s
+
+
+def remaining_transient(amplitudes, decay):
+    """What the transient still adds to the last of several successive lock-in amplitudes, as a share of it.
+
+    From window to window a free vibration changes by a complex factor z of modulus `decay`, so the way left is the last
+    step times z/(1 - z), at most |step| decay/(1 - decay); at resonance, where it takes longest, exactly that.  A mere
+    comparison of two amplitudes would take slow change for none.
+
+    Parameters
+    ----------
+    amplitudes : array_like of complex, shape (windows, ...)
+        Of windows of equal length, at least three.
+    decay : float
+        Free vibration left after the length T of one window, e^{-gamma T/2}.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Steady state is reached where this is below the tolerance.
+
+    Raises
+    ------
+    ValueError
+        For fewer than three windows, or a decay that is not between 0 and 1: without damping there is no steady state.
+    """
+    amplitudes = np.asarray(amplitudes)
+    if len(amplitudes) < 3:
+        raise ValueError(f'steady state is judged by at least 3 windows, not {len(amplitudes)}')
+    if not 0 < decay < 1:
+        raise ValueError(f'the decay per window must lie between 0 and 1, not {decay!r}; '
+                         'without damping there is no steady state')
+    before, last = abs(np.diff(amplitudes[-3:], axis=0))
+    step = np.maximum(last, decay * before)  # two free vibrations may cancel in one step, hardly in two
+    return step * decay / (1 - decay) / abs(amplitudes[-1])
+
+
+def steady_amplitudes(dyn, recorder, omega, axis, tolerance=1e-4):
+    """Run harmonically driven particles until their motion is steady; their complex amplitudes by lock-in.
+
+    Window after window of `LEAST_PERIODS` periods of the slowest, until `remaining_transient` says that it is enough.
+
+    Parameters
+    ----------
+    dyn : DrivenVerlet
+        With its drives and with damping.
+    recorder : Recorder
+        Of dyn, on the particles to look at.
+    omega : array_like, shape (particles,)
+        Of the drive that each of them follows, rad/ms.
+    axis : {0, 1}
+        The component to look at.
+    tolerance : float
+        Largest share of an amplitude that the transient may still have.
+
+    Returns
+    -------
+    amplitudes : ndarray of complex, shape (particles,)
+        In mm; their phase is that of cos(omega t).
+    left : float
+        The largest `remaining_transient`.
+
+    Raises
+    ------
+    ValueError
+        If a particle is not damped, or the motion has not become steady long after linear vibrations would have died.
+    """
+    tolerance = positive('tolerance', tolerance)
+    dt = recorder.interval * dyn.dt
+    frames = int(np.ceil(LEAST_PERIODS * 2 * np.pi / (finite('omega', omega).min() * dt)))
+    gamma = positive('the least damping', float(dyn.damping[recorder.particles].min()), '1/ms')
+    decay = np.exp(-gamma * frames * dt / 2)
+    amplitudes = []
+    for _ in range(3 + int(np.log(tolerance / HEADSTART) / np.log(decay))):
+        dyn.run(frames * recorder.interval)
+        signal = recorder.displacements[-frames:, :, axis]
+        amplitudes.append(lock_in(signal, dt, omega, recorder.times[-frames]))
+        if len(amplitudes) >= 3 and (left := remaining_transient(amplitudes, decay).max()) < tolerance:
+            return amplitudes[-1], float(left)
+    raise ValueError(f'after {dyn.get_time():g} ms the motion is not steady, though linear vibrations have died by a factor of '
+                     f'{HEADSTART / tolerance:.0e}: drive at omega, and with less force')
+
+
+def fourier(signal, dt, omega):
+    """Fourier integral of a record that starts and ends at rest, `integral of signal e^{-i omega t} dt`, t = 0 in frame 0.
+
+    Parameters
+    ----------
+    signal : array_like, shape (frames, ...)
+    dt : float
+        Time between frames in ms.
+    omega : array_like, shape (frequencies,)
+        In rad/ms; any, not only those of the fast Fourier transform.
+
+    Returns
+    -------
+    ndarray of complex, shape (frequencies, ...)
+        In the unit of the signal times ms.
+    """
+    t = dt * np.arange(len(signal))
+    return np.array([dt * np.tensordot(np.exp(-1j * w * t), signal, 1) for w in omega])
+
+
+def impulse_response(signal, dt, impulse, omega):
+    """Frequency response from the free decay after one impulse at t = 0.
+
+    The Fourier integral of the record, with the trapezoidal rule's end correction for the kink at t = 0: the error is of
+    fourth order in omega dt.  The record ends where the vibration has not quite died: a mode has by then the
+    share e^{-gamma T/2} left, which is the relative error at its peak and, to a factor of about 2, elsewhere.
+
+    Parameters
+    ----------
+    signal : array_like, shape (frames, ...)
+        Displacements in mm, from rest; the first frame is that of the impulse.
+    dt : float
+        Time between frames in ms.
+    impulse : float
+        Momentum given to the driven particle, N ms.
+    omega : array_like, shape (frequencies,)
+        In rad/ms.
+
+    Returns
+    -------
+    FrequencyResponse
+        Its `transient` is the largest displacement of the last tenth of the record over that of the first.
+
+    Raises
+    ------
+    ValueError
+        If the record starts with a displacement, stays at rest, or is shorter than 20 frames.
+    """
+    u = finite('signal', signal)
+    dt, impulse = positive('dt', dt, 'ms'), positive('impulse', impulse, 'N ms')
+    omega = finite('omega', omega)
+    if len(u) < 20:
+        raise ValueError(f'the record holds {len(u)} frames; an impulse response needs at least 20')
+    if u[0].any():
+        raise ValueError(f'the record starts with a displacement of {abs(u[0]).max():g} mm; '
+                         'it must start at the impulse, before the particle has moved')
+    if not u.any():
+        raise ValueError('the particle stays at rest throughout the record; look at another particle or direction')
+    kink = dt * u[1] / 12  # Euler-Maclaurin: dt^2/12 times the initial velocity
+    response = (fourier(u, dt, omega) + kink) / impulse
+    tenth = len(u) // 10
+    return FrequencyResponse(omega, response, float(abs(u[-tenth:]).max() / abs(u[:tenth]).max()))

@@ -1,0 +1,7 @@
+from .scene import (
+    Scene as Scene,
+    read_scene as read_scene,
+    ready_scene as ready_scene,
+    ready_scenes as ready_scenes,
+    reference as reference,
+)

@@ -1,0 +1,119 @@
+"""What the tables of a scene file are made of: checked fields, and tables that know their keys.
+
+A check says what is wrong with a value, from its name on; `magphonon.scenes.scene` knows the tables that hold it and puts
+the name in front.
+"""
+
+from functools import partial
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic_core import InitErrorDetails
+
+from ..errors import not_negative, number, positive, shown, whole
+from ..spelling import did_you_mean, nearest
+
+LONGEST_TEXT = 200
+"""Characters: a title goes over a picture."""
+LONGEST_LIST = 10_000
+"""Entries: a longer table of forces belongs into a file."""
+
+
+def _text(value):
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError(f' must be text in quotes, not {shown(value)}')
+    if len(value) > LONGEST_TEXT or not value.isprintable():
+        raise ValueError(f' must be one line of at most {LONGEST_TEXT} printable characters, not {shown(value)}')
+    return value
+
+
+def _list(value):
+    if not isinstance(value, list):
+        raise ValueError(f' must be a list in brackets, not {shown(value)}')
+    if len(value) > LONGEST_LIST:
+        raise ValueError(f' must hold at most {LONGEST_LIST} numbers, not {len(value)}')
+    return value
+
+
+def _point(value):
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f' must be a place [x, y], not {shown(value)}')
+    return tuple(partial(between, -1e6, 1e6, 'metres')(_number(x)) for x in value)
+
+
+def between(least, most, unit, value):
+    """Return `value`, or raise ValueError outside the range beyond which a unit or an exponent must be wrong."""
+    if not least <= value <= most:
+        raise ValueError(f' must lie between {least:g} and {most:g}, not {shown(value)}; it is in {unit}')
+    return value
+
+
+def within(least, most, unit):
+    """What makes a number one of this range, in the annotation of a field."""
+    return AfterValidator(partial(between, least, most, unit))
+
+
+_number = partial(number, '')
+listed = BeforeValidator(_list)
+Positive = Annotated[float, BeforeValidator(partial(positive, ''))]
+NotNegative = Annotated[float, BeforeValidator(partial(not_negative, ''))]
+Count = Annotated[int, BeforeValidator(partial(whole, ''))]
+Number = Annotated[float, BeforeValidator(_number)]
+Point = Annotated[tuple[float, float], BeforeValidator(_point)]
+AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2))]
+Text = Annotated[str, BeforeValidator(_text)]
+Counts = Annotated[tuple[Count, ...], listed]
+# Beyond these ranges a unit or an exponent is wrong, and squares and powers soon leave the range of numbers.
+Spacing = Annotated[Positive, within(1e-6, 1e6, 'metres')]  # phonopy takes particles closer than 1e-5 mm for one
+Length = Annotated[Positive, within(1e-12, 1e6, 'metres')]
+Mass = Annotated[Positive, within(1e-33, 1e9, 'kilograms')]
+Frequency = Annotated[Positive, within(1e-9, 1e12, 'hertz')]
+Frequencies = Annotated[tuple[Frequency, ...], listed]
+Rate = Annotated[Positive, within(1e-9, 1e12, '1/s')]
+Duration = Annotated[Positive, within(1e-12, 1e9, 'seconds')]
+Pressure = Annotated[Positive, within(1e-3, 1e15, 'pascals')]
+Force = Annotated[Positive, within(1e-30, 1e12, 'newtons')]
+Angle = Annotated[Number, within(-360, 360, 'degrees')]
+Angles = Annotated[tuple[Angle, ...], listed]
+
+
+class Table(BaseModel):
+    """One table of a scene: its keys are the fields, no others, and it does not change once read."""
+
+    model_config = ConfigDict(extra='forbid', frozen=True)
+
+    @model_validator(mode='wrap')
+    @classmethod
+    def _every_fault(cls, table, check):
+        """Unknown keys, missing keys and bad values in one answer, each in words of its own."""
+        if not isinstance(table, dict):
+            raise ValueError(f' must be a table in brackets with the keys {", ".join(cls.model_fields)}, not {shown(table)}')
+        unknown = [key for key in table if key not in cls.model_fields]
+        faults = [fault(table, ValueError(f' has no key {shown(key)}{cls._meant(key)}')) for key in unknown]
+        meant = {nearest(key, cls.model_fields) for key in unknown}
+        made = None
+        try:
+            made = check({key: value for key, value in table.items() if key in cls.model_fields})
+        except ValidationError as error:
+            for found in error.errors():
+                if found['type'] != 'missing':
+                    faults.append(fault(found['input'], found['ctx']['error'], found['loc']))
+                elif (key := found['loc'][0]) not in meant:
+                    faults.append(fault(table, ValueError(f' lacks the key {key!r}; add {cls.model_fields[key].description}')))
+        raise_all(faults)
+        return made
+
+    @classmethod
+    def _meant(cls, key):
+        return did_you_mean(key, cls.model_fields) or f'; its keys are {", ".join(cls.model_fields)}'
+
+
+def fault(value, error, place=()):
+    """One of several errors, for `raise_all`."""
+    return InitErrorDetails(type='value_error', loc=place, input=value, ctx={'error': error})
+
+
+def raise_all(faults):
+    """Raise what pydantic makes of faults of one table, if there are any."""
+    if faults:
+        raise ValidationError.from_exception_data('scene', faults)

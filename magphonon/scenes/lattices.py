@@ -1,0 +1,182 @@
+"""The finite lattice that waves cross, as a table of a scene file: its shape and size, in SI.
+
+Its rim is held, as in `magphonon.lattices`.
+"""
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from ase.constraints import FixedLine
+from pydantic import BeforeValidator, Field, model_validator
+
+from .. import lattices, units as u
+from ..bands.bands import band_path
+from ..errors import MOST, not_negative, one_of, shown, whole
+from .fields import Count, Length, Mass, Positive, Spacing, Table, listed, within
+
+MOST_CELLS = 10**6
+"""A patch of more needs gigabytes; rather than wanted it is a wrong unit."""
+
+
+class PatchTable(Table):
+    """What every shape does."""
+
+    def cells(self, cell):
+        """How many cells it has, about; none of a lattice without a plane."""
+        return self.area(cell) / np.linalg.norm(np.cross(*cell.cell.array[:2])) if cell.pbc[1] else 0
+
+    def cut(self, cell):
+        """The patch, `ase.Atoms` without calculator.
+
+        Raises
+        ------
+        ValueError
+            If it is too large to compute with or too small to have an inside, or the lattice has no plane.
+        """
+        cells = self.cells(cell)
+        if cells > MOST_CELLS:
+            raise ValueError(f'the patch of {cells:.2g} cells is too large (at most {MOST_CELLS:g}); make it smaller, '
+                             'and check its unit and that of lattice.spacing_m')
+        return self.shape(cell)
+
+
+class Parallelogram(PatchTable):
+    """Whole cells along both lattice vectors."""
+
+    size_key: ClassVar = 'patch.cells_1'
+
+    kind: Literal['parallelogram']
+    cells_1: Count = Field(description='the number of cells along the first lattice vector')
+    cells_2: Count = Field(description='the number of cells along the second lattice vector')
+
+    def area(self, cell):
+        return self.cells_1 * self.cells_2 * np.linalg.norm(np.cross(*cell.cell.array[:2]))
+
+    def shape(self, cell):
+        return lattices.parallelogram(cell, self.cells_1, self.cells_2)
+
+
+class Rectangle(PatchTable):
+    """Upright rectangle."""
+
+    size_key: ClassVar = 'patch.width_m'
+
+    kind: Literal['rectangle']
+    width_m: Length = Field(description='the width in m, along x')
+    height_m: Length = Field(description='the height in m, along y')
+
+    def area(self, cell):
+        return self.width_m * u.m * self.height_m * u.m
+
+    def shape(self, cell):
+        return lattices.rectangle(cell, self.width_m * u.m, self.height_m * u.m)
+
+
+class Hexagon(PatchTable):
+    """Regular hexagon with corners on the x axis, or its upper half, as in the paper's experiment."""
+
+    size_key: ClassVar = 'patch.side_m'
+
+    kind: Literal['hexagon', 'half_hexagon']
+    side_m: Length = Field(description='the side of the hexagon in m')
+
+    def area(self, cell):
+        return 1.5 * np.sqrt(3) * (self.side_m * u.m) ** 2 * (1 if self.kind == 'hexagon' else 1 / 2)
+
+    def shape(self, cell):
+        return getattr(lattices, self.kind)(cell, self.side_m * u.m)
+
+
+PATCHES = ('parallelogram', 'rectangle', 'hexagon', 'half_hexagon')
+
+
+def _known_patch(table):
+    if not isinstance(table, dict) or 'kind' not in table:
+        raise ValueError(f' must be a table [patch] with a kind, one of {", ".join(PATCHES)}, not {shown(table)}')
+    one_of('.kind', table['kind'], PATCHES)
+    return table
+
+
+Patch = Annotated[Parallelogram | Rectangle | Hexagon, Field(discriminator='kind'), BeforeValidator(_known_patch)]
+LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc')
+KINDS = (*LATTICES, 'oscillator')
+ALL = 'all'
+
+
+def _shells(value):
+    if isinstance(value, str) and value == ALL:
+        return value
+    try:
+        return whole('', value)
+    except ValueError:
+        raise ValueError(f' must be a whole number from 1 to {MOST}, or {ALL!r}, not {shown(value)}') from None
+
+
+Shells = Annotated[int | Literal[ALL], BeforeValidator(_shells),
+                   Field(description=f"the number of shells of neighbours that interact, or '{ALL}'")]
+
+
+class Lattice(Table):
+    """Geometry and masses, nearest neighbours at the distance `spacing_m`."""
+
+    bonds: ClassVar = None  # found by the shells of the law
+
+    kind: Literal[LATTICES] = Field(description='one of ' + ', '.join(KINDS))
+    spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
+    mass_kg: Mass = Field(description='the mass of a particle in kg')
+    relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = None
+
+    @model_validator(mode='after')
+    def _one_mass_each(self):
+        particles = len(self.cell())
+        if self.relative_masses is not None and len(self.relative_masses) != particles:
+            raise ValueError(f'.relative_masses must hold {particles} numbers, one for each particle of the {self.kind} cell, '
+                             f'not {list(self.relative_masses)}; they multiply mass_kg')
+        return self
+
+    def cell(self):
+        """The unit cell, `ase.Atoms` in mm and g."""
+        atoms = getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
+        if self.relative_masses is not None and len(self.relative_masses) == len(atoms):
+            atoms.set_masses(self.mass_kg * u.kg * np.array(self.relative_masses))
+        return atoms
+
+    def path(self, points, npoints):
+        """Path through special points, `ase.dft.kpoints.BandPath`."""
+        return band_path(self.cell(), points, npoints)
+
+
+def _right_angle(value):
+    degrees = not_negative('', value)
+    if degrees > 90:
+        raise ValueError(f' must lie between 0 and 90 degrees, not {value!r}')
+    return degrees
+
+
+class Oscillator(Table):
+    """The free magnet of Sec. III on three fixed ones, all bonds of the length `spacing_m`, guided along its vertical line."""
+
+    bonds: ClassVar = lattices.OSCILLATOR_BONDS
+    free: ClassVar = 3  # the index of the free magnet
+
+    kind: Literal['oscillator']
+    theta0_deg: Annotated[float, BeforeValidator(_right_angle)] = Field(
+        description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
+    spacing_m: Spacing = Field(description='the length of its three bonds in m')
+    mass_kg: Mass = Field(description='the mass of the free particle in kg')
+
+    def cell(self):
+        """All of it, `ase.Atoms` in mm and g."""
+        atoms = lattices.oscillator(self.theta0_deg * u.deg, self.spacing_m * u.m, self.mass_kg * u.kg)
+        atoms.set_constraint([*atoms.constraints, FixedLine(self.free, (0, 1, 0))])
+        return atoms
+
+
+def _known_lattice(table):
+    if not isinstance(table, dict) or 'kind' not in table:
+        return Lattice.model_validate(table)  # which says what is missing
+    one_of('.kind', table['kind'], KINDS)
+    return table
+
+
+AnyLattice = Annotated[Lattice | Oscillator, Field(discriminator='kind'), BeforeValidator(_known_lattice)]

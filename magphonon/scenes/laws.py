@@ -1,0 +1,228 @@
+"""Pair laws of a scene: closed forms, tables, and magnets by their datasheet."""
+
+from functools import partial
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+
+from .. import units as u
+from ..errors import one_of, shown
+from ..interactions.force_tables import read_forces
+from ..interactions.magnet_pairs import calibrated, magnet_law
+from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
+from ..interactions.pair_laws import Hertz, InversePower, Tabulated, Yukawa
+from .fields import Force, Length, Positive, Pressure, Table, Text, listed, within
+from .lattices import Shells
+from .supports import _poisson_ratio
+
+Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_T)))]
+
+
+class RingShape(Table):
+    """Ring magnetised along its axis."""
+
+    outer_diameter_m: Length = Field(description='the outer diameter in m')
+    inner_diameter_m: Length = Field(description='the inner diameter in m')
+    height_m: Length = Field(description='the height in m, along the magnetisation')
+
+    def magnet(self, remanence):
+        return Ring(self.outer_diameter_m * u.m, self.inner_diameter_m * u.m, self.height_m * u.m, remanence)
+
+
+class DiscShape(Table):
+    """Disc or rod magnetised along its axis."""
+
+    diameter_m: Length = Field(description='the diameter in m')
+    height_m: Length = Field(description='the height in m, along the magnetisation')
+
+    def magnet(self, remanence):
+        return Ring(self.diameter_m * u.m, 0.0, self.height_m * u.m, remanence)
+
+
+class SphereShape(Table):
+    """Sphere."""
+
+    diameter_m: Length = Field(description='the diameter in m')
+
+    def magnet(self, remanence):
+        return Sphere(self.diameter_m * u.m, remanence)
+
+
+class CuboidShape(Table):
+    """Cuboid facing its neighbours squarely; its law neglects that the force is not quite central."""
+
+    length_m: Length = Field(description='the length in m, towards the neighbour')
+    width_m: Length = Field(description='the width in m')
+    height_m: Length = Field(description='the height in m, along the magnetisation')
+
+    def magnet(self, remanence):
+        return Cuboid(self.length_m * u.m, self.width_m * u.m, self.height_m * u.m, remanence)
+
+
+class Calibration(Table):
+    """A measured force, which sets the remanence in place of the datasheet."""
+
+    distance_m: Length = Field(description='the distance of the centres in m')
+    force_N: Force = Field(description='the measured force at this distance in N')
+
+
+class Datasheet(Table):
+    """Shape and remanence of the magnets, and what calibrates them."""
+
+    SHAPES: ClassVar = ('ring', 'disc', 'sphere', 'cuboid')
+
+    ring: RingShape | None = None
+    disc: DiscShape | None = None
+    sphere: SphereShape | None = None
+    cuboid: CuboidShape | None = None
+    grade: Grade | None = None
+    remanence_T: Annotated[Positive, within(1e-6, 100, 'teslas')] | None = None
+    calibration: Calibration | None = None
+
+    @model_validator(mode='after')
+    def _one_of_each(self):
+        for names, what in ((self.SHAPES, 'one of ' + ', '.join(f'[law.{name}]' for name in self.SHAPES)),
+                            (('grade', 'remanence_T'), 'grade or remanence_T')):
+            given = [name for name in names if getattr(self, name) is not None]
+            if len(given) != 1:
+                raise ValueError(f' has {" and ".join(given) or "neither"}; give {what}')
+        try:
+            self.potential()
+        except ValueError as error:
+            raise ValueError(f': {error}') from None
+        return self
+
+    def magnet(self):
+        """The magnet, a `Ring`, `Cuboid` or `Sphere` in mm."""
+        (shape,) = (shape for name in self.SHAPES if (shape := getattr(self, name)) is not None)
+        magnet = shape.magnet(grade_remanence(self.grade) if self.remanence_T is None else self.remanence_T * u.T)
+        if self.calibration is None:
+            return magnet
+        return calibrated(magnet, self.calibration.distance_m * u.m, self.calibration.force_N * u.N)
+
+    def potential(self):
+        return magnet_law(self.magnet())
+
+
+class InversePowerLaw(Table):
+    """Force `b r^-a`."""
+
+    kind: Literal['inverse_power']
+    b_N_m_a: Positive = Field(description='b of the force b r^-a in N m^a')
+    a: Positive = Field(description='the exponent a of the force b r^-a')
+    shells: Shells
+
+    def potential(self):
+        return InversePower(self.b_N_m_a * u.N * u.m**self.a, self.a)
+
+
+class DipoleLaw(Table):
+    """Point dipoles normal to the plane."""
+
+    kind: Literal['dipoles']
+    moment_A_m2: Positive = Field(description='the magnetic moment of a particle in A m^2')
+    shells: Shells
+
+    def potential(self):
+        return InversePower.dipoles(self.moment_A_m2 * u.A * u.m**2)
+
+
+class CoulombLaw(Table):
+    """Equal point charges."""
+
+    kind: Literal['coulomb']
+    charge_C: Positive = Field(description='the charge of a particle in C')
+    shells: Shells
+
+    def potential(self):
+        return InversePower.coulomb(self.charge_C * u.A * u.s)
+
+
+class YukawaLaw(Table):
+    """Energy `strength/r exp(-r/screening length)`."""
+
+    kind: Literal['yukawa']
+    strength_J_m: Positive = Field(description='the strength c of the energy c/r exp(-r/l) in J m')
+    screening_length_m: Length = Field(description='the screening length l of the energy c/r exp(-r/l) in m')
+    shells: Shells
+
+    def potential(self):
+        return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
+
+
+class HertzLaw(Table):
+    """Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter."""
+
+    kind: Literal['hertz']
+    diameter_m: Length = Field(description='the diameter of the spheres in m')
+    youngs_modulus_Pa: Pressure = Field(description="Young's modulus of the spheres in Pa")
+    poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio)] = Field(description="Poisson's ratio of the spheres")
+    shells: Shells
+
+    def potential(self):
+        return Hertz.spheres(self.diameter_m * u.m, self.youngs_modulus_Pa * u.Pa, self.poisson_ratio)
+
+
+class TableLaw(Table):
+    """Measured forces, in the scene or in a `file` beside it."""
+
+    kind: Literal['table']
+    distances_m: Annotated[tuple[Length, ...], listed] = Field(
+        description="the distances in m, increasing, or file = 'law.csv' with the columns r_m,f_N")
+    forces_N: Annotated[tuple[Force, ...], listed] = Field(description='the forces in N at these distances')
+    file: Text | None = None
+    shells: Shells
+
+    @model_validator(mode='before')
+    @classmethod
+    def _columns(cls, table, info: ValidationInfo):
+        if not isinstance(table, dict) or 'file' not in table:
+            return table
+        if not isinstance(table['file'], str) or '\0' in table['file']:
+            raise ValueError(f'.file must be the name of a file in quotes, not {shown(table["file"])}')
+        for key in table.keys() & {'distances_m', 'forces_N'}:
+            raise ValueError(f' has both file and {key}; keep one of them')
+        return table | _read_columns(info.context['folder'] / table['file'])
+
+    @model_validator(mode='after')
+    def _smooth(self):
+        try:
+            self.potential()
+        except ValueError as error:
+            raise ValueError(f': {error}') from None
+        return self
+
+    def potential(self):
+        return Tabulated(np.array(self.distances_m) * u.m, np.array(self.forces_N) * u.N)
+
+
+class MagnetsLaw(Datasheet):
+    """Uniform magnets, magnetised normal to the plane, by shape and remanence."""
+
+    kind: Literal['magnets']
+    shells: Shells
+
+
+def _read_columns(file):
+    """Distances and forces from a table of the kind that "magphonon fit" takes."""
+    try:
+        forces = read_forces(file)
+    except (OSError, ValueError) as error:
+        raise ValueError(f'.file: {error}') from None
+    return {'distances_m': list(forces.r / u.m), 'forces_N': list(forces.f / u.N)}
+
+
+LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'coulomb': CoulombLaw, 'yukawa': YukawaLaw, 'hertz': HertzLaw,
+        'table': TableLaw, 'magnets': MagnetsLaw}
+
+
+def _known_law(table):
+    if not isinstance(table, dict) or 'kind' not in table:
+        raise ValueError(f" must be a table [law] with a kind, one of {', '.join(LAWS)}, not {shown(table)}")
+    one_of('.kind', table['kind'], tuple(LAWS))
+    return table
+
+
+Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw | TableLaw | MagnetsLaw,
+                Field(discriminator='kind'), BeforeValidator(_known_law)]

@@ -1,0 +1,60 @@
+"""What holds the particles: pillars and foundations of a scene."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from .. import units as u
+from ..errors import positive
+from .fields import Length, NotNegative, Positive, Pressure, Table, within
+
+
+def _poisson_ratio(value):
+    ratio = positive('', value)
+    if ratio > 0.5:
+        raise ValueError(f' must not exceed 0.5, not be {value!r}')
+    return ratio
+
+
+class Pillar(Table):
+    """Round cantilever under each particle."""
+
+    youngs_modulus_Pa: Pressure = Field(description="Young's modulus in Pa")
+    radius_m: Length = Field(description='the radius in m')
+    height_m: Length = Field(description='the height in m')
+    density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = None
+
+    @property
+    def stiffness_N_per_m(self):
+        """`k = 3 E I/H^3` with `I = pi R^4/4`."""
+        return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
+
+    @property
+    def moving_mass_kg(self):
+        """Rayleigh's 33/140 of its mass, which moves with the tip; zero for a pillar of unknown density."""
+        return 33 / 140 * (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m
+
+
+class Foundation(Table):
+    """Springs that tie each particle to its place, by their stiffness or as pillars."""
+
+    stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = None
+    pillar: Pillar | None = None
+
+    @model_validator(mode='after')
+    def _one(self):
+        if (self.stiffness_N_per_m is None) == (self.pillar is None):
+            has = 'neither' if self.pillar is None else 'both'
+            raise ValueError(f' has {has} of stiffness_N_per_m and [foundation.pillar]; give one, or leave [foundation] out')
+        return self
+
+    @property
+    def k(self):
+        """Stiffness in N/mm."""
+        return (self.stiffness_N_per_m if self.pillar is None else self.pillar.stiffness_N_per_m) * u.N / u.m
+
+    @property
+    def moving_mass(self):
+        """Mass that each particle drags along in g."""
+        return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0

@@ -1,0 +1,135 @@
+"""The table [uncertainty] of a scene: how well its parameters are known, and which lattices they allow."""
+
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from pydantic import BeforeValidator, create_model
+
+from ..design.sensitivities import Change, exponent_change, force_change, screening_change, spacing_change
+from ..design.uncertainty import Tolerances
+from .fields import Number, Positive, Table
+from .lattices import ALL
+
+WHERE = {
+    'spacing': ('lattice', 'spacing_m'),
+    'mass': ('lattice', 'mass_kg'),
+    'b': ('law', 'b_N_m_a'),
+    'a': ('law', 'a'),
+    'moment': ('law', 'moment_A_m2'),
+    'charge': ('law', 'charge_C'),
+    'strength': ('law', 'strength_J_m'),
+    'screening_length': ('law', 'screening_length_m'),
+    'forces': ('law', 'forces_N'),
+    'remanence': ('law', 'remanence_T'),  # unless a grade or a measured force tells it
+    'stiffness': ('foundation', 'stiffness_N_per_m'),
+    'youngs_modulus': ('foundation', 'pillar', 'youngs_modulus_Pa'),
+    'radius': ('foundation', 'pillar', 'radius_m'),
+    'height': ('foundation', 'pillar', 'height_m'),
+}
+"""Where each parameter stands in a scene.  Its key there is that of the absolute tolerance, NAME_percent of the relative one."""
+LAW_CHANGES = {
+    'inverse_power': {'b': force_change, 'a': exponent_change},
+    'dipoles': {'moment': partial(force_change, power=2)},
+    'coulomb': {'charge': partial(force_change, power=2)},
+    'yukawa': {'strength': force_change, 'screening_length': screening_change},
+    'table': {'forces': force_change},
+    'magnets': {'remanence': partial(force_change, power=2)},
+}
+PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}
+"""Of k = 3 E (pi R^4/4)/H^3."""
+WIDEST = 0.5
+"""Relative standard deviation: with twice that, exponents drawn at random overflow, and half of a lattice is no small change."""
+
+
+def _correlation(value):
+    if not isinstance(value, float | int) or not -1 < value < 1:
+        raise ValueError(f' must lie between -1 and 1, not {value!r}')
+    return float(value)
+
+
+Correlation = Annotated[Number, BeforeValidator(_correlation)]
+
+
+class _Uncertainty(Table):
+    """Standard deviations of the parameters, absolute in the unit of the key or in percent; what is not named is exact."""
+
+    def tolerances(self, scene):
+        """What they mean for a scene, `magphonon.design.uncertainty.Tolerances`.
+
+        Raises
+        ------
+        ValueError
+            For a parameter that the scene does not have, or that has two tolerances, or a correlation of exact parameters, or
+            for all neighbours.
+        """
+        if scene.law.shells == ALL:
+            raise ValueError(f"uncertainty is propagated for a number of shells, not for law.shells = '{ALL}'; "
+                             'take shells = 3 or more')
+        changes = _changes(scene)
+        sigma = {}
+        for name, place in WHERE.items():
+            percent, absolute = (getattr(self, key, None) for key in (f'{name}_percent', place[-1]))
+            if percent is None and absolute is None:
+                continue
+            if name not in changes:
+                raise ValueError(f'uncertainty: {name} is no parameter of this scene; its parameters are {", ".join(changes)}')
+            if percent is not None and absolute is not None:
+                raise ValueError(f'uncertainty has both {place[-1]} and {name}_percent; keep one of them')
+            sigma[name] = percent / 100 if absolute is None else absolute / _at(scene, place)
+            if sigma[name] > WIDEST:
+                key, value = (f'{name}_percent', percent) if absolute is None else (place[-1], absolute)
+                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than the {WIDEST:g} within '
+                                 'which a linear propagation says anything; measure it better, or leave it out')
+        if not sigma:
+            raise ValueError('uncertainty names no tolerance; add one, such as spacing_percent = 1.0')
+        C = np.diag(np.square(list(sigma.values())))
+        if self.correlation_a_b is not None:
+            if not {'a', 'b'} <= sigma.keys():
+                raise ValueError('uncertainty.correlation_a_b needs the tolerances of both a and b; add them')
+            names = list(sigma)
+            a, b = names.index('a'), names.index('b')
+            C[a, b] = C[b, a] = self.correlation_a_b * sigma['a'] * sigma['b']
+        return Tolerances({name: changes[name] for name in sigma}, C)
+
+
+_ABSOLUTE = [place[-1] for name, place in WHERE.items() if name != 'forces']  # of a table of forces: one factor for all
+_KEYS = sorted([*_ABSOLUTE, *(f'{name}_percent' for name in WHERE)])
+Uncertainty = create_model('Uncertainty', __base__=_Uncertainty, correlation_a_b=(Correlation | None, None),
+                           **dict.fromkeys(_KEYS, (Positive | None, None)))
+
+
+def _changes(scene):
+    """Every parameter that the scene has, and what it changes."""
+    law, k = scene.law.potential(), scene.foundation.k if scene.foundation else 0.0
+    changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
+    changes |= {name: Change(law=change(law)) for name, change in LAW_CHANGES.get(scene.law.kind, {}).items()
+                if _at(scene, WHERE[name]) is not None and getattr(scene.law, 'calibration', None) is None}
+    if k and scene.foundation.pillar:
+        changes |= {name: Change(foundation=power * k) for name, power in PILLAR_POWERS.items()}
+    elif k:
+        changes['stiffness'] = Change(foundation=k)
+    return changes
+
+
+def _at(table, place):
+    for key in place:
+        table = getattr(table, key)
+    return table
+
+
+def varied(scene, factors):
+    """The scene with parameters multiplied by `factors`, a dict of their names."""
+    for name, factor in factors.items():
+        scene = _multiplied(scene, WHERE[name], factor)
+    return scene
+
+
+def _multiplied(table, place, factor):
+    key, *rest = place
+    value = getattr(table, key)
+    if rest:
+        value = _multiplied(value, rest, factor)
+    else:
+        value = tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
+    return table.model_copy(update={key: value})

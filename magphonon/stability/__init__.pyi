@@ -1,0 +1,22 @@
+from .amplitude_shifts import (
+    FarFromLinear as FarFromLinear,
+    Shifts as Shifts,
+    Vibration as Vibration,
+    frequency_shifts as frequency_shifts,
+    vibration as vibration,
+)
+from .buckling import (
+    Softest as Softest,
+    foundation_needed as foundation_needed,
+    softest as softest,
+    softest_of as softest_of,
+    spacing_held as spacing_held,
+    support_needed as support_needed,
+)
+from .soft_waves import (
+    softest_wave as softest_wave,
+)
+from .verdicts import (
+    Verdict as Verdict,
+    verdict as verdict,
+)

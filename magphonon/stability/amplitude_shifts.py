@@ -1,0 +1,229 @@
+"""How frequencies move with amplitude: perturbation theory, and harmonic balance where it ends."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy import sparse
+
+from ..dynamics.timestep import DENSE
+from ..interactions.pair_laws import higher_derivatives
+from ..stiffness.bond import model_stiffness
+from ..stiffness.constraints import free_directions
+from ..stiffness.matrices import bloch_matrix, hessian
+from ..stiffness.rest import at_rest
+
+ROUND_OFF = 1e-12
+"""Of the highest squared frequency: what remains of a zero one."""
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Amplitude dependence of modes.
+
+    Attributes
+    ----------
+    q : ndarray, shape (modes, 3)
+        Wavevectors in fractions of the reciprocal vectors.
+    omega : ndarray, shape (modes,)
+        Linear angular frequencies in rad/ms.
+    curvature : ndarray, shape (modes,)
+        dw/w over the square of the largest displacement, 1/mm^2.
+    """
+
+    q: np.ndarray
+    omega: np.ndarray
+    curvature: np.ndarray
+
+    def amplitude(self, error):
+        """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite without modes."""
+        return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
+
+
+def frequency_shifts(atoms):
+    """Shifts of the modes that bound the spectrum of a structure; the complete model is meant, whatever that of `atoms` is.
+
+    Of a periodic cell these are the standing waves with q = 0 or 1/2 along the reciprocal vectors, the edges of its bands;
+    of a finite structure its softest and its stiffest mode.  Between them a mode may be in 2:1 resonance with
+    another and exchange energy with it at any amplitude, which no shift describes.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With their MagneticRepulsion, at rest.
+
+    Returns
+    -------
+    Shifts
+        Without modes of zero or imaginary frequency, which do not vibrate.
+    """
+    calc = at_rest(atoms)
+    k = calc.parameters.foundation
+    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
+    K, P = model_stiffness(R, calc.potential), free_directions(atoms)
+    M = sparse.diags_array(P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim))
+    zone = atoms.pbc.any() and P.shape[1] <= DENSE
+
+    def stiffness(q):
+        return P.T @ bloch_matrix(bonds, K, np.array([q]), k)[0].real @ P if zone else P.T @ hessian(bonds, K, k) @ P
+
+    law, rest = _derivatives(calc.potential, bonds.lengths), stiffness((0.0, 0.0, 0.0))
+    edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in atoms.pbc))
+    rows = []
+    for q in edges:
+        C = bonds.incidence_at(q).real
+        for w, e in _modes(stiffness(q) if zone else rest, M, whole=zone):
+            rows.append((q, w, _curvature(R, law, (P @ e).reshape(len(atoms), -1), w, C, bonds.incidence, P, rest, M)))
+    q, w, curvature = zip(*rows, strict=True) if rows else ((), (), ())
+    return Shifts(np.reshape(q, (-1, 3)), np.array(w), np.array(curvature))
+
+
+def _modes(D, M, whole):
+    """Stable modes `(w, e)` of the stiffness D: all of them, or the softest and the stiffest."""
+    root = sparse.diags_array(1 / np.sqrt(M.diagonal()))
+    weighted = root @ D @ root
+    if D.shape[0] <= DENSE:
+        squares, modes = np.linalg.eigh(_full(weighted))
+    else:
+        start = np.random.default_rng(0).normal(size=D.shape[0])  # the same modes every time
+        squares, modes = sparse.linalg.eigsh(weighted, k=2, which='BE', v0=start, tol=1e-6)
+    picked = range(len(squares)) if whole else sorted({0, len(squares) - 1} if len(squares) else ())
+    return [(np.sqrt(squares[n]), root @ modes[:, n]) for n in picked if squares[n] > ROUND_OFF * squares[-1]]
+
+
+def _curvature(R, law, u, w, C, C0, P, D, M):
+    """dw/w over A^2 of the mode `u`, shape (particles, dim): its bonds part by `C u`, those of what follows by `C0`."""
+    psi2, psi3, psi4 = law
+    u = u / np.linalg.norm(u, axis=1).max()
+    d, e = C @ u, P.T @ u.ravel()
+    dd, Rd = (d * d).sum(axis=1), (R * d).sum(axis=1)
+    phi3 = 4 * psi2[:, None] * (dd[:, None] * R + 2 * Rd[:, None] * d) + 8 * (psi3 * Rd**2)[:, None] * R
+    phi4 = 12 * psi2 * dd**2 + 48 * psi3 * dd * Rd**2 + 16 * psi4 * Rd**4
+    g = P.T @ (C0.T @ phi3).ravel()
+    follow = g @ _solve(D, g) + g @ _solve(D - 4 * w**2 * M, g) / 2
+    return (phi4.sum() / 16 - follow / 8) / (w**2 * (e @ (M @ e)))
+
+
+def _solve(D, g):
+    if D.shape[0] > DENSE:
+        return sparse.linalg.spsolve(sparse.csc_array(D), g)
+    # least squares: what moves all particles alike costs nothing without a foundation, and nothing pushes it
+    return np.linalg.lstsq(_full(D), g)[0]
+
+
+def _full(D):
+    return D.toarray() if sparse.issparse(D) else np.asarray(D)
+
+
+def _derivatives(potential, r):
+    """Second, third and fourth derivative of psi(s) = phi(r), s = r^2."""
+    p1, p2, p3, p4 = potential.dphi(r), potential.d2phi(r), *higher_derivatives(potential, r)
+    return ((p2 - p1 / r) / (4 * r**2),
+            (p3 - 3 * p2 / r + 3 * p1 / r**2) / (8 * r**3),
+            (p4 - 6 * p3 / r + 15 * p2 / r**2 - 15 * p1 / r**3) / (16 * r**4))
+
+
+HARMONICS = 8
+"""Kept in the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
+ROUNDS = 60
+"""Most iterations; where so many do not settle the vibration, it is far from linear."""
+ALIKE = 1e-6
+"""Modes whose squared frequencies differ by less than this share are held apart by symmetry and do not drive each other."""
+SETTLED = 1e-9
+"""Relative change of the frequency in the last round."""
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """A periodic free vibration of one mode at a finite amplitude.
+
+    Attributes
+    ----------
+    omega : float
+        Its angular frequency in rad/ms.
+    harmonics : ndarray, shape (HARMONICS + 1, modes)
+        Amplitudes c_hm in g^1/2 mm: the first row is the shift of the mean position.
+    evaluations : int
+        Forces on all particles that it took.
+    """
+
+    omega: float
+    harmonics: np.ndarray
+    evaluations: int
+
+
+class FarFromLinear(ValueError):
+    """The iteration does not settle.
+
+    Attributes
+    ----------
+    evaluations : int
+        Forces on all particles that it took all the same.
+    """
+
+    def __init__(self, reach, share, evaluations):
+        super().__init__(f'no periodic vibration of {reach:.4g} mm, {100 * share:.3g} % of the shortest bond, was found by '
+                         'starting from the linear mode: it is too far from linear; take a smaller amplitude or force, or step '
+                         'it in time (DrivenVerlet)')
+        self.evaluations = evaluations
+
+
+def vibration(atoms, linear, mode, amplitude):
+    """The periodic vibration of one mode at a finite amplitude.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest, with MagneticRepulsion.
+    linear : magphonon.response.normal_modes.Modes
+        All of them.
+    mode : int
+    amplitude : function
+        From the frequency W in rad/ms to c_1 of the mode in g^1/2 mm: a constant, or `F/(gamma W)` at the peak of a response.
+
+    Returns
+    -------
+    Vibration
+
+    Raises
+    ------
+    FarFromLinear
+        A ValueError: the amplitude is too large for the iteration.
+    """
+    calc, w = at_rest(atoms), linear.omega
+    theta = np.pi * (np.arange(2 * HARMONICS) + 0.5) / (2 * HARMONICS)  # half a period: the other half mirrors it
+    cosines = np.cos(np.multiply.outer(np.arange(HARMONICS + 1), theta))
+    norm = np.where(np.arange(HARMONICS + 1) > 0, 2, 1)[:, None] / len(theta)
+    h2 = np.arange(HARMONICS + 1)[:, None] ** 2
+    W, c = w[mode], np.zeros((HARMONICS + 1, len(w)))
+    reach = amplitude(W) * np.linalg.norm(linear.shapes[mode], axis=1).max()
+    failed = FarFromLinear(reach, reach / calc.bonds.lengths.min(), ROUNDS * len(theta))
+    for rounds in range(1, ROUNDS + 1):
+        c[1, mode] = amplitude(W)
+        q = cosines.T @ c
+        N = w * abs(w) * q + np.einsum('tix,mix->tm', _forces(calc, np.einsum('tm,mix->tix', q, linear.shapes)), linear.shapes)
+        if not np.isfinite(N).all():
+            raise failed
+        harmonics = norm * (cosines @ N)
+        square = w[mode] ** 2 - harmonics[1, mode] / c[1, mode]
+        if not square > 0:
+            raise failed
+        before, W = W, np.sqrt(square)
+        gap = w * abs(w) - h2 * square
+        gap[1, (abs(gap[1]) < ALIKE * square) | (np.arange(len(w)) == mode)] = np.inf
+        A, c = c[1, mode], harmonics / gap
+        c[1, mode] = A
+        if abs(W - before) <= SETTLED * W:
+            return Vibration(float(W), c, rounds * len(theta))
+    raise failed
+
+
+def _forces(calc, u):
+    """Forces in N, counted from rest, at many displacements `u` at once; both of the shape (times, particles, dim)."""
+    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
+    bond = R + u[:, bonds.j] - u[:, bonds.i]
+    r = np.linalg.norm(bond, axis=2, keepdims=True)
+    with np.errstate(all='ignore'):  # of an iteration that goes astray
+        pull = calc.potential.dphi(r) / r * bond - (calc.potential.dphi(bonds.lengths) / bonds.lengths)[:, None] * R
+    flat = pull.swapaxes(0, 1).reshape(len(bonds), -1)
+    return -(bonds.incidence.T @ flat).reshape(len(calc.reference), len(u), -1).swapaxes(0, 1) - calc.parameters.foundation * u

@@ -1,0 +1,245 @@
+"""Buckling: the softest mode of a lattice, and what would hold it, a foundation or more room.
+
+The static forces of repelling particles push every bond to turn aside.  A structure on springs k is stable if every
+eigenvalue of its stiffness matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive;
+masses do not matter for that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from ..dynamics.timestep import DENSE
+from ..errors import whole
+from ..stiffness.all_neighbours import AllNeighbours
+from ..stiffness.bond import model_stiffness
+from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.constraints import free_directions
+from ..stiffness.matrices import bloch_matrix, hessian
+from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import BALANCED, at_rest, settled
+from .soft_waves import softest_wave
+
+ROUND_OFF = 1e-12
+"""Of the largest eigenvalue: what remains of a zero one."""
+SHIFT = 1e-4
+"""Of the largest eigenvalue: how far below the lowest one, as roughly known, a large structure is inverted first."""
+SPACINGS = np.geomspace(0.1, 10, 21)
+"""Multiples of the present spacing among which a stable one is looked for."""
+
+
+@dataclass(frozen=True)
+class Softest:
+    """The ends of the spectrum of a stiffness matrix, or of squared frequencies.
+
+    Attributes
+    ----------
+    lowest, highest : float
+        Eigenvalues in N/mm, or in rad^2/ms^2 where masses enter.  Of a large structure `highest` is an upper bound.
+    q : ndarray, shape (3,)
+        Wavevector of the lowest one in fractions of the reciprocal vectors; zero for a finite structure.
+    """
+
+    lowest: float
+    highest: float
+    q: np.ndarray
+
+    @property
+    def needed(self):
+        """What must be added to the stiffness so that no eigenvalue is negative; zero if none is."""
+        return float(-self.lowest) if -self.lowest > ROUND_OFF * abs(self.highest) else 0.0
+
+
+def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
+    """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
+
+    Of a periodic cell of more than 200 freedoms only motion that repeats from cell to cell is seen, q = 0: waves that do not
+    fit into the cell may be softer.
+
+    Parameters
+    ----------
+    bonds : Bonds
+    K : ndarray, shape (bonds, components, components)
+        Stiffness of each bond, N/mm.
+    free : sparse array, shape (particles * components, free)
+        What the constraints leave free, from `free_directions`.
+    cell : ndarray, shape (3, 3), optional
+        Lattice vectors in rows, mm; of a periodic cell.
+    pbc : three bools
+    foundation : float
+        N/mm.
+    masses : ndarray, shape (particles,), optional
+        In g; with them eigenvalues are squared frequencies.
+    steps : int, optional
+        Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.  By default 48
+        for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  What lies between them
+        is found too, see `softest_wave`.
+
+    Returns
+    -------
+    Softest
+    """
+    if masses is not None:
+        free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1]))) @ free
+    if not any(pbc) or free.shape[1] > DENSE:
+        return _softest_of_structure(free.T @ hessian(bonds, K, foundation) @ free)
+    P = free.toarray()
+    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, cell, pbc, bonds.particles, steps)
+
+
+def _over_zone(matrix, cell, pbc, particles, steps):
+    steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if np.all(pbc) else 8) / np.sqrt(particles)))
+    return Softest(*softest_wave(matrix, cell, pbc, steps))
+
+
+def _softest_of_structure(D):
+    if D.shape[0] <= DENSE:
+        spectrum = np.linalg.eigvalsh(D.toarray())
+        lowest, highest = (spectrum[0], spectrum[-1]) if len(spectrum) else (0.0, 0.0)
+    else:
+        highest = abs(D).sum(axis=1).max()  # Gershgorin
+        lowest = _lowest_of_large(D, highest)
+    return Softest(float(lowest), float(highest), np.zeros(3))
+
+
+def _lowest_of_large(D, highest):
+    """Lowest eigenvalue of a large sparse symmetric matrix, by Lanczos iterations on the inverse of D - shift.
+
+    Lanczos on D itself stops short: near the lowest eigenvalue of a patch others crowd.  The shift lies below all of them;
+    the signs of the pivots of D - shift, which are those of its eigenvalues, prove that.
+    """
+    if not highest:
+        return 0.0
+    start = np.random.default_rng(0).normal(size=D.shape[0])  # the same verdict every time
+    # not below the lowest eigenvalue, and close above it
+    near = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=1e-3, return_eigenvectors=False)[0]
+    below = SHIFT * highest
+    while True:
+        shifted = (D - (near - below) * sparse.eye_array(D.shape[0])).tocsc()
+        factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
+        if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c):
+            break
+        below *= 4
+    inverse = sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
+    return sparse.linalg.eigsh(D, k=1, sigma=near - below, OPinv=inverse, v0=start, return_eigenvectors=False)[0]
+
+
+def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, steps=None):
+    """`softest` of `atoms` with their calculator, whose own foundation does not enter; bonds are stretched by `scale`."""
+    calc = atoms.calc
+    if isinstance(calc, AllNeighbours):  # its sums know the present spacing only
+        root = np.repeat(np.ones(len(atoms)) if masses is None else 1 / np.sqrt(masses), calc.dim)
+        weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.parameters.foundation)
+        steps = (24 if calc.dim == 2 else 8) if steps is None else steps  # as dear as they are
+        return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights,
+                          atoms.cell.array, atoms.pbc, len(atoms), steps)
+    K = model_stiffness(scale * repulsion_of(atoms).bonds.vectors[:, : calc.dim], calc.potential, model)
+    return softest(calc.bonds, K, free_directions(atoms), atoms.cell.array, atoms.pbc, foundation, masses, steps)
+
+
+def foundation_needed(atoms, model='complete', steps=None):
+    """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
+
+    A periodic cell of more than 200 freedoms stands for motion that repeats from cell to cell only, see `softest`.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation does not
+        enter.  What its constraints hold stays where it is, and so does all else: the springs are taken to be slack there.
+    model : {'complete', 'conventional'}
+        The conventional model needs none for any lattice: it hides what this function is for.
+    steps : int, optional
+        Wavevectors along each reciprocal vector, see `softest`.
+
+    Returns
+    -------
+    k : float
+        In N/mm; zero if the lattice holds itself.
+    q : ndarray, shape (3,)
+        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+
+    Raises
+    ------
+    ValueError
+        For an unknown model, `steps` that is no whole number, atoms without MagneticRepulsion or that are not at rest.
+    """
+    found = softest_of(settled(atoms), model, steps=steps)
+    return found.needed, found.q
+
+
+def spacing_held(atoms):
+    """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
+
+    All bonds are stretched alike.  The nearest change between holding and buckling is returned, from 0.1 to 10 times
+    the present spacing and where the law is known.
+
+    Returns
+    -------
+    float or None
+        Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow);
+        None if it holds, or buckles, at every spacing, or if it needs its foundation to be in balance, so that bonds cannot be
+        stretched alike.
+    """
+    atoms = settled(atoms)
+    if isinstance(atoms.calc, MagneticRepulsion) and _leans(atoms.calc):
+        return None
+    k = atoms.calc.parameters.foundation
+
+    def lacking(scale):
+        found = softest_of(atoms, scale=scale, steps=12)  # what is negative is refined
+        return -found.lowest - k - (ROUND_OFF * found.highest if found.needed <= 0 else 0)
+
+    from scipy.optimize import brentq
+
+    buckles = lacking(1.0) > 0
+    last = 1.0
+    for scale in SPACINGS[SPACINGS > 1] if buckles else SPACINGS[SPACINGS < 1][::-1]:
+        try:
+            if (lacking(scale) > 0) != buckles:
+                return brentq(lacking, last, scale, rtol=1e-9)
+        except ValueError:  # the end of a tabulated law
+            return None
+        last = scale
+    return None
+
+
+def _leans(calc):
+    """Whether the foundation carries static forces."""
+    pull = np.linalg.norm(calc.offset - calc.load[:, : calc.dim], axis=1)
+    return pull.max() > BALANCED * abs(calc.potential.dphi(calc.bonds.lengths)).max()
+
+
+def support_needed(atoms, magnets=True):
+    """Stiffness out of the plane that the supports of planar particles must provide.
+
+    The energy of two rigid magnets obeys Laplace's equation.  For magnets normal to the plane and round it reads
+    `phi_zz + phi'' + phi'/r = 0`, so that each bond adds `k_zz = -(phi'' + phi'/r) = -(a - 1) f/r` to the stiffness out
+    of the plane, with the local exponent `a = -dln f/dln r`; a central energy phi(r) would add only `phi'/r = -f/r`.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        Planar, with its MagneticRepulsion.
+    magnets : bool
+        Magnets normal to the plane, or a central energy.
+
+    Returns
+    -------
+    wave : float
+        What every wave out of the plane needs to be stable, N/mm.
+    alone : float
+        What one particle that moves alone needs: the sum over its bonds, the largest of any particle.
+    """
+    calc = at_rest(atoms)
+    r = calc.bonds.lengths
+    per_bond = calc.potential.dphi(r) / r
+    if magnets:
+        per_bond = -(calc.potential.d2phi(r) + per_bond)
+    mobile = np.zeros(len(atoms), bool)
+    mobile[free_directions(atoms).nonzero()[0] // calc.dim] = True
+    free = sparse.csr_array(sparse.eye_array(len(atoms)))[:, np.flatnonzero(mobile)]
+    K = per_bond[:, None, None]
+    alone = sum(np.bincount(end, -per_bond, len(atoms)) for end in (calc.bonds.i, calc.bonds.j))
+    return softest(calc.bonds, K, free, atoms.cell.array, atoms.pbc).needed, float(alone[mobile].max(initial=0.0))

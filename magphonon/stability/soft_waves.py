@@ -1,0 +1,203 @@
+"""The softest wave of a lattice: the lowest eigenvalue of a Bloch matrix, sought over the whole zone.
+
+A mesh over the zone alone misses it.  Translations cost nothing, so the lowest eigenvalue is zero at k = 0 and begins with
+c(n) k^2 along a direction n.  Where c is slightly negative, it is so in a pocket around k = 0 that may be much narrower than
+a step of the mesh.  Elsewhere too a minimum may lie lower than the points of the mesh beside it.  Therefore
+
+- long waves are judged on a ring of directions at one small wavenumber, and outwards from its softest directions;
+- every local minimum of the mesh that may hide the lowest value is followed to its bottom.
+"""
+
+from itertools import product
+
+import numpy as np
+
+LONG = 2.0**-11
+"""Wavenumber of the ring over the shortest reciprocal vector: k^4 is about 1e-5 of k^2 there, and round-off 1e-9 of it."""
+DIRECTIONS = {1: 1, 2: 36, 3: 100}
+"""Points of the ring by the number of periodic directions.  It is half a circle or sphere, as -k is as soft as k."""
+FOLLOWED = 8
+"""Minima that are followed to the bottom, the lowest first."""
+MARGIN = 1 / 2
+"""Of the second differences of the mesh: how far a minimum may lie below its lowest point.  That of a parabola is at most
+1/16 below."""
+ROUNDS = 200
+"""Of a descent, at most."""
+FLAT = 1e-13
+"""Of the largest eigenvalue: a descent that expects to gain less has arrived."""
+
+
+def softest_wave(matrix, cell, pbc, steps):
+    """Lowest eigenvalue of `matrix(q)` over the zone.
+
+    Parameters
+    ----------
+    matrix : callable
+        From wavevectors in fractions of the reciprocal vectors, shape (wavevectors, 3), to Hermitian matrices.
+    cell : ndarray, shape (3, 3)
+        Lattice vectors in rows, mm.
+    pbc : three bools
+        At least one is true.
+    steps : int
+        Wavevectors of the mesh along each reciprocal vector.
+
+    Returns
+    -------
+    lowest, highest : float
+        Eigenvalues; `highest` is that of the mesh.
+    q : ndarray, shape (3,)
+        Wavevector of the lowest one.  A point of the mesh is kept where nothing lower lies beside it.
+    """
+    axes = np.eye(3)[np.asarray(pbc)]
+    x, lowest, highest = _mesh(lambda x: np.linalg.eigvalsh(matrix(x @ axes)), len(axes), steps)
+    flat = FLAT * abs(highest)
+
+    def at(x):
+        return np.linalg.eigvalsh(matrix(x.reshape(-1, len(axes)) @ axes))[:, 0].reshape(x.shape[:-1])
+
+    mesh = _minima_of_mesh(lowest, flat)
+    pockets = _pockets(at, axes @ cell, 1 / steps, lowest.flat[0], lowest.min(), flat)
+    starts = np.concatenate([x[mesh], pockets])
+    widths = np.concatenate([np.full(len(mesh), 1 / steps), abs(pockets).max(axis=1, initial=0) / 2])
+    best = lowest.argmin()
+    found, q = lowest.flat[best], x[best]
+    if len(starts):
+        ends, values = _descend(at, starts, widths, flat)
+        if values.min() < found:
+            found, q = values.min(), ends[values.argmin()]
+    return float(found), float(highest), q @ axes
+
+
+def _mesh(spectrum, dim, steps):
+    """Points of the mesh, shape (points, dim), the lowest eigenvalue on it, shape (steps, ...), and the highest of all."""
+    index = np.stack(np.unravel_index(np.arange(steps**dim), (steps,) * dim), axis=-1)
+    opposite = np.ravel_multi_index(tuple((-index % steps).T), (steps,) * dim)
+    half = np.flatnonzero(np.arange(steps**dim) <= opposite)
+    values = spectrum(index[half] / steps)
+    lowest = np.empty(steps**dim)
+    lowest[half] = lowest[opposite[half]] = values[:, 0]
+    return index / steps, lowest.reshape((steps,) * dim), values.max()
+
+
+def _minima_of_mesh(lowest, flat):
+    """Flat indices of the local minima that may hide something below the lowest point, one of each pair q and -q.
+
+    Not of k = 0, which is stationary, as all points with 2 q whole are, and judged by the ring.
+    """
+    dims = range(lowest.ndim)
+    shifts = [shift for shift in product((-1, 0, 1), repeat=lowest.ndim) if any(shift)]
+    minimum = np.all([lowest <= np.roll(lowest, shift, dims) + flat for shift in shifts], axis=0)
+    curvature = sum(np.roll(lowest, 1, axis) + np.roll(lowest, -1, axis) - 2 * lowest for axis in dims)
+    hidden = lowest - MARGIN * curvature < lowest.min() - flat
+    index = np.stack(np.unravel_index(np.arange(lowest.size), lowest.shape), axis=-1)
+    opposite = np.ravel_multi_index(tuple((-index % lowest.shape).T), lowest.shape)
+    at = np.flatnonzero((minimum & hidden).ravel() & (np.arange(lowest.size) <= opposite))
+    at = at[at > 0]
+    return at[np.argsort(lowest.flat[at], kind='stable')[:FOLLOWED]]
+
+
+def _pockets(at, vectors, step, middle, lowest, flat):
+    """Wavevectors near the bottoms of the pockets around k = 0 that reach below the `lowest` value of the mesh."""
+    dim = len(vectors)
+    reciprocal = 2 * np.pi * np.linalg.pinv(vectors)  # in columns
+    shortest = np.linalg.norm(reciprocal, axis=0).min()
+    basis = np.linalg.qr(reciprocal)[0]
+
+    def waves(n, radius=LONG):
+        """Wavevectors along n in fractions."""
+        k = n / np.linalg.norm(n, axis=-1, keepdims=True) * (radius * shortest)
+        return k @ (vectors @ basis).T / (2 * np.pi)
+
+    n = _soft_directions(lambda n: at(waves(n)), dim, flat)
+    radii = LONG * np.sqrt(2) ** np.arange(1 + max(0, np.floor(2 * np.log2(step / LONG))))
+    x = waves(n[:, None], radii[:, None])
+    values = at(x)
+    deepest = values.argmin(axis=1)[:, None]
+    bottom = np.take_along_axis(values, deepest, axis=1)[:, 0]
+    x = np.take_along_axis(x, deepest[..., None], axis=1)[:, 0]
+    # the bottom of k^4 - k^2 lies at most a fifth deeper than the better of two such radii
+    return x[1.5 * (bottom - middle) < min(lowest - middle, -flat)]
+
+
+def _soft_directions(ring, dim, flat):
+    """Directions of the local minima of `ring(n)`, shape (minima, dim)."""
+    if dim == 1:
+        return np.ones((1, 1))
+    n, spacing = _half_sphere(dim)
+    values = ring(n)
+    beside = abs(n @ n.T) > np.cos(1.6 * spacing)
+    minima = np.flatnonzero(values <= np.where(beside, values, np.inf).min(axis=1) + flat)
+    n = n[minima[np.argsort(values[minima], kind='stable')[:FOLLOWED]]]
+    tangents = np.linalg.svd(n[:, None])[2][:, 1:]
+
+    def tilted(y):
+        return n.reshape(-1, *(1,) * (y.ndim - 2), dim) + np.einsum('s...t,stx->s...x', y, tangents)
+
+    y, _ = _descend(lambda y: ring(tilted(y)), np.zeros((len(n), dim - 1)), np.full(len(n), spacing), flat)
+    return tilted(y)
+
+
+def _half_sphere(dim):
+    """Directions n spread evenly, one of each pair n and -n, shape (directions, dim), and the angle between neighbours."""
+    count = DIRECTIONS[dim]
+    if dim == 2:
+        angle = np.pi * np.arange(count) / count
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1), np.pi / count
+    z = (np.arange(count) + 0.5) / count
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(count)  # the golden angle
+    across = np.sqrt(1 - z**2)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1), np.sqrt(2 * np.pi / count)
+
+
+def _descend(f, x, step, flat):
+    """Follow each start to the bottom: to the vertex of the parabola through a stencil, or to its lowest point; then halve it.
+
+    Parameters
+    ----------
+    f : callable
+        From points of each start, shape (starts, points, dim), to values, shape (starts, points).
+    x : ndarray, shape (starts, dim)
+    step : ndarray, shape (starts,)
+        Half the width of the first stencil.
+    flat : float
+        A gain that is none.
+
+    Returns
+    -------
+    x : ndarray, shape (starts, dim)
+    values : ndarray, shape (starts,)
+    """
+    dim, every = x.shape[1], np.arange(len(x))
+    unit, pairs = np.eye(dim), np.triu_indices(dim, 1)
+    diagonal = unit[pairs[0]] + unit[pairs[1]]
+    stencil = np.concatenate([np.zeros((1, dim)), unit, -unit, diagonal, -diagonal])
+    idle = 0
+    for _ in range(ROUNDS):
+        values = f(x[:, None] + step[:, None, None] * stencil)
+        vertex, promised = _vertex(values, dim, pairs, flat)
+        tried = np.concatenate([np.broadcast_to(stencil, (len(x), *stencil.shape)), vertex[:, None]], axis=1)
+        values = np.append(values, f(x[:, None] + (step[:, None] * vertex)[:, None]), axis=1)
+        lowest = values.argmin(axis=1)
+        gains = values[:, 0] - values[every, lowest] > flat
+        moved = np.where(gains[:, None], tried[every, lowest], 0.0)
+        x = x + step[:, None] * moved
+        found = np.where(gains, values[every, lowest], values[:, 0])
+        idle = 0 if (gains | (promised > flat)).any() else idle + 1
+        if idle == 2:  # two stencils, one half of the other, see no gain and promise none
+            break
+        step = np.where(np.linalg.norm(moved, axis=1) < 0.99, step / 2, step)  # what has left the stencil goes on at its pace
+    return x, found
+
+
+def _vertex(values, dim, pairs, flat):
+    """Lowest points of the parabolas through the values on stencils, in steps and within the stencils, and what they gain."""
+    here, up, down = values[:, :1], values[:, 1 : dim + 1], values[:, dim + 1 : 2 * dim + 1]
+    diagonal = values[:, 2 * dim + 1 :].reshape(len(values), 2, -1).sum(axis=1)
+    second = up + down - 2 * here
+    curvature = second[:, :, None] * np.eye(dim)
+    curvature[:, *pairs] = curvature[:, *pairs[::-1]] = (diagonal - 2 * here - second[:, pairs[0]] - second[:, pairs[1]]) / 2
+    w, axes = np.linalg.eigh(curvature)
+    slope = np.einsum('sxa,sx->sa', axes, (up - down) / 2)
+    # where it does not curve upwards there is no vertex, and a whole step goes down
+    along = np.where(w > flat, -slope / np.where(w > flat, w, 1), -np.sign(slope)).clip(-1, 1)
+    return np.einsum('sxa,sa->sx', axes, along), -(slope * along + w * along**2 / 2).sum(axis=1)

@@ -1,0 +1,352 @@
+"""The verdict on a structure before it runs: will it stay, will the time steps, does a linear answer hold?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from ase.constraints import FixAtoms
+
+from .. import units as u
+from ..bands.bloch import cell_of_free_particles
+from ..bands.force_constants import checked_supercell, default_distance
+from ..dynamics.cages import CONTACT
+from ..dynamics.drives import constant_push
+from ..dynamics.timestep import DENSE, highest_frequency, linear_model
+from ..errors import positive
+from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
+from ..stiffness.all_neighbours import AllNeighbours
+from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.constraints import free_directions
+from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import loaded, nearest_rest, placed
+from .amplitude_shifts import frequency_shifts
+from .buckling import softest_of, spacing_held, support_needed
+
+CENTRAL = Yukawa, Hertz
+"""Laws of particles that are no magnets."""
+LINEAR_ERROR = 0.01
+"""Of a frequency: the error of the linear answer up to which it is called good."""
+LARGE = 0.1
+"""Of the spacing: amplitudes beyond which perturbation theory says no more."""
+DERIVATIVE_ERROR = 1e-6
+"""Of the stiffness: the error up to which a finite-difference displacement is called safe."""
+ROUND_OFF = 5e-17
+"""Error of the stiffness from finite differences, measured, at a displacement of one bond; it goes with the inverse."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Numbers on a structure before it runs, in mm, g, ms; `str(verdict)` says them in words and SI units.
+
+    Attributes
+    ----------
+    planar : bool
+    model : str
+        That of the calculator.  Stability is judged by the complete one, as the others hide it.
+    spacing, force : float
+        Shortest bond in mm and its static repulsion in N.
+    residual : float
+        Largest static force that nothing balances on a free particle, in N.
+    particle, pushed : int
+        The particle on which it acts, and how many are not in equilibrium.
+    foundation, needed : float
+        The stiffness that is there, and the least that holds the structure, N/mm.
+    softest : ndarray, shape (3,)
+        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+    repeated : bool
+        Whether only motion that repeats from cell to cell is judged, as of periodic cells of more than 200 freedoms.
+    growth : float
+        Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
+    unguided : float or None
+        Foundation needed if FixedLine and FixedPlane guided nothing, N/mm; None without them.
+    held : float or None
+        Shortest bond at which the foundation begins or ceases to hold the structure, mm; None if it never does, or is not
+        judged, as of balls in contact.
+    omega_max : float
+        Highest angular frequency of the calculator's model, rad/ms.
+    timestep : float or None
+        The one to be judged, ms.
+    support, alone, central : float or None
+        Stiffness that supports must provide out of the plane if the particles are magnets normal to it, for every wave and
+        for one that moves alone, and if the force is central, for every wave; N/mm.  None where that cannot be, or is not
+        judged.
+    amplitude : float or None
+        Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged, as where the
+        softest wave fits in no two cells.
+    closest : float
+        The present shortest distance of bonded particles as a share of that in the reference.
+    speed : float or None
+        With which a particle comes within a tenth of the distance of a neighbour that is held, the two by themselves, mm/ms;
+        None where the law ends before.  Through the gap between two neighbours it may leave its cage at less.
+    displacements : tuple of float
+        Between which finite differences are safe, mm.
+    distance : float
+        The displacement to be judged, mm.
+    supercell : str or None
+        What is wrong with the supercell.
+    """
+
+    planar: bool
+    model: str
+    spacing: float
+    force: float
+    residual: float
+    particle: int
+    pushed: int
+    foundation: float
+    needed: float
+    softest: np.ndarray
+    repeated: bool
+    growth: float
+    unguided: float | None
+    held: float | None
+    omega_max: float
+    timestep: float | None
+    support: float | None
+    alone: float | None
+    central: float | None
+    amplitude: float | None
+    closest: float
+    speed: float | None
+    displacements: tuple
+    distance: float
+    supercell: str | None
+
+    @property
+    def timestep_limit(self):
+        """2/omega_max in ms; infinite where nothing vibrates."""
+        return 2 / self.omega_max if self.omega_max > 0 else np.inf
+
+    @property
+    def stable(self):
+        """Whether the foundation holds the structure."""
+        return self.needed <= self.foundation
+
+    @property
+    def fine(self):
+        """Whether no fault was found."""
+        return not self.faults
+
+    @property
+    def faults(self):
+        """What makes a run fail or mean nothing, each a sentence or two; a tuple of str."""
+        found = []
+        if self.residual:
+            many = f' ({self.pushed} particles are pushed)' if self.pushed > 1 else ''
+            found.append(f'It is not at rest: nothing balances {self.residual / u.N:.4g} N of static repulsion on particle '
+                         f'{self.particle}, {self.residual / self.force:.4g} times the force in a bond{many}. '
+                         'Hold the edge, add the force that balances it, or relax the structure first.')
+        if not self.stable:
+            found.append(self._buckling())
+        if not self.stable and self.model != 'complete':
+            found.append(f"The {self.model} model would run without a sign of that, as it leaves out D*. Take model='complete'.")
+        if self.timestep is not None and self.timestep > self.timestep_limit:
+            found.append(f'The time step of {self.timestep / u.s:.4g} s is over the limit 2/omega_max = '
+                         f'{self.timestep_limit / u.s:.4g} s: the run would blow up. Take a tenth of the limit.')
+        if self.closest < CONTACT:
+            found.append(f'Particles are in contact: two of them are at {self.closest:.3g} of their distance at rest. '
+                         'Start farther out.')
+        if self.supercell:
+            found.append(f'Finite differences would be wrong: {self.supercell}.')
+        if not self.displacements[0] <= self.distance <= self.displacements[1]:
+            found.append(self._unsafe_distance())
+        return tuple(found)
+
+    @property
+    def notes(self):
+        """What is good to know; a tuple of str."""
+        said = []
+        if not self.residual:
+            said.append('At rest the static forces balance on every free particle.')
+        if self.stable:
+            said.append(self._margin())
+        if self.repeated:
+            said.append('Of so large a periodic cell only motion that repeats from cell to cell was judged; a wave that does not '
+                        'fit into the cell may be softer. Judge a smaller cell of the same lattice, or other repeats of it.')
+        if self.unguided is not None and self.stable and self.unguided > self.foundation:
+            said.append('Only its guide keeps it: freed sideways it would run away, unless a foundation of '
+                        f'{_stiffness(self.unguided)} held it.')
+        if np.isfinite(self.timestep_limit):
+            said.append(f'Time steps up to {self.timestep_limit / u.s:.4g} s are stable, 2/omega_max with the highest frequency '
+                        f'of {self.omega_max / (2 * np.pi) / u.Hz:.4g} Hz; a tenth of that is accurate.')
+        if self.central:
+            said.append('Out of the plane, where nothing moves here, repulsion drives particles apart: supports must provide '
+                        + (f'{_stiffness(self.central)} there.' if self.support is None else
+                           f'{_stiffness(self.support)} there if these are magnets normal to the plane '
+                           f'({_stiffness(self.alone)} for one that moves alone), {_stiffness(self.central)} if the force is '
+                           'central.'))
+        if self.amplitude is not None and np.isfinite(self.amplitude):
+            said.append(self._linear())
+        if self.speed is not None:
+            said.append(f'Two neighbours by themselves come within a tenth of their distance at an impact speed of '
+                        f'{self.speed / (u.m / u.s):.3g} m/s; between its neighbours a particle may leave its place at less, and '
+                        'a run ends there.')
+        return tuple(said)
+
+    @property
+    def _where(self):
+        return ' in its plane' if self.planar else ''
+
+    def _buckling(self):
+        at = f', most of all at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
+        room = f' A spacing above {self.held / u.m:.4g} m would do as well.' if self.held else ''
+        return (f'It buckles{self._where}{at}: the motion grows e-fold in {1 / self.growth / u.s:.3g} s. It needs a foundation '
+                f'of {_stiffness(self.needed)} and has {_stiffness(self.foundation)}.{room}')
+
+    def _margin(self):
+        if not self.needed:
+            room = '' if self.held is None else f'; below a spacing of {self.held / u.m:.4g} m it would buckle'
+            return f'It holds itself{self._where} and needs no foundation{room}.'
+        room = '' if self.held is None else f', and would down to a spacing of {self.held / u.m:.4g} m'
+        ratio = self.foundation / self.needed
+        more = f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
+        return (f'Its foundation of {_stiffness(self.foundation)} holds it{self._where}, {more} the {_stiffness(self.needed)} '
+                f'that it needs{room}.')
+
+    def _linear(self):
+        share = self.amplitude / self.spacing
+        if share > LARGE:
+            return f'Frequencies stay within 1 % of the linear ones for motion up to {100 * LARGE:g} % of the spacing.'
+        return (f'The linear answer is for small motion: frequencies are 1 % off at an amplitude of {self.amplitude / u.m:.2g} '
+                f'm, {100 * share:.2g} % of the spacing.')
+
+    def _unsafe_distance(self):
+        least, most = (distance / u.m for distance in self.displacements)
+        reason = 'small: round-off' if self.distance < self.displacements[0] else 'large: the curvature of the law'
+        return (f'A finite-difference displacement of {self.distance / u.m:.3g} m is too {reason} spoils the stiffness by more '
+                f'than {DERIVATIVE_ERROR:g}. Take {least:.2g} to {most:.2g} m.')
+
+    def __str__(self):
+        head = 'Fine.' if self.fine else 'Not as it stands.'
+        return '\n'.join([head, *(f'  ! {text}' for text in self.faults), *(f'  - {text}' for text in self.notes)])
+
+
+def _stiffness(k):
+    return f'{k / (u.N / u.m):.4g} N/m'
+
+
+def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
+    """Judge a structure before it runs.
+
+    A periodic cell is judged as the lattice that it stands for, by its whole zone; one of more than 200 freedoms only by
+    motion that repeats from cell to cell, which its notes say; a finite structure as it is.  Of more
+    than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and the way into
+    contact are not judged.
+
+    It is judged at rest: about the reference of its calculator, or about its present positions if it has found another rest
+    there; what is at rest nowhere has the fault `residual`, and is judged where less is left.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With their MagneticRepulsion, or a cell with AllNeighbours.
+    drives : sequence of drives
+        Of which the `Constant` ones may balance static forces, besides the dead load of the calculator.
+    timestep : float, optional
+        In ms.
+    supercell : three ints, optional
+        For phonopy's finite displacements.
+    distance : float, optional
+        Their displacement in mm; by default that of `finite_displacements`.
+
+    Returns
+    -------
+    Verdict
+
+    Raises
+    ------
+    ValueError
+        For atoms with another calculator, or a time step or distance that is not positive.
+    """
+    near = not isinstance(atoms.calc, AllNeighbours)
+    if near:  # judged where its rest is, or is nearest
+        closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
+        calc, pushes = nearest_rest(atoms)
+        atoms = placed(atoms, calc)
+    else:  # without an edge
+        calc, pushes, closest = cell_of_free_particles(atoms), np.zeros(1), 1.0
+    shortest, k = calc.bonds.lengths.min(), calc.parameters.foundation
+    small = near and free_directions(atoms).shape[1] <= DENSE
+    settled = not pushes.any()
+    bare = softest_of(atoms)
+    stable = bare.needed <= k
+    touching = isinstance(calc.potential, Hertz)  # other spacings are no contacts
+    held = spacing_held(atoms) if settled and small and not touching else None
+    # whether the softest wave is among those of `frequency_shifts`
+    shifted = not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q))
+    apart = settled and small and calc.dim == 2  # out of the plane
+    magnets = apart and not isinstance(calc.potential, CENTRAL)
+    wave, alone = support_needed(atoms) if magnets else (None, None)
+    return Verdict(
+        planar=calc.dim == 2,
+        model=calc.parameters.get('model', 'complete'),
+        spacing=float(shortest),
+        force=float(-calc.potential.dphi(shortest)),
+        residual=float(pushes.max(initial=0.0)),
+        particle=int(pushes.argmax()),
+        pushed=np.count_nonzero(pushes),
+        foundation=k,
+        needed=bare.needed,
+        softest=bare.q,
+        repeated=near and bool(atoms.pbc.any()) and free_directions(atoms).shape[1] > DENSE,
+        growth=0.0 if stable else float(np.sqrt(-softest_of(atoms, foundation=k, masses=atoms.get_masses()).lowest)),
+        unguided=_unguided(atoms),
+        held=held and float(held * shortest),
+        omega_max=_omega_max(atoms),
+        timestep=None if timestep is None else positive('timestep', timestep, 'ms'),
+        support=wave,
+        alone=alone,
+        central=support_needed(atoms, magnets=False)[0] if apart else None,
+        amplitude=frequency_shifts(atoms).amplitude(LINEAR_ERROR) if settled and small and stable and shifted else None,
+        closest=closest,
+        speed=_contact_speed(calc, shortest, atoms.get_masses().min()) if small and not touching else None,
+        displacements=_safe_displacements(calc, shortest),
+        distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
+        supercell=None if supercell is None else _supercell_fault(calc, supercell),
+    )
+
+
+def _unguided(atoms):
+    """Foundation needed with FixAtoms alone; None if there is nothing else."""
+    fixed = [constraint for constraint in atoms.constraints if isinstance(constraint, FixAtoms)]
+    if len(fixed) == len(atoms.constraints):
+        return None
+    free = atoms.copy()
+    free.calc = atoms.calc
+    free.set_constraint(fixed)
+    return softest_of(free).needed
+
+
+def _omega_max(atoms):
+    near = isinstance(atoms.calc, MagneticRepulsion)
+    if near and not (atoms.pbc.any() and free_directions(atoms).shape[1] <= DENSE):
+        return float(highest_frequency(atoms))
+    model, k = linear_model(atoms.calc) if near else 'complete', atoms.calc.parameters.foundation
+    return float(np.sqrt(max(softest_of(atoms, model, foundation=k, masses=atoms.get_masses()).highest, 0.0)))
+
+
+def _closest(calc, atoms):
+    """Shortest present distance of bonded particles as a share of that in the reference."""
+    now = calc.bonds.vectors[:, : calc.dim] + calc.bonds.incidence @ calc.displacements(atoms)
+    return float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
+
+
+def _contact_speed(calc, r, mass):
+    try:
+        climbed = calc.potential.phi(CONTACT * r) - calc.potential.phi(r)
+    except ValueError:  # the law does not reach that far
+        return None
+    return float(np.sqrt(2 * climbed / mass)) if np.isfinite(climbed) and climbed > 0 else None
+
+
+def _safe_displacements(calc, r):
+    """From round-off to where the curvature of the law, one sixth of its fourth derivative times d^2, counts; in mm."""
+    curvature = abs(higher_derivatives(calc.potential, np.array([r]))[1][0] / calc.potential.d2phi(r))
+    return float(ROUND_OFF / DERIVATIVE_ERROR * r), float(np.sqrt(6 * DERIVATIVE_ERROR / curvature))
+
+
+def _supercell_fault(calc, supercell):
+    try:
+        checked_supercell(calc, supercell)
+    except ValueError as error:
+        return str(error)
+    return None

@@ -1,0 +1,55 @@
+from .all_neighbours import (
+    AllNeighbours as AllNeighbours,
+)
+from .bond import (
+    bond_stiffness as bond_stiffness,
+    model_stiffness as model_stiffness,
+)
+from .calculator import (
+    MagneticRepulsion as MagneticRepulsion,
+    masses_of as masses_of,
+)
+from .constraints import (
+    free_directions as free_directions,
+    free_motion as free_motion,
+    freedom as freedom,
+    refuse_held as refuse_held,
+)
+from .ewald import (
+    EwaldSums as EwaldSums,
+    lattice_sum as lattice_sum,
+    particle_sums as particle_sums,
+    points_within as points_within,
+)
+from .matrices import (
+    bloch_gradient as bloch_gradient,
+    bloch_matrix as bloch_matrix,
+    bloch_series as bloch_series,
+    condense as condense,
+    hessian as hessian,
+    mass_weighted as mass_weighted,
+    signed_root as signed_root,
+)
+from .relaxation import (
+    Relaxation as Relaxation,
+    lowest_mode as lowest_mode,
+    relaxed as relaxed,
+)
+from .repulsion import (
+    repulsion_of as repulsion_of,
+)
+from .rest import (
+    at_rest as at_rest,
+    components as components,
+    loaded as loaded,
+    nearest_rest as nearest_rest,
+    placed as placed,
+    rest_of_motion as rest_of_motion,
+    settled as settled,
+    static_forces as static_forces,
+    unbalanced as unbalanced,
+)
+from .truncation import (
+    missing_stiffness as missing_stiffness,
+    reach as reach,
+)

@@ -1,0 +1,156 @@
+"""ASE calculator of an infinite lattice in which every particle repels every other one."""
+
+from typing import ClassVar
+
+import numpy as np
+from ase.calculators.calculator import Calculator, all_changes
+from ase.geometry import find_mic
+
+from ..errors import not_negative, one_of
+from ..lattices.bonds import bonds_within
+from .bond import MODELS
+from .ewald import EwaldSums
+from .matrices import bloch_matrix, bloch_series
+
+PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
+
+
+class AllNeighbours(Calculator):
+    """Repulsion of all particles of an infinite lattice, whatever their distance, with foundation springs.
+
+    The counterpart of `MagneticRepulsion` for periodic cells and laws that reach far, with the sums of
+    `magphonon.stiffness.ewald`: bands, speeds of sound and phonopy's finite displacements take either calculator.  The energy
+    is that of one cell, not relative to anything; where the sum over all neighbours diverges (r^-s with s <= d in d
+    dimensions, such as Coulomb's) it includes a uniform neutralising background; where s = d its zero is arbitrary.
+
+    Parameters
+    ----------
+    reference : ase.Atoms
+        One cell, periodic in one to three directions; its positions are the anchors of the foundation.
+    potential : InversePower with a > 1, Yukawa, or any law with gaussians(t) and gaussian_moment(t)
+    foundation : float
+        Stiffness of the spring between each particle and its rest position, N/mm.
+    split : float
+        Where the sums are divided between lattice and reciprocal lattice; the results do not depend on it.
+
+    Raises
+    ------
+    ValueError
+        For a structure that is not periodic, planar particles at different heights, coincident particles, a law whose
+        infinite sum is not known.
+    """
+
+    implemented_properties: ClassVar = ['energy', 'free_energy', 'forces']
+
+    def __init__(self, reference, potential, *, foundation=0.0, split=1.0):
+        if not hasattr(potential, 'gaussians'):
+            raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
+                             f'not for {type(potential).__name__}; choose a number of shells')
+        if getattr(potential, 'a', np.inf) <= 1:
+            raise ValueError(f'the force r^-{potential.a:g} has no energy r^-s with s = a - 1 > 0 to sum over all neighbours; '
+                             'choose a > 1, or a number of shells')
+        if not reference.pbc.any():
+            raise ValueError('the structure is not periodic and its neighbours are not infinitely many; use MagneticRepulsion')
+        super().__init__()
+        self.reference = reference.copy()
+        self.reference.calc = None
+        self.potential = potential
+        self.dim = 3 if reference.pbc.all() else 2
+        z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
+        if self.dim == 2 and z.any():
+            raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '
+                             'a structure in space is periodic along three vectors')
+        self.parameters.foundation = not_negative('foundation', foundation, 'N/mm')
+        self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
+        self.bonds = bonds_within(self.reference, self.sums.radius)
+
+    def on(self, supercell):
+        """The same calculator on a supercell of its reference."""
+        return AllNeighbours(supercell, self.potential, foundation=self.parameters.foundation, split=self.sums.split)
+
+    def displacements(self, atoms):
+        """Displacements from rest in mm, shape (particles, dim), by minimum image."""
+        if len(atoms) != len(self.reference) or not np.array_equal(atoms.cell.array, self.reference.cell.array):
+            raise ValueError(f'the calculator was made for another cell, of {len(self.reference)} particles; '
+                             'make one for this cell')
+        return find_mic(atoms.positions - self.reference.positions, atoms.cell, atoms.pbc)[0][:, : self.dim]
+
+    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+        super().calculate(atoms, properties, system_changes)
+        k, u, n = self.parameters.foundation, self.displacements(self.atoms), len(self.atoms)
+        bonds = bonds_within(self.atoms, self.sums.radius)
+        x = bonds.vectors[:, : self.dim]
+        phi, slope = self.sums.near_energy(bonds.lengths)
+        pull = slope[:, None] * x  # grad phi, the force on i, and its opposite on j
+        i, j = np.triu_indices(n)
+        far, gradient = self.sums.far_energy((self.atoms.positions[j] - self.atoms.positions[i])[:, : self.dim])
+        energy = (phi.sum() + far @ np.where(i == j, 0.5, 1.0)
+                  - n / 2 * self.sums.wide_at_zero() + k / 2 * (u**2).sum())
+        forces = np.zeros((n, 3))
+        forces[:, : self.dim] -= k * u
+        for ends, pulls in (((bonds.i, bonds.j), pull), ((i, j), gradient)):
+            np.add.at(forces[:, : self.dim], ends[0], pulls)
+            np.add.at(forces[:, : self.dim], ends[1], -pulls)
+        self.results = {'energy': energy, 'free_energy': energy, 'forces': forces}
+
+    def _offsets(self):
+        """Vectors from particle i to j in the cell, shape (particles * particles, dim)."""
+        r = self.reference.positions[:, : self.dim]
+        return (r - r[:, None]).reshape(-1, self.dim)
+
+    def _assembled(self, T, onsite):
+        """Matrix with the blocks -T between i and j, and `onsite` on i."""
+        n = len(self.reference)
+        D = -T.reshape(-1, n, n, self.dim, self.dim).swapaxes(2, 3)
+        D[:, np.arange(n), :, np.arange(n)] += onsite[:, None]
+        return D.reshape(-1, n * self.dim, n * self.dim)
+
+    def _far_onsite(self, part):
+        at_zero = self.sums.far_stiffness(self.sums.waves(np.zeros((1, self.sums.d))), self._offsets(), part)
+        return at_zero.reshape(len(self.reference), -1, self.dim, self.dim).sum(axis=1)
+
+    def bloch_matrix(self, q, model='complete'):
+        """Bloch matrix with the foundation, as `stiffness.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
+
+        At k = 0 itself the lattice moves with its background.
+        """
+        part = PART[one_of('model', model, MODELS)]
+        K = self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
+        D = bloch_matrix(self.bonds, K, q, self.parameters.foundation)
+        onsite, offsets = self._far_onsite(part), self._offsets()
+        for few in np.array_split(np.arange(len(q)), -(-len(q) // 32)):
+            T = self.sums.far_stiffness(self.sums.waves(q[few][:, self.reference.pbc]), offsets, part)
+            D[few] += self._assembled(T, onsite)
+        return D
+
+    def bloch_series(self, along, model='complete'):
+        """Bloch matrix to second order in k `along`, as `stiffness.bloch_series`, without what `singular` tells."""
+        part, x = PART[one_of('model', model, MODELS)], self.bonds.vectors[:, : self.dim]
+        near = bloch_series(self.bonds, self.sums.near_stiffness(x, part), x @ along)
+        onsite = self._far_onsite(part)
+        far = self.sums.far_series(along, self._offsets(), part)
+        return tuple(near[k] + self._assembled(far[k], onsite * (k == 0))[0] for k in range(3))
+
+    def singular(self, along, model='complete'):
+        """What outgrows k^2 in long waves; see `EwaldSums.singular`."""
+        return self.sums.singular(along, PART[one_of('model', model, MODELS)])
+
+    def onsite(self, part='all'):
+        """Sum of the stiffness of all bonds of each particle, without the foundation.
+
+        Parameters
+        ----------
+        part : {'all', 'D0', 'Dstar'}
+
+        Returns
+        -------
+        ndarray, shape (particles, dim, dim)
+            In N/mm.
+        """
+        K = self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
+        total = np.zeros((len(self.reference), self.dim, self.dim))
+        np.add.at(total, self.bonds.i, K)
+        np.add.at(total, self.bonds.j, K)
+        far = self._far_onsite(part).real
+        # the far sum of a particle with its own images includes itself
+        return total + far - self.sums.wide_at_zero(part) * np.eye(self.dim)

@@ -1,0 +1,50 @@
+"""Stiffness of one bond, D0 + D* (Eq. 4): what stretching and what turning it costs, and the two models."""
+
+import numpy as np
+
+from ..errors import one_of
+
+MODELS = ('complete', 'conventional')
+
+
+def bond_stiffness(vectors, potential):
+    """Stiffness of each bond, split as in Eq. 4 of the paper.
+
+    Parameters
+    ----------
+    vectors : ndarray, shape (bonds, dim)
+        Bond vectors in mm.
+    potential : object with dphi and d2phi
+
+    Returns
+    -------
+    D0, Dstar : ndarray, shape (bonds, dim, dim)
+        In N/mm.
+
+    Raises
+    ------
+    ValueError
+        If a vector has no length.
+    """
+    r, nn = _lengths_and_axes(vectors)
+    D0 = potential.d2phi(r) * nn
+    Dstar = potential.dphi(r) / r * (np.eye(vectors.shape[1]) - nn)
+    return D0, Dstar
+
+
+def _lengths_and_axes(vectors):
+    """Length r and n(x)n of each bond, shapes (bonds, 1, 1) and (bonds, dim, dim)."""
+    r = np.linalg.norm(vectors, axis=1)[:, None, None]
+    for k in np.flatnonzero(~((r > 0) & (r < np.inf)))[:1]:
+        raise ValueError(f'bond {k} has the vector {vectors[k]} mm; a bond joins two particles at a finite distance')
+    n = vectors / r[:, 0]
+    return r, n[:, :, None] * n[:, None, :]
+
+
+def model_stiffness(vectors, potential, model='complete'):
+    """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`."""
+    if one_of('model', model, MODELS) == 'conventional':
+        r, nn = _lengths_and_axes(vectors)
+        return potential.d2phi(r) * nn
+    D0, Dstar = bond_stiffness(vectors, potential)
+    return D0 + Dstar

@@ -1,0 +1,350 @@
+"""ASE calculator of particles that repel each other and stand on an elastic foundation."""
+
+from functools import cached_property
+from threading import RLock
+from typing import ClassVar
+
+import numpy as np
+from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
+from scipy import sparse
+
+from ..errors import finite, not_negative, one_of, positive
+from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
+from .bond import bond_stiffness, model_stiffness
+from .matrices import bloch_matrix, bloch_series, hessian
+
+CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
+OUT_OF_PLANE = 0.1
+"""Of the shortest bond: the largest displacement of a finite difference; what is farther out was not meant."""
+HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
+NO_ENERGY = "the literal conventional force does work around a closed loop: it has no energy or Hessian; use model='conventional'"
+
+
+class MagneticRepulsion(Calculator):
+    """Pair repulsion between particles about their rest positions, with foundation springs.
+
+    With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
+    the displacement u of each particle from rest, the energy is
+
+        complete      E = sum_bonds [phi(|R + du|) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
+        conventional  E = sum_bonds [phi(r0 + n.du) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
+
+    Rest and anchors are two things.  A foundation spring is slack at its anchor; at rest it pulls with -k (rest - anchor),
+    and with the dead load this makes the constant force h = load - k (rest - anchor).  In a perfect lattice both places
+    coincide and h = 0; after `magphonon.relaxed` they differ where a defect or a rim has moved the particles.
+
+    The conventional model freezes the bond directions.  The paper's own words, "only the magnitude is updated",
+    can also mean the force -phi'(|R + du|) n: `model='literal'`.  That force is not conservative, so it has
+    neither energy nor Hessian; it is here to be compared with.
+
+    Particles in a structure that is not periodic in all three directions are planar: they must share one z, and
+    neither forces nor foundation act along it.  (Magnets are in truth unstable out of the plane; supports hold them.)
+
+    Parameters
+    ----------
+    reference : ase.Atoms
+        The rest configuration: its positions are, modulo periodic images, the origin of displacements; the energy is zero
+        there.  That forces balance in it is not required here, but it is for every linear answer (`magphonon.stiffness.rest`).
+    potential : object with phi, dphi and d2phi
+        Pair law in mm, mJ (`magphonon.interactions.pair_laws`).
+    foundation : float
+        Stiffness of the spring between each particle and its anchor, N/mm.
+    anchors : array_like, shape (particles, 3), optional
+        Where the foundation springs are slack, in mm; the positions of the reference if not given.
+    load : array_like, shape (particles, 3), optional
+        Dead load: a constant force on each particle in N, such as the weight or the push that holds an oscillator against
+        its magnets.  What acts on a held particle has no effect.
+    model : {'complete', 'conventional', 'literal'}
+    shells : int
+        Number of neighbour shells that interact.
+    cutoff : float, optional
+        Instead of `shells`: the distance in mm within which particles interact.
+    bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
+        Instead of either: the interacting pairs.  Their vectors are taken at the reference.
+
+    Raises
+    ------
+    ValueError
+        For a reference that is not planar, coincident particles, a mass or parameter that is not positive, a cutoff
+        on a shell of neighbours, an unknown model; for Bonds that belong to other positions.
+    """
+
+    implemented_properties = ('energy', 'free_energy', 'energies', 'forces', 'hessian')
+    default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
+
+    def __init__(self, reference, potential, *, foundation=0.0, model='complete', shells=1, cutoff=None, bonds=None,
+                 anchors=None, load=None):
+        missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(potential, name, None))]
+        if missing:
+            raise ValueError(f'the potential {potential!r} lacks the method {missing[0]}(r); '
+                             'see magphonon.interactions.pair_laws')
+        masses_of(reference)
+        self.reference = reference.copy()
+        self.reference.calc = None
+        self.potential = potential
+        self.dim = 3 if reference.pbc.all() else 2
+        if bonds is None:
+            bonds = find_bonds(self.reference, shells, cutoff)
+        elif not isinstance(bonds, Bonds):
+            bonds = explicit_bonds(self.reference, bonds)
+        if bonds.particles != len(reference):
+            raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(reference)}; '
+                             'find them in this structure, or use repeat_bonds')
+        bonds = _fitting(bonds, self.reference)
+        height = max(np.ptp(reference.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
+        if self.dim == 2 and height > 1e-9 * bonds.lengths.min():
+            raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
+                             'a structure in space is periodic along three vectors')
+        self.bonds = bonds
+        shape = (len(reference), 3)
+        self.anchors = self.reference.get_positions() if anchors is None else finite('anchors', anchors, shape).copy()
+        self.load = np.zeros(shape) if load is None else finite('load', load, shape).copy()
+        if self.dim == 2 and self.load[:, 2].any():
+            raise ValueError(f'the load pushes particle {np.flatnonzero(self.load[:, 2])[0]} along z, but the structure is '
+                             'planar; give it a direction in the plane')
+        force, stiffness = -np.asarray(potential.dphi(bonds.lengths)), np.asarray(potential.d2phi(bonds.lengths))
+        for what, unit, value in (('force', 'N', force), ('stiffness', 'N/mm', stiffness)):
+            for b in np.flatnonzero(~np.isfinite(value))[:1]:
+                raise ValueError(f'the potential {potential!r} gives the {what} {value[b]} {unit} at the distance '
+                                 f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters '
+                                 'and their units (mm, N)')
+        super().__init__(foundation=foundation, model=model)
+
+    def set(self, **parameters):
+        """Change `foundation` or `model`; whatever was computed before is forgotten.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name or an impossible value.
+        """
+        for name in parameters:
+            one_of('parameter', name, tuple(self.default_parameters))
+        if 'foundation' in parameters:
+            parameters['foundation'] = not_negative('foundation', parameters['foundation'], 'N/mm')
+        if 'model' in parameters:
+            one_of('model', parameters['model'], CALCULATOR_MODELS)
+        changed = super().set(**parameters)
+        self.reset()
+        return changed
+
+    def on(self, supercell):
+        """The same calculator on a supercell of its reference, whatever the order of the particles there."""
+        bonds = repeat_bonds(self.bonds, self.reference, supercell)
+        image = image_of(self.reference, supercell)
+        return MagneticRepulsion(supercell, self.potential, bonds=bonds, load=self.load[image],
+                                 anchors=supercell.positions - self._slack[image], **self.parameters)
+
+    def about(self, atoms, load=None, **parameters):
+        """The same calculator with the present positions of `atoms` as its rest; `load` and `parameters` may change, too.
+
+        The pairs of particles stay, their vectors are taken anew; anchors and load stay.  Nothing is required of the forces
+        at the new rest: `magphonon.stiffness.rest.at_rest` looks whether they balance.
+        """
+        rest = self.reference.copy()
+        rest.positions[:, : self.dim] += self.displacements(atoms)
+        return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors,
+                                 load=self.load if load is None else load, **self.parameters | parameters)
+
+    def balanced(self, particles):
+        """The same calculator with the dead load that balances all other forces on some particles at rest."""
+        load = self.load.copy()
+        load[particles, : self.dim] -= self._forces(np.zeros((len(load), self.dim)))[particles]
+        return self.about(self.reference, load)
+
+    # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.
+    def check_state(self, atoms, tol=0.0):
+        if self.atoms is None:
+            return all_changes
+        changes = []
+        if not np.array_equal(self.atoms.positions, atoms.positions):
+            changes.append('positions')
+        if not np.array_equal(self.atoms.cell.array, atoms.cell.array):
+            changes.append('cell')
+        if not np.array_equal(self.atoms.pbc, atoms.pbc):
+            changes.append('pbc')
+        if not np.array_equal(self.atoms.numbers, atoms.numbers):
+            changes.append('numbers')
+        return changes
+
+    @cached_property
+    def _lock(self):
+        return RLock()
+
+    def __getstate__(self):
+        return {name: value for name, value in vars(self).items() if name != '_lock'}  # no copy shares it
+
+    # Threads may share a calculator: nobody else calculates between a calculation and the copy of its results.
+    def get_property(self, name, atoms=None, allow_calculation=True):
+        with self._lock:
+            return self._get_property(name, atoms, allow_calculation)
+
+    def _get_property(self, name, atoms, allow_calculation):
+        if name == 'hessian':  # dear, and no part of a trajectory: never cached
+            return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
+        if self.parameters.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
+            raise PropertyNotImplementedError(NO_ENERGY)
+        return super().get_property(name, atoms, allow_calculation)
+
+    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+        super().calculate(atoms, properties, system_changes)
+        u = self.displacements(self.atoms)
+        if self.dim == 2:
+            self._refuse_motion_out_of_the_plane(self.atoms)
+        self.results = {'forces': np.zeros((len(u), 3))}
+        self.results['forces'][:, : self.dim] = self._forces(u)
+        if self.parameters.model != 'literal':
+            energies = self._energies(u)
+            self.results.update(energies=energies, energy=energies.sum(), free_energy=energies.sum())
+
+    def displacements(self, atoms):
+        """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions.
+
+        Raises
+        ------
+        ValueError
+            If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
+        """
+        if len(atoms) != len(self.reference):
+            raise ValueError(f'the calculator was made for {len(self.reference)} particles, not {len(atoms)}; '
+                             'make one for this structure, or use calculator.on(supercell)')
+        if not (np.array_equal(atoms.cell.array, self.reference.cell.array) and np.array_equal(atoms.pbc, self.reference.pbc)):
+            raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; '
+                             'make a calculator for this cell')
+        u = atoms.positions - self.reference.positions
+        if not np.isfinite(u).all():
+            raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
+        return self._minimum_image(u)[:, : self.dim]
+
+    def _minimum_image(self, u):
+        if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
+            from ase.geometry import find_mic
+
+            u = find_mic(u, self.reference.cell, self.reference.pbc)[0]
+        return u
+
+    def _refuse_motion_out_of_the_plane(self, atoms):
+        """Nothing acts along z: what rattles or heats particles in space would let them drift, and take a third of the heat."""
+        height = abs(atoms.positions[:, 2] - self.reference.positions[:, 2])
+        away = height > OUT_OF_PLANE * self.bonds.lengths.min()
+        moving = atoms.arrays['momenta'][:, 2] != 0 if 'momenta' in atoms.arrays else np.zeros(len(atoms), bool)
+        for k in np.flatnonzero(away | moving)[:1]:
+            what = f'is {height[k]:g} mm out of the plane' if away[k] else 'moves out of the plane'
+            raise ValueError(f'particle {k} {what}, but the structure is planar: nothing acts along z. Hold it there with '
+                             'atoms.set_constraint([*atoms.constraints, FixedPlane(range(len(atoms)), (0, 0, 1))]), '
+                             'before it is rattled or given velocities')
+
+    @cached_property
+    def _shortest_period(self):
+        """Length of the shortest lattice vector in mm."""
+        from ase.geometry import minkowski_reduce
+
+        periodic = self.reference.pbc
+        return np.linalg.norm(minkowski_reduce(self.reference.cell, periodic)[0][periodic], axis=1).min(initial=np.inf)
+
+    @cached_property
+    def _rest(self):
+        """Bond vectors R, lengths r0 and directions n at rest, and phi(r0)."""
+        R = self.bonds.vectors[:, : self.dim]
+        r0 = np.linalg.norm(R, axis=1)
+        return R, r0, R / r0[:, None], self.potential.phi(r0)
+
+    @cached_property
+    def _slack(self):
+        """From the anchors to rest in mm, shape (particles, 3)."""
+        return self._minimum_image(self.reference.positions - self.anchors)
+
+    @property
+    def offset(self):
+        """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
+        return (self.load - self.parameters.foundation * self._slack)[:, : self.dim]
+
+    def _geometry(self, u):
+        """Bond lengths that enter the law, and the directions along which the force acts."""
+        R, r0, n, _ = self._rest
+        du = self.bonds.incidence @ u
+        if self.parameters.model == 'conventional':
+            return self._separated(r0 + np.einsum('bx,bx->b', n, du)), n
+        bond = R + du
+        length = self._separated(np.sqrt(np.einsum('bx,bx->b', bond, bond)))
+        return length, bond / length[:, None] if self.parameters.model == 'complete' else n
+
+    def _separated(self, length):
+        if length.size and not length.min() > 0:
+            b = length.argmin()
+            raise ValueError(f'particles {self.bonds.i[b]} and {self.bonds.j[b]} coincide or have passed through each other '
+                             f'(distance {length[b]:g} mm along their bond); start from smaller displacements')
+        return length
+
+    def _forces(self, u):
+        length, n = self._geometry(u)
+        pull = self.bonds.incidence.T @ (self.potential.dphi(length)[:, None] * n)
+        return self.offset - pull - self.parameters.foundation * u
+
+    def _energies(self, u):
+        length, _ = self._geometry(u)
+        shared = self.potential.phi(length) - self._rest[3]  # half to each end of the bond
+        bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
+        return bonds + np.einsum('ix,ix->i', 0.5 * self.parameters.foundation * u - self.offset, u)
+
+    def bloch_matrix(self, q, model='complete'):
+        """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
+        K = model_stiffness(self._rest[0], self.potential, model)
+        return bloch_matrix(self.bonds, K, q, self.parameters.foundation)
+
+    def bloch_series(self, along, model='complete'):
+        """The same without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
+        R = (self.bonds.shift @ self.reference.cell.array)[:, : self.dim]
+        return bloch_series(self.bonds, model_stiffness(self._rest[0], self.potential, model), R @ along)
+
+    def get_hessian(self, atoms, part='all'):
+        """Second derivatives of the energy at the present positions, or one part of them.
+
+        Parameters
+        ----------
+        atoms : ase.Atoms
+        part : {'all', 'D0', 'Dstar', 'foundation'}
+            'all' is their sum in the complete model; the conventional model has no 'Dstar'.
+
+        Returns
+        -------
+        scipy.sparse.csr_array, shape (3 * particles, 3 * particles)
+            In N/mm; ASE's order of components.  Rows along z are empty for planar particles.
+        """
+        one_of('part', part, HESSIAN_PARTS)
+        if self.parameters.model == 'literal':
+            raise PropertyNotImplementedError(NO_ENERGY)
+        length, n = self._geometry(self.displacements(atoms))
+        D0, Dstar = bond_stiffness(length[:, None] * n, self.potential)
+        if self.parameters.model == 'conventional':
+            Dstar = np.zeros_like(Dstar)
+        K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
+        k = self.parameters.foundation if part in ('all', 'foundation') else 0.0
+        H = hessian(self.bonds, K, k)
+        to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
+        return sparse.csr_array(to_space @ H @ to_space.T)
+
+
+def masses_of(atoms):
+    """Masses in g, shape (particles,).
+
+    Raises
+    ------
+    ValueError
+        For one that is not a positive number.
+    """
+    masses = atoms.get_masses()
+    for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
+        positive(f'mass of particle {k}', masses[k], 'g')
+    return masses
+
+
+def _fitting(bonds, reference):
+    """The bonds with the vectors that they have at the reference, to which they must belong."""
+    found = bonds.at(reference)
+    changed = np.linalg.norm(found.vectors - bonds.vectors, axis=1)
+    for b in np.flatnonzero(changed > bonds.lengths / 2)[:1]:
+        raise ValueError(f'the bond of the particles {bonds.i[b]} and {bonds.j[b]} was made {bonds.lengths[b]:g} mm long, but '
+                         f'they are {found.lengths[b]:g} mm apart in the reference: it belongs to another structure; find bonds '
+                         'in this one, or give the pairs as (i, j)')
+    return found

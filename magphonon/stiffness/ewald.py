@@ -1,0 +1,387 @@
+"""Sums over all the particles of an infinite lattice, after Ewald, for every law that is a mixture of Gaussians.
+
+    phi(r) = int_0^inf rho(t) exp(-t r^2) dt        r^-s:   rho = t^(s/2-1)/Gamma(s/2)
+                                                    Yukawa: rho = c (pi t)^(-1/2) exp(-kappa^2/4t)
+
+Gaussians narrower than eta^-1 (t > eta^2) are summed over the lattice R, wider ones over its reciprocal G by Poisson's
+formula in the d periodic directions, of volume V, with p = G - k and x the offset across them:
+
+    sum_R e^{ik.R} exp(-t |R + r|^2) = (pi/t)^{d/2}/V exp(-t x^2) sum_G e^{ip.r} exp(-p^2/4t)
+
+Both sums converge like a Gaussian whatever s.  (Done in closed form the integrals over t are the incomplete gamma
+functions of the usual Ewald sum; done by quadrature they also allow offsets across a chain, and every rho.)
+
+The stiffness of a bond is a mixture of the same Gaussians and their second derivatives, `int [alpha + beta grad grad]
+exp(-t r^2) dt`.  With W = int_0^t t rho dt, from 1/r^2 = int_0^inf exp(-t r^2) dt in the n(x)n of D*,
+
+    D0 + D*    alpha = 0               beta = rho
+    D*         alpha = W/t - 2 t rho   beta = W/(2 t^2)
+
+Where the sum over all neighbours diverges (r^-s in d <= s dimensions), a uniform background neutralises it: the term
+p = 0 is continued analytically, and left out at k = 0.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from ase import Atoms
+
+from ..errors import finite, one_of, positive
+from ..interactions.pair_laws import InversePower
+
+PARTS = ('all', 'D0', 'Dstar')
+REACH = 42.0
+"""Exponent where both sums are cut: e^-42 is 6e-19."""
+_X, _W = np.polynomial.legendre.leggauss(16)
+_PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is integrated to round-off, without a power of t
+
+
+def lattice_sum(lattice, law, offset=None, q=None, split=1.0):
+    """`sum_R phi(|R + offset|) exp(2 pi i q.R)` over all lattice vectors R, without the one where R + offset = 0.
+
+    Parameters
+    ----------
+    lattice : array_like, shape (d, dim), or ase.Atoms
+        Lattice vectors in rows, d = 1, 2 or 3 of them; of Atoms, those along which they are periodic (their positions
+        do not enter: `particle_sums` adds up those).
+    law : float or potential
+        The exponent s > 0 of phi = r^-s, or a law such as Yukawa(c, kappa).  Where s <= d and the wave is uniform (q = 0)
+        the sum diverges; its value is then that with a uniform neutralising background, Epstein's zeta function.
+    offset : array_like, shape (dim,), optional
+        Of the particles from the origin, in the unit of the lattice vectors; also across the lattice.
+    q : array_like, shape (d,), optional
+        In fractions of the reciprocal vectors.
+    split : float
+        Where the two sums are divided, 1 where they converge equally fast; the result does not depend on it.
+
+    Returns
+    -------
+    float, or complex where `q` is given
+
+    Raises
+    ------
+    ValueError
+        For an exponent that is not positive, or equals d in a uniform sum: no background makes that one finite.
+        For vectors that span no lattice.
+    """
+    periods = lattice.cell.array[lattice.pbc] if isinstance(lattice, Atoms) else finite('lattice', lattice)
+    sums = EwaldSums(periods, _potential(law), split)
+    offset = np.zeros(sums.dim) if offset is None else finite('offset', offset, (sums.dim,))
+    total = sums.scalar(np.zeros(sums.d) if q is None else finite('q', q, (sums.d,)), offset)
+    return complex(total) if q is not None else float(total.real)
+
+
+def _potential(law):
+    return law if hasattr(law, 'gaussians') else InversePower(b=positive('s', law), a=law + 1)
+
+
+def particle_sums(atoms, law, split=1.0):
+    """`sum phi(|r|)` over all other particles of an infinite structure, as seen from each; shape (particles,).
+
+    Parameters and errors as in `lattice_sum`, from which it differs by the sum over the particles of the cell.
+    """
+    sums = EwaldSums(atoms.cell.array[atoms.pbc], _potential(law), split)
+    q = np.zeros(sums.d)
+    return np.array([sum(sums.scalar(q, end - start).real for end in atoms.positions) for start in atoms.positions])
+
+
+@dataclass(frozen=True)
+class EwaldSums:
+    """The sums of one law over one Bravais lattice.
+
+    Attributes
+    ----------
+    periods : ndarray, shape (d, dim)
+        Lattice vectors in rows, mm.
+    law : object with gaussians and gaussian_moment
+    split : float
+        eta in units of sqrt(pi)/V^(1/d).
+    """
+
+    periods: np.ndarray
+    law: object
+    split: float = 1.0
+
+    def __post_init__(self):
+        periods = finite('lattice', self.periods)
+        if periods.ndim != 2 or not 1 <= len(periods) <= periods.shape[1] or np.linalg.matrix_rank(periods) < len(periods):
+            raise ValueError(f'a lattice has one to three independent vectors in rows, not {periods.tolist()}')
+        object.__setattr__(self, 'periods', periods)
+        positive('split', self.split)
+
+    @property
+    def d(self):
+        """Number of periodic directions."""
+        return len(self.periods)
+
+    @property
+    def dim(self):
+        """Number of components of a vector."""
+        return self.periods.shape[1]
+
+    @cached_property
+    def volume(self):
+        """Length, area or volume of a cell in mm^d."""
+        return np.sqrt(np.linalg.det(self.periods @ self.periods.T))
+
+    @cached_property
+    def eta2(self):
+        """The t at which the Gaussians are divided, 1/mm^2."""
+        return self.split**2 * np.pi / self.volume ** (2 / self.d)
+
+    @cached_property
+    def across(self):
+        """Projector on the directions that are not periodic, shape (dim, dim)."""
+        if self.d == self.dim:  # then exactly
+            return np.zeros((self.dim, self.dim))
+        return np.eye(self.dim) - np.linalg.pinv(self.periods) @ self.periods
+
+    @property
+    def radius(self):
+        """Distance in mm beyond which narrow Gaussians contribute nothing."""
+        return np.sqrt(REACH / self.eta2)
+
+    @property
+    def decay(self):
+        """Exponent s of a law with an algebraic tail, infinite for a screened one."""
+        return np.inf if hasattr(self.law, 'kappa') else self.law.a - 1
+
+    @property
+    def splits(self):
+        """Whether the sums of D0 and of D* converge each by itself, not only together."""
+        return self.decay + 2 > self.d
+
+    def mixture(self, part):
+        """The functions alpha(t), or None where it is zero, and beta(t) of a part of the stiffness."""
+        rho, W = self.law.gaussians, self.law.gaussian_moment
+        alpha, beta = {
+            'all': (None, rho),
+            'Dstar': (lambda t: W(t) / t - 2 * t * rho(t), lambda t: W(t) / (2 * t**2)),
+            'D0': (lambda t: 2 * t * rho(t) - W(t) / t, lambda t: rho(t) - W(t) / (2 * t**2)),
+        }[one_of('part', part, PARTS)]
+        if part != 'all' and not self.splits:
+            raise ValueError(f'with all neighbours of a law r^-{self.decay:g} in {self.d} dimensions D0 and D* diverge each by '
+                             'itself, only their sum exists; choose the complete model, or a number of shells')
+        return alpha, beta
+
+    # --- narrow Gaussians, over the lattice --------------------------------------------------------------------------
+
+    def near_energy(self, r):
+        """What the narrow Gaussians leave of phi and of phi'/r at the distances `r` in mm, shape (2, distances)."""
+        t, w = self._narrow(r)
+        onto = (w * self.law.gaussians(t))[:, None] * np.stack([np.ones_like(t), -2 * t], axis=1)
+        few = np.array_split(r, max(1, len(r) // 4096))  # large supercells have many bonds
+        return np.concatenate([np.exp(-np.multiply.outer(part**2, t)) @ onto for part in few]).T
+
+    def near_stiffness(self, x, part='all'):
+        """What they leave of the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
+        t, w = self._narrow(np.linalg.norm(x, axis=1))
+        alpha, beta = (f(t) * w if f else 0 * w for f in self.mixture(part))
+        gauss = np.exp(-np.multiply.outer((x**2).sum(axis=1), t))
+        xx = x[:, :, None] * x[:, None, :]
+        onto_I, onto_xx = gauss @ (alpha - 2 * t * beta), gauss @ (4 * t**2 * beta)
+        return onto_I[:, None, None] * np.eye(x.shape[1]) + onto_xx[:, None, None] * xx
+
+    def _narrow(self, r):
+        """Nodes and weights of the integral from eta^2 up, for distances `r`; a steep law peaks late and sharply."""
+        shortest = np.min(r, initial=np.inf)
+        late = 2 * (self.decay if np.isfinite(self.decay) else self.law.kappa * shortest)
+        return _nodes(self.eta2, self.eta2 + (REACH + 20 + late) / shortest**2, late)
+
+    # --- wide Gaussians, over the reciprocal lattice -----------------------------------------------------------------
+
+    def waves(self, q):
+        """The vectors p = G - k that matter for each of the wavevectors `q`, shape (wavevectors, G, dim), in rad/mm."""
+        reciprocal = 2 * np.pi * np.linalg.pinv(self.periods).T
+        k = (q - np.round(q)) @ reciprocal
+        reach = 2 * np.sqrt(self.eta2 * REACH) + np.linalg.norm(k, axis=1).max(initial=0)
+        return points_within(reciprocal, np.zeros(self.dim), reach) - k[:, None]
+
+    def far_scalar(self, p, offset):
+        """Their part of `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
+        wide = _Wide(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
+        return (wide.moment(self.law.gaussians, 0) * np.exp(1j * p @ offset)).sum(axis=1)
+
+    def far_energy(self, offsets):
+        """Their part of `sum_R phi(R + offset)` and of its gradient, shapes (offsets,) and (offsets, dim)."""
+        p, rho = self.waves(np.zeros((1, self.d)))[0], self.law.gaussians
+        phi, gradient = np.empty(len(offsets)), np.empty(offsets.shape)
+        for x, these in self._sideways(offsets):
+            wide = _Wide(self, (p**2).sum(axis=1), x @ x)
+            phase = np.exp(1j * p @ offsets[these].T)
+            waves = wide.moment(rho, 0)[:, None] * phase
+            phi[these], gradient[these] = waves.sum(axis=0).real, -(p.T @ waves.imag).T
+            if x.any():
+                gradient[these] -= 2 * x * (wide.moment(lambda t: t * rho(t), 1) @ phase).real[:, None]
+        return phi, gradient
+
+    def far_stiffness(self, p, offsets, part='all'):
+        """Their part of `sum_R K(R + offset) e^{ik.R}`, shape (wavevectors, offsets, dim, dim)."""
+        alpha, beta = self.mixture(part)
+        total = np.empty((len(p), len(offsets), self.dim, self.dim), dtype=complex)
+        for x, these in self._sideways(offsets):
+            wide = _Wide(self, (p**2).sum(axis=-1), x @ x)
+            T = -np.einsum('qG,qGa,qGb->qGab', wide.moment(beta, 0, uniform=False), p, p)
+            if alpha:
+                T = T + wide.moment(alpha, 1)[..., None, None] * np.eye(self.dim)
+            if self.d < self.dim:
+                b1, b2 = (wide.moment(lambda t, m=m: t**m * beta(t), m)[..., None, None] for m in (1, 2))
+                px = p[..., :, None] * x
+                T = T - 2 * b1 * (self.across + 1j * (px + px.swapaxes(-1, -2))) + 4 * b2 * np.outer(x, x)
+            total[:, these] = np.einsum('qGab,qGo->qoab', T, np.exp(1j * p @ offsets[these].T))
+        return total
+
+    def _sideways(self, offsets):
+        """The different offsets across the lattice, and where each occurs; one, zero, unless a chain is broad."""
+        x, which = np.unique((offsets @ self.across / self.radius).round(14), axis=0, return_inverse=True)
+        return [(self.radius * x[k], np.flatnonzero(which.ravel() == k)) for k in range(len(x))]
+
+    # --- both --------------------------------------------------------------------------------------------------------
+
+    def scalar(self, q, offset):
+        """`sum_R phi(R + offset) e^{2 pi i q.R}` at one wavevector, without R + offset = 0."""
+        if abs(self.decay - self.d) < 1e-12 and not (q % 1).any():
+            raise ValueError(f'the sum of r^-{self.decay:g} over {self.d} dimensions diverges with the logarithm of the size, '
+                             'and no background mends it; choose another exponent, or a number of shells')
+        R = points_within(self.periods, -offset, self.radius)
+        r = np.linalg.norm(R + offset, axis=1)
+        here = r > 1e-12 * self.radius
+        phase = np.exp(2j * np.pi * R[here] @ np.linalg.pinv(self.periods) @ q)
+        total = phase @ self.near_energy(r[here])[0] + self.far_scalar(self.waves(q[None]), offset)[0]
+        # the wide Gaussians of the particle at R + offset = 0, if there is one; its phase is e^{ik.R}
+        itself = np.exp(2j * np.pi * R[~here] @ np.linalg.pinv(self.periods) @ q).sum()
+        return total - itself * self.wide_at_zero()
+
+    def wide_at_zero(self, part=None):
+        """What the wide Gaussians make of phi(0), a particle with itself, or the factor of I in that `part` of its stiffness."""
+        def total(f, m):  # of f, which falls like rho t^m towards t = 0
+            if np.isfinite(self.decay):
+                return self.eta2 * f(self.eta2) / (self.decay / 2 + m)
+            t, w = _nodes(self.law.kappa**2 / 4 / (REACH + 20), self.eta2)
+            return w @ f(t)
+
+        if part is None:
+            return total(self.law.gaussians, 0)
+        alpha, beta = self.mixture(part)
+        return (total(alpha, 1) if alpha else 0.0) - 2 * total(lambda t: t * beta(t), 1)
+
+    def singular(self, along, part='all'):
+        """Signs of the stiffness that outgrows k^2 in long waves, where the law decays no faster than r^-d.
+
+        There D(k) begins with |k|^(s-d+2) times a tensor with the signs of this one: towards its eigenvectors a speed of
+        sound is infinite.
+
+        Parameters
+        ----------
+        along : ndarray, shape (dim,)
+            Direction of the wave, a unit vector.
+
+        Returns
+        -------
+        ndarray, shape (dim, dim)
+            Zero for laws that decay faster.
+        """
+        if self.decay > self.d:
+            return np.zeros((self.dim, self.dim))
+        alpha, beta = (f(1.0) if f else 0.0 for f in self.mixture(part))
+        # Gamma(g - 1) = Gamma(g)/(g - 1) in the moments of the next order in t, g = (d - s)/2 < 1 where they are wanted
+        next_order = 1 / (4 - 2 * (self.d - self.decay)) if alpha or self.d < self.dim else 0.0
+        return beta * np.outer(along, along) + next_order * (alpha * np.eye(self.dim) - 2 * beta * self.across)
+
+    def far_series(self, along, offsets, part='all'):
+        """Far stiffness to second order in the wavevector k `along`, with the phase of each particle, e^{ik.(R + offset)}.
+
+        Terms that outgrow k^2 (see `singular`) are left out.
+
+        Returns
+        -------
+        ndarray of complex, shape (3, offsets, dim, dim)
+            In the orders 1, k and k^2.
+        """
+        alpha, beta = self.mixture(part)
+        G = self.waves(np.zeros((1, self.d)))[0]
+        g, P, n, eye = G @ along, self.across, along, np.eye(self.dim)
+        series = np.zeros((3, len(offsets), self.dim, self.dim), dtype=complex)
+        # exp(-p^2/4t) with p = G - k n is exp(-G^2/4t) [1 + k g/2t + k^2 (g^2/8t^2 - 1/4t)]: order in k, power of t, factor
+        gaussian = (0, 0, 1.0), (1, -1, g / 2), (2, -1, -0.25), (2, -2, g**2 / 8)
+        for o, offset in enumerate(offsets):
+            x = P @ offset
+            wide = _Wide(self, (G**2).sum(axis=1), x @ x)
+            # alpha + beta grad grad, where grad = ip - 2tx and the direction across adds -2t P: order in k, power of t, tensor
+            i_G, i_n = 1j * G[:, :, None], -1j * n[:, None]
+            terms = [(0, 0, beta, i_G * i_G.swapaxes(1, 2)), (1, 0, beta, _symmetric(i_G * -1j * n)), (2, 0, beta, i_n * i_n.T)]
+            if alpha:
+                terms.append((0, 1, lambda t: alpha(t) / t, eye))
+            if self.d < self.dim:
+                terms += [(0, 1, beta, -2 * P - 2 * _symmetric(i_G * x)), (1, 1, beta, -2 * _symmetric(i_n * x)),
+                          (0, 2, beta, 4 * np.outer(x, x))]
+            for (j, power, factor), (k, m, f, tensor) in product(gaussian, terms):
+                if j + k > 2:
+                    continue
+                exists = (self.decay - self.d) / 2 + m + power > 0  # else the term G = 0 belongs to `singular`
+                integral = wide.moment(lambda t, f=f, m=m + power: t**m * f(t), m + power, uniform=exists)
+                wave = integral * factor * np.exp(1j * G @ offset)
+                series[j + k, o] += np.einsum('G,Gab->ab', wave, np.broadcast_to(tensor, (len(G), *eye.shape)))
+        return series
+
+
+def _symmetric(tensor):
+    return tensor + tensor.swapaxes(-1, -2)
+
+
+class _Wide:
+    """Integrals over the wide Gaussians, `int f(t) (pi/t)^{d/2}/V exp(-p^2/4t - t x^2) dt` up to eta^2, one for each p^2."""
+
+    def __init__(self, sums, p2, x2):
+        self.sums = sums
+        algebraic = np.isfinite(sums.decay)
+        # p = 0: below t = 1/x^2 the integral is algebraic, and done in closed form but for what the shift across leaves
+        self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
+        self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
+        low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
+        low = (low if algebraic else low + sums.law.kappa**2) / 4 / (REACH + 20)
+        if x2 > 0 and algebraic:
+            low = min(low, self.flat * np.exp(-80))
+        power = 2 * sums.decay if algebraic else 0
+        self.t, w = (np.concatenate(both) for both in zip(_nodes(low, self.flat, power), _nodes(self.flat, sums.eta2, power),
+                                                          strict=True))
+        self.w = w * (np.pi / self.t) ** (sums.d / 2) / sums.volume
+        self.gauss = np.exp(-p2[..., None] / (4 * self.t)) * np.exp(-self.t * x2)
+        self.gauss[self.uniform] = np.where(self.t < self.flat, np.expm1(-self.t * x2), np.exp(-self.t * x2))
+
+    def moment(self, f, m, uniform=True):
+        """The integral of a function that falls like rho t^m towards t = 0; without the term p = 0 if not `uniform`."""
+        sums = self.sums
+        result = self.gauss @ (self.w * f(self.t))
+        if not self.uniform.any():
+            return result
+        if not uniform:
+            return np.where(self.uniform, 0.0, result)
+        exponent = (sums.decay - sums.d) / 2 + m
+        # where it is zero, a logarithm of the size, the same for all: energies then count from an arbitrary zero
+        factor = 1 / exponent if abs(exponent) > 1e-12 else np.log(self.flat * sums.volume ** (2 / sums.d))
+        closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume * factor
+        return result + np.where(self.uniform, closed, 0.0)
+
+
+def _nodes(low, high, power=0):
+    """Gauss-Legendre nodes and weights of an integral over t, on panels of equal ratio, narrower for a high power of t."""
+    if low >= high:  # so strong a screening that wide Gaussians are absent
+        return np.array([high]), np.zeros(1)
+    panels = max(1, int(np.ceil(np.log(high / low) / _PANEL * (1 + power / 32))))
+    half = np.log(high / low) / panels / 2
+    centre = np.log(low) + half * (2 * np.arange(panels) + 1)
+    t = np.exp(centre[:, None] + half * _X)
+    return t.ravel(), (half * _W * t).ravel()
+
+
+def points_within(vectors, centre, radius):
+    """Points of the lattice of `vectors` (rows) closer than `radius` to `centre`, shape (points, dim)."""
+    along = np.linalg.pinv(vectors)
+    middle = np.round(centre @ along).astype(int)
+    reach = np.floor(radius * np.linalg.norm(along, axis=0)).astype(int) + 1
+    steps = np.array(list(product(*(range(m - n, m + n + 1) for m, n in zip(middle, reach, strict=True)))))
+    points = steps @ vectors
+    return points[((points - centre) ** 2).sum(axis=1) < radius**2]

@@ -1,0 +1,139 @@
+"""Stiffness with the static forces in it: `D = D0 + D*` per bond, the Hessian and the Bloch matrix.
+
+    D0 = phi'' n(x)n                  what a conventional model keeps, with frozen directions
+    D* = (phi'/r) (I - n(x)n)         what the static repulsion adds (phi' < 0: it softens)
+
+Everything here takes arrays: bonds, their stiffness, wavevectors.  A matrix acts on displacements ordered
+particle by particle, `dim` components each (2 in the plane, 3 in space).
+"""
+
+import numpy as np
+from scipy import sparse
+
+
+def hessian(bonds, K, foundation=0.0):
+    """Hessian `C^T K C + k` of a structure.
+
+    Parameters
+    ----------
+    bonds : Bonds
+    K : ndarray, shape (bonds, dim, dim)
+        Stiffness of each bond in N/mm.
+    foundation : float
+        Stiffness k of the spring that ties each particle to its rest position, in N/mm.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (particles * dim, particles * dim)
+        In N/mm.
+    """
+    b, dim, _ = K.shape
+    C = sparse.kron(bonds.incidence, sparse.eye_array(dim), format='csr')
+    K = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
+    k = foundation * sparse.eye_array(bonds.particles * dim)
+    return sparse.csr_array(C.T @ K @ C + k)
+
+
+def condense(H, free):
+    """Hessian of the free particles alone, the others held at rest.
+
+    Parameters
+    ----------
+    H : sparse array, shape (particles * dim, particles * dim)
+    free : ndarray of bool, shape (particles,)
+    """
+    keep = np.flatnonzero(np.repeat(free, H.shape[0] // len(free)))
+    return H[keep][:, keep]
+
+
+def bloch_matrix(bonds, K, q, foundation=0.0):
+    """Bloch matrix `C(q)^+ K C(q) + k`, Eq. 18 of the paper for any number of particles per cell.
+
+    Parameters
+    ----------
+    bonds : Bonds
+    K : ndarray, shape (bonds, dim, dim)
+        Stiffness of each bond in N/mm.
+    q : ndarray, shape (wavevectors, 3)
+        Wavevectors in fractions of the reciprocal lattice vectors.
+    foundation : float
+        Foundation stiffness k in N/mm.
+
+    Returns
+    -------
+    ndarray of complex, shape (wavevectors, particles * dim, particles * dim)
+        In N/mm.  The displacement of the cell `shift` carries the phase e^{2 pi i q.shift}.
+    """
+    D = _scatter(bonds, K, _phase(bonds, q), onsite=1.0)
+    onsite = np.arange(D.shape[1])
+    D[:, onsite, onsite] += foundation
+    return D
+
+
+def bloch_gradient(bonds, K, q, cell):
+    """Derivative of the Bloch matrix by the Cartesian wavevector, `dD/dk`.
+
+    Parameters
+    ----------
+    bonds, K, q
+        As for `bloch_matrix`.
+    cell : ndarray, shape (3, 3)
+        Lattice vectors in rows, mm.
+
+    Returns
+    -------
+    ndarray of complex, shape (dim, wavevectors, particles * dim, particles * dim)
+        In N.
+    """
+    R = bonds.shift @ cell
+    phase = _phase(bonds, q)
+    return np.array([_scatter(bonds, K, 1j * R[:, axis] * phase, onsite=0.0) for axis in range(K.shape[1])])
+
+
+def bloch_series(bonds, K, R):
+    """Bloch matrix to second order in the wavevector, `D(k) = A + k B + k^2 C`.
+
+    Parameters
+    ----------
+    bonds, K
+        As for `bloch_matrix`.
+    R : ndarray, shape (bonds,)
+        Component along k of the lattice vector to the cell of j, mm.
+
+    Returns
+    -------
+    A, B, C : ndarray of complex, shape (particles * dim, particles * dim)
+        In N/mm, N and N mm.
+    """
+    orders = (np.ones_like(R), 1.0), (1j * R, 0.0), (-(R**2) / 2, 0.0)
+    return tuple(_scatter(bonds, K, phase[None], onsite)[0] for phase, onsite in orders)
+
+
+def _phase(bonds, q):
+    """Phase e^{2 pi i q.shift} of each bond, shape (wavevectors, bonds)."""
+    return np.exp(2j * np.pi * (q @ bonds.shift.T))
+
+
+def _scatter(bonds, K, phase, onsite):
+    """Sum over bonds of `-K phase` between i and j with its adjoint between j and i, and of `onsite K` on i and j."""
+    n, dim = bonds.particles, K.shape[1]
+    D = np.zeros((len(phase), n, dim, n, dim), dtype=complex)
+    for i, j in sorted(set(zip(bonds.i.tolist(), bonds.j.tolist(), strict=True))):
+        both = (bonds.i == i) & (bonds.j == j)
+        coupling = np.tensordot(phase[:, both], K[both], axes=1)
+        D[:, i, :, j] -= coupling
+        D[:, j, :, i] -= coupling.conj()
+        D[:, i, :, i] += onsite * K[both].sum(axis=0)
+        D[:, j, :, j] += onsite * K[both].sum(axis=0)
+    return D.reshape(len(phase), n * dim, n * dim)
+
+
+def mass_weighted(D, masses):
+    """`M^-1/2 D M^-1/2` with one mass (g) per particle; the last two axes of `D` are matrix axes."""
+    root = np.repeat(np.sqrt(masses), D.shape[-1] // len(masses))
+    return D / (root[:, None] * root)
+
+
+def signed_root(squares):
+    """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency."""
+    return np.sign(squares) * np.sqrt(np.abs(squares))

@@ -1,0 +1,255 @@
+"""Rest of a structure whose particles do not stand where their forces balance, and whether it is stable there.
+
+Inside an infinite lattice every particle is in balance by symmetry.  Beside a vacancy it is not, nor where particles scatter,
+nor at the rim of a patch as soon as particles repel beyond their nearest neighbours.  The linear theory belongs to the relaxed
+positions, about which the calculator that is returned counts displacements; the anchors of the foundation stay where they were.
+
+Energy is minimised by SciPy's trust-region Newton method in units of the shortest bond and of the largest bond force, so that
+it knows no length; Newton's own steps then reach round-off.  By symmetry this may end on a saddle: there the structure is pushed
+along its softest mode and relaxes again.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from ase import Atoms
+from scipy import sparse
+
+from ..errors import positive, whole
+from ..lattices.bonds import Bonds, pairs_within
+from .bond import model_stiffness
+from .constraints import free_motion
+from .matrices import hessian
+from .repulsion import repulsion_of
+from .rest import at_rest
+
+RESIDUAL = 1e-9
+"""Of the largest bond force: what may be left on a particle."""
+HANDED_OVER = 1e-6
+"""Of the largest bond force: the gradient at which Newton's steps take over, as energies no longer tell which way is down."""
+TRUST = 0.1, 0.5
+"""First and longest step in shortest bonds, over all particles together."""
+POLISHES = 6
+REGULAR = 1e-10
+"""Of the largest stiffness: added to that of every direction, as free translations have none."""
+SADDLE = 1e-10
+"""Of the highest squared frequency: a lower one that is more negative is no round-off."""
+PUSH = 0.05
+"""Of the shortest bond: how far the particle that moves most is pushed off a saddle."""
+SADDLES = 20
+"""Most saddles that are left, one after the other."""
+STRETCHED = 3.0
+"""Beyond so many times its length a bond is none between neighbours any more."""
+MEND = 'hold its rim or give it a foundation (magphonon.foundation_needed)'
+DENSE = 300
+"""Matrices up to this size are diagonalised whole."""
+ROUGH = 1e-5
+"""Of the largest eigenvalue: accuracy of the first look at the lowest one, from below which it is then found to round-off."""
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A structure at rest, and how far it was from it.
+
+    Attributes
+    ----------
+    atoms : ase.Atoms
+        At rest.  The reference of its calculator are these positions; the anchors of the foundation stay where they were,
+        as pillars do, and their springs carry what the particles do not balance among themselves.
+    before, after : float
+        Largest force on a free particle in N.
+    shift : float
+        Largest displacement in mm.
+    steps : int
+        Of the minimiser; 0 where the structure was at a stable rest.
+    saddles : int
+        How many unstable rests it left on the way.
+    lowest : float
+        Lowest squared angular frequency at rest in rad^2/ms^2, of the complete model; zero, up to round-off, for what moves
+        without stiffness.
+    """
+
+    atoms: Atoms
+    before: float
+    after: float
+    shift: float
+    steps: int
+    saddles: int
+    lowest: float
+
+    @property
+    def needed(self):
+        """Whether the structure was out of balance, or at an unstable rest."""
+        return self.steps > 0
+
+    def __str__(self):
+        moved = f'moved by up to {self.shift:.4g} mm in {self.steps} steps' if self.needed else 'was at rest already'
+        off = f', off {self.saddles} saddles' if self.saddles else ''
+        return (f'The structure {moved}{off}: {self.before:.3g} N were left on a particle, now {self.after:.3g} N; its lowest '
+                f'squared frequency is {self.lowest:.4g} rad^2/ms^2.')
+
+
+def relaxed(atoms, tolerance=RESIDUAL, steps=1000):
+    """Let the free particles of a structure move to a stable place where no force is left.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With its MagneticRepulsion, of any model: static forces are those of the complete one.  What constraints hold stays.
+    tolerance : float
+        Largest force that may be left, as a share of the largest bond force.
+    steps : int
+        Of the minimiser at most, on the way to each rest.
+
+    Returns
+    -------
+    Relaxation
+
+    Raises
+    ------
+    ValueError
+        If forces do not vanish in so many steps, particles leave their neighbours, or every rest found is unstable: the
+        structure buckles or slides.
+    """
+    calc, tolerance, steps = repulsion_of(atoms), positive('tolerance', tolerance), whole('steps', steps)
+    descent = _Descent(atoms, calc)
+    y, taken = np.zeros(descent.P.shape[1]), 0
+    before = descent.residual(y)
+    for saddles in range(SADDLES + 1):
+        if descent.residual(y) > RESIDUAL * descent.force:
+            y, used = descent.to_rest(y, steps)
+            taken += used
+        if not descent.residual(y) <= tolerance * descent.force:
+            raise ValueError(f'after {taken} steps {descent.residual(y):.3g} N are left on a particle, {before:.3g} N at first: '
+                             f'the structure buckles or slides; {MEND}')
+        lowest, highest, mode = descent.softest(y)
+        if lowest >= -SADDLE * highest:
+            return descent.result(y, before, taken, saddles, lowest)
+        y = y + PUSH * mode
+        taken += 1
+    raise ValueError(f'the structure came to rest {SADDLES + 1} times, each time on a saddle, where it is unstable: from the '
+                     f'last one it would run away at the rate {np.sqrt(-lowest):.4g} / ms; {MEND}')
+
+
+class _Descent:
+    """The energy of a structure over the free displacements `y`, in shortest bonds, and what is asked of it there."""
+
+    def __init__(self, atoms, calc):
+        self.calc, self.P = calc.about(atoms, model='complete'), free_motion(atoms)
+        self.given, self.atoms = calc, self.calc.reference.copy()
+        self.atoms.calc = self.calc
+        self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
+        self.length = self.calc.bonds.lengths.min()
+        self.force = abs(calc.potential.dphi(self.calc.bonds.lengths)).max()
+        self.source = atoms
+        self._at = None
+
+    def displacements(self, y):
+        """In mm, shape (particles, dim)."""
+        return self.length * (self.P @ y).reshape(len(self.atoms), -1)
+
+    def _move(self, y):
+        self.atoms.positions[:, : self.calc.dim] = self.calc.reference.positions[:, : self.calc.dim] + self.displacements(y)
+
+    def energy(self, y):
+        try:
+            self._move(y)
+            return self.atoms.get_potential_energy() / (self.force * self.length)
+        except ValueError:  # particles at one place, or beyond the end of the law
+            return np.inf
+
+    def slope(self, y):
+        self._move(y)
+        return -(self.P.T @ self.atoms.get_forces(apply_constraint=False)[:, : self.calc.dim].ravel()) / self.force
+
+    def residual(self, y):
+        """Largest force on a free particle in N."""
+        return self.force * np.linalg.norm((self.P @ self.slope(y)).reshape(len(self.atoms), -1), axis=1).max()
+
+    def stiffness(self, y):
+        """Hessian of the free directions, in force over shortest bond."""
+        if self._at is None or not np.array_equal(y, self._at[0]):
+            R = self.calc.bonds.vectors[:, : self.calc.dim] + self.calc.bonds.incidence @ self.displacements(y)
+            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.potential), self.calc.parameters.foundation)
+            self._at = y.copy(), sparse.csr_array(self.P.T @ H @ self.P) * (self.length / self.force)
+        return self._at[1]
+
+    def to_rest(self, y, steps):
+        """The nearest rest downhill from `y`, and the steps taken."""
+        from scipy.optimize import minimize
+
+        first, longest = TRUST
+        options = {'initial_trust_radius': first, 'max_trust_radius': longest, 'gtol': HANDED_OVER, 'maxiter': steps}
+        end = minimize(self.energy, y, jac=self.slope, hessp=lambda y, p: self.stiffness(y) @ p, method='trust-ncg',
+                       options=options)
+        self._refuse_strangers(end.x)
+        return (self._polished(end.x) if end.success else end.x), end.nit
+
+    def _polished(self, y):
+        """Newton's steps, as long as they lessen the forces."""
+        for _ in range(POLISHES):
+            H = self.stiffness(y)
+            regular = H + REGULAR * abs(H).sum(axis=1).max() * sparse.eye_array(len(y))
+            better = y - sparse.linalg.spsolve(sparse.csc_array(regular), self.slope(y))
+            if not self.residual(better) < self.residual(y):
+                break
+            y = better
+        return y
+
+    def _refuse_strangers(self, y):
+        """Refuse a place where the list of bonds is wrong: neighbours have parted, or others have come nearer than they were."""
+        bonds = self.calc.bonds
+        now = np.linalg.norm(bonds.vectors[:, : self.calc.dim] + bonds.incidence @ self.displacements(y), axis=1)
+        for b in np.flatnonzero(now > STRETCHED * bonds.lengths)[:1]:
+            raise ValueError(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, have gone '
+                             f'to {now[b]:.4g} mm and are no neighbours any more: the structure buckles or slides; {MEND}')
+        self._move(np.zeros_like(y))
+        known = _near(self.atoms, self.length)
+        self._move(y)
+        for i, j, _ in sorted(_near(self.atoms, self.length) - known - _pairs(bonds)):
+            raise ValueError(f'the particles {i} and {j}, between which no force acts here, have come within the shortest bond, '
+                             f'{self.length:.4g} mm: from where it was the structure buckles or slides; {MEND}, or let more '
+                             'neighbours repel each other (shells= or cutoff=)')
+
+    def softest(self, y):
+        """Lowest and a bound of the highest squared frequency, rad^2/ms^2, and the softest mode, its largest component one."""
+        root = sparse.diags_array(1 / np.sqrt(self.masses))
+        lowest, highest, v = lowest_mode(sparse.csr_array(root @ self.stiffness(y) @ root) * (self.force / self.length))
+        v = root @ v
+        return lowest, highest, v / np.linalg.norm((self.P @ v).reshape(len(self.atoms), -1), axis=1).max()
+
+    def result(self, y, before, steps, saddles, lowest):
+        rest, u = self.source.copy(), self.displacements(y)
+        rest.calc = self.given
+        if steps:
+            rest.positions[:, : self.calc.dim] += u
+        rest.calc = at_rest(rest)
+        shift = np.linalg.norm(u, axis=1).max() if steps else 0.0
+        return Relaxation(rest, before, self.residual(y), float(shift), steps, saddles, float(lowest))
+
+
+def _near(atoms, reach):
+    """Pairs (i, j, shift) nearer than `reach`."""
+    return _pairs(Bonds(*pairs_within(atoms, reach * (1 - 1e-9))[:3], np.zeros((0, 3)), len(atoms)))
+
+
+def _pairs(bonds):
+    """Each pair (i, j, shift) from its lower end."""
+    backward = bonds.i > bonds.j
+    i, j = np.where(backward, bonds.j, bonds.i), np.where(backward, bonds.i, bonds.j)
+    shift = np.where(backward[:, None], -bonds.shift, bonds.shift)
+    return set(zip(i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True))
+
+
+def lowest_mode(K):
+    """Lowest eigenvalue of a symmetric sparse matrix to round-off, a bound of the highest, and the eigenvector of the lowest."""
+    highest, size = float(abs(K).sum(axis=1).max()), K.shape[0]  # Gershgorin
+    if size <= DENSE or not highest:
+        values, vectors = np.linalg.eigh(K.toarray())
+        return float(values[0]), highest, vectors[:, 0]
+    start = np.random.default_rng(0).normal(size=size)  # the same answer every time
+    # Lanczos closes in from above, as slowly as the lowest ones crowd; factorised a little below them, at once
+    mirrored = highest * sparse.eye_array(size) - K
+    rough = highest - sparse.linalg.eigsh(mirrored, k=1, which='LA', v0=start, tol=ROUGH, return_eigenvectors=False)[0]
+    values, vectors = sparse.linalg.eigsh(sparse.csc_array(K), k=1, sigma=rough - 2 * ROUGH * highest, v0=start)
+    return float(values[0]), highest, vectors[:, 0]

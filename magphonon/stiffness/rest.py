@@ -1,0 +1,202 @@
+"""The rest about which a linear answer is taken: positions where the forces on all that is free balance.
+
+Three places belong to a particle: its anchor, where its foundation spring is slack; the reference of the calculator, from
+which displacements are counted; and where it stands now.  In a perfect lattice they are one.  Linear equations of motion hold
+about a place where nothing pushes, so every linear answer asks this module for it:
+
+    at_rest         the present positions, if the forces balance there; modes, responses, stability
+    nearest_rest    the reference if the forces balance there, otherwise the present positions; a motion from a given state
+
+Statically all models are alike: the force of a bond is that of its present length, along its present direction.
+"""
+
+import numpy as np
+
+from .all_neighbours import AllNeighbours
+from .calculator import masses_of
+from .constraints import free_directions, freedom
+from .repulsion import repulsion_of
+
+ROUND_OFF = 1e-11
+"""A static force below this fraction of the forces that cancel in it is round-off."""
+BALANCED = 1e-6
+"""Of the largest bond force: what may be left at rest.  It shifts a linear answer by about the same share."""
+ELSEWHERE = 1e-3
+"""Of the shortest bond: particles that stand farther from the reference and are in balance have found another rest; nearer
+ones may merely be displaced by so little that their forces look balanced."""
+
+
+def static_forces(calc, push=0.0, u=0.0):
+    """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
+
+    Parameters
+    ----------
+    calc : MagneticRepulsion
+    push : ndarray, shape (particles, 3)
+        Constant forces of drives in N; none by default.
+    u : ndarray, shape (particles, dim)
+        Displacements from the reference in mm, at which particles are held still; none by default.
+    """
+    bonds = calc.bonds
+    R = bonds.vectors[:, : calc.dim] + (bonds.incidence @ u if np.ndim(u) else 0.0)
+    r = np.linalg.norm(R, axis=1)
+    pull = -(calc.potential.dphi(r) / r)[:, None] * R
+    total, size = calc.offset - calc.parameters.foundation * u, abs(calc.offset)
+    total = total + (components(push, calc.dim) if np.ndim(push) else 0.0)
+    size = size.max(axis=1) + abs(total).max(axis=1)
+    for end, sign in ((bonds.j, 1), (bonds.i, -1)):
+        total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)
+        size += np.bincount(end, np.linalg.norm(pull, axis=1), bonds.particles)
+    total[abs(total) <= ROUND_OFF * size[:, None]] = 0
+    return total
+
+
+def unbalanced(atoms, u=0.0):
+    """What is left of the static forces along what is free, in N, shape (particles,); zero if it is less than BALANCED.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    u : ndarray, shape (particles, dim)
+        Displacements from the reference at which it is asked.
+    """
+    calc, P = atoms.calc, free_directions(atoms)
+    forces = static_forces(calc, u=u)
+    left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
+    return left * (left > BALANCED * _largest_force(calc, u))
+
+
+def _largest_force(calc, u):
+    R = calc.bonds.vectors[:, : calc.dim] + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
+    return abs(calc.potential.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
+
+
+def components(forces, dim):
+    """Components of forces in the dimensions of the structure, shape (..., dim); a force out of its plane is refused."""
+    if dim == 2 and forces[..., 2].any():
+        raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
+    return forces[..., :dim]
+
+
+def loaded(atoms, push):
+    """A copy of the atoms with constant forces, in N, shape (particles, 3), added to the dead load of their calculator."""
+    calc = repulsion_of(atoms)
+    atoms = atoms.copy()
+    atoms.calc = calc.about(calc.reference, calc.load + push)
+    return atoms
+
+
+def at_rest(atoms):
+    """The calculator about the present positions, where the forces balance.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With MagneticRepulsion.
+
+    Returns
+    -------
+    MagneticRepulsion
+        That of the atoms, or one whose reference are their present positions.
+
+    Raises
+    ------
+    ValueError
+        If the forces do not balance: it says by how much, on which particle, and what would mend it.  For constraints other
+        than FixAtoms, FixedLine and FixedPlane, of which it is not known what they hold.
+    """
+    calc = repulsion_of(atoms)
+    freedom(atoms)
+    u = calc.displacements(atoms)
+    left = unbalanced(atoms, u)
+    if left.any():
+        _refuse(atoms, u, left)
+    return calc.about(atoms) if u.any() else calc
+
+
+def settled(atoms):
+    """The atoms with the calculator about their present positions, where the forces balance; see `at_rest`, also for its errors.
+
+    Of a cell with AllNeighbours, which knows one rest only, the atoms as they are, if they stand there and the forces balance.
+    """
+    if isinstance(atoms.calc, AllNeighbours):
+        _refuse_unsettled_sums(atoms)
+        return atoms
+    calc = at_rest(atoms)
+    return atoms if calc is atoms.calc else placed(atoms, calc)
+
+
+def placed(atoms, calc):
+    """A copy of the atoms at the reference of `calc`, with `calc`."""
+    atoms = atoms.copy()
+    atoms.positions[:, : calc.dim] = calc.reference.positions[:, : calc.dim]
+    atoms.calc = calc
+    return atoms
+
+
+def nearest_rest(atoms):
+    """The calculator about the rest that belongs to a moving structure, whose positions are its state, and what is left there.
+
+    The reference, where the forces balance; the present positions, if less is left there, or if they are another rest, well
+    away from the reference.
+
+    Returns
+    -------
+    calc : MagneticRepulsion
+    left : ndarray, shape (particles,)
+        As `unbalanced`: zero at rest.
+    """
+    calc = repulsion_of(atoms)
+    u, at_reference = calc.displacements(atoms), unbalanced(atoms)
+    if not at_reference.any() and abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.lengths.min():
+        return calc, at_reference
+    here = unbalanced(atoms, u)
+    if here.max(initial=0.0) <= at_reference.max(initial=0.0):
+        return calc.about(atoms), here
+    return calc, at_reference
+
+
+def rest_of_motion(atoms, push):
+    """The calculator of `nearest_rest`; refused as by `at_rest` if the forces do not balance there.
+
+    The constant forces `push` of drives, in N, shape (particles, 3), may help to balance, but need not: on a structure that is
+    at rest without them they are a step.
+    """
+    freedom(atoms)
+    calc, left = nearest_rest(atoms)
+    if left.any():
+        atoms = loaded(atoms, push)
+        rest, left = nearest_rest(atoms)
+        if left.any():
+            _refuse(atoms, atoms.calc.displacements(atoms) * (rest is not atoms.calc), left)
+        calc = rest.about(rest.reference, calc.load)
+    return calc
+
+
+def _refuse_unsettled_sums(atoms):
+    calc = atoms.calc
+    masses_of(atoms)
+    shortest = calc.bonds.lengths.min()
+    away = np.linalg.norm(calc.displacements(atoms), axis=1).max()
+    if away > ROUND_OFF * shortest:
+        raise ValueError(f'particles stand up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold there '
+                         'only; make another one at these positions')
+    if len(atoms) > 1:  # a single one is in balance by symmetry
+        left = np.linalg.norm(calc.get_forces(atoms), axis=1)
+        if left.max() > BALANCED * abs(calc.potential.dphi(shortest)):
+            raise ValueError('the cell is not at rest, and a linear answer holds about rest only: nothing balances '
+                             f'{left.max():.4g} N on particle {left.argmax()}; let it relax with an optimiser of ASE, and make '
+                             'AllNeighbours at the relaxed positions')
+
+
+def _refuse(atoms, u, left):
+    calc, k = atoms.calc, left.argmax()
+    share = left[k] / (_largest_force(calc, u) or np.inf)
+    mend = ('let it relax, magphonon.relaxed(atoms).atoms, or give the calculator the constant force that holds it, load= or '
+            'atoms.calc.balanced(particles)')
+    if np.any(u) and not unbalanced(atoms).any():
+        mend = ('set the positions back to those of atoms.calc.reference, where they balance (up to '
+                f'{np.linalg.norm(u, axis=1).max():.3g} mm away), or ' + mend)
+    raise ValueError('the structure is not at rest, and a linear answer holds about rest only: nothing balances '
+                     f'{left[k]:.4g} N on particle {k}, {share:.3g} times the largest force in a bond, and '
+                     f'{np.count_nonzero(left)} of {len(left)} particles are pushed; {mend}')

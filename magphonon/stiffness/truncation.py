@@ -1,0 +1,97 @@
+"""How far neighbours must be counted for laws without an exact infinite sum: direct sums with a bound on the rest.
+
+A term that falls with the distance is smaller than its mean over the cell next to it on the inner side, so that the sum
+over all particles beyond R is less than an integral that begins one cell diameter D nearer,
+
+    sum |phi'' nn + (phi'/r)(I - nn)|  <  n S int_{R-D}^inf (phi'' + |phi'|/r) r^(d-1) dr
+
+with n particles per mm^d and S = 2, 2 pi, 4 pi in d = 1, 2, 3 dimensions.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from ..errors import positive
+from ..lattices.bonds import ON_SHELL, bonds_within
+
+MANY = 300_000
+"""Bonds of one cell that are still summed."""
+
+
+def missing_stiffness(atoms, potential, cutoff):
+    """Bound on the stiffness that neighbours beyond `cutoff` add to a particle.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One periodic cell.
+    potential : object with dphi and d2phi
+        A law whose slope and curvature fall with the distance; zero beyond a finite range is welcome.
+    cutoff : float
+        In mm.
+
+    Returns
+    -------
+    float
+        In N/mm; it holds for every part of the stiffness in each direction.
+
+    Raises
+    ------
+    ValueError
+        If the law does not reach that far (a table), or so far that the sum diverges.
+    """
+    from scipy.integrate import quad
+
+    periods = atoms.cell.array[atoms.pbc]
+    d = len(periods)
+    volume = np.sqrt(np.linalg.det(periods @ periods.T))
+    start = positive('cutoff', cutoff, 'mm') - np.linalg.norm(periods, axis=1).sum()
+    if not start > 0:
+        return np.inf
+
+    def term(v):  # over log r
+        r = np.exp(v)
+        return (potential.d2phi(r) + abs(potential.dphi(r)) / r) * r**d
+
+    ends = np.log(start) + np.array([0.0, 1.0, 3.0, 9.0, 27.0])  # algebraic tails: the last piece is r = 5e11 times as far
+    total = sum(quad(term, a, b, epsabs=0, epsrel=1e-6, limit=200)[0] for a, b in pairwise(ends) if term(a))
+    if not term(ends[-1]) <= 1e-3 * total:
+        raise ValueError(f'neighbours add stiffness without end in {d} dimensions by the law {potential!r}; '
+                         'choose AllNeighbours, or a number of shells')
+    return len(atoms) / volume * {1: 2, 2: 2 * np.pi, 3: 4 * np.pi}[d] * total
+
+
+def reach(atoms, potential, tolerance=1e-5):
+    """Cutoff beyond which all neighbours together add less than `tolerance` of the stiffness of those within.
+
+    Parameters
+    ----------
+    atoms, potential
+        As for `missing_stiffness`.
+    tolerance : float
+
+    Returns
+    -------
+    float
+        In mm, between two shells: for `MagneticRepulsion(atoms, potential, cutoff=reach(...))`.
+
+    Raises
+    ------
+    ValueError
+        If too many neighbours would have to be summed.
+    """
+    periods = atoms.cell.array[atoms.pbc]
+    cutoff = 2 * np.linalg.norm(periods, axis=1).sum()
+    r = bonds_within(atoms, cutoff).lengths
+    stiffness = np.sum(potential.d2phi(r)) / len(atoms)
+    while missing_stiffness(atoms, potential, cutoff) > positive('tolerance', tolerance) * stiffness:
+        cutoff *= 1.2
+        pairs = len(atoms) ** 2 * cutoff ** len(periods) / np.sqrt(np.linalg.det(periods @ periods.T))
+        if pairs > MANY:
+            raise ValueError(f'{potential!r} reaches so far that {pairs:.0e} neighbours leave more than {tolerance:g} of the '
+                             'stiffness; ask for less, or for AllNeighbours')
+    lengths = np.unique(bonds_within(atoms, 1.1 * cutoff).lengths)
+    gaps = np.flatnonzero(np.diff(lengths) > 4 * ON_SHELL * lengths[1:])
+    last = gaps[lengths[gaps] >= cutoff / 1.05][0]
+    return float(lengths[last : last + 2].mean())

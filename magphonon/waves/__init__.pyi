@@ -1,0 +1,35 @@
+from .branches import (
+    Branch as Branch,
+    Misfit as Misfit,
+    branch as branch,
+    compare as compare,
+)
+from .spectrum import (
+    Ridge as Ridge,
+    Spectrum as Spectrum,
+    ridge as ridge,
+    wavenumber_frequency as wavenumber_frequency,
+    without_drift as without_drift,
+)
+from .tone_burst import (
+    Passage as Passage,
+    send as send,
+)
+from .vibrometer import (
+    Displacements as Displacements,
+    measure as measure,
+    read_displacements as read_displacements,
+    write_displacements as write_displacements,
+)
+from .wave_analysis import (
+    Wave as Wave,
+    report as report,
+    waves as waves,
+    write_ridges as write_ridges,
+)
+from .wave_source import (
+    Site as Site,
+    polarisations as polarisations,
+    site as site,
+    wavevector as wavevector,
+)

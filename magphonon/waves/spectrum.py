@@ -1,0 +1,256 @@
+"""Wavenumber-frequency maps of waves along a row of particles, their ridges, and how far a ridge lies from a branch.
+
+A row of equal steps R samples a wave only through the phase per step xi = k.R, so maps are drawn over xi (rad) and no
+length enters.  The wave of the paper is e^{i(k.R + omega t)}; here a wave that travels towards the end of the row
+appears at positive xi (numpy's `fft2` would put it into the quadrant omega > 0, k < 0).
+
+A burst has a source spectrum, and the record ends: at a fixed frequency the peak over xi is pulled towards the
+carrier, by half a bin and more.  Each cell of the map therefore knows the centre of gravity of what it has collected
+(reassignment, Kodera 1976, Auger and Flandrin 1995).  For window h and transform G_h(xi, omega),
+
+    omega_centre = omega - Im(G_h'/G_h)        xi_centre = xi + Im(G_h'/G_h)        h' along time, along the row
+
+Whatever spectrum weights a narrow piece of a branch, both centres are weighted alike: their point lies on the branch.
+
+That holds for a single plane wave.  Near a source fronts are curved, a beam of finite width spreads, waves come back from the
+rim, and a dead particle scatters: then the phase per step changes along the row.  The row itself tells by how much: its two
+halves are analysed each for itself, and where they disagree the whole is uncertain by half of their difference (the
+jackknife with two blocks).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from .. import units
+from ..errors import finite, positive
+from ..files import Saved
+
+FEWEST = 8
+"""Frames, and points, that a map is made of at least."""
+PAD = 4
+"""Zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
+FIRST = 3
+"""Slowest frequency line that counts, in periods per record: a Hann window spreads offset and drift over the two below it."""
+ROUND_OFF = 1e-13
+"""Motion weaker than this share of the displacements is what subtracting offset and drift leaves of a row at rest."""
+LARGEST = 1e100
+"""Displacements in mm above this, or below its inverse, have squares near the ends of floating-point numbers."""
+LEAST_POWER = 1e-2
+"""Ridge points weaker than this share of the strongest cell of the map (-20 dB) are dropped."""
+LEAST_CONTRAST = 20
+"""Ridge points weaker than this multiple of their line's background are dropped: noise alone gets there once in 1e6 lines."""
+NORMAL = 1.96
+"""95 % of normal errors are smaller than this multiple of their standard deviation."""
+RESOLVED = 1.0
+"""Bins; two waves that far apart have peaks of their own, as 2 pi by the points of the row is the resolution."""
+
+
+@dataclass(frozen=True)
+class Spectrum(Saved, kind='spectra', units={
+    'xi': ('rad', 'wavenumbers'), 'omega': ('rad/ms', 'frequencies'), 'power': ('mm^2', 'frequencies', 'wavenumbers'),
+    'xi_centre': ('rad', 'frequencies', 'wavenumbers'), 'omega_centre': ('rad/ms', 'frequencies', 'wavenumbers'),
+    'xi_change': ('rad', 'frequencies', 'wavenumbers'), 'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
+}, missing=('xi_centre', 'omega_centre', 'xi_change')):
+    """Power over phase per step and frequency.
+
+    Attributes
+    ----------
+    xi : ndarray, shape (wavenumbers,)
+        Phase per step k.R in rad, ascending from -pi; positive for waves that travel along the row.
+    omega : ndarray, shape (frequencies,)
+        Angular frequency in rad/ms, ascending from 0.
+    power : ndarray, shape (frequencies, wavenumbers)
+        In mm^2: a plane wave of amplitude A has the peak A^2.
+    xi_centre, omega_centre : ndarray, shape (frequencies, wavenumbers)
+        Where the power in each cell comes from; NaN where there is none.
+    xi_change : ndarray, shape (frequencies, wavenumbers)
+        How much larger xi_centre is in the second half of the row than in the first; zero for a single plane wave.
+    bin_xi, bin_omega : float
+        Resolution of the record, 2 pi/points and 2 pi/duration; the map is padded and its grid is finer.
+    """
+
+    xi: np.ndarray
+    omega: np.ndarray
+    power: np.ndarray
+    xi_centre: np.ndarray
+    omega_centre: np.ndarray
+    xi_change: np.ndarray
+    bin_xi: float
+    bin_omega: float
+
+    @property
+    def peak(self):
+        """Power of the strongest cell, offset and drift apart."""
+        return self.power[FIRST * PAD :].max()
+
+    @property
+    def loudest(self):
+        """Angular frequency of that cell in rad/ms."""
+        return self.omega[FIRST * PAD + self.power[FIRST * PAD :].max(axis=1).argmax()]
+
+
+def wavenumber_frequency(displacements, dt):
+    """Wavenumber-frequency map of one displacement component along a row, Hann windows in time and space.
+
+    Each particle may be offset from its rest and drift steadily: both are taken off first, see `without_drift`.
+
+    Parameters
+    ----------
+    displacements : array_like, shape (frames, points)
+        In mm, at equal times, of particles in equal steps.  Project on a direction first, `u @ direction`: then the
+        waves of that polarisation stand alone on the map.
+    dt : float
+        Time between frames in ms.
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    ValueError
+        For another shape, fewer than 8 frames or points, entries that are not finite or in no unit of length, or a row
+        at rest.
+    """
+    u = finite('displacements', displacements)
+    dt = positive('dt', dt, 'ms')
+    if u.ndim != 2 or min(u.shape) < FEWEST:
+        raise ValueError(f'a map needs displacements of the shape (frames, points), at least {FEWEST} of each, not {u.shape}')
+    largest = abs(u).max()
+    if largest and not 1 / LARGEST < largest < LARGEST:
+        raise ValueError(f'the largest displacement of the row is {largest / units.m:g} m: its square is beyond all numbers; '
+                         'give displacements in their unit')
+    u = without_drift(u)
+    if abs(u).max() <= ROUND_OFF * largest:
+        raise ValueError('the row is at rest throughout the record, or only drifts; record longer, or another component')
+    frames, points = u.shape
+    in_time, in_space = _hann(frames), _hann(points)
+    G = _transform(u, in_time[0], in_space[0])
+    with np.errstate(divide='ignore', invalid='ignore'):
+        d_omega = -(_transform(u, in_time[1] / dt, in_space[0]) / G).imag
+    d_xi = _wavenumber_shift(u, in_time[0], in_space)
+    first, second = (_wavenumber_shift(u, in_time[0], half) for half in _hann_halves(points))
+    xi = 2 * np.pi * np.fft.fftshift(np.fft.fftfreq(PAD * points))
+    omega = 2 * np.pi * np.fft.rfftfreq(PAD * frames, dt)
+    amplitude = 2 * abs(G) / (in_time[0].sum() * in_space[0].sum())
+    return Spectrum(xi, omega, amplitude**2, xi + d_xi, omega[:, None] + d_omega, second - first,
+                    2 * np.pi / points, 2 * np.pi / (frames * dt))
+
+
+def without_drift(displacements):
+    """Displacements without the constant and the steady drift of each point, shape (frames, points).
+
+    Both are fitted with the weights of the window, so that the map of what is left vanishes at zero frequency.
+    """
+    weight = _hann(len(displacements))[0]
+    t = np.arange(len(displacements)) - (len(displacements) - 1) / 2  # weights are even in t: constant and slope do not mix
+    offset, slope = (weight * t**k @ displacements / (weight @ t ** (2 * k)) for k in (0, 1))
+    return displacements - offset - t[:, None] * slope
+
+
+def _hann(n):
+    """Hann window of n samples, and its derivative by the sample number."""
+    phase = 2 * np.pi * (np.arange(n) + 0.5) / n
+    return (1 - np.cos(phase)) / 2, np.pi / n * np.sin(phase)
+
+
+def _hann_halves(n):
+    """Hann windows of the first and of the second half of n samples, and their derivatives."""
+    half = (n + 1) // 2
+    rest = np.zeros(n - half)
+    window, derivative = _hann(half)
+    return [(np.r_[window, rest], np.r_[derivative, rest]), (np.r_[rest, window], np.r_[rest, derivative])]
+
+
+def _wavenumber_shift(u, in_time, in_space):
+    """Distance in xi from each cell of the map to the centre of gravity of its power."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        return (_transform(u, in_time, in_space[1]) / _transform(u, in_time, in_space[0])).imag
+
+
+def _transform(u, in_time, in_space):
+    """Sum of `u e^{-i omega t} e^{+i xi n}` over the windowed record, zero padded, xi ascending from -pi."""
+    frames, points = u.shape
+    over_time = np.fft.rfft(u * in_time[:, None] * in_space, PAD * frames, axis=0)
+    return np.fft.fftshift(np.fft.ifft(over_time, PAD * points, axis=1, norm='forward'), axes=1)
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """Points along the crest of a map, one for each frequency line of the record.
+
+    Attributes
+    ----------
+    xi, omega : ndarray, shape (points,)
+        Phase per step in rad, angular frequency in rad/ms.
+    sigma_xi, sigma_omega : ndarray, shape (points,)
+        Their standard uncertainties: noise of the record in both, and what differs between the halves of the row in xi.
+    power : ndarray, shape (points,)
+        In mm^2.
+    bin_xi, bin_omega : float
+        Resolution of the record.
+    """
+
+    xi: np.ndarray
+    omega: np.ndarray
+    sigma_xi: np.ndarray
+    sigma_omega: np.ndarray
+    power: np.ndarray
+    bin_xi: float
+    bin_omega: float
+
+
+def ridge(spectrum):
+    """Crest of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
+
+    With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity, d
+    bins away from its cell, uncertain by sqrt((1/3 + d^2) B/(2 P)) bins.  B is taken from the median over the frequency
+    line, so that leakage and other waves count as noise too.
+
+    What is no plane wave makes the halves of the row disagree by D: the whole is uncertain by D/2, less the share that
+    noise has in it.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
+    background), so that noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each
+    point gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger.
+    More than a bin is no uncertainty of one wave: there a half has found another, which the whole would show apart.
+
+    A wave that runs one way and disperses is surer than that: in a long row its halves hear it at other times, at which other
+    parts of its branch are strong.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+
+    Returns
+    -------
+    Ridge
+
+    Raises
+    ------
+    ValueError
+        If no wave rises above the background.
+    """
+    forward = spectrum.xi > 0
+    lines = slice(FIRST * PAD, None, PAD)  # the lines between them, from padding, say nothing new
+    power = spectrum.power[lines]
+    peak = np.argmax(np.where(forward, power, 0), axis=1)
+    at = np.arange(len(power)), peak
+    background = np.median(power, axis=1) / np.log(2)  # of an exponential distribution, from its median to its mean
+    height = power[at]
+    keep = (height > LEAST_POWER * power.max()) & (height > LEAST_CONTRAST * background)
+    for step in (1, -1):  # else no crest, but the flank of a wave that runs the other way or stands still
+        keep &= height > np.roll(power, step, axis=1)[at]
+    keep &= spectrum.xi_centre[lines][at] > spectrum.bin_xi / 2  # half a wave along the row: else it moves as one, or decays
+    if not keep.any():
+        raise ValueError('no wave along the row rises above the background of the map; '
+                         'average or record longer, reverse the row, or drive harder')
+    xi, omega = spectrum.xi_centre[lines][at][keep], spectrum.omega_centre[lines][at][keep]
+    noise = np.sqrt(background[keep] / (2 * height[keep]))
+    noise_xi = noise * np.hypot(spectrum.bin_xi / np.sqrt(3), xi - spectrum.xi[peak[keep]])
+    most = (RESOLVED * spectrum.bin_xi) ** 2
+    halves = np.minimum((spectrum.xi_change[lines][at][keep] / 2) ** 2, most) - 4 * noise_xi**2
+    few = stdtrit(len(xi), 0.975) / NORMAL  # Student's t for a mean square of so many
+    sigma_xi = np.sqrt(noise_xi**2 + np.minimum(np.maximum(halves, few**2 * max(halves.mean(), 0)), most))
+    sigma_omega = noise * np.hypot(spectrum.bin_omega / np.sqrt(3), omega - spectrum.omega[lines][keep])
+    return Ridge(xi, omega, sigma_xi, sigma_omega, height[keep], spectrum.bin_xi, spectrum.bin_omega)

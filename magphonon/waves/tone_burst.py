@@ -1,0 +1,85 @@
+"""A tone burst sent through a patch at rest, and the record that it leaves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import units
+from ..dynamics.recorder import Recorder
+from ..dynamics.timestep import highest_frequency
+from ..dynamics.verlet import DrivenVerlet
+from ..errors import not_negative, positive
+from .vibrometer import Displacements
+
+STEP = 0.1
+"""Time step as a share of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, others by less."""
+SAMPLES = 20
+"""Frames of the record to a period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
+SNAPSHOTS = 24
+"""Moments at which the whole patch is kept."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What a burst leaves behind.
+
+    Attributes
+    ----------
+    row : Displacements
+        Of the measured row.
+    field : Displacements
+        Of all particles, at a few moments.
+    largest : float
+        Displacement in mm that no particle exceeds where it is driven, along the row and at these moments.
+    """
+
+    row: Displacements
+    field: Displacements
+    largest: float
+
+
+def send(patch, site, drive, damping, duration, engine='auto'):
+    """Send a burst through a patch at rest and record it.
+
+    Parameters
+    ----------
+    patch : ase.Atoms
+        At rest, with its MagneticRepulsion.
+    site : Site
+    drive : ToneBurst
+        `site.burst(...)`.
+    damping : float
+        gamma in 1/ms; a wave of the frequency w has the damping ratio gamma/(2 w).
+    duration : float
+        Of the record in ms, from the start of the burst.
+    engine : str
+        As for DrivenVerlet.
+
+    Returns
+    -------
+    Passage
+
+    Raises
+    ------
+    ValueError
+        For a carrier above all frequencies of the patch, or a duration that ends before the burst does.
+    """
+    not_negative('damping', damping, '1/ms')
+    top = highest_frequency(patch)
+    if drive.omega > top:
+        model = patch.calc.parameters.model
+        raise ValueError(f'the carrier of {units.hertz(drive.omega):.6g} Hz lies above the highest frequency of the '
+                         f'patch in the {model} model, {units.hertz(top):.6g} Hz, where nothing propagates; lower it'
+                         + (' (the conventional model reaches higher)' if model == 'complete' else ''))
+    dt = STEP * 2 / top
+    interval = max(1, int(2 * np.pi / drive.omega / SAMPLES / dt))
+    if not positive('duration', duration, 'ms') > drive.end:
+        raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
+    steps = int(duration / dt)
+    dyn = DrivenVerlet(patch, dt, [drive], damping, engine)
+    row, source = (Recorder(dyn, particles, interval) for particles in (site.row, site.driven))
+    field = Recorder(dyn, interval=max(1, steps // SNAPSHOTS))
+    dyn.run(steps)
+    largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))
+    return Passage(*(Displacements(record.times, record.particles, record.displacements) for record in (row, field)),
+                   float(largest))

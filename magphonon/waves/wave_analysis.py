@@ -1,0 +1,185 @@
+"""The waves that a row of particles tells of, simulated or measured: map and ridge of each motion, beside the bands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import units
+from ..files import refuse_overflow, whole_file
+from .branches import Branch, branch, compare
+from .spectrum import LEAST_POWER, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
+from .wave_source import polarisations, wavevector
+
+MODELS = ('complete', 'conventional')
+BRANCHES = {'shear': 0, 'longitudinal': 1}
+"""The lowest two, from below: repulsion makes shear the softer of the two sounds."""
+FAR = 3
+"""Bins; a record of which no ridge is nearer to any branch was not taken in this lattice, or in other units."""
+REST = 1e-6
+"""Motion weaker than this share of the other one is round-off, or nothing that a map would keep."""
+SLOW = 100
+"""Waves this many times slower than the top of the branches are hundreds of steps long: no row tells of them."""
+RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with')
+
+
+@dataclass(frozen=True)
+class Wave:
+    """What a row tells of one polarisation.
+
+    Attributes
+    ----------
+    motion : {'transverse', 'longitudinal'}
+        Across or along the wavevector.
+    spectrum : Spectrum
+    branches : dict of Branch
+        By model and name, such as ('complete', 'shear').
+    ridge : Ridge or None
+        None if no wave rises above the background: it decays, or was not driven.
+    """
+
+    motion: str
+    spectrum: Spectrum
+    branches: dict[tuple, Branch]
+    ridge: Ridge | None
+
+    @property
+    def misfits(self):
+        """Distance of the ridge from each branch, a dict of Misfit; empty without a ridge."""
+        return {name: compare(self.ridge, branch) for name, branch in self.branches.items()} if self.ridge else {}
+
+    @property
+    def agrees_with(self):
+        """Model and name of the branches that the ridge may lie on by its uncertainties, the nearest first."""
+        misfits = self.misfits
+        return tuple(sorted((name for name in misfits if misfits[name].agrees), key=lambda name: misfits[name].bins))
+
+
+def waves(row, cell, source):
+    """The waves along a row, the strongest motion first; one 20 dB weaker than the other is left out.
+
+    Waves that spread move the row across and along its line: a ridge of one motion may follow the branch of the other.
+    Where a branch falls with the wavenumber, as shear in a square lattice on springs, phases run backwards: no ridge.
+
+    Parameters
+    ----------
+    row : Displacements
+        Of particles in equal steps of R2, away from the source.
+    cell : ase.Atoms
+        With its MagneticRepulsion.
+    source : {'row', 'point'}
+
+    Returns
+    -------
+    list of Wave
+
+    Raises
+    ------
+    ValueError
+        If the row is at rest, or the record too short.
+    """
+    motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
+    largest = {name: abs(without_drift(u)).max() for name, u in motions.items()}
+    moving = [name for name in motions if largest[name] > REST * max(largest.values())] or motions  # at rest: the map says so
+    maps = {name: wavenumber_frequency(motions[name], row.dt) for name in moving}
+    strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
+    least = LEAST_POWER * maps[strongest_first[0]].peak
+    q = wavevector(cell, source)
+    branches = {(model, name): branch(cell, q, mode, model) for model in MODELS for name, mode in BRANCHES.items()}
+    return [Wave(name, maps[name], branches, _ridge_of(maps[name]))
+            for name in strongest_first if maps[name].peak > least]
+
+
+def _ridge_of(spectrum):
+    try:  # a decaying wave is a finding too
+        return ridge(spectrum)
+    except ValueError:
+        return None
+
+
+def report(records):
+    """Distances of the ridges from the branches, as a table in words.
+
+    Parameters
+    ----------
+    records : dict
+        From the name of a record to its waves.
+
+    Returns
+    -------
+    str
+    """
+    names = [f'{name}{mark}' for mark in ('', "'") for name in BRANCHES]
+    rows = [('record', 'motion', 'power', 'points', *names, 'sigma')]
+    for record, found in records.items():
+        strongest = found[0].spectrum.peak
+        for wave in found:
+            dB = 10 * np.log10(wave.spectrum.peak / strongest)
+            bins = [misfit.bins for misfit in wave.misfits.values()]
+            if wave.ridge:
+                bins.append(np.median(wave.ridge.sigma_xi) / wave.ridge.bin_xi)
+            cells = [f'{distance:.2f}' for distance in bins] or 5 * ['-']
+            rows.append((record, wave.motion, f'{dB:.1f} dB', str(len(wave.ridge.xi) if wave.ridge else 0), *cells))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ['  '.join(f'{cell:{"<" if k < 2 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows]
+    resolution = next(iter(records.values()))[0].spectrum.bin_xi
+    return '\n'.join(['Rms distance of the ridge of each motion from each branch, in bins of the wavenumber (one, 2 pi by the',
+                      f'points of the row, is {resolution:.4g} rad per step).  Plain columns: D0 + D*; primed: D0 alone;',
+                      'sigma: of a point of the ridge.', '', *lines, *_verdicts(records), *_doubts(records)])
+
+
+def _verdicts(records):
+    """For each ridge the branches on which it may lie, in words."""
+    lines, astray = [], False
+    for record, found in records.items():
+        for wave in found:
+            misfits, on = wave.misfits, wave.agrees_with
+            if on:
+                branches = ', '.join(f'{model} {name} ({misfits[model, name].bins:.2f} bins)' for model, name in on)
+                lines.append(f'{record}, {wave.motion} motion: agrees with {branches}')
+            elif misfits:
+                astray = True
+                model, name = min(misfits, key=lambda name: misfits[name].bins)
+                lines.append(f'{record}, {wave.motion} motion: lies on no branch; the nearest is {model} {name} '
+                             f'({misfits[model, name].bins:.2f} bins)')
+    if astray:
+        lines += ['', 'What lies on no branch may be several waves at once, oblique ones of which only the energy runs along the',
+                  'row, as from a point source in an anisotropic lattice, waves from the ends of a beam, or another lattice.']
+    return ['', *lines] if lines else []
+
+
+def _doubts(records):
+    """What may be wrong with a record that tells nothing, or nothing that fits."""
+    waves, lines = [wave for found in records.values() for wave in found], []
+    if any(wave.ridge is None for wave in waves):
+        lines += ['', 'Without points: nothing runs along the row above its background; it decays, drowns in noise, or its',
+                  'phases run backwards.']
+    far = [misfit.bins > FAR for wave in waves for misfit in wave.misfits.values()]
+    if far and all(far):
+        lines += ['', f'No ridge comes within {FAR} bins of a branch: are times in seconds, row and lattice those of the scene?']
+    for record, found in records.items():
+        top = max(branch.omega.max() for branch in found[0].branches.values())
+        if found[0].spectrum.loudest < top / SLOW:
+            lines += ['', f'{record} moves at {units.hertz(found[0].spectrum.loudest):.3g} Hz and the branches reach up to '
+                          f'{units.hertz(top):.3g} Hz: are its times in milliseconds? time_s is in seconds.']
+    return lines
+
+
+def write_ridges(path, records):
+    """Table of ridge points in SI, and the branches that their ridge agrees with, or none; whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    records : dict
+        From the name of a record to its waves.
+    """
+    with whole_file(path) as file:
+        print(*RIDGE_COLUMNS, sep=',', file=file)
+        for name, found in records.items():
+            for wave in found:
+                if wave.ridge:
+                    r, on = wave.ridge, '; '.join(map(' '.join, wave.agrees_with)) or 'none'
+                    columns = r.xi, r.sigma_xi, units.hertz(r.omega), units.hertz(r.sigma_omega), r.power / units.m**2
+                    refuse_overflow(path, {f'the ridge of {name}, {wave.motion} motion,': columns})
+                    for point in np.transpose(columns).tolist():
+                        print(name, wave.motion, *point, on, sep=',', file=file)

@@ -1,0 +1,104 @@
+"""Where a burst enters a patch, and the row of particles that sees it pass.
+
+It enters at the lowest row inside the held rim, along all of that row or at its middle, and is measured along the
+lattice vector R2.  A row of sources makes plane waves, whose fronts run along R1; from a point the waves spread,
+and along a direction of symmetry those seen run along the measured row.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..dynamics.drives import ToneBurst
+from ..errors import one_of
+from ..lattices.patches import RIM
+
+SOURCES = ('row', 'point')
+NEAR = 0.1
+"""Particles so near to a place, in lattice constants, belong there: also in a patch that a burst has left in motion."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a burst enters a patch and where it is measured.
+
+    Attributes
+    ----------
+    driven : ndarray of int, shape (driven,)
+    weights : ndarray, shape (driven,)
+        Share of the force on each of them, at most one.
+    row : ndarray of int, shape (points,)
+        Particles measured, in equal steps of R2 away from the source.
+    """
+
+    driven: np.ndarray
+    weights: np.ndarray
+    row: np.ndarray
+
+    def burst(self, direction, force, omega, cycles=5):
+        """The ToneBurst of this site; `direction` in the plane, `force` in N, `omega` in rad/ms."""
+        return ToneBurst(self.driven, direction, force * self.weights, omega, cycles)
+
+
+def wavevector(cell, source):
+    """Wavevector of xi = 2 pi along R2, in fractions of the reciprocal vectors, for `branch` and `complex_bands`.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+    source : {'row', 'point'}
+        Fronts along R1, or across R2.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+    """
+    R1, R2 = cell.cell.array[:2]
+    return np.array([0.0 if one_of('source', source, SOURCES) == 'row' else R1 @ R2 / (R2 @ R2), 1.0, 0.0])
+
+
+def polarisations(cell, source):
+    """Unit vectors across and along the wavevector: a dict of 'transverse' and 'longitudinal', each of shape (2,)."""
+    k = (wavevector(cell, source) @ cell.cell.reciprocal().array)[:2]
+    along = k / np.linalg.norm(k)
+    return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
+
+
+def site(cell, patch, source):
+    """Where to drive a patch and where to measure it.
+
+    Ends of a row of sources send waves of their own across the fronts: at the measured row they move the ridge by more
+    than a wavenumber bin.  So the force falls off as cos^2 towards the ends, and the measured row crosses the middle of the
+    beam half way up.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+    patch : ase.Atoms
+        Cut from that cell, see `magphonon.lattices`.
+    source : {'row', 'point'}
+
+    Returns
+    -------
+    Site
+    """
+    one_of('source', source, SOURCES)
+    x, y = patch.positions[:, :2].T
+    inside = np.flatnonzero(patch.get_tags() != RIM)
+    row = inside[y[inside] < y[inside].min() + NEAR * cell.cell.lengths()[0]]
+    R2 = cell.cell.array[1, :2]
+    middle = (x[row].min() + x[row].max()) / 2
+    if source == 'point':
+        driven = row[[abs(x[row] - middle).argmin()]]
+        return Site(driven, np.ones(1), _row(patch, inside, driven[0], R2))
+    across = (x[row] - middle) / (np.ptp(x[row]) + 2 * cell.cell.lengths()[0])
+    below = middle - np.ptp(y[inside]) / 2 * R2[0] / R2[1]
+    return Site(row, np.cos(np.pi * across) ** 2, _row(patch, inside, row[abs(x[row] - below).argmin()], R2))
+
+
+def _row(patch, inside, start, R2):
+    """Those of the particles `inside` that lie at whole steps of R2 from `start`, in order."""
+    away = patch.positions[inside, :2] - patch.positions[start, :2]
+    n = np.rint(away @ R2 / (R2 @ R2))
+    on = (n >= 0) & (np.linalg.norm(away - n[:, None] * R2, axis=1) < NEAR * np.linalg.norm(R2))
+    return inside[on][np.argsort(n[on])]

@@ -1,0 +1,386 @@
+"""Bands: closed forms, group velocities and sound speeds against differences, labels, files."""
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.dft.kpoints import BandPath
+from oracles import LATTICES, LAWS, lattice
+from scipy.special import zeta
+
+from magphonon import (
+    Bands,
+    InversePower,
+    MagneticRepulsion,
+    Yukawa,
+    analytic_bands,
+    group_velocities,
+    lattices,
+    sound_speeds,
+    units as u,
+)
+from magphonon.bands import band_path
+from magphonon.bands.bands import path_of
+from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions.pair_laws import repulsion
+
+LAW = LAWS['magnets']
+MODELS = ('complete', 'conventional')
+
+
+def cell_of(name, law=LAW, **options):
+    atoms = lattice(name)
+    atoms.calc = MagneticRepulsion(atoms, law, **options)
+    return atoms
+
+
+def random_q(atoms, n=20, seed=0):
+    return np.random.default_rng(seed).uniform(-0.5, 0.5, (n, 3)) * atoms.pbc
+
+
+# Closed forms
+
+def test_chain():
+    # longitudinally D* does nothing: M omega^2 = 4 phi'' sin^2(kL/2); transversally it is all there is: 4 (phi'/r) sin^2
+    atoms = cell_of('chain')
+    x = np.linspace(0, 0.5, 40)
+    q = np.outer(x, [1, 0, 0])
+    s2 = 4 * np.sin(np.pi * x) ** 2 / 0.7
+    expected = {'complete': np.stack([s2 * LAW.dphi(10.0) / 10, s2 * LAW.d2phi(10.0)], axis=1),
+                'conventional': np.stack([0 * s2, s2 * LAW.d2phi(10.0)], axis=1)}
+    for model, squares in expected.items():
+        omega = bloch_modes(atoms, q, model)[0]
+        np.testing.assert_allclose(omega * abs(omega), squares, rtol=0, atol=1e-15 * s2.max() * LAW.d2phi(10.0))
+    assert bloch_modes(atoms, q[-1:])[0][0, 0] < 0  # a free chain of repelling particles buckles
+
+
+def test_all_neighbours_of_a_dipole_chain():
+    # Each neighbour n adds phi''(nL) n^2 ~ n^-3 to c^2: zeta(3), of which 60 shells leave 1/(2 60.5^2) = 1.4e-4
+    atoms = cell_of('chain', InversePower(b=1.0, a=4.0), shells=60)
+    nearest = cell_of('chain', InversePower(b=1.0, a=4.0))
+    ratio = sound_speeds(atoms, (1, 0))[1] ** 2 / sound_speeds(nearest, (1, 0))[1] ** 2
+    assert ratio == pytest.approx(np.sum(1 / np.arange(1, 61.0) ** 3), rel=1e-12)
+    assert ratio == pytest.approx(zeta(3), rel=1.2e-4)
+
+
+@pytest.mark.parametrize('shells', [1, 2, 5])
+def test_ratio_of_the_sound_speeds_of_a_dipole_crystal(shells):
+    # c_L^2/c_T^2 = (3a - 1)/(a - 3) = 11 for each shell of the triangular lattice and so for all of them (Golden and Kalman)
+    slow, fast = sound_speeds(cell_of('triangular', InversePower(b=1.0, a=4.0), shells=shells), (0.6, 0.8))
+    assert fast / slow == pytest.approx(np.sqrt(11), rel=1e-12)
+
+
+def test_screened_crystals_shear_at_the_golden_ratio():
+    # c_T^2 ~ phi'' + 3 phi'/r ~ kappa^2 - kappa - 1 (in spacings): nearest neighbours alone hold the lattice only above
+    golden = (1 + np.sqrt(5)) / 2
+    below, at, above = (sound_speeds(cell_of('triangular', Yukawa(c=1.0, kappa=x * golden / 10))) for x in (0.99, 1.0, 1.01))
+    assert below[0] < 0 < above[0]
+    assert abs(at[0]) < 1e-7 * at[1]  # the root of round-off in c^2
+
+
+# Modes
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('name', LATTICES)
+def test_modes_solve_the_eigenvalue_problem(name, model):
+    from magphonon.stiffness.bond import model_stiffness
+    from magphonon.stiffness.matrices import bloch_matrix, mass_weighted
+
+    atoms = cell_of(name, foundation=0.05)
+    calc, q = atoms.calc, random_q(atoms)
+    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
+    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], LAW, model)
+    D = mass_weighted(bloch_matrix(calc.bonds, K, q, 0.05), atoms.get_masses())
+    v = vectors.reshape(*omega.shape, -1)
+    scale = abs(D).max()
+    assert abs(np.einsum('qab,qmb->qma', D, v) - (omega * abs(omega))[..., None] * v).max() < 1e-14 * scale
+    assert abs(np.einsum('qma,qna->qmn', v.conj(), v) - np.eye(v.shape[1])).max() < 1e-14
+    assert (np.diff(omega, axis=1) >= 0).all()
+    np.testing.assert_allclose(bloch_modes(atoms, q, model)[0], omega, rtol=0, atol=1e-12 * omega.max())
+
+
+def test_large_zones_are_diagonalised_in_batches(monkeypatch):
+    atoms = cell_of('kagome')
+    q = random_q(atoms, 100)
+    at_once = bloch_modes(atoms, q, vectors=True)
+    monkeypatch.setattr('magphonon.bands.bloch.BATCH_BYTES', 5000)
+    for whole, parts in zip(at_once, bloch_modes(atoms, q, vectors=True), strict=True):
+        np.testing.assert_array_equal(whole, parts)
+
+
+def test_polarisations_of_a_triangular_lattice():
+    atoms = cell_of('triangular', foundation=0.02)
+    path = atoms.cell.bandpath('GM', npoints=20, pbc=atoms.pbc)
+    bands = analytic_bands(atoms, path, vectors=True)
+    # a mirror line of the lattice: modes are purely one or the other
+    np.testing.assert_allclose(bands.longitudinal[1:], np.tile([0, 1], (19, 1)), atol=1e-14)
+    assert np.isnan(bands.longitudinal[0]).all()
+    assert (bands.polarisations[1:] == ['transverse', 'longitudinal']).all()
+    assert (bands.polarisations[0] == '').all()
+    # off the mirror lines and near the border they are mixed; at K they cross, and any two of them would do
+    K = atoms.cell.bandpath('K', npoints=1, pbc=atoms.pbc).kpts[0]
+    q = [[0.3, -0.35, 0], K]
+    off = Bands(BandPath(atoms.cell, q, {}, ''), *bloch_modes(atoms, q, vectors=True))
+    assert (off.polarisations == 'mixed').all()
+    np.testing.assert_allclose(off.longitudinal.sum(axis=1), 1, rtol=1e-14)  # two modes share two directions
+    np.testing.assert_allclose(off.longitudinal[1], 0.5, rtol=1e-12)
+
+
+def test_polarisations_in_a_turned_cell():
+    # ASE returns paths on a turned copy of the cell; labels must refer to the real one
+    atoms = lattice('triangular')
+    atoms.rotate(37, 'z', rotate_cell=True)
+    atoms.calc = MagneticRepulsion(atoms, LAW)
+    bands = analytic_bands(atoms, atoms.cell.bandpath('GM', npoints=5, pbc=atoms.pbc), vectors=True)
+    assert (bands.polarisations[1:] == ['transverse', 'longitudinal']).all()
+
+
+def test_bands_without_modes_say_so():
+    atoms = cell_of('triangular')
+    with pytest.raises(ValueError, match='vectors=True'):
+        analytic_bands(atoms, atoms.cell.bandpath('GM', npoints=3, pbc=atoms.pbc)).longitudinal  # noqa: B018
+
+
+# Group velocities
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('name', LATTICES)
+def test_group_velocities_against_differences(name, model):
+    atoms = cell_of(name, foundation=0.2)  # every branch stable, and away from zero
+    q = random_q(atoms)
+    omega, velocity = group_velocities(atoms, q, model)
+    h = 1e-5  # rad/mm
+    distinct = np.diff(omega, axis=1, prepend=-np.inf, append=np.inf)
+    distinct = np.minimum(distinct[:, :-1], distinct[:, 1:]) > 0.02 * omega.max()  # else differences mix the branches
+    assert distinct.sum() > 10
+    for axis in range(atoms.calc.dim):
+        step = atoms.cell.array[:, axis] * h / (2 * np.pi)
+        numerical = (bloch_modes(atoms, q + step, model)[0] - bloch_modes(atoms, q - step, model)[0]) / (2 * h)
+        # quadratic in h, and largest where branches come close: (h L omega/gap)^2 is 1e-4, of which 1e-7 was measured
+        assert abs(velocity[..., axis] - numerical)[distinct].max() < 2e-7 * abs(velocity[distinct]).max()
+
+
+def test_group_velocity_of_the_gap():
+    # at k = 0 with a foundation every branch is flat; without one sound has no unique direction: not a number
+    atoms = cell_of('triangular', foundation=0.02)
+    assert abs(group_velocities(atoms, [[0, 0, 0]])[1]).max() < 1e-12
+    atoms.calc.set(foundation=0.0)
+    assert np.isnan(group_velocities(atoms, [[0, 0, 0]])[1]).all()
+
+
+def test_group_velocity_of_an_unstable_branch_is_none():
+    velocity = group_velocities(cell_of('square'), [[0.1, 0.0, 0]])[1][0]
+    assert np.isnan(velocity[0]).all()
+    assert np.isfinite(velocity[1]).all()
+
+
+def test_group_velocity_at_a_crossing_is_the_mean():
+    # at the Dirac point K of the triangular lattice the cones open evenly to all sides
+    atoms = cell_of('triangular')
+    omega, velocity = group_velocities(atoms, [[2 / 3, 1 / 3, 0], [2 / 3, 1 / 3 + 1e-4, 0]])
+    assert omega[0, 1] - omega[0, 0] < 1e-12 * omega.max()
+    assert abs(velocity[0]).max() < 1e-9 * abs(velocity[1]).max()  # the slope a little further on: the control
+
+
+# Sound
+
+MECHANISM = ('kagome', 'conventional', 1)  # its triangles turn against each other at no cost
+
+
+def test_a_mechanism_leaves_no_sound_speeds():
+    name, model, shells = MECHANISM
+    atoms = cell_of(name, shells=shells)
+    assert np.isnan(sound_speeds(atoms, model=model)).all()
+    # three branches start from zero, and no direction is like another
+    slopes = [bloch_modes(atoms, [atoms.cell.array @ n * 1e-3 / (2 * np.pi)], model)[0][0, :4] / 1e-3
+              for n in np.array([[1, 0, 0], [np.sqrt(0.75), 0.5, 0]])]
+    assert all(slope[2] < 5 < slope[3] for slope in slopes)
+    assert abs(slopes[0][0] - slopes[1][0]) > 1
+    assert np.isfinite(sound_speeds(atoms)).all()  # the static forces take the mechanism's zero away: it buckles
+
+
+@pytest.mark.parametrize(('name', 'model', 'shells'), [
+    (name, model, shells) for name in LATTICES for model in MODELS for shells in (1, 2) if (name, model, shells) != MECHANISM])
+def test_sound_speeds_are_the_slopes_at_small_k(name, model, shells):
+    atoms = cell_of(name, shells=shells)
+    dim = atoms.calc.dim
+    direction = np.array([1.0, 0, 0] if name == 'chain' else [0.8, 0.6, 0] if dim == 2 else [0.48, 0.6, 0.64])
+    speeds = sound_speeds(atoms, direction[:dim], model)
+    k = 1e-3  # rad/mm
+    omega = bloch_modes(atoms, [atoms.cell.array @ direction * k / (2 * np.pi)], model)[0][0]
+    slopes = omega[np.argsort(abs(omega))[:dim]] / k  # internal modes are the faster ones
+    # squares, where a vanishing speed leaves round-off: (kL)^2 (fourth order) times a stiffness ratio of at most ten
+    fastest = abs(speeds).max() ** 2
+    assert abs(np.sort(slopes * abs(slopes)) - speeds * abs(speeds)).max() < 10 * (k * 20) ** 2 * fastest
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('name', LATTICES)
+def test_sound_does_not_depend_on_the_cell(name, model):
+    atoms = cell_of(name)
+    larger = atoms.repeat(np.where(atoms.pbc, (2, 3, 2), 1))
+    larger.calc = atoms.calc.on(larger)
+    direction = [0.8, 0.6, 0.3][: atoms.calc.dim]
+    c, C = sound_speeds(atoms, direction, model), sound_speeds(larger, direction, model)
+    # NaN where there is none; the inner modes of a larger cell are softer, down to 1e-2, and lose as many digits
+    np.testing.assert_allclose(C * abs(C), c * abs(c), rtol=0, atol=1e-12 * np.nanmax([1, *c]) ** 2)
+
+
+def test_sound_ignores_the_foundation():
+    np.testing.assert_array_equal(sound_speeds(cell_of('honeycomb', foundation=1.0)), sound_speeds(cell_of('honeycomb')))
+
+
+def test_square_lattice_has_no_shear_stiffness_but_dstar():
+    # along a row: c_L^2 = phi'' L^2/M; c_T^2 = (phi'/r) L^2/M < 0, and zero in the conventional model
+    atoms = cell_of('square')
+    shear, longitudinal = sound_speeds(atoms, (1, 0))
+    assert longitudinal == pytest.approx(np.sqrt(LAW.d2phi(10.0) / 0.7) * 10, rel=1e-14)
+    assert shear == pytest.approx(-np.sqrt(repulsion(LAW, 10.0) / 10 / 0.7) * 10, rel=1e-14)
+    assert abs(sound_speeds(atoms, (1, 0), 'conventional')[0]) < 1e-7 * longitudinal
+
+
+# Paths
+
+@pytest.mark.parametrize('name', ['square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc', 'chain'])
+def test_paths_stay_on_the_very_cell(name):
+    atoms = lattice(name)
+    atoms.rotate(20, 'z', rotate_cell=True)
+    path = path_of(atoms, atoms.cell.bandpath(npoints=30, pbc=atoms.pbc))
+    np.testing.assert_array_equal(path.cell.array, atoms.cell.array)
+
+
+def test_a_path_that_ase_swapped_is_refused_with_the_mend():
+    atoms = Atoms('X', [[0, 0, 0]], cell=[12, 10, 20], pbc=(True, True, False), masses=[1.0])
+    atoms.calc = MagneticRepulsion(atoms, LAW)
+    with pytest.raises(ValueError, match=r'10, 12 mm long, those of the atoms 12, 10 mm.*swap'):
+        path_of(atoms, atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc))
+    own = atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc, special_points={'G': [0, 0, 0], 'X': [0.5, 0, 0]})
+    np.testing.assert_array_equal(path_of(atoms, own).kpts, own.kpts)
+
+
+def test_points_of_the_path_have_their_symmetry():
+    # K of ASE's path is K of this cell, whichever of the two hexagonal bases it has
+    for angle in (60, 120):
+        atoms = lattice('triangular')
+        atoms.set_cell([10, 10, 20, 90, 90, angle])
+        atoms.calc = MagneticRepulsion(atoms, LAW)
+        K = atoms.cell.bandpath('K', npoints=1, pbc=atoms.pbc).kpts
+        omega = bloch_modes(atoms, K)[0][0]
+        assert omega[1] - omega[0] < 1e-12 * omega[1]
+
+
+def test_ases_band_structure_holds_hertz():
+    atoms = cell_of('triangular', foundation=0.02)
+    bands = analytic_bands(atoms, atoms.cell.bandpath('GMKG', npoints=30, pbc=atoms.pbc))
+    structure = bands.to_ase()
+    np.testing.assert_array_equal(structure.energies[0], bands.frequencies_Hz)
+    # rad/ms / 2 pi = kHz
+    assert bands.frequencies_Hz[0, 0] == pytest.approx(1e3 * np.sqrt(0.02 / 0.7) / (2 * np.pi), rel=1e-12)
+
+
+# Files
+
+@pytest.mark.parametrize('vectors', [False, True])
+@pytest.mark.parametrize('name', ['chain', 'kagome'])
+def test_saved_and_loaded(tmp_path, name, vectors):
+    atoms = cell_of(name)
+    bands = analytic_bands(atoms, atoms.cell.bandpath(npoints=20, pbc=atoms.pbc), vectors=vectors)
+    bands.save(tmp_path / 'bands.npz')
+    back = Bands.load(tmp_path / 'bands.npz')
+    np.testing.assert_array_equal(back.omega, bands.omega)
+    np.testing.assert_array_equal(back.path.kpts, bands.path.kpts)
+    np.testing.assert_array_equal(back.path.cell.array, bands.path.cell.array)
+    assert back.path.path == bands.path.path
+    assert list(back.path.special_points) == list(bands.path.special_points)
+    for point, kpt in bands.path.special_points.items():
+        np.testing.assert_array_equal(back.path.special_points[point], kpt)
+    if vectors:
+        np.testing.assert_array_equal(back.vectors, bands.vectors)
+    else:
+        assert back.vectors is None
+
+
+def test_interrupted_writing_leaves_what_was_there(tmp_path, monkeypatch):
+    atoms = cell_of('triangular')
+    path = atoms.cell.bandpath('GM', npoints=5, pbc=atoms.pbc)
+    bands = analytic_bands(atoms, path)
+
+    def interrupted(file, **arrays):
+        file.write(b'half of it')
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(np, 'savez', interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            bands.save(tmp_path / 'bands.npz')
+    assert not list(tmp_path.iterdir())
+
+    bands.save(tmp_path / 'bands.npz')
+    before = (tmp_path / 'bands.npz').read_bytes()
+    monkeypatch.setattr(np, 'savez', interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        bands.save(tmp_path / 'bands.npz')
+    assert [file.name for file in tmp_path.iterdir()] == ['bands.npz']
+    assert (tmp_path / 'bands.npz').read_bytes() == before
+
+
+def test_truncated_files_are_refused(tmp_path):
+    atoms = cell_of('triangular')
+    file = tmp_path / 'bands.npz'
+    analytic_bands(atoms, atoms.cell.bandpath('GM', npoints=5, pbc=atoms.pbc)).save(file)
+    whole = file.read_bytes()
+    for length in (0, 1, len(whole) // 2, len(whole) - 1):
+        file.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match='no complete file of bands'):
+            Bands.load(file)
+
+
+def test_a_patch_has_no_bands():
+    patch = lattices.hexagon(lattice('triangular'), 30)
+    patch.calc = MagneticRepulsion(patch, LAW)
+    atoms = lattice('triangular')
+    with pytest.raises(ValueError, match='not periodic'):
+        analytic_bands(patch, atoms.cell.bandpath('GM', npoints=5, pbc=atoms.pbc))
+
+
+def test_a_constrained_cell_is_refused(prototype):
+    from ase.constraints import FixAtoms
+
+    held = prototype.copy()
+    held.calc = prototype.calc
+    held.set_constraint(FixAtoms([0]))
+    with pytest.raises(ValueError, match=r'FixAtoms.*set_constraint'):
+        bloch_modes(held, [[0.1, 0.2, 0]])
+
+
+@pytest.mark.parametrize('height', [8.66, 8.6603])
+def test_a_rounded_cell_has_the_bands_of_the_ideal_one(prototype, height):
+    """8.66 for 5 sqrt(3) moves a distance by 2.2e-5; a frequency goes with the power (a + 2)/2 of it, and less on springs."""
+    typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0), masses=prototype.get_masses())
+    law, k = prototype.calc.potential, prototype.calc.parameters.foundation
+    typed.calc = MagneticRepulsion(typed, law, foundation=k)
+    M = [[0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0]]
+    found = bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz
+    np.testing.assert_allclose(found, np.tile([58.2326897819, 149.476338113], (3, 1)), rtol=2e-4)
+    conventional = bloch_modes(typed, M, 'conventional')[0] / (2 * np.pi) / u.Hz
+    np.testing.assert_allclose(conventional, np.tile([92.1059950118, 155.0505], (3, 1)), rtol=2e-4)
+
+    # control: the bonds that a width of 1e-6 kept, those along y and its mirror image, or along x alone
+    typed.calc = MagneticRepulsion(typed, law, foundation=k, bonds=[(0, 0, (1, 0, 0))] if height == 8.6603 else
+                                   [(0, 0, (0, 1, 0)), (0, 0, (-1, 1, 0))])
+    assert abs(bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz / found - 1).max() > 0.1
+
+
+@pytest.mark.parametrize('spacing', [1e-5, 1e-3, 1.0, 10.0, 1e5])
+@pytest.mark.parametrize(('name', 'points'), [('triangular', 'GMKG'), ('square', 'GXMG'), ('fcc', 'GXWKGL')])
+def test_paths_through_lattices_of_any_size(name, points, spacing):
+    path = band_path(lattice(name, spacing), points, 60)
+    alike = lattice(name, 10.0)
+    np.testing.assert_allclose(path.kpts, alike.cell.bandpath(points, npoints=60, pbc=alike.pbc).kpts, atol=1e-12)
+    np.testing.assert_array_equal(path.cell.array, lattice(name, spacing).cell.array)
+
+
+def test_a_path_that_ase_does_not_know_is_refused():
+    with pytest.raises(ValueError, match='ASE finds no path GQ through the zone of '):
+        band_path(lattice('triangular'), 'GQ')
+    with pytest.raises(ValueError, match='not periodic'):
+        band_path(lattices.parallelogram(lattice('triangular'), 4, 4))

@@ -1,0 +1,223 @@
+"""Complex wavenumbers against closed forms, the bands, and the direct solution of finite lattices."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms
+
+from magphonon import lattices, units
+from magphonon.bands.bloch import bloch_modes
+from magphonon.bands.evanescent import complex_bands, measured_decay
+from magphonon.interactions.pair_laws import InversePower
+from magphonon.response.frf import harmonic_response
+from magphonon.stiffness.bond import model_stiffness
+from magphonon.stiffness.calculator import MagneticRepulsion
+
+# The paper's prototype (Supplement).  Along Gamma-M: omega^2 = cut-off^2 + (edge sin(xi/2))^2
+CUTOFF_Hz = 26.550686524
+EDGE_Hz = {'complete': (51.8276683282, 147.099410946),  # shear, longitudinal at M without foundation, recomputed
+           # sqrt(2a), sqrt(6a) f/(L M) with f = 0.236895178822 N, a = 4.5824: the same without D*
+           'conventional': tuple(np.sqrt(k * 4.5824 * 0.236895178822 / (0.01 * 7.07e-4)) / (2 * np.pi) for k in (2, 6))}
+LAW = InversePower(b=1.6209e-10 * units.N * units.m**4.5824, a=4.5824)
+FOUNDATION = 19.675721234 * units.N / units.m
+GAMMA_M, GAMMA_K = (0, 1, 0), (1 / 2, 1, 0)
+
+
+def prototype(lattice=lattices.triangular, foundation=FOUNDATION, **bonds):
+    cell = lattice(spacing=10 * units.mm, mass=0.707 * units.g)
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=foundation, **bonds)
+    return cell
+
+
+def rad_per_ms(frequency_Hz):
+    return 2 * np.pi * np.atleast_1d(frequency_Hz) * units.Hz
+
+
+@pytest.mark.parametrize('frequency_Hz', [0, 15, 26.5, 26.6, 40, 60, 150, 300])
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
+def test_row_of_sources_in_the_prototype_is_the_closed_form(frequency_Hz, model):
+    found = complex_bands(prototype(), GAMMA_M, rad_per_ms(frequency_Hz), model).xi[0]
+    sine = np.sqrt(frequency_Hz**2 - CUTOFF_Hz**2 + 0j) / np.array(EDGE_Hz[model])
+    expected = 2 * np.arcsin(sine)
+    found, expected = (abs(xi.real) + 1j * abs(xi.imag) for xi in (found, expected))
+    found, expected = (xi[np.argsort(abs(xi.real) + abs(xi.imag))] for xi in (found, expected))
+    # the reference frequencies carry 11 digits; 0.05 Hz beside the cut-off the root of a difference amplifies 1e-10 by 1e3
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
+
+
+def test_cutoff_joins_the_evanescent_and_the_propagating_branch():
+    cell = prototype()
+    for side, squares in ((-1, 'imag'), (1, 'real')):
+        xi = complex_bands(cell, GAMMA_M, rad_per_ms(CUTOFF_Hz * np.sqrt(1 + side * 1e-6))).xi[0]
+        # xi^2 = (omega^2 - cut-off^2)/(edge/2)^2 on both sides; the next term is 1e-6 of it, the cut-off carries 11 digits
+        expected = CUTOFF_Hz**2 * 1e-6 / (np.array(EDGE_Hz['complete']) / 2) ** 2
+        np.testing.assert_allclose(np.sort(getattr(xi, squares)) ** 2, np.sort(expected), rtol=1e-4)
+        assert abs(getattr(xi, {'imag': 'real', 'real': 'imag'}[squares])).max() < 1e-5
+
+
+@pytest.mark.parametrize('omega', [0.2, 0.5, 0.9])
+def test_chain_on_a_foundation(omega):
+    spacing, k_f = 10.0, 0.15
+    chain = prototype(lattices.chain, foundation=k_f)
+    f = 1.6209e-10 * 1e3**4.5824 * spacing**-4.5824  # N, mm
+    found = complex_bands(chain, (1, 0, 0), [omega]).xi[0]
+    for k in (4.5824 * f / spacing, -f / spacing):  # longitudinal phi''; transverse phi'/r < 0
+        # m w^2 = k_f + 2 k (1 - cos xi): cosh below the band, -cosh above it
+        xi = np.arccos(1 - (0.707 * omega**2 - k_f) / (2 * k) + 0j)
+        assert abs(found - (abs(xi.real) + 1j * abs(xi.imag))).min() < 1e-9
+        assert abs(found - 1.01 * xi).min() > 1e-4
+
+
+CASES = [(lattices.triangular, GAMMA_M, {}), (lattices.triangular, GAMMA_K, {}), (lattices.honeycomb, GAMMA_M, {}),
+         (lattices.kagome, GAMMA_K, {}), (lattices.square, GAMMA_M, {'shells': 2}), (lattices.chain, (1, 0, 0), {'shells': 2})]
+
+
+@pytest.mark.parametrize('xi', [0.4, 1.3, 2.7])
+@pytest.mark.parametrize(('lattice', 'direction', 'bonds'), CASES)
+def test_every_band_is_among_the_complex_bands(lattice, direction, bonds, xi):
+    cell = prototype(lattice, foundation=0.3, **bonds)  # stable even for the honeycomb
+    omega = bloch_modes(cell, xi / (2 * np.pi) * np.array(direction))[0][0]
+    waves = complex_bands(cell, direction, omega)
+    assert abs(waves.xi - xi).min(axis=1).max() < 1e-9  # round-off, amplified by small slopes of the bands
+    other = complex_bands(cell, direction, 1.003 * omega)
+    assert abs(other.xi - xi).min(axis=1).min() > 1e-4  # the control: another frequency has other wavenumbers
+
+
+@pytest.mark.parametrize(('lattice', 'direction', 'bonds'), CASES)
+@pytest.mark.parametrize('omega', [0.3, 0.8, 1.3])  # in the gap, among the bands (kagome: complex quadruples), above
+def test_complex_wavenumbers_solve_the_equations_of_motion_bond_by_bond(lattice, direction, bonds, omega):
+    cell = prototype(lattice, foundation=0.3, **bonds)
+    waves = complex_bands(cell, direction, [omega])
+    b, m = cell.calc.bonds, 0.707
+    K = model_stiffness(b.vectors[:, :2], LAW)
+    for xi, v in zip(waves.xi[0], waves.vectors[0], strict=True):
+        if xi.imag > 6:
+            continue  # falls below 0.3 % in a step: exponentials of both signs leave few digits
+        phase = np.exp(1j * xi * (b.shift @ direction))
+        force = (0.3 - m * omega**2) * v
+        for i, j, p, k in zip(b.i, b.j, phase, K, strict=True):
+            force[i] += k @ (v[i] - p * v[j])
+            force[j] += k @ (v[j] - v[i] / p)
+        assert abs(force).max() < 1e-9 * abs(K).max()
+        assert xi.imag >= 0
+    if omega == 0.3:
+        assert (waves.xi.imag > 0).all()
+        assert (waves.xi.imag < 6).sum() >= len(cell)
+
+
+def test_a_driven_row_decays_as_the_complex_wavenumber_says():
+    strip = prototype().repeat((1, 40, 1))
+    strip.pbc = (True, False, False)  # the free ends lie tens of decay lengths away
+    strip.calc = MagneticRepulsion(strip, LAW, foundation=FOUNDATION).balanced([0, 39])  # what the missing neighbours did
+    omega = rad_per_ms(15.0)
+    for axis, decay in ((0, 0.822055), (1, 0.296770)):  # 2 arsinh(sqrt(26.5507^2 - 15^2)/edge): shear, longitudinal
+        force = np.zeros((40, 3))
+        force[0, axis] = 1
+        u = harmonic_response(strip, force, omega, damping=0.0)[0, :, axis]
+        ratio, _ = measured_decay(u[2:12], np.arange(2, 12), 'row')
+        assert ratio == pytest.approx(decay, abs=2e-6)  # the closed form's printed digits, the far end e^-20
+        own = complex_bands(prototype(), GAMMA_M, omega)
+        assert abs(own.xi.imag - ratio).min() < 1e-8
+        wrong = complex_bands(prototype(), GAMMA_M, omega, 'conventional').xi.imag
+        assert abs(wrong / ratio - 1).min() > 0.03  # longitudinal 4 %, shear 40 %
+
+
+def test_around_a_point_source_the_slowest_wave_is_measured():
+    patch = lattices.hexagon(prototype(), side=300 * units.mm)
+    patch.calc = MagneticRepulsion(patch, LAW, foundation=FOUNDATION)
+    xy = patch.positions[:, :2]
+    R2 = np.array([5.0, 5 * np.sqrt(3)])
+    source = int(np.argmin(np.linalg.norm(xy, axis=1)))
+    steps = np.arange(8, 25)
+    row = [int(np.argmin(np.linalg.norm(xy - xy[source] - n * R2, axis=1))) for n in steps]
+    force = np.zeros((len(patch), 3))
+    force[source, 1] = 1
+    omega = rad_per_ms(15.0)
+    u = harmonic_response(patch, force, omega, damping=0.0)[0, row, :2] @ R2
+    decay, _ = measured_decay(u, steps, 'point')
+    slowest = complex_bands(prototype(), GAMMA_K, omega).xi[0, 0]
+    conventional = complex_bands(prototype(), GAMMA_K, omega, 'conventional').xi[0, 0]
+    assert decay == pytest.approx(slowest.imag, rel=0.01)  # the asymptotic series stops after its first correction
+    assert abs(decay / conventional.imag - 1) > 0.03
+    assert measured_decay(u, steps, 'row')[0] > 1.1 * slowest.imag  # the control: spreading taken for decay
+
+
+def test_measured_decay_states_its_uncertainty():
+    n = np.arange(3, 9)
+    rng = np.random.default_rng(5)
+    found = np.array([measured_decay(np.exp(-0.3 * n + 0.05 * rng.normal(size=6)), n, 'row') for _ in range(1000)])
+    assert measured_decay(np.exp((-0.3 + 1.1j) * n), n, 'row') == pytest.approx((0.3, 0), abs=1e-12)
+    expected = 0.05 / np.sqrt((n - n.mean()) @ (n - n.mean()))  # of a slope
+    assert found[:, 0].std() == pytest.approx(expected, rel=0.08)  # 1000 samples scatter by 2 %
+    assert np.sqrt((found[:, 1] ** 2).mean()) == pytest.approx(expected, rel=0.08)
+
+
+def test_waves_are_sorted_counted_and_say_how_far_they_reach():
+    waves = complex_bands(prototype(), GAMMA_K, rad_per_ms([15, 40, 60]))
+    assert waves.xi.shape == (3, 4)  # 2 components, bonds bridging up to 2 half steps
+    assert waves.vectors.shape == (3, 4, 1, 2)
+    assert (np.diff(waves.xi.imag, axis=1) >= 0).all()
+    np.testing.assert_allclose(np.linalg.norm(waves.vectors, axis=(2, 3)), 1)
+    assert (waves.decay_steps[1:, 0] == np.inf).all()
+    assert waves.decay_steps[0, 0] == pytest.approx(1 / waves.xi[0, 0].imag)
+    along = np.array([1, np.sqrt(3)]) / 2
+    assert abs(waves.vectors[0, 0, 0] @ along) == pytest.approx(1)  # the slowest is longitudinal
+
+
+def test_an_unstable_band_is_met_at_its_negative_frequency():
+    chain = prototype(lattices.chain, foundation=0.0)  # buckles: transverse omega^2 = 2 phi'/(m r) (1 - cos xi) < 0
+    omega = bloch_modes(chain, [0.2, 0, 0])[0][0]
+    assert omega[0] < 0
+    assert abs(complex_bands(chain, (1, 0, 0), [omega[0]]).xi[0] - 0.4 * np.pi).min() < 1e-9
+    assert abs(complex_bands(chain, (1, 0, 0), [-omega[0]]).xi[0] - 0.4 * np.pi).min() > 0.1
+
+
+def test_waves_that_end_at_once_are_infinite_and_not_round_off():
+    kagome = prototype(lattices.kagome, foundation=0.3)
+    decay = complex_bands(kagome, GAMMA_K, [0.5, 0.7]).xi.imag
+    assert np.isinf(decay).sum() == 2 * 8  # the outermost bonds couple few of the six components
+    assert decay[np.isfinite(decay)].max() < 10
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    ({'direction': (0.123, 0.45, 0)}, 'no fraction with a denominator up to 6'),
+    ({'direction': (0, 0, 1)}, 'no bond leads along the direction'),
+    ({'direction': (0, 1)}, r'must have the shape \(3,\)'),
+    ({'omega': [0.1, np.nan]}, r'omega\[1\] is nan'),
+    ({'model': 'simple'}, "model must be one of 'complete', 'conventional'"),
+])
+def test_impossible_requests_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        complex_bands(prototype(), **({'direction': GAMMA_M, 'omega': [0.1], 'model': 'complete'} | change))
+
+
+def test_a_flat_band_has_no_wavenumber():
+    honeycomb = prototype(lattices.honeycomb)
+    flat = np.sqrt(FOUNDATION / 0.707)  # without D* the honeycomb has a floppy mode at every wavevector
+    with pytest.raises(ValueError, match=r'band is flat at omega = 0\.1668'):
+        complex_bands(honeycomb, GAMMA_M, [0.1, flat], 'conventional')
+    assert np.isfinite(complex_bands(honeycomb, GAMMA_M, [0.1, 1.001 * flat], 'conventional').xi[:, 0]).all()
+
+
+@pytest.mark.parametrize(('amplitudes', 'steps', 'source', 'message'), [
+    ([1, 2, 3], [1, 2, 3], 'row', 'at least 4 amplitudes'),
+    ([1, 2, 3, 4], [1, 2, 3, 4], 'point', 'at least 5 amplitudes'),
+    ([1, 2, 3, 0], [1, 2, 3, 4], 'row', 'must be positive'),
+    ([1, 2, 3, 4], [0, 1, 2, 3], 'row', 'must be positive'),
+    ([1, 2, 3, np.nan], [1, 2, 3, 4], 'row', 'finite'),
+    ([1, 2, 3, 4], [1, 2, 3, 4], 'plane', "source must be one of 'row', 'point'"),
+])
+def test_amplitudes_that_give_no_decay_are_refused(amplitudes, steps, source, message):
+    with pytest.raises(ValueError, match=message):
+        measured_decay(amplitudes, steps, source)
+
+
+def test_a_held_row_reflects_and_does_not_change_the_decay():
+    strip = prototype().repeat((1, 40, 1))
+    strip.pbc = (True, False, False)
+    strip.calc = MagneticRepulsion(strip, LAW, foundation=FOUNDATION).balanced([0, 39])  # what the missing neighbours did
+    strip.set_constraint(FixAtoms([39]))
+    force = np.zeros((40, 3))
+    force[0, 1] = 1
+    u = harmonic_response(strip, force, rad_per_ms(15.0), damping=0.0)[0, :, 1]
+    assert u[39] == 0
+    assert measured_decay(u[2:20], np.arange(2, 20), 'row')[0] == pytest.approx(0.296770, abs=1e-5)  # e^-24 comes back

@@ -1,0 +1,436 @@
+"""phonopy's finite displacements against the analytic Hessian and bands and against the numbers of the paper."""
+
+import functools
+import os
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.build import bulk
+from ase.constraints import FixAtoms
+from numpy.testing import assert_allclose
+
+from magphonon import (
+    InversePower,
+    MagneticRepulsion,
+    Yukawa,
+    analytic_bands,
+    finite_displacements,
+    lattices,
+    phonopy_bands,
+    units as u,
+)
+from magphonon.bands import displacement_errors, extracted_dstar, force_constants, foundation_recovered
+
+PROTOTYPE = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
+PILLAR = 19.675721234 * u.N / u.m
+PATHS = {'chain': 'GX', 'square': 'GXMG', 'triangular': 'GMKG', 'honeycomb': 'GMKG', 'kagome': 'GMKG'}
+
+# The promise of the default displacement 1e-5 L0, in units of the highest frequency or of the largest force constant.
+# What the curvature of these laws leaves is 2 to 20 times (d/L0)^2: 2e-10 to 2e-9.
+PROMISE = 1e-8
+
+STIFFNESS = 0.108554846744
+"""-df/dr of the prototype's bond in N/mm (recomputed in 50-digit arithmetic): the scale of the force constants."""
+
+FORCE = 0.236895178822
+"""f(L0) of the prototype's bond in N."""
+
+
+def prototype(lattice='triangular', law=PROTOTYPE, foundation=PILLAR, **kwargs):
+    cell = getattr(lattices, lattice)(spacing=10 * u.mm, mass=0.707 * u.g)
+    cell.calc = MagneticRepulsion(cell, law, foundation=foundation, **kwargs)
+    return cell
+
+
+def ideal(**kwargs):
+    """The lattice of Fig. 4: f = gamma r^-4 with gamma = 1e4 N m^4, L0 = 1 m, M = 1 kg."""
+    cell = lattices.triangular(spacing=1 * u.m, mass=1 * u.kg)
+    cell.calc = MagneticRepulsion(cell, InversePower(b=1e4 * u.N * u.m**4, a=4), **kwargs)
+    return cell
+
+
+def fcc():
+    cell = bulk('Nd', 'fcc', a=10 * np.sqrt(2))
+    cell.set_masses([0.707])
+    cell.calc = MagneticRepulsion(cell, PROTOTYPE, foundation=PILLAR)
+    return cell
+
+
+def awkward():
+    """Kagome with unequal masses, off the origin, two of its particles in other cells than their neighbours."""
+    cell = lattices.kagome(spacing=10 * u.mm, mass=1 * u.g)
+    cell.set_masses([0.5, 0.7, 1.1])
+    cell.positions += [1.2, 0.7, 0.3]
+    cell.positions[:2] += [cell.cell[0] - 2 * cell.cell[1], -cell.cell[1]]
+    cell.calc = MagneticRepulsion(cell, PROTOTYPE, foundation=PILLAR)
+    return cell
+
+
+def path_through(cell, names, npoints=40):
+    return cell.cell.bandpath(names, npoints=npoints, pbc=cell.pbc)
+
+
+def at(cell, point):
+    return path_through(cell, point, npoints=1)
+
+
+def discrepancy(a, b):
+    return abs(a.omega - b.omega).max() / b.omega.max()
+
+
+def supercell_atoms(phonon, pbc):
+    s = phonon.supercell
+    return Atoms(s.symbols, positions=s.positions, cell=s.cell, pbc=pbc)
+
+
+def from_the_cell(phonon, H):
+    """Entries of a supercell's Hessian from the particles of the cell, in the shape of phonopy's compact force constants."""
+    n = len(phonon.supercell)
+    return H.toarray().reshape(n, 3, n, 3).swapaxes(1, 2)[phonon.primitive.p2s_map]
+
+
+def analytic_hessian(phonon, atoms, part='all'):
+    supercell = supercell_atoms(phonon, atoms.pbc)
+    return from_the_cell(phonon, atoms.calc.on(supercell).get_hessian(supercell, part))
+
+
+# --- bands ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('lattice', PATHS)
+def test_phonopy_bands_are_the_analytic_bands(lattice):
+    cell = prototype(lattice)
+    path = path_through(cell, PATHS[lattice])
+    numerical = phonopy_bands(finite_displacements(cell), path)
+    assert numerical.omega.shape == (40, 2 * len(cell))
+    assert discrepancy(numerical, analytic_bands(cell, path)) < PROMISE
+
+
+@pytest.mark.parametrize('lattice', PATHS)
+def test_without_the_static_forces_the_same_comparison_fails(lattice):
+    cell = prototype(lattice)
+    path = path_through(cell, PATHS[lattice])
+    numerical = phonopy_bands(finite_displacements(cell), path)
+    assert discrepancy(numerical, analytic_bands(cell, path, model='conventional')) > 0.2
+
+
+def test_phonopy_itself_returns_hertz():
+    cell = prototype()
+    path = path_through(cell, 'GMKG')
+    frequencies = finite_displacements(cell).run_qpoints(path.kpts).frequencies
+    # three modes: motion along z has the frequency zero, below all others here
+    assert abs(frequencies[:, 0]).max() < 1e-9
+    assert_allclose(frequencies[:, 1:], analytic_bands(cell, path).frequencies_Hz, rtol=PROMISE)
+
+
+def test_several_shells_another_law_and_a_given_supercell():
+    cell = prototype('honeycomb', law=Yukawa(c=1.0, kappa=0.2), shells=3)
+    path = path_through(cell, 'GMKG')
+    exact = analytic_bands(cell, path)
+    default, given = finite_displacements(cell), finite_displacements(cell, supercell=(4, 3, 1))
+    assert len(default.supercell) == 2 * 3 * 3  # bonds of 20 mm, lattice planes 15 mm apart
+    assert len(given.supercell) == 2 * 4 * 3
+    assert discrepancy(phonopy_bands(default, path), exact) < PROMISE
+    assert discrepancy(phonopy_bands(given, path), exact) < PROMISE
+
+
+def test_in_space():
+    cell = fcc()
+    path = path_through(cell, 'GXWKG')
+    numerical = phonopy_bands(finite_displacements(cell), path)
+    assert numerical.omega.shape == (40, 3)
+    assert discrepancy(numerical, analytic_bands(cell, path)) < PROMISE
+
+
+@pytest.mark.parametrize('model', ['conventional', 'literal'])
+def test_frozen_directions_leave_the_conventional_bands(model):
+    cell = prototype(model=model)
+    path = path_through(cell, 'GMKG')
+    numerical = phonopy_bands(finite_displacements(cell), path)
+    assert discrepancy(numerical, analytic_bands(cell, path, model='conventional')) < PROMISE
+    assert discrepancy(numerical, analytic_bands(cell, path)) > 0.2
+
+
+@pytest.mark.parametrize(('point', 'model', 'frequencies_Hz'), [
+    # supplement of the paper, recomputed in 50-digit arithmetic
+    ('G', 'complete', [26.550686524, 26.550686524]),
+    ('M', 'complete', [58.2326897819, 149.476338113]),
+    ('K', 'complete', [119.947415151, 119.947415151]),
+    ('M', 'conventional', [92.1059950118, 155.050524158]),
+    ('K', 'conventional', [134.932329410, 134.932329410]),
+])
+def test_prototype_of_the_paper(point, model, frequencies_Hz):
+    cell = prototype(model=model)
+    bands = phonopy_bands(finite_displacements(cell, supercell=(3, 3, 1)), at(cell, point))
+    assert_allclose(bands.frequencies_Hz[0], frequencies_Hz, rtol=PROMISE)
+
+
+@pytest.mark.parametrize(('point', 'model', 'omega'), [
+    # Fig. 4 of the paper, sqrt((2a-6) f/(L M)) and its like in 50-digit arithmetic, rad/s
+    ('M', 'complete', [141.421356237310, 469.041575982343]),
+    ('K', 'complete', [367.423461417477, 367.423461417477]),
+    ('M', 'conventional', [282.842712474619, 489.897948556636]),
+    ('K', 'conventional', [424.264068711929, 424.264068711929]),
+])
+def test_ideal_lattice_of_the_paper(point, model, omega):
+    cell = ideal(model=model)
+    bands = phonopy_bands(finite_displacements(cell), at(cell, point))
+    assert_allclose(bands.omega[0] / (u.rad / u.s), omega, rtol=PROMISE)
+
+
+def test_conventional_model_misses_the_shear_band_by_more_than_thirty_percent():
+    cell = prototype()
+    shear = phonopy_bands(finite_displacements(cell), at(cell, 'M')).omega[0, 0]
+    conventional = analytic_bands(cell, at(cell, 'M'), model='conventional').omega[0, 0]
+    assert 1 - shear / conventional == pytest.approx(1 - 58.2326897819 / 92.1059950118, rel=1e-7)  # 36.8 %
+    assert 1 - shear / conventional > 0.3
+
+
+# --- modes ---------------------------------------------------------------------------------------------------------
+
+
+def subspace_overlap(exact, modes):
+    """Smallest share of a mode that lies within the exact modes of the same frequency."""
+    n = exact.omega.shape[1]
+    worst = 1.0
+    for omega, v, x in zip(exact.omega, exact.vectors.reshape(-1, n, n), modes.reshape(-1, n, n), strict=True):
+        same = abs(omega[:, None] - omega) < 1e-5 * omega.max()
+        worst = min(worst, (abs(v.conj() @ x.T) ** 2 * same).sum(axis=0).min())
+    return worst
+
+
+@pytest.mark.parametrize('cell', [awkward(), prototype('honeycomb'), prototype('chain'), fcc()], ids=lambda c: str(c.symbols))
+def test_modes_are_the_analytic_ones_with_their_phase(cell):
+    path = path_through(cell, 'GX' if cell.pbc.sum() == 1 else 'GXWKG' if cell.pbc.all() else 'GMKG', 23)
+    numerical = phonopy_bands(finite_displacements(cell), path, vectors=True)
+    # mixed with a neighbour 1e-5 away by a perturbation of 2e-9: 4e-8 in the square
+    assert subspace_overlap(analytic_bands(cell, path, vectors=True), numerical.vectors) > 1 - 1e-6
+
+
+def test_modes_with_phonopys_own_phase_would_not_overlap():
+    cell = awkward()
+    path = path_through(cell, 'GMKG', 23)
+    numerical = phonopy_bands(finite_displacements(cell), path, vectors=True)
+    back = np.exp(-2j * np.pi * path.kpts @ cell.get_scaled_positions(wrap=False).T)[:, None, :, None]
+    assert subspace_overlap(analytic_bands(cell, path, vectors=True), back * numerical.vectors) < 0.5
+
+
+# --- force constants -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('cell', [*map(prototype, PATHS), awkward(), fcc()], ids=[*PATHS, 'awkward', 'fcc'])
+def test_force_constants_are_the_hessian_entry_by_entry(cell):
+    phonon = finite_displacements(cell)
+    H = analytic_hessian(phonon, cell)
+    assert abs(phonon.force_constants - H).max() < PROMISE * abs(H).max()
+    conventional = H - analytic_hessian(phonon, cell, 'Dstar')
+    assert abs(phonon.force_constants - conventional).max() > 0.05 * abs(H).max()
+
+
+@pytest.mark.parametrize('cell', [*map(prototype, PATHS), awkward()], ids=[*PATHS, 'awkward'])
+def test_dstar_extracted_from_phonopy(cell):
+    n = cell.calc.bonds.vectors[:, :2] / 10
+    expected = -FORCE / 10 * (np.eye(2) - n[:, :, None] * n[:, None, :])  # phi'/r (I - nn)
+    assert_allclose(extracted_dstar(finite_displacements(cell), cell), expected, atol=PROMISE * STIFFNESS)
+
+
+def test_frozen_directions_have_no_dstar():
+    cell = prototype(model='conventional')
+    assert abs(extracted_dstar(finite_displacements(cell), cell)).max() < PROMISE * STIFFNESS
+
+
+@pytest.mark.parametrize('cell', [*map(prototype, PATHS), fcc()], ids=[*PATHS, 'fcc'])
+def test_row_sums_recover_the_foundation(cell):
+    dim = 3 if cell.pbc.all() else 2
+    k = foundation_recovered(finite_displacements(cell))
+    assert_allclose(k, np.broadcast_to(PILLAR * np.eye(dim), (len(cell), dim, dim)), atol=1e-9 * PILLAR)
+
+
+def test_a_lattice_without_foundation_has_none_to_recover():
+    # round-off of the forces, f * 1e-16, over the displacement
+    assert abs(foundation_recovered(finite_displacements(prototype(foundation=0.0)))).max() < 1e-11
+
+
+def test_symmetrised_force_constants_lose_the_foundation_gap():
+    cell = prototype()
+    phonon = finite_displacements(cell)
+    assert_allclose(phonopy_bands(phonon, at(cell, 'G')).frequencies_Hz, 26.550686524, rtol=PROMISE)
+    phonon.symmetrize_force_constants()
+    assert abs(phonopy_bands(phonon, at(cell, 'G')).frequencies_Hz).max() < 1e-4  # the root of round-off
+    assert abs(foundation_recovered(phonon)).max() < 1e-12
+
+
+def test_full_force_constants_read_the_same():
+    cell = awkward()
+    path = path_through(cell, 'GMKG')
+    phonon = finite_displacements(cell)
+    compact = phonopy_bands(phonon, path), extracted_dstar(phonon, cell)
+    phonon.produce_force_constants()
+    assert phonon.force_constants.shape[:2] == (12, 12)
+    assert_allclose(phonopy_bands(phonon, path).omega, compact[0].omega, rtol=1e-12)
+    assert_allclose(extracted_dstar(phonon, cell), compact[1], atol=1e-14)
+
+
+# --- displacement and supercell: both sides of what works ------------------------------------------------------------
+
+
+def test_error_grows_with_the_square_of_the_displacement():
+    cell = prototype()
+    d = np.geomspace(1e-4, 1e-2, 5)
+    errors = displacement_errors(cell, path_through(cell, 'GMKG'), 10 * d)
+    assert np.polyfit(np.log(d), np.log(errors), 1)[0] == pytest.approx(2, abs=0.1)
+    assert errors[0] < 20 * d[0] ** 2  # the prefactor that makes 1e-5 L0 keep its promise
+
+
+def test_error_grows_with_the_inverse_of_the_smallest_displacements():
+    cell = prototype()
+    d = np.geomspace(1e-11, 1e-7, 41)  # round-off is noise: many displacements make a slope
+    errors = displacement_errors(cell, path_through(cell, 'GMKG', 10), 10 * d)
+    assert np.polyfit(np.log(d), np.log(errors), 1)[0] == pytest.approx(-1, abs=0.2)
+
+
+def test_default_displacement_lies_near_the_floor():
+    cell = prototype()
+    above, default, below = displacement_errors(cell, path_through(cell, 'GMKG', 10), [1e-2, 1e-4, 1e-8])
+    assert default < 1e-9 < min(above, below)
+
+
+@pytest.mark.parametrize(('supercell', 'right'), [((1, 1, 1), False), ((2, 2, 1), True)])
+def test_a_refused_supercell_would_give_wrong_bands(supercell, right, monkeypatch):
+    cell = prototype('honeycomb')
+    monkeypatch.setattr(force_constants, 'checked_supercell', lambda calc, supercell: supercell)
+    path = path_through(cell, 'GMKG')
+    error = discrepancy(phonopy_bands(finite_displacements(cell, supercell), path), analytic_bands(cell, path))
+    assert error < PROMISE if right else error > 0.1
+
+
+def test_phonopys_symmetry_search_would_let_a_planar_chain_move_along_z(monkeypatch):
+    import phonopy
+
+    cell = prototype('chain')
+    assert force_constants.force_constants_of(finite_displacements(cell)).shape[-1] == 2
+    searching = functools.partial(phonopy.Phonopy)
+    monkeypatch.setattr(phonopy, 'Phonopy', lambda *args, is_symmetry, **kw: searching(*args, is_symmetry=True, **kw))
+    assert force_constants.force_constants_of(finite_displacements(cell)).shape[-1] == 3
+
+
+def test_files_in_the_working_directory_neither_matter_nor_appear(tmp_path, monkeypatch):
+    cell = prototype()
+    path = path_through(cell, 'GMKG')
+    expected = phonopy_bands(finite_displacements(cell), path).omega
+    monkeypatch.chdir(tmp_path)
+    stray = 'FORCE_CONSTANTS', 'FORCE_SETS', 'force_constants.hdf5', 'BORN', 'phonopy.yaml', 'phonopy_disp.yaml'
+    for name in stray:
+        (tmp_path / name).write_text('9 9\nnonsense\n')
+    assert np.array_equal(phonopy_bands(finite_displacements(cell), path).omega, expected)
+    assert sorted(os.listdir()) == sorted(stray)
+
+
+# --- refusals --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(('supercell', 'message'), [
+    ((1, 1, 1), r'repeats every 10 mm.*give supercell=\(3, 3, 1\)'),
+    ((2, 3, 1), r'repeats every 20 mm.*bonds of 10 mm.*give supercell=\(3, 3, 1\)'),
+    ((3, 3, 2), r'not periodic; give supercell=\(3, 3, 1\)'),
+    ((3, 3), r'three numbers of cells.*\(3, 3\)'),
+    (3, 'three numbers of cells.*not 3'),
+    ((3, 3.5, 1), r'supercell\[1\] must be a whole number.*3\.5'),
+    ((3, 0, 1), r'supercell\[1\] must be a whole number of at least 1'),
+    ((3, float('nan'), 1), r'supercell\[1\].*nan'),
+])
+def test_impossible_supercells_are_refused(supercell, message):
+    with pytest.raises(ValueError, match=message):
+        finite_displacements(prototype(), supercell=supercell)
+
+
+@pytest.mark.parametrize(('distance', 'message'), [
+    (0, 'distance must be a positive number in mm, not 0'),
+    (-1e-4, 'distance must be a positive'),
+    (float('nan'), 'distance must be a positive.*nan'),
+    (1.01, 'distance 1.01 mm is 1.0e-01 of the shortest bond.*leave it out for 0.0001 mm'),
+    (0.9e-11, 'outside 1e-12 to 0.1'),
+])
+def test_impossible_distances_are_refused(distance, message):
+    with pytest.raises(ValueError, match=message):
+        finite_displacements(prototype(), distance=distance)
+
+
+def held(cell):
+    cell.set_constraint(FixAtoms([0]))
+    return cell
+
+
+def patch():
+    patch = lattices.parallelogram(lattices.triangular(10, 0.707), 4, 4)
+    patch.calc = MagneticRepulsion(patch, PROTOTYPE)
+    return patch
+
+
+def ghost():
+    cell = lattices.triangular(10, 0.707)
+    cell.symbols = 'X'
+    cell.calc = MagneticRepulsion(cell, PROTOTYPE)
+    return cell
+
+
+def flat():
+    cell = lattices.triangular(10, 0.707)
+    cell.cell[2] = 0
+    cell.calc = MagneticRepulsion(cell, PROTOTYPE)
+    return cell
+
+
+def foreign():
+    cell = prototype()
+    cell.cell[0] *= 1.1
+    return cell
+
+
+@pytest.mark.parametrize(('make', 'message'), [
+    (lambda: lattices.triangular(10, 0.707), 'attach atoms.calc = MagneticRepulsion'),
+    (lambda: held(prototype()), r'constraint FixAtoms.*remove it with atoms.set_constraint\(\)'),
+    (patch, 'not periodic, it has no bands'),
+    (ghost, "symbol 'X' of particle 0"),
+    (flat, 'three lattice vectors, not 2'),
+    (foreign, 'cell or its periodicity differs'),
+])
+def test_unsuitable_atoms_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        finite_displacements(make())
+
+
+def test_unsuitable_phonons_and_paths_are_refused():
+    import phonopy
+
+    cell = prototype()
+    phonon = finite_displacements(cell)
+    empty = phonopy.Phonopy(phonon.unitcell, np.diag([3, 3, 1]), primitive_matrix='P')
+    for function in (foundation_recovered, lambda p: phonopy_bands(p, at(cell, 'G')), lambda p: extracted_dstar(p, cell)):
+        with pytest.raises(ValueError, match=r'holds no force constants; get a phonon from finite_displacements\(atoms\)'):
+            function(empty)
+    with pytest.raises(ValueError, match='Atoms holds no force constants'):
+        phonopy_bands(cell, at(cell, 'G'))
+    with pytest.raises(ValueError, match='path must be a BandPath, not list'):
+        phonopy_bands(phonon, [[0, 0, 0]])
+    with pytest.raises(ValueError, match='another shape'):
+        phonopy_bands(phonon, at(prototype('square'), 'G'))
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_round_off_along_z_does_not_make_a_layer_three_dimensional(seed):
+    """Forces that do not cancel at rest leave round-off in phonopy's differences, here up to 1e-11 of the largest one."""
+    rng = np.random.default_rng(seed)
+    cell = np.diag([*np.sort(rng.uniform(12, 16, 2)), 20.0])
+    basis = [[0, 0, 0], [*rng.uniform(0.35, 0.65, 2), 0]]
+    atoms = Atoms('Nd2', scaled_positions=basis, cell=cell, pbc=(1, 1, 0), masses=[0.7, 1.1])
+    atoms.positions[:, 2] = rng.uniform(-20, 20)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=6200.0, a=4.5824), cutoff=16.7, foundation=0.02)
+    phonon = finite_displacements(atoms)
+    phonon.force_constants[:, :, 2, :2] += rng.uniform(-1e-11, 1e-11) * abs(phonon.force_constants).max()
+    path = atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc)
+    bands = phonopy_bands(phonon, path)
+    assert bands.omega.shape == (5, 4)
+    exact = analytic_bands(atoms, path).omega
+    assert abs(bands.omega * abs(bands.omega) - exact * abs(exact)).max() < 1e-8 * (exact**2).max()

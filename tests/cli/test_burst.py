@@ -1,0 +1,257 @@
+"""The commands burst and spectrum: what they write, that a table read again gives the same ridge, and how they fail."""
+
+import csv
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon import read_scene, ready_scene
+from magphonon.cli import burst
+from magphonon.cli.main import main
+from magphonon.stability.amplitude_shifts import frequency_shifts
+from magphonon.waves.spectrum import Spectrum
+
+
+def test_a_burst_is_called_loud_just_above_the_amplitude_that_linear_bands_bear():
+    cell = read_scene(ready_scene('ideal')).atoms()
+    bound = frequency_shifts(cell).amplitude(0.01)  # frequencies one percent off
+    _, quiet, loud = burst._amplitudes(cell, {'quiet': 0.99 * bound, 'loud': 1.01 * bound})
+    assert 'LOUD' not in quiet
+    assert 'LOUD' in loud
+
+
+# the paper's ideal lattice on a patch of 32 x 32, one burst: quick, and yet 3 and more bins between the models
+SMALL = [(r'cells_(.) = 60', r'cells_\1 = 32'), (r'carriers_Hz = .*', 'carriers_Hz = [19.1]'),
+         (r'directions_deg = .*', 'directions_deg = [0]'), ('duration_s = 1.0', 'duration_s = 0.6')]
+VIBROMETER = '\n[vibrometer]\nsampling_rate_Hz = 200\nnoise_m = 1e-7\n'
+NAMES = ('19.1Hz_0deg_complete', '19.1Hz_0deg_conventional')
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    """A function that writes the small scene with further replacements and an addition."""
+    def write(*changes, more='', name='ideal', small=SMALL):
+        text = ready_scene(name).read_text()
+        for old, new in (*small, *changes):
+            assert re.search(old, text), old
+            text = re.sub(old, new, text)
+        file = tmp_path / 'my.toml'
+        file.write_text(text + more)
+        return file
+    return write
+
+
+def ridges(folder, name='ridges.csv'):
+    """Rows of the table of ridges by record and motion, as arrays of their numbers."""
+    with open(folder / name, newline='') as file:
+        _, *rows = csv.reader(file)
+    return {key: np.array([row[2:7] for row in rows if (row[0], row[1]) == key], dtype=float)
+            for key in dict.fromkeys((row[0], row[1]) for row in rows)}
+
+
+def reported(text):
+    """Bins off complete and conventional shear, by record, for transverse motion."""
+    rows = [line.split() for line in text.splitlines() if ' transverse ' in line and 'motion:' not in line]
+    return {row[0]: (float(row[5]), float(row[7])) for row in rows}
+
+
+@pytest.mark.parametrize('more', ['', VIBROMETER], ids=['simulated', 'measured'])
+def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, scene_file, tmp_path, capsys):
+    scene, out = scene_file(more=more), tmp_path / 'out'
+    assert main(['burst', str(scene), '-o', str(out)]) == 0
+    shown = capsys.readouterr()
+    assert 'UNSTABLE' not in shown.out
+    assert shown.err == ''  # no progress where nobody watches
+    assert (out / 'ridges.txt').read_text().strip() in shown.out
+    written = {file.name for file in out.iterdir()}
+    assert {'row.csv', 'ridges.csv', 'ridges.txt', '19.1Hz_0deg_maps.png', '19.1Hz_0deg_snapshot.png',
+            *(f'{name}.csv' for name in NAMES), *(f'{name}_transverse.npz' for name in NAMES)} <= written
+
+    off = reported(shown.out)
+    # half a bin is the demand; noise of a thousandth of the wave does not show
+    assert off[NAMES[0]][0] < 0.5 < 3 < off[NAMES[0]][1]
+    assert off[NAMES[1]][1] < 0.5 < 3 < off[NAMES[1]][0]
+    table = (out / 'ridges.csv').read_text().splitlines()
+    for name, model in zip(NAMES, ('complete', 'conventional'), strict=True):
+        own = {line.split(',')[7] for line in table if line.startswith(f'{name},transverse,')}
+        assert own == {f'{model} shear'}
+        assert f'{name}, transverse motion: agrees with {model} shear (' in shown.out
+
+    burst = ridges(out)
+    for name in NAMES:
+        again = tmp_path / name
+        assert main(['spectrum', str(out / f'{name}.csv'), str(scene), '-o', str(again)]) == 0
+        assert reported(capsys.readouterr().out)[name] == off[name]
+        for key, points in ridges(again, f'spectrum_{name}_ridges.csv').items():
+            # times come back to 1e-15 of the record, which the round-off of the transform hardly moves
+            assert_allclose(points, burst[key], rtol=1e-6)
+        assert {file.name for file in again.iterdir()} >= {f'spectrum_{name}_ridges.csv', f'spectrum_{name}_ridges.txt',
+                                                           f'spectrum_{name}_transverse.png'}
+        assert Spectrum.load(again / f'spectrum_{name}_transverse.npz').power.max() > 0
+
+
+def test_loud_bursts_are_told_from_quiet_ones(scene_file, tmp_path, capsys):
+    """By second-order perturbation theory a frequency of the lattice is 1 % off at 2.37 % of the spacing."""
+    told = []
+    for force in ('1.0', '300.0'):
+        scene = scene_file(('force_N = 1.0', f'force_N = {force}'))
+        assert main(['burst', str(scene), '-o', str(tmp_path / force)]) == 0
+        lines = [line for line in capsys.readouterr().out.splitlines() if 'largest displacement' in line]
+        assert [line.split(':')[0] for line in lines] == list(NAMES)
+        told.append([float(re.search(r'displacement ([0-9.e-]+) m', line)[1]) for line in lines])
+        for u, line in zip(told[-1], lines, strict=True):
+            assert f'{u:.3g} m, {u:.2%} of the spacing' in line  # of 1 m
+            assert ('LOUD: above 0.0237 m' in line) == (u > 0.0237)
+    (quiet, stiff), (loud, _) = told
+    assert stiff < quiet < 0.0237 < loud
+    record = np.loadtxt(tmp_path / '1.0' / f'{NAMES[0]}.csv', delimiter=',', skiprows=1)
+    measured = np.hypot(*record[:, 2:].T).max()
+    assert quiet == pytest.approx(2 * measured, rel=0.15)  # the row starts half way up the beam, whose middle moves most
+
+
+def test_the_row_to_measure_and_an_animation_on_request(scene_file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr('magphonon.waves.tone_burst.SNAPSHOTS', 5)  # frames are slow to draw
+    assert main(['burst', str(scene_file()), '-o', str(tmp_path / 'out'), '--animation']) == 0
+    for name in NAMES:
+        film = (tmp_path / 'out' / f'{name}.gif').read_bytes()
+        assert film.startswith(b'GIF89a')
+        assert film.count(b'\x21\xf9\x04') >= 5  # frames
+    step, particle, x, y = np.loadtxt(tmp_path / 'out' / 'row.csv', delimiter=',', skiprows=1).T
+    assert_allclose(step, np.arange(30))
+    assert_allclose(np.transpose([np.diff(x), np.diff(y)]), np.tile([0.5, np.sqrt(0.75)], (29, 1)), rtol=1e-12)
+    patch = read_scene(scene_file()).patch_atoms()
+    assert_allclose(patch.positions[particle.astype(int), :2], np.transpose([x, y]) * 1e3, rtol=1e-12)
+
+
+def test_a_burst_in_the_gap_is_said_not_to_travel(scene_file, tmp_path, capsys):
+    """At 15 Hz, below the cut-off of 26.55 Hz, the waves of a point source decay by 0.3423 and 0.3298 a step."""
+    changes = [('side_m = 0.3', 'side_m = 0.15'), (r'carriers_Hz = .*', 'carriers_Hz = [15]'), ('cycles = 5', 'cycles = 12'),
+               (r'directions_deg = .*', 'directions_deg = [90]'), ('duration_s = 0.5', 'duration_s = 0.9'),
+               (r'(?s)\[vibrometer\].*?\n\n', '')]
+    scene = scene_file(*changes, name='prototype', small=())
+    assert main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    assert '15Hz_90deg_complete: no band carries 15 Hz along R2; its slowest wave falls to 1/e in 2.92 steps' in shown
+    assert '15Hz_90deg_conventional: no band carries 15 Hz along R2; its slowest wave falls to 1/e in 3.03 steps' in shown
+    assert ridges(tmp_path / 'out') == {}
+
+
+def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys):
+    """The square lattice needs springs of 4 f(L0)/L0 = 40 kN/m."""
+    scene = scene_file(('"triangular"', '"square"'), ('GMKG', 'GXM'), ('= 32', '= 14'), ('0.6', '0.27'))
+    assert main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    assert 'UNSTABLE: the static forces buckle this lattice' in shown
+    assert 'It needs a foundation of 40000 N/m and has 0 N/m, and no force is small enough' in shown
+    assert 'lower force_N' not in shown
+
+
+# --- how they fail ---------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize(('change', 'message'), [
+    (('force_N = 1.0', 'force_N = 0.0'), 'burst.force_N must be a positive number, not 0.0'),
+    (('force_N = 1.0', 'force_N = 1e6'), 'burst 19.1Hz_0deg, complete simulation: at .* ms particle .* less drive'),
+    (('cycles = 5', 'cycles = nan'), 'burst.cycles must be a positive number, not nan'),
+    (('damping_ratio = 0.01', 'damping_ratio = -1'), 'burst.damping_ratio must be a zero or positive number, not -1'),
+    (('"row"', '"line"'), "burst.source must be one of 'row', 'point', not 'line'"),
+    (('19.1', ''), 'burst.carriers_Hz names no burst'),
+    (('19.1', '19.1, 20'), r'burst.directions_deg must hold a direction for each of the 2 carriers, not \[0.0\]'),
+    ((r'directions_deg = \[0\]', 'directions_deg = [inf]'), r'burst.directions_deg\[0\] must be a finite number, not inf'),
+    ((r'directions_deg = \[0\]', 'directions_deg = 0'), 'burst.directions_deg must be a list in brackets, not 0'),
+    ((r'(?s)\[19.1\](.*?)\[0\]', r'[19.1, 19.1]\1[0, 0]'), 'burst lists a burst twice, among 19.1Hz_0deg, 19.1Hz_0deg; keep'),
+    (('duration_s = 0.6', 'duration_s = 0.2'), 'burst.duration_s must be longer than the longest burst, 0.26178 s, not 0.2'),
+    (('carriers_Hz', 'carrier_Hz'), "burst has no key 'carrier_Hz'; did you mean 'carriers_Hz'"),
+    ((r'\[19.1\]', '[91]'), 'the carrier of 91 Hz lies above .* in the complete model, 74.* conventional model reaches'),
+    (('(?s)\\[patch\\].*?\n\n', ''), r'has no table \[patch\]; add one'),
+    (('(?s)\\[burst\\].*?\n\n', ''), r'has no table \[burst\]; add one'),
+    ((r'cells_(.) = 32', r'cells_\1 = 9'), r'the row along R2 has 7 particles .* at least 8; enlarge \[patch\]'),
+])
+def test_impossible_scene_is_refused_in_words_and_nothing_is_written(change, message, scene_file, tmp_path, capsys):
+    assert main(['burst', str(scene_file(change)), '-o', str(tmp_path / 'out')]) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert {file.name for file in tmp_path.iterdir()} == {'my.toml'}
+
+
+def test_sampling_that_folds_the_spectrum_is_refused(scene_file, capsys, tmp_path):
+    scene = scene_file(more=VIBROMETER.replace('200', '50'))
+    assert main(['burst', str(scene), '-o', str(tmp_path / 'out')]) == 2
+    assert 'vibrometer.sampling_rate_Hz must be at least 53.48' in capsys.readouterr().err
+
+
+@pytest.fixture(scope='module')
+def measured(tmp_path_factory):
+    """The small scene and a table of noise for its row."""
+    folder = tmp_path_factory.mktemp('measured')
+    text = ready_scene('ideal').read_text()
+    for old, new in SMALL:
+        text = re.sub(old, new, text)
+    (folder / 'my.toml').write_text(text)
+    scene = read_scene(folder / 'my.toml')
+    from magphonon.waves.wave_source import site
+
+    row = site(scene.atoms(), scene.patch_atoms(), 'row').row
+    noise = np.random.default_rng(0).normal(size=(20, len(row), 2))
+    lines = [f'{0.01 * k},{particle},{x:.6e},{y:.6e}' for k in range(20) for particle, (x, y) in zip(row, noise[k], strict=True)]
+    return folder, ['time_s,particle,u_x_m,u_y_m', *lines], row
+
+
+@pytest.mark.parametrize(('spoil', 'message'), [
+    (lambda a, row: [*a[:-1], a[-1][:9]], 'it was cut off'),
+    (lambda a, row: a[:-3], 'lacks the sample of particle'),
+    (lambda a, row: [line for line in a if f',{row[3]},' not in line], 'holds no particle'),
+    (lambda a, row: [line.replace('0.05,', '0.053,', 1) if line.startswith('0.05,') else line for line in a], 'resample it'),
+    (lambda a, row: [line for line in a if not line.startswith('0.05,')], 'lacks samples between 0.04 and 0.06 s'),
+    (lambda a, row: [*a[:7], re.sub(r',[^,]*$', ',nan', a[7]), *a[8:]], "line 8 of .*: u_y_m is 'nan', not a finite number"),
+    (lambda a, row: ['frequency,amplitude', '1,2'], 'lacks the column time_s'),
+    (lambda a, row: [re.sub(r'(,[^,]*){2}$', ',0,0', line) if k else line for k, line in enumerate(a)], 'at rest throughout'),
+    (lambda a, row: a[: 1 + 6 * len(row)], 'at least 8 of each'),
+])
+def test_a_table_that_cannot_be_analysed_is_refused_in_words(spoil, message, measured, tmp_path, capsys):
+    folder, lines, row = measured
+    (tmp_path / 'scan.csv').write_text('\n'.join(spoil(lines, row)) + '\n')
+    assert main(['spectrum', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert {file.name for file in tmp_path.iterdir()} == {'scan.csv'}
+
+
+def test_noise_is_a_map_without_ridge(measured, tmp_path, capsys):
+    folder, lines, _ = measured
+    (tmp_path / 'scan.csv').write_text('\n'.join(lines) + '\n')
+    assert main(['spectrum', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0
+    assert ridges(tmp_path / 'out', 'spectrum_scan_ridges.csv') == {}
+
+
+def struck(number, scene_file, tmp_path):
+    """A burst that a signal strikes between the first files and the last: its directory, exit status and last words."""
+    scene = scene_file((r'\[19.1\]', '[19.1, 18, 17, 16]'), (r'directions_deg = \[0\]', 'directions_deg = [0, 0, 0, 0]'))
+    out = tmp_path / 'out'
+    out.mkdir()
+    process = subprocess.Popen([sys.executable, '-m', 'magphonon', 'burst', str(scene), '-o', str(out)],
+                               stderr=subprocess.PIPE, text=True)
+    try:
+        while process.poll() is None and not list(out.glob('.partial-*/*.csv')):
+            time.sleep(0.02)
+    finally:
+        process.send_signal(number)
+        words = process.communicate()[1]
+    return out, process.returncode, words
+
+
+def test_killed_burst_leaves_no_result(scene_file, tmp_path):
+    """What there is stands under no result's name."""
+    out, _, _ = struck(signal.SIGKILL, scene_file, tmp_path)
+    assert list(out.glob('.partial-*/*.csv'))  # it was struck in its midst
+    assert not [file for file in out.iterdir() if not file.name.startswith('.partial-')]
+
+
+def test_terminated_burst_leaves_nothing(scene_file, tmp_path):
+    """As a batch system ends a job that has run for too long."""
+    out, status, words = struck(signal.SIGTERM, scene_file, tmp_path)
+    assert (status, words) == (143, 'magphonon: terminated\n')
+    assert not list(out.iterdir())

@@ -1,0 +1,100 @@
+"""What a command will take: told before it starts, near to what it takes, and refused by its key where there is no such room."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from magphonon.cli import costs, main
+from magphonon.scenes.scene import read_scene, ready_scene
+
+MEASURE = """
+import resource, sys
+from magphonon import cli
+status = cli.main(sys.argv[1:])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, file=sys.stderr)
+sys.exit(status)
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    """A function that writes the prototype's scene with lines of a table replaced, {'bands.points': '300'}."""
+    def write(**changes):
+        text = ready_scene('prototype').read_text()
+        for name, value in changes.items():
+            table, key = name.split('__')
+            before, head, after = text.partition(f'[{table}]')
+            line = next(line for line in after.splitlines() if line.startswith(f'{key} = '))
+            text = before + head + after.replace(line, f'{key} = {value}', 1)
+        file = tmp_path / 'my.toml'
+        file.write_text(text)
+        return file
+    return write
+
+
+TOO_MUCH = [('bands', 'bands__points', '1_000_000_000_000'), ('bands', 'bands__points', '1_000_000_000_000_000'),
+            ('frf', 'frf__points', '1_000_000_000'), ('frf', 'frf__points', '50_000_000'),
+            ('burst', 'vibrometer__sampling_rate_Hz', '1e9'), ('bands', 'bands__supercell', '[10000, 10000]'),
+            ('burst', 'burst__duration_s', '1e8')]
+
+
+@pytest.mark.parametrize(('command', 'name', 'value'), TOO_MUCH)
+def test_sizes_that_no_memory_holds_are_refused_by_key(command, name, value, scene_file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(costs, 'free_memory', lambda: 16 * costs.GIGABYTE)
+    changes = {name: value} | ({'vibrometer__sampling_rate_Hz': '200'} if 'duration' in name else {})
+    file, key = scene_file(**changes), name.replace('__', '.')
+    assert main.main([command, str(file), '-o', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f'magphonon: {key} = ' if 'duration' not in name else 'magphonon: ')
+    assert f'makes [{command}] ask for some ' in said
+    assert 'more than 50% of the 16 GB that are free; lower it' in said
+    assert not (tmp_path / 'out').exists()
+
+
+def test_check_tells_what_it_takes_and_what_is_too_much(scene_file, capsys):
+    assert main.main(['check', str(scene_file())]) == 0
+    fine = capsys.readouterr().out
+    assert '[bands] less than 0.1 GB of memory, a few seconds, 8 files' in fine
+    assert main.main(['check', str(scene_file(bands__points=10**12))]) == 1
+    assert 'Not as it stands: bands.points = 1000000000000 makes [bands] ask for some' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('name', 'value', 'words'), [
+    ('law__shells', '1000', 'law.shells must be at most 300, not 1000'),
+    ('bands__path', '"' + 'GM' * 80 + '"', 'bands.path must join at most 100 points, not 160')])
+def test_sizes_that_only_take_time_end_too(name, value, words, scene_file):
+    with pytest.raises(ValueError, match=words):
+        read_scene(scene_file(**{name: value}))
+
+
+@pytest.mark.skipif(not Path('/proc/meminfo').exists(), reason='a system that tells memory otherwise')
+def test_free_memory_is_that_of_the_system_and_within_limits():
+    resource = pytest.importorskip('resource')
+    total = os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE')
+    assert 0 < costs.free_memory() <= total
+    done = subprocess.run([sys.executable, '-c', 'from magphonon.cli.costs import free_memory; print(free_memory())'], check=True,
+                          capture_output=True, text=True, timeout=60,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30, 3 * 2**30)))
+    assert 0 < int(done.stdout) < 3 * 2**30
+
+
+@pytest.mark.parametrize(('command', 'small', 'large'), [
+    ('bands', {}, {'bands__points': 12000}),
+    ('frf', {'patch__side_m': 0.1, 'frf__points': 9}, {'patch__side_m': 0.25, 'frf__points': 9})])
+def test_estimates_of_memory_are_near(command, small, large, scene_file, tmp_path):
+    """Peaks of resident memory of two runs: what the larger takes more is what is estimated, to a factor of three.
+
+    Their difference, as what every process takes, a large part of the smaller one, is no part of the model.
+    """
+    took, told = [], []
+    for name, changes in (('small', small), ('large', large)):
+        file = scene_file(**changes)
+        told.append(next(cost.bytes for cost in costs.costs(read_scene(file)) if cost.table == command))
+        done = subprocess.run([sys.executable, '-c', MEASURE, command, str(file), '-o', str(tmp_path / name)],
+                              capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        took.append(int(done.stderr.split()[-1]))
+    assert 1 / 3 < (told[1] - told[0]) / (took[1] - took[0]) < 3

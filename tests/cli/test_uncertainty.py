@@ -1,0 +1,109 @@
+"""`magphonon uncertainty`: what it shows and writes, and how it fails."""
+
+import csv
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon.cli.main import main
+from magphonon.design.uncertainty import Spread
+from magphonon.scenes.scene import ready_scene
+
+OWN = {'provenance.json', 'scene.toml'}
+BANDS = OWN | {'band_uncertainty.png', 'contributions.png', 'band_uncertainty.csv', 'band_uncertainty.npz'}
+FRF = OWN | {'frf_uncertainty.png', 'frf_uncertainty.csv', 'frf_uncertainty.npz'}
+
+
+def scene_file(folder, text):
+    file = folder / 'my.toml'
+    file.write_text(text)
+    return str(file)
+
+
+def table(file):
+    with open(file, newline='') as lines:
+        header, *rows = csv.reader(lines)
+    return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+
+
+def test_bands_of_a_lattice_with_tolerances(tmp_path, capsys):
+    """Without foundation, 1 % of spacing is (a + 1)/2 = 2.5 % of every frequency, and 1 % of the mass 0.5 %: 2.55 % together."""
+    text = ready_scene('ideal').read_text().partition('[patch]')[0]
+    text += '\n[bands]\npath = "GMKG"\npoints = 30\nsupercell = [3, 3]\n[uncertainty]\nspacing_m = 0.01\nmass_percent = 1.0\n'
+    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
+    assert {file.name for file in (tmp_path / 'out').iterdir()} == BANDS
+    columns = table(tmp_path / 'out' / 'band_uncertainty.csv')
+    moving = columns['frequency_1_Hz'] > 1e-3
+    assert moving.sum() == 28  # all but Gamma at both ends
+    for mode in (1, 2):
+        f, std = (columns[f'{name}_{mode}_Hz'][moving] for name in ('frequency', 'std'))
+        assert_allclose(std / f, np.hypot(0.025, 0.005), rtol=1e-9)
+    shown = capsys.readouterr().out
+    # omega_M = 141.42 rad/s of the paper is 22.5079 Hz
+    assert ['M,', 'branch', '1', '22.5079', '0.574', '0.56', '0.11'] in [line.split() for line in shown.splitlines()]
+    assert '1000 lattices drawn from these tolerances' in shown
+    assert 'too wide' not in shown
+    assert 'G, branch' not in shown  # sound has no frequency there
+    assert Spread.load(tmp_path / 'out' / 'band_uncertainty.npz').names == ('spacing', 'mass')
+
+
+def test_tolerances_too_wide_for_a_ribbon_are_called_so(tmp_path, capsys):
+    """A chain on springs of 42 kN/m, which needs 40: 3 % of spacing buckles a part of them."""
+    text = ready_scene('chain').read_text().replace('5e4', '4.2e4') + '\n[uncertainty]\nspacing_percent = 3.0\n'
+    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    assert 'too wide for the linear propagation' in shown
+    # k < 4 f/L0 ~ L0^-5: L0 below 0.9903, a third of a normal distribution of 3 %
+    share = float(shown.partition('UNSTABLE: ')[2].split()[0])
+    assert share == pytest.approx(37, abs=5)  # 1000 samples: 1.5
+
+
+def test_response_of_the_oscillator(tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main(['uncertainty', str(ready_scene('oscillator')), '-o', str(out)]) == 0
+    assert {file.name for file in out.iterdir()} == FRF
+    columns = table(out / 'frf_uncertainty.csv')
+    # far above resonance u = F/(m w^2): 0.1 % of the mass, and a little of the spring
+    assert 0.001 < columns['std_m_per_N'][-1] / columns['amplitude_m_per_N'][-1] < 0.005
+    assert 'response: the amplitude has a standard deviation of' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('to', 'warns'), [('40.0', True), ('33.0', False)])
+def test_a_ribbon_too_narrow_on_top_of_the_peak_is_called_so(to, warns, tmp_path, capsys):
+    """1 % of k = 45 kN/m and 0.1 % of m w^2 move k - m w^2 = 0 by z = 452/(m w gamma) = 0.178 widths of the peak at 33.76 Hz."""
+    text = ready_scene('oscillator').read_text().replace('to_Hz = 64.0', f'to_Hz = {to}').replace('points = 961', 'points = 401')
+    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    assert ('the ribbon is too narrow' in shown) == warns  # 0.76 Hz below the peak, 0.4 of its width, the slope is all
+    if warns:
+        second = shown.partition('spreads it by up to ')[2].splitlines()[0].replace(',', ' ').split()
+        # u ~ 1 - z^2/2: std z^2/sqrt(2), mean z^2/2; two digits are printed, and the points lie 0.06 Hz apart
+        assert float(second[0]) == pytest.approx(2.2, abs=0.15)
+        assert float(second[3]) == pytest.approx(33.76, abs=0.15)
+        assert float(second[-2]) == pytest.approx(1.6, abs=0.15)
+
+
+@pytest.mark.parametrize(('old', 'new', 'words'), [
+    ('spacing_percent = 0.2', '', ('no table [uncertainty]',)),
+    ('spacing_percent = 0.2', 'spacing_percent = -1.0', ('uncertainty.spacing_percent must be a positive number', '-1.0')),
+    ('spacing_percent = 0.2', 'spacing = 0.2', ("uncertainty has no key 'spacing'", 'did you mean')),
+    ('spacing_percent = 0.2', 'correlation_a_b = 1.0', ('uncertainty.correlation_a_b must lie between -1 and 1, not 1.0',)),
+    ('spacing_percent = 0.2', 'height_percent = 0.2', ('height is no parameter of this scene', 'spacing, mass, b, a')),
+])
+def test_mistake_ends_in_words_and_writes_nothing(old, new, words, tmp_path, capsys):
+    text = ready_scene('oscillator').read_text()
+    assert old in text
+    text = text.replace(old, new) if new else text.partition('[uncertainty]')[0]
+    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
+    shown = capsys.readouterr()
+    assert all(word in shown.err for word in words), shown.err
+    assert shown.out == ''
+    assert {file.name for file in tmp_path.iterdir()} == {'my.toml'}
+
+
+def test_scene_without_anything_to_propagate_to_is_refused(tmp_path, capsys):
+    text = ready_scene('oscillator').read_text()
+    text = text.partition('[frf]')[0] + text[text.index('[uncertainty]'):]
+    assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
+    assert 'neither [bands] nor [frf]' in capsys.readouterr().err

@@ -1,0 +1,309 @@
+"""The increment law against extended precision, the layouts, and every kernel against the calculator."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms
+from oracles import LAWS
+
+from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, Tabulated, Yukawa, lattices
+from magphonon.dynamics.bond_increments import RANGES, TOLERANCE, Increments
+from magphonon.dynamics.cages import CONTACT, FLOWN
+from magphonon.dynamics.engine import PIECES, Blocks
+from magphonon.dynamics.law_pieces import octave_piece, pieces
+from magphonon.dynamics.memory_layout import arrange
+from magphonon.interactions.pair_laws import Hertz
+
+LAW = InversePower(b=8900.0, a=4.5)
+MODELS = ['complete', 'conventional', 'literal']
+
+
+# --- the law of the increment ---------------------------------------------------------------------------------------
+
+
+def extended(model, e, r0, b=8900, a=4.5):
+    """H(e) of the inverse power b r^-a in extended precision, as a difference (64 bits of mantissa where there are any)."""
+    e, r0, b, a = (np.longdouble(x) for x in (e, r0, b, a))
+    r = r0 * (1 + e / 2) if model == 'conventional' else r0 * np.sqrt(1 + e)
+    f, f0 = b * r**-a, b * r0**-a
+    return f / r - f0 / r0 if model == 'complete' else (f - f0) / r0
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason='no extended precision here')
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('reach', RANGES)
+def test_polynomials_keep_their_error_bound(model, reach):
+    law = Increments(LAW, model, np.array([10.0, 13.0]))
+    coefficients, error = law.polynomial(reach)
+    assert error < TOLERANCE
+    e = reach * np.linspace(-1, 1, 202)  # not zero
+    for c, r0 in zip(coefficients, law.r0, strict=True):
+        H, expected = e * np.polyval(c[::-1], e), extended(model, e, r0)
+        # the slope is good to the bound, so is H relative to e; the difference in 64 bits adds 1e-19/e
+        assert (abs(H - expected) < abs(law.slope(0.0, r0) * e) * (TOLERANCE + 1e-18 / abs(e))).all()
+        assert (abs(law.exact(e, r0) - expected) < abs(law.slope(0.0, r0) * e) * (1e-12 + 1e-18 / abs(e))).all()
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_nothing_is_lost_near_rest(model):
+    law = Increments(LAW, model, np.array([10.0]))
+    (c,), _ = law.polynomial(RANGES[0])
+    e = np.array([1e-9, 1e-13, -1e-16])
+    quotient = {'complete': -(4.5 + 1) / 2, 'conventional': -4.5 / 2, 'literal': -4.5 / 2}[model] * 8900 * 10.0**-5.5
+    for H in (e * np.polyval(c[::-1], e), law.exact(e, 10.0)):
+        assert (abs(H / e / quotient - 1) < 1e-13 + 10 * abs(e)).all()
+
+
+def test_a_law_with_knots_or_an_end_within_reach_gets_no_polynomial():
+    r = np.array([5.0, 7, 9, 9.9, 10.1, 11, 14, 18])
+    bent = Tabulated(r, r**-4.5 * (1 + 0.1 * np.sin(3 * r)))
+    law = Increments(bent, 'complete', np.array([10.0]))
+    assert law.polynomial(RANGES[1]) is not None
+    assert law.polynomial(RANGES[2]) is None  # past the knots at 9.9 and 10.1
+    short = Increments(Tabulated(r, r**-4.5), 'complete', np.array([17.9]))
+    assert short.polynomial(1 / 64) is None  # the table ends
+    straight = Increments(Tabulated(r, r**-4.5), 'complete', np.array([10.0]))
+    assert straight.polynomial(1 / 4) is not None  # an inverse power, whatever the knots
+
+
+# --- layouts --------------------------------------------------------------------------------------------------------
+
+
+def cells():
+    return {'triangular': lattices.triangular(10.0, 0.7), 'square': lattices.square(10.0, 0.7),
+            'honeycomb': lattices.honeycomb(10.0, 0.7), 'kagome': lattices.kagome(10.0, 0.7)}
+
+
+def shapes(name):
+    cell = cells()[name]
+    yield 'parallelogram', lattices.parallelogram(cell, 6, 5)
+    yield 'hexagon', lattices.hexagon(cell, 45.0)
+    yield 'half hexagon', lattices.half_hexagon(cell, 65.0)
+    yield 'rectangle', lattices.rectangle(cell, 80.0, 60.0)
+
+
+def vacancies(patch, seed=5, share=0.1, shuffle=True, free=False):
+    order = np.random.default_rng(seed).permutation(len(patch))[round(share * len(patch)) :]
+    patch = patch[order if shuffle else np.sort(order)]
+    if free:
+        patch.set_constraint()
+    return patch
+
+
+@pytest.mark.parametrize('name', cells())
+def test_patches_lie_on_a_grid_of_few_offsets(name):
+    groups = {'triangular': 3, 'square': 2, 'honeycomb': 3, 'kagome': 6}[name]
+    for shape, patch in shapes(name):
+        for cut in (patch, vacancies(patch)):
+            layout = arrange(cut, MagneticRepulsion(cut, LAW).bonds, cut.get_tags() == 0)
+            assert layout.offset is not None, shape
+            assert len(layout.offset) == groups
+    free = lattices.parallelogram(cells()['triangular'], 6, 5)
+    bonds = MagneticRepulsion(free, LAW).bonds
+    assert arrange(free, bonds, free.get_tags() == 0).strength is None  # what the wrapped bonds do, a held rim ignores
+    assert arrange(free, bonds, np.ones(30, bool)).strength is not None
+
+
+def test_other_structures_go_into_a_table():
+    patch = vacancies(lattices.parallelogram(cells()['triangular'], 8, 8))
+    patch.set_array('site', None)
+    layout = arrange(patch, MagneticRepulsion(patch, LAW).bonds, patch.get_tags() == 0)
+    assert layout.offset is None
+    assert sorted(layout.slot) == list(range(len(patch)))
+    twice = lattices.parallelogram(cells()['triangular'], 8, 8)
+    twice += twice  # its sites are no places any more
+    assert arrange(twice, MagneticRepulsion(twice, LAW, bonds=[(0, 1), (64, 65)]).bonds, np.ones(128, bool)).offset is None
+
+
+def structures():
+    for name in cells():
+        for shape, patch in shapes(name):
+            yield f'{name} {shape}', patch
+    yield 'free edges', vacancies(lattices.parallelogram(cells()['triangular'], 6, 6), share=0, free=True)
+    yield 'free vacancies on a grid', vacancies(lattices.hexagon(cells()['triangular'], 50.0), free=True)
+    table = vacancies(lattices.parallelogram(cells()['kagome'], 6, 6), free=True)
+    table.set_array('site', None)
+    yield 'table', table
+    yield 'periodic', cells()['honeycomb'].repeat((3, 4, 1))
+    large = vacancies(lattices.parallelogram(cells()['triangular'], 80, 80), share=0.02, free=True)  # several runs and windows
+    yield 'many runs on a grid', large
+    large = large.copy()
+    large.set_array('site', None)
+    yield 'many runs of a table', large
+
+
+STRUCTURES = dict(structures())
+# compiling for every number of offsets takes its time
+FEW = ['triangular hexagon', 'kagome half hexagon', 'free edges', 'free vacancies on a grid', 'table', 'many runs on a grid',
+       'many runs of a table']
+
+
+def blocks_of(atoms, model, engine, amplitude, law=LAW, **bonds):
+    atoms = atoms.copy()
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=0.02, model=model, **bonds)
+    u = amplitude * np.random.default_rng(2).normal(size=(len(atoms), 3))
+    u[:, 2] = 0
+    atoms.positions += u
+    atoms.set_momenta(np.zeros((len(atoms), 3)))
+    blocks = Blocks(atoms, 0.1, [], np.zeros(len(atoms)))
+    blocks.use(engine)
+    return atoms, blocks
+
+
+def accelerations(blocks):
+    blocks.advance(0, 1)  # finds the polynomials that reach far enough
+    a = blocks._state[2]
+    return blocks.layout.gather(a).T.copy()
+
+
+@pytest.mark.parametrize(('engine', 'name'), [('numpy', name) for name in STRUCTURES] + [('compiled', name) for name in FEW])
+def test_kernels_compute_the_calculators_forces(name, engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    atoms = STRUCTURES[name]
+    models = MODELS if len(atoms) < 1000 else MODELS[:1]
+    for model in models:
+        for amplitude in (0.002, 0.2) if engine == 'numpy' else (0.02,):
+            moved, blocks = blocks_of(atoms, model, engine, amplitude)
+            a = accelerations(blocks)
+            blocks.write()
+            expected = moved.get_forces()[:, :2] / 0.7  # at the new positions; FixAtoms holds the rim here too
+            # the calculator rounds positions of 1e2 mm to 1e-14, against strains of 1e-4
+            assert abs(a - expected).max() < 1e-10 * abs(expected).max()
+            assert blocks.engine == engine
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+def test_shells_of_neighbours_have_their_own_laws(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    for law in (LAW, Yukawa(c=500.0, kappa=0.1)):
+        atoms = lattices.parallelogram(cells()['triangular'], 9, 9)
+        for atoms.info['site'] in (True, False) if engine == 'numpy' else (False,):
+            if not atoms.info['site']:
+                atoms.set_array('site', None)
+                atoms = atoms[np.random.default_rng(0).permutation(81)]
+            moved, blocks = blocks_of(atoms, 'complete', engine, 0.02, law, shells=3)
+            a = accelerations(blocks)
+            blocks.write()
+            expected = moved.get_forces()[:, :2] / 0.7
+            assert len(blocks.layout.r0) == (9 if atoms.info['site'] else 3)
+            assert abs(a - expected).max() < 1e-10 * abs(expected).max()
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('name', ['triangular hexagon', 'free edges', 'table', 'kagome half hexagon'])
+def test_numpy_and_compiled_blocks_agree(name, model):
+    pytest.importorskip('numba')
+    atoms = STRUCTURES[name]
+
+    def run(engine, amplitude=0.01):
+        moving = atoms.copy()
+        moving.calc = MagneticRepulsion(moving, LAW, foundation=2.0, model=model)  # stiff: vacancies shall not collapse
+        inner = np.flatnonzero(moving.get_tags() == 0)[:2]
+        drives = [Harmonic(inner, (1, 2), amplitude, 0.5)]
+        dyn = DrivenVerlet(moving, 0.1, drives, np.linspace(0, 0.01, len(moving)), engine)
+        recorder = Recorder(dyn, interval=9)
+        dyn.run(2000)
+        assert dyn.engine == engine
+        return recorder.displacements
+
+    numpy, compiled = run('numpy'), run('compiled')
+    assert abs(numpy - compiled).max() < 1e-11 * abs(numpy).max()
+    assert abs(numpy - run('compiled', 0.0100001)).max() > 1e-9 * abs(numpy).max()  # the control
+
+
+def test_a_held_particle_stays_and_an_empty_slot_does_nothing():
+    pytest.importorskip('numba')
+    patch = lattices.hexagon(cells()['triangular'], 45.0)
+    patch.set_constraint([*patch.constraints, FixAtoms([20])])
+    patch.calc = MagneticRepulsion(patch, LAW, foundation=0.02)
+    for engine in ('numpy', 'compiled'):
+        moving = patch.copy()
+        moving.calc = patch.calc
+        dyn = DrivenVerlet(moving, 0.1, [Harmonic([20, 21], (1, 0), 0.1, 0.5)], engine=engine)
+        dyn.run(200)
+        held = np.append(np.flatnonzero(patch.get_tags() == lattices.RIM), 20)
+        assert np.array_equal(moving.positions[held], patch.positions[held])
+        assert abs(dyn.displacements[21]).max() > 1e-3
+        empty = np.setdiff1d(np.arange(dyn._blocks.layout.length), dyn._blocks.layout.slot)
+        assert len(empty)
+        assert not any(x[:, empty].any() for x in dyn._blocks._state)
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+def test_a_strain_that_comes_and_goes_within_a_block_is_noticed(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    patch = vacancies(lattices.parallelogram(cells()['triangular'], 12, 12))
+
+    def run(law_itself):
+        moving = patch.copy()
+        moving.calc = MagneticRepulsion(moving, LAW, foundation=2.0)  # its period is the 32 steps of a block
+        dyn = DrivenVerlet(moving, 0.11, engine=engine)
+        dyn.run(0)
+        if law_itself:
+            dyn._blocks._fit(PIECES + 1)
+        dyn.run(320)
+        assert dyn.engine == ('numpy' if law_itself else engine)
+        return dyn.displacements
+
+    # the bound of the polynomials, over 320 steps; those of a smaller reach would be off by 1e-8
+    assert abs(run(False) - run(True)).max() < 1e-12 * abs(run(True)).max()
+
+
+# --- the law in pieces, beyond every polynomial ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('name', [*LAWS, 'tight contact'])
+def test_pieces_are_the_law_from_contact_to_where_bonds_end(name, model):
+    law = Increments(LAWS.get(name, Hertz(1.0, 10.05)), model, np.array([10.0]))
+    piece = pieces(law, 0, CONTACT, FLOWN)
+    assert piece.high == (FLOWN if model == 'conventional' else FLOWN**2)
+    w = np.random.default_rng(0).uniform(piece.low, piece.high, 2000)
+    n = octave_piece(w) - piece.first
+    while (piece.child[n] >= 0).any():
+        n = np.where(piece.child[n] < 0, n, piece.child[n] + (w >= piece.centre[n]))
+    e = (w - 1) / piece.per_increment
+    H = e * sum(piece.coefficients[n, k] * (w - piece.centre[n]) ** k for k in range(8))
+    f, f0 = (-law.potential.dphi(r) for r in (law.length(e, 10.0), 10.0))
+    expected = f / law.length(e, 10.0) - f0 / 10.0 if model == 'complete' else (f - f0) / 10.0
+    # 1e-12 of the force and of what the stiffness at rest would give; the difference here loses 1e-16 of the force at rest
+    assert (abs(H - expected) < 1e-12 * (abs(expected) + abs(e * law.slope(0.0, 10.0))) + 1e-16 * f0).all()
+
+
+def test_far_from_rest_the_compiled_engine_is_as_exact_and_still_compiled():
+    pytest.importorskip('numba')
+
+    def run(engine, exact=False):
+        atoms = lattices.parallelogram(cells()['triangular'], 9, 9)
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.02)
+        atoms.set_momenta(np.outer(np.arange(81) == 40, [0.7 * 2.0, 0.3, 0]))
+        dyn = DrivenVerlet(atoms, 0.05, engine=engine)
+        dyn.run(0)
+        if exact:
+            dyn._blocks._fit(PIECES + 1)
+        dyn.run(96)
+        assert dyn._blocks._level >= PIECES
+        assert dyn.engine == engine
+        return dyn.displacements
+
+    expected = run('numpy', exact=True)
+    assert abs(expected).max() > 2.0
+    assert abs(run('compiled') - expected).max() < 1e-11 * abs(expected).max()
+
+
+def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
+    pytest.importorskip('numba')
+
+    class Rough(InversePower):
+        def dphi(self, r):
+            return super().dphi(r) * (1 + 1e-6 * np.sin(1e9 * np.asarray(r)))
+
+    atoms = lattices.parallelogram(cells()['triangular'], 6, 6)
+    atoms.calc = MagneticRepulsion(atoms, Rough(8900.0, 4.5), foundation=0.02)
+    atoms.set_momenta(np.outer(np.arange(36) == 14, [0.7 * 2.0, 0, 0]))
+    dyn = DrivenVerlet(atoms, 0.05, engine='compiled')
+    dyn.run(64)
+    assert dyn._blocks._level > PIECES
+    assert dyn.engine == 'numpy'

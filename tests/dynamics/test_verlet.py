@@ -1,0 +1,472 @@
+"""DrivenVerlet against ASE's VelocityVerlet, closed forms of the discrete oscillator, and its own limits."""
+
+import sys
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixCartesian, FixedLine, FixedPlane
+from ase.io import read
+from ase.md.verlet import VelocityVerlet
+from motion import DT, L0, MASS, apart, oscillator, patch, states_of
+
+from magphonon import (
+    Constant,
+    DrivenVerlet,
+    Harmonic,
+    InversePower,
+    MagneticRepulsion,
+    Tabulated,
+    ToneBurst,
+    lattices,
+    units as u,
+)
+from magphonon.dynamics.cages import Diverged
+from magphonon.dynamics.timestep import highest_frequency
+
+# --- it is ASE's VelocityVerlet -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('constraint', [None, FixAtoms(range(9)), FixedLine(24, (0.6, 0.8, 0)), FixedPlane([17], (1, 0, 0))])
+@pytest.mark.parametrize('model', ['complete', 'literal'])
+def test_without_drive_and_damping_it_is_velocity_verlet_bit_for_bit(constraint, model):
+    ours, theirs = (patch(model=model, speed=0.05) for _ in range(2))
+    for atoms in (ours, theirs):
+        atoms.set_constraint(constraint)
+    seen, expected = [], []
+    for dyn, trace in ((DrivenVerlet(ours, DT, engine='ase'), seen), (VelocityVerlet(theirs, DT), expected)):
+        dyn.attach(lambda dyn=dyn, trace=trace: trace.append((dyn.nsteps, dyn.get_time(), dyn.atoms.get_positions(),
+                                                              dyn.atoms.get_momenta())), 3)
+        dyn.run(50)
+        dyn.run(1)
+    assert len(seen) == len(expected) == 18
+    for a, b in zip(seen, expected, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize('held', [True, False])
+@pytest.mark.parametrize('model', ['complete', 'conventional', 'literal'])
+def test_blocks_follow_ases_loop(model, held):
+    # ASE's positions of 50 mm carry 1e-14 mm of round-off, which forces and FixAtoms' momenta amplify over 500 steps;
+    # 0.1 mm of displacement leave 1e-11 or so, and 1e-9 with its margin.
+    runs = {engine: states_of(patch(model=model, speed=0.05, held=held), 500, 10, engine=engine) for engine in ('ase', 'numpy')}
+    assert apart(runs['numpy'], runs['ase']) < 1e-9
+    other = 'conventional' if model == 'complete' else 'complete'
+    assert apart(runs['numpy'], states_of(patch(model=other, speed=0.05, held=held), 500, 10, engine='ase')) > 1e-4
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+def test_blocks_follow_ases_loop_with_drives_damping_lines_and_planes(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+
+    def run(engine):
+        atoms = patch(speed=0.01)
+        atoms.set_constraint([*atoms.constraints, FixedLine([24], (0.6, 0.8, 0)), FixedPlane([17, 18], (1, 0, 0)),
+                              FixedPlane(25, (0, 0, 1)), FixedLine(30, (0, 0, 1))])
+        drives = [ToneBurst([24, 16], (1, 1), 0.02, 0.3), Harmonic(17, (0, 1), 0.01, 0.2, phase=1.0),
+                  Constant([31], (1, 0), 1e-3), lambda t: 1e-4 * t * np.outer(np.arange(49) == 32, (1, 0, 0))]
+        return states_of(atoms, 600, 7, engine=engine, drives=drives, damping=np.linspace(0, 0.05, 49))
+
+    ase, blocks = run('ase'), run(engine)
+    assert apart(blocks, ase) < 1e-9
+    assert not ase[:, 30].any()  # a line along z
+    assert not blocks[:, 30].any()
+    across = blocks[:, 24] @ (0.8, -0.6)
+    assert abs(across).max() < 1e-15 * L0  # round-off of u - dt v
+    assert abs(blocks[:, 24] @ (0.6, 0.8)).max() > 1e-3 * L0
+
+
+def test_small_amplitudes_keep_their_digits_in_blocks_and_lose_them_in_ases_loop():
+    def response(engine, amplitude):
+        drive = ToneBurst([24], (1, 0), amplitude, 0.3)
+        return states_of(patch(), 300, 10, engine=engine, drives=[drive])[1:] / amplitude
+
+    linear = response('numpy', 1e-11)  # 1e-12 of L0 in displacement
+    assert apart(response('numpy', 1e-8), linear) < 1e-8  # what nonlinearity is left at 1e-9 of L0
+    assert apart(response('ase', 1e-11), linear) > 1e-3
+
+
+# --- order, frequency, decay ----------------------------------------------------------------------------------------
+
+
+class NaiveDamping(VelocityVerlet):
+    """The control: -c v inside the force."""
+
+    def __init__(self, *args, gamma, drive, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.gamma, self.drive = gamma, drive
+
+    def step(self):
+        atoms, momenta = self.atoms, self.atoms.get_momenta()
+        forces = atoms.get_forces() - self.gamma * momenta
+        forces[self.drive.particles] += self.drive(self.get_time())
+        momenta += self.dt / 2 * forces
+        atoms.set_positions(atoms.get_positions() + self.dt * momenta / self.masses)
+        forces = atoms.get_forces() - self.gamma * momenta
+        forces[self.drive.particles] += self.drive(self.get_time() + self.dt)
+        atoms.set_momenta(momenta + self.dt / 2 * forces)
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_second_order_in_the_step_with_drive_and_damping(engine):
+    drive, gamma = Harmonic([12], (1, 0), 0.02, 0.3), 0.4
+
+    def end(dt, make):
+        atoms = patch(5, speed=0.05)
+        make(atoms, dt).run(round(12.8 / dt))
+        return atoms.calc.displacements(atoms)
+
+    def order(make):
+        coarse, middle, fine = (end(dt, make) for dt in (0.2, 0.1, 0.05))
+        return np.log2(abs(coarse - middle).max() / abs(middle - fine).max())
+
+    assert order(lambda atoms, dt: DrivenVerlet(atoms, dt, [drive], gamma, engine)) == pytest.approx(2, abs=0.1)
+    assert order(lambda atoms, dt: NaiveDamping(atoms, dt, gamma=gamma, drive=drive)) < 1.4
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+@pytest.mark.parametrize(('omega_dt', 'gamma'), [(0.1, 0.0), (1.0, 0.0), (1.9, 0.0), (0.3, 0.02), (1.9, 0.1)])
+def test_discrete_frequency_and_decay_are_exact(engine, omega_dt, gamma, paper):
+    # One step is linear here, so u[n+1] = trace u[n] - det u[n-1].  Velocity Verlet has det = 1 and trace = 2 - (omega dt)^2,
+    # that is sin(omega' dt/2) = omega dt/2; two half decays make det = exp(-gamma dt), trace = (1 + det)(1 - (omega dt)^2/2).
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    omega = paper['oscillator']['omega_y'][0] / u.s  # 141.42 rad/s
+    dt = omega_dt / omega
+    atoms = oscillator()
+    atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
+    atoms.set_momenta([[0, 0, 0]] * 3 + [[0, 1e-8, 0]])  # amplitude below 1e-13 of the spacing: as linear as that
+    frames = states_of(atoms, 400, 1, dt, damping=gamma, engine=engine, allow_unstable=True)[:, 3]
+    assert not frames[:, 0].any()
+    y = frames[:, 1] / abs(frames[:, 1]).max()
+    (trace, det), *_ = np.linalg.lstsq(np.stack([y[1:-1], -y[:-2]], axis=1), y[2:])
+    assert det == pytest.approx(np.exp(-gamma * dt), rel=1e-10)
+    assert trace == pytest.approx((1 + np.exp(-gamma * dt)) * (1 - omega_dt**2 / 2), abs=1e-9)
+    if not gamma:
+        assert 2 * np.arcsin(omega_dt / 2) == pytest.approx(np.arccos(trace / 2), rel=1e-9)
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_time_reversal(engine):
+    atoms = patch(speed=0.1)
+    start = atoms.get_positions()
+    dyn = DrivenVerlet(atoms, DT, engine=engine)
+    dyn.run(500)
+    away = abs(atoms.positions - start).max()
+    atoms.set_momenta(-atoms.get_momenta())
+    dyn.run(500)
+    assert away > 0.02 * L0
+    assert abs(atoms.positions - start).max() < 1e-9 * away  # the round-off of test_blocks_follow_ases_loop
+
+
+@pytest.mark.slow
+def test_energy_stays_bounded_over_a_million_steps():
+    pytest.importorskip('numba')
+    atoms, energy = patch(5, speed=0.1), []
+    dyn = DrivenVerlet(atoms, DT, engine='compiled')
+    dyn.attach(lambda: energy.append(atoms.get_total_energy()), 1000)
+    dyn.run(1_000_000)
+    assert dyn.engine == 'compiled'
+    energy = np.array(energy) / energy[0] - 1
+    assert abs(energy).max() < (highest_frequency(atoms) * DT) ** 2 / 4  # velocity Verlet's own ripple is of this order
+    assert abs(energy[1:300].mean() - energy[-300:].mean()) < 0.05 * abs(energy).max()  # and no drift
+
+
+def test_the_literal_model_does_not_conserve_energy():
+    def drift(model):
+        atoms = patch(5, model=model, speed=0.3)
+        energy = []
+        conservative = patch(5, model=model if model == 'complete' else 'conventional').calc
+        dyn = DrivenVerlet(atoms, DT, engine='numpy')
+        dyn.attach(lambda: energy.append(conservative.get_potential_energy(atoms) + atoms.get_kinetic_energy()), 10)
+        dyn.run(10_000)
+        return abs(np.mean(energy[-100:]) / np.mean(energy[1:101]) - 1)
+
+    assert drift('literal') > 10 * max(drift('complete'), drift('conventional'))
+
+
+# --- stability ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_the_limit_is_sharp(engine):
+    atoms = patch(5)
+    omega = highest_frequency(atoms)
+
+    def largest(omega_dt):
+        atoms = patch(5, speed=1e-6)
+        dyn = DrivenVerlet(atoms, omega_dt / omega, engine=engine, allow_unstable=True)
+        try:
+            dyn.run(400)
+        except Diverged:
+            return np.inf
+        return abs(dyn.displacements).max()
+
+    # growth per step is acosh(omega^2 dt^2/2 - 1) = 0.063 at 2.001: e^25 in 400 steps.  Below, the amplitude is at most
+    # v dt/sqrt(1 - (omega dt/2)^2), some 30 v dt.
+    assert largest(1.999) < 1e-3
+    assert largest(2.001) > 1
+
+
+def test_highest_frequency_is_the_top_of_the_spectrum():
+    atoms = patch(8)
+    H = atoms.calc.get_hessian(atoms).toarray().reshape(64, 3, 64, 3)
+    free = np.flatnonzero(atoms.get_tags() == 0)
+    H = H[np.ix_(free, [0, 1], free, [0, 1])].reshape(2 * len(free), -1)
+    expected = np.sqrt(np.linalg.eigvalsh(H / MASS)[-1])
+    assert highest_frequency(atoms) == pytest.approx(expected, rel=1e-9)
+    assert expected < highest_frequency(atoms, DT) < 2 * expected  # the cheap bound is a bound, and not useless
+    large = patch(16)  # by Lanczos
+    assert highest_frequency(large) == pytest.approx(highest_frequency(patch(14)), rel=0.01)
+
+
+def test_lines_count_in_the_limit(paper):
+    atoms = oscillator(np.pi / 6)  # D_xx = D_yy
+    atoms.set_constraint([FixAtoms([0, 1, 2]), FixedLine(3, (0, 1, 0))])
+    assert highest_frequency(atoms) * u.s == pytest.approx(paper['oscillator']['omega_y'][1], rel=1e-9)
+    atoms = oscillator(0)
+    assert highest_frequency(atoms) * u.s == pytest.approx(np.sqrt(paper['oscillator']['D_xx'][0]), rel=1e-9)
+
+
+def test_a_step_over_the_limit_is_refused_with_both_numbers():
+    limit = 2 / highest_frequency(patch())
+    DrivenVerlet(patch(), 0.9999 * limit)
+    with pytest.raises(ValueError, match=rf'{1.0001 * limit:.9g} ms .* 2/omega_max = {limit:.9g} ms.*allow_unstable'):
+        DrivenVerlet(patch(), 1.0001 * limit)
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.atoms.calc.set(foundation=1e4)
+    with pytest.raises(ValueError, match='limit of stability'):
+        dyn.run(10)
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy', 'compiled'])
+def test_a_run_that_goes_wrong_stops_in_the_last_good_state(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+    atoms = patch()
+    atoms.set_momenta(np.outer(np.arange(49) == 24, [MASS * 98, 0, 0]))  # 9.8 of the 10 mm to its neighbour in one step
+    seen = []
+    dyn = DrivenVerlet(atoms, DT, engine=engine)
+    dyn.attach(lambda: seen.append(atoms.get_positions()), 1)
+    with pytest.raises(Diverged, match=r'particle \d+ .* last good state.*shorter time step') as caught:
+        dyn.run(1000)
+    error = caught.value
+    assert 0 <= error.last_good < error.time
+    assert error.particle in range(49)
+    assert error.atoms is atoms
+    assert np.isfinite(atoms.positions).all()
+    assert np.array_equal(atoms.positions, seen[round(error.last_good / DT)])
+    assert dyn.get_time() == error.last_good
+
+
+def test_a_soft_collision_is_noticed_too():
+    soft = InversePower(b=1e-6, a=1.0)  # too weak to stop anything
+    atoms = patch(law=soft)
+    atoms.set_momenta(np.outer(np.arange(49) == 24, [MASS * 2, 0, 0]))
+    with pytest.raises(Diverged, match='mm from its neighbour'):
+        DrivenVerlet(atoms, DT, engine='numpy').run(100)
+
+
+# --- static forces --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('theta0', [0, np.pi / 6, np.pi / 2])
+def test_balanced_static_forces_leave_nothing(theta0):
+    atoms = oscillator(theta0)
+    assert not states_of(atoms, 300, dt=0.5, engine='numpy').any()  # unstable at pi/2, yet not one bit
+    balance = Constant(3, (0, 1), atoms.calc.load[3, 1])
+    atoms.calc = atoms.calc.about(atoms, load=np.zeros((4, 3)))
+    assert not states_of(atoms, 300, dt=0.5, drives=[balance], engine='numpy').any()
+    pushed = states_of(atoms, 10, dt=0.5, engine='numpy')[-1, 3]
+    assert pushed[1] > 0.01  # the control: three magnets push it up
+
+
+def test_a_free_edge_is_pushed_outwards_by_the_static_forces():
+    u_end = states_of(patch(held=False), 30, engine='numpy')[-1]
+    corner = patch().positions[:, :2]
+    outwards = np.einsum('ix,ix->i', u_end, corner)
+    assert (outwards[patch().get_tags() == lattices.RIM] > 0).all()
+    assert not states_of(patch(held=False, model='conventional'), 1, engine='numpy')[0].any()
+
+
+# --- as any ASE dynamics --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_observers_are_called_as_by_ase(engine):
+    calls = {3: [], 7: [], -11: []}
+    dyn = DrivenVerlet(patch(speed=0.01), DT, engine=engine)
+    for interval, steps in calls.items():
+        dyn.attach(lambda steps=steps: steps.append(dyn.nsteps), interval)
+    dyn.run(20)
+    dyn.run(4)
+    assert calls == {3: [0, 3, 6, 9, 12, 15, 18, 21, 24], 7: [0, 7, 14, 21], -11: [11]}
+
+
+def test_an_observer_may_change_the_motion():
+    def run(engine):
+        atoms = patch(speed=0.05)
+        dyn = DrivenVerlet(atoms, DT, engine=engine)
+        dyn.attach(lambda: atoms.set_momenta(0.5 * atoms.get_momenta()), -20)
+        dyn.attach(lambda: atoms.positions.__setitem__(24, atoms.positions[24] + (0.1, 0, 0)), -40)
+        dyn.run(100)
+        return dyn.displacements
+
+    assert apart(run('numpy'), run('ase')) < 1e-9
+
+
+def test_trajectory_and_log(tmp_path):
+    atoms = patch(speed=0.05)
+    with DrivenVerlet(atoms, DT, trajectory=tmp_path / 'run.traj', logfile=str(tmp_path / 'run.log'), loginterval=5) as dyn:
+        dyn.run(20)
+    frames = read(tmp_path / 'run.traj', ':')
+    assert len(frames) == 5
+    assert np.array_equal(frames[-1].positions, atoms.positions)
+    assert frames[-1].get_potential_energy() == atoms.get_potential_energy()
+    names, *lines = (tmp_path / 'run.log').read_text().splitlines()
+    assert names.split() == ['Time[ms]', 'Etot[mJ]', 'Epot[mJ]', 'Ekin[mJ]']
+    logged = np.array([line.split() for line in lines], float)
+    np.testing.assert_allclose(logged[:, 0], DT * np.arange(0, 21, 5), rtol=1e-9)
+    assert logged[-1, 2] == pytest.approx(atoms.get_potential_energy(), rel=1e-11)
+    v = atoms.get_momenta() / atoms.get_masses()[:, None]
+    assert logged[-1, 3] == pytest.approx(0.5 * np.sum(atoms.get_masses()[:, None] * v**2), rel=1e-11)
+    assert logged[:, 1] == pytest.approx(logged[:, 2:].sum(axis=1), rel=1e-10)
+    assert logged[0, 3] > 0  # in four decimals, as ASE writes them, it is not much more than zero
+
+
+def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():
+    pytest.importorskip('numba')
+    whole = states_of(patch(), 200, 10, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
+    dyn = DrivenVerlet(patch(), DT, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
+    dyn.run(70)
+    dyn.asked_engine = 'compiled'
+    dyn.run(60)
+    dyn.atoms.set_constraint([*dyn.atoms.constraints, FixAtoms([0])])  # nothing new: 0 is on the rim
+    dyn.run(70)
+    assert dyn.engine == 'compiled'
+    assert apart(dyn.displacements, whole[-1]) < 1e-11  # through positions nothing would be left
+
+
+def test_masses_and_damping_may_change_between_runs():
+    def run(engine):
+        dyn = DrivenVerlet(patch(speed=0.05), DT, damping=0.01, engine=engine)
+        dyn.run(50)
+        dyn.atoms.set_masses(1.5 * dyn.atoms.get_masses())
+        dyn.run(50)
+        dyn.damping = np.full(49, 0.1)
+        dyn.run(50)
+        return dyn.displacements
+
+    assert apart(run('numpy'), run('ase')) < 1e-9  # the round-off of test_blocks_follow_ases_loop
+
+
+def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.run(2)
+    assert dyn.engine == 'numpy'
+    atoms = patch()
+    atoms.set_constraint(FixCartesian([0]))
+    dyn = DrivenVerlet(atoms, DT)
+    assert dyn.engine == 'ase'
+    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* FixCartesian.*use engine='ase'"):
+        DrivenVerlet(atoms, DT, engine='numpy')
+    atoms = patch()
+    atoms.set_momenta(np.outer(np.arange(49) == 24, (0, 0, 1)))
+    with pytest.raises(ValueError, match=r'particle 24 moves out of the plane.*FixedPlane'):  # nothing acts along z
+        DrivenVerlet(atoms, DT).run(2)
+    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* out of the plane"):
+        DrivenVerlet(atoms, DT, engine='numpy')
+    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 1)
+    monkeypatch.setattr('magphonon.dynamics.verlet.find_spec', lambda name: None)
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.run(2)
+    assert dyn.engine == 'numpy'
+    with pytest.raises(ImportError, match=r'magphonon\[fast\]'):
+        DrivenVerlet(patch(), DT, engine='compiled')
+
+
+def test_a_run_of_blocks_imports_no_numba():
+    import subprocess
+
+    code = ('import sys; from magphonon import *; a = lattices.parallelogram(lattices.square(1., 1.), 5, 5); '
+            'a.calc = MagneticRepulsion(a, InversePower(1., 4.), foundation=1.); DrivenVerlet(a, .01).run(20); '
+            'print("numba" in sys.modules, "matplotlib" in sys.modules)')
+    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert out.stdout.split() == ['False', 'False']
+
+
+@pytest.mark.parametrize('reach', [0.02, 0.3])
+def test_a_law_that_no_polynomial_fits_is_evaluated_itself(reach):
+    r = np.array([4, 6, 8, 9, 10 - 0.4 * reach, 10 + 0.3 * reach, 11, 13, 16, 20])  # knots within reach of the motion
+    law = Tabulated(r, 8900 * r**-4.5 * (1 + 0.01 * np.sin(3 * r)))
+    ase, numpy = (states_of(patch(speed=reach, law=law), 100, 10, engine=engine) for engine in ('ase', 'numpy'))
+    assert apart(numpy, ase) < 1e-8
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    ({'timestep': 0}, 'timestep must be a positive number in ms, not 0'),
+    ({'timestep': np.nan}, 'timestep must be a positive number'),
+    ({'damping': -1}, 'damping must be zero or positive'),
+    ({'damping': [1, 2]}, 'one for each of the 49 particles'),
+    ({'engine': 'fast'}, "engine must be one of 'auto', 'ase', 'numpy', 'compiled', not 'fast'"),
+    ({'drives': [3]}, 'a drive must be'),
+    ({'drives': [Constant(49, (1, 0), 1.0)]}, 'particle 49, but the structure has particles 0 to 48'),
+])
+def test_bad_arguments_are_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        DrivenVerlet(patch(), **{'timestep': DT, **arguments})
+
+
+class Exponential:
+    """The repulsion of the Toda lattice, phi = f exp(-s (r - L0))/s."""
+
+    force, s = 0.2, 0.4  # N, 1/mm
+
+    def phi(self, r):
+        return self.force / self.s * np.exp(-self.s * (r - L0))
+
+    def dphi(self, r):
+        return -self.s * self.phi(r)
+
+    def d2phi(self, r):
+        return self.s**2 * self.phi(r)
+
+
+def toda(time, kappa=1.0, magnets=80, start=20.0):
+    """Toda's soliton, exact: u_n = log[cosh(kappa (n-1) - beta t)/cosh(kappa n - beta t)]/s + const, and its velocities.
+
+    With m u_n'' = f (exp(-s (u_n - u_(n-1))) - exp(-s (u_(n+1) - u_n))), and 1 + exp(-2 y) written as exp(-y) 2 cosh(y), it
+    moves at beta/kappa with beta = sinh(kappa) sqrt(f s/m); ahead of it nothing has moved.
+    """
+    n, beta = np.arange(magnets), np.sinh(kappa) * np.sqrt(Exponential.force * Exponential.s / MASS)
+    y = kappa * (n - start) - beta * time
+    tau, behind = np.logaddexp(0, -2 * y), np.logaddexp(0, -2 * (y - kappa))
+    u = (behind - tau) / Exponential.s
+    share, share_behind = 1 / (1 + np.exp(2 * y)), 1 / (1 + np.exp(2 * (y - kappa)))
+    return u, 2 * beta * (share_behind - share) / Exponential.s
+
+
+@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
+def test_a_toda_soliton_of_large_strain_is_followed_to_second_order(engine):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
+
+    def error(dt, time=40.0):
+        atoms = lattices.chain(L0, MASS).repeat((80, 1, 1))
+        atoms.pbc = False
+        atoms.set_constraint(FixAtoms([0, 79]))
+        atoms.calc = MagneticRepulsion(atoms, Exponential())
+        u, v = toda(0.0)
+        atoms.positions[:, 0] += u
+        atoms.set_momenta(MASS * np.outer(v, (1, 0, 0)))
+        dyn = DrivenVerlet(atoms, dt, engine=engine)
+        dyn.run(round(time / dt))
+        assert dyn.engine == engine
+        return abs(dyn.displacements[:, 0] - toda(time)[0]).max() / u.max()
+
+    u = toda(0.0)[0]
+    assert np.diff(u).min() < -0.2 * L0  # compressed by a fifth: no small strain
+    coarse, middle, fine = (error(dt) for dt in (0.2, 0.1, 0.05))
+    assert np.log2(coarse / middle) == pytest.approx(2, abs=0.1)
+    assert np.log2(middle / fine) == pytest.approx(2, abs=0.1)
+    assert fine < 2e-3

@@ -1,0 +1,140 @@
+"""Pair laws: each derivative against the complex step of the one before it, and against the physics they stand for."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from oracles import LAWS, TABLE
+from scipy.integrate import quad
+
+from magphonon import InversePower, Tabulated, Yukawa, units as u
+from magphonon.interactions.pair_laws import Hertz, repulsion
+
+R = np.linspace(3.5, 44.0, 60)
+STEP = 1e-30  # of the complex step: its error is the square, its round-off none
+
+
+@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
+def test_derivatives_follow_from_the_energy_by_the_complex_step(law):
+    slope = law.phi(R + 1j * STEP).imag / STEP
+    curvature = law.dphi(R + 1j * STEP).imag / STEP
+    # the energy of a table is a sum of 16 quadrature terms; the others are single expressions
+    np.testing.assert_allclose(law.dphi(R), slope, rtol=2e-13)
+    # the Gaussian's curvature passes through zero, where only an absolute error has a meaning
+    np.testing.assert_allclose(law.d2phi(R), curvature, rtol=2e-14, atol=2e-14 * abs(curvature).max())
+
+
+@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
+def test_scalars_and_arrays_agree(law):
+    for method in (law.phi, law.dphi, law.d2phi):
+        # vectorised powers and exponentials may round differently from the scalar ones
+        np.testing.assert_allclose([method(r) for r in R[::7]], method(R[::7]), rtol=1e-14)
+
+
+@pytest.mark.parametrize('law', [law for law in LAWS.values() if law is not LAWS['foreign']], ids=str)
+def test_magphonons_laws_repel_and_stiffen(law):
+    assert (repulsion(law, R) > 0).all()
+    if not isinstance(law, Tabulated):  # a measured law may have any slope
+        assert (law.d2phi(R) > 0).all()
+
+
+def test_inverse_power_is_the_papers_law(paper):
+    p = paper['prototype']
+    law = InversePower(b=p['b'] * u.N * u.m ** p['a'], a=p['a'])
+    r = p['spacing'] * u.m
+    assert repulsion(law, r) / u.N == pytest.approx(p['f_at_spacing'], rel=1e-11)  # twelve digits are given
+    assert -law.d2phi(r) / (u.N / u.m) == pytest.approx(p['df_dr_at_spacing'], rel=1e-11)
+
+
+def test_force_of_dipoles():
+    # Two moments of 1 A m^2 side by side, 0.1 m apart: f = 3 mu0/(4 pi) m^2/r^4 = 3e-7 * 1e4 N; mu0/(4 pi) is 1e-7 to 6e-10.
+    law = InversePower.dipoles(moment=1 * u.A * u.m**2)
+    assert repulsion(law, 0.1 * u.m) / u.N == pytest.approx(3e-3, rel=1e-9)
+    assert law.a == 4
+
+
+def test_energy_of_dipoles():
+    # mu0/(4 pi) m1 m2/r^3 for moments normal to the line that joins them
+    law = InversePower.dipoles(moment=2 * u.A * u.m**2)
+    assert law.phi(0.1 * u.m) / u.J == pytest.approx(4e-4, rel=1e-9)
+
+
+def test_logarithm_is_the_limit_of_inverse_powers():
+    # phi_a(r) - phi_a(1) -> -b log r as a -> 1; the next term is (a - 1) log(r)^2/2 of it
+    near, log = InversePower(b=1.0, a=1 + 1e-6), InversePower(b=1.0, a=1.0)
+    np.testing.assert_allclose(near.phi(R) - near.phi(1.0), log.phi(R) - log.phi(1.0), rtol=3e-6)
+
+
+def test_screening_vanishes_with_its_constant():
+    np.testing.assert_allclose(Yukawa(c=2.0, kappa=1e-14).dphi(R), InversePower(b=2.0, a=2.0).dphi(R), rtol=1e-12)
+
+
+def test_a_table_of_an_inverse_power_is_that_inverse_power():
+    law = InversePower(b=6200.0, a=4.5824)
+    table = Tabulated(TABLE, repulsion(law, TABLE))
+    # a straight line on logarithmic axes: round-off of the spline's coefficients, times the exponent, and its
+    # second derivative times (log-distance between points)^-2
+    np.testing.assert_allclose(table.dphi(R), law.dphi(R), rtol=1e-13)
+    np.testing.assert_allclose(table.d2phi(R), law.d2phi(R), rtol=1e-12)
+    np.testing.assert_allclose(table.phi(R), law.phi(R) - law.phi(TABLE[-1]), rtol=1e-12)
+
+
+def test_energy_of_a_table_is_the_integral_of_its_force():
+    table = LAWS['table']
+    for r in (3.0, 4.2, 7.5, 29.0, 44.9, 45.0):
+        ends = [r, *TABLE[r < TABLE]]  # piece by piece: the spline's third derivative jumps at its points
+        integral = sum(quad(lambda s: repulsion(table, s), *piece, epsabs=0, epsrel=1e-13)[0] for piece in pairwise(ends))
+        assert table.phi(r) == pytest.approx(integral, rel=1e-12, abs=0)
+
+
+def test_a_table_passes_smoothly_through_its_points():
+    table = LAWS['table']
+    knots = TABLE[1:-1]
+    for method in (table.phi, table.dphi, table.d2phi):
+        # 1e-9 to the left and to the right: continuous up to that distance times the logarithmic slope, below 50 here;
+        # straight lines between the points would make the curvature jump by tens of percent
+        np.testing.assert_allclose(method(knots * (1 - 1e-9)), method(knots * (1 + 1e-9)), rtol=2e-9 * 50)
+    np.testing.assert_allclose(table.dphi(TABLE), -table.f, rtol=1e-14)
+
+
+def test_a_table_is_not_extrapolated():
+    for r in (2.9, 45.1, np.array([10.0, 50.0]), 45.1 + 1e-20j):
+        with pytest.raises(ValueError, match='outside the table'):
+            LAWS['table'].d2phi(r)
+
+
+def test_laws_are_values():
+    assert InversePower(b=1.0, a=4.0) == InversePower(b=1.0, a=4.0)
+    with pytest.raises(AttributeError):
+        InversePower(b=1.0, a=4.0).b = 2.0
+
+
+def test_force_of_charges():
+    # 1 uC and 1 uC, 0.1 m apart; Coulomb's constant is 8.9875517862e9 N m^2/C^2 (CODATA 2022)
+    law = InversePower.coulomb(charge=1e-6 * u.A * u.s)
+    assert repulsion(law, 0.1 * u.m) / u.N == pytest.approx(8.9875517862e9 * 1e-12 / 0.01, rel=1e-9)
+
+
+def test_steel_spheres_in_contact():
+    """Johnson, Contact Mechanics: f = 4/3 E* sqrt(R*) delta^3/2, E* = E/2(1 - nu^2), R* = d/4."""
+    law = Hertz.spheres(diameter=20 * u.mm, youngs_modulus=206 * u.GPa, poisson_ratio=0.3)
+    E, R, overlap = 206e9 / (2 * (1 - 0.3**2)), 0.005, 2e-6
+    assert repulsion(law, 20 * u.mm - overlap * u.m) / u.N == pytest.approx(4 / 3 * E * R**0.5 * overlap**1.5, rel=1e-9)
+    assert law.phi(20.1) == law.dphi(20.1) == law.d2phi(20.1) == 0
+
+
+@pytest.mark.parametrize(('law', 'name'), [((0.0, 1.0), 'stiffness'), ((1.0, -2.0), 'diameter')])
+def test_impossible_spheres_are_refused(law, name):
+    with pytest.raises(ValueError, match=name):
+        Hertz(*law)
+
+
+@pytest.mark.parametrize('law', [LAWS['magnets'], LAWS['steep'], LAWS['dipoles'], LAWS['yukawa']], ids=str)
+def test_mixtures_of_gaussians(law):
+    """The density of Gaussians integrates to the law, its moment to the moment."""
+    for r in (4.0, 20.0):
+        total = quad(lambda v, r=r: law.gaussians(np.exp(v)) * np.exp(v - np.exp(v) * r**2), -40, 5, epsabs=0, limit=200)[0]
+        assert total == pytest.approx(law.phi(r), rel=1e-8)
+    for t in (1e-3, 0.1):
+        moment = quad(lambda v: law.gaussians(np.exp(v)) * np.exp(2 * v), -60, np.log(t), epsabs=0, limit=200)[0]
+        assert law.gaussian_moment(t) == pytest.approx(moment, rel=1e-8)

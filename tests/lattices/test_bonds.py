@@ -1,0 +1,296 @@
+"""Bonds against brute force: each pair once, whatever the cell, the shells, the order of the particles."""
+
+import re
+
+import numpy as np
+import pytest
+from ase import Atoms
+from hypothesis import given, settings, strategies as st
+from oracles import LATTICES, lattice, neighbour_vectors
+
+from magphonon import explicit_bonds, find_bonds
+from magphonon.lattices.bonds import bonds_within, repeat_bonds
+from magphonon.lattices.patches import parallelogram
+
+# name: coordination and distance, in spacings, of the first three shells
+SHELLS = {
+    'chain': ([2, 2, 2], [1, 2, 3]),
+    'square': ([4, 4, 4], [1, np.sqrt(2), 2]),
+    'triangular': ([6, 6, 6], [1, np.sqrt(3), 2]),
+    'honeycomb': ([3, 6, 3], [1, np.sqrt(3), 2]),
+    'kagome': ([4, 4, 6], [1, np.sqrt(3), 2]),
+    'fcc': ([12, 6, 24], [1, np.sqrt(2), np.sqrt(3)]),
+    'bcc': ([8, 6, 12], [1, 2 / np.sqrt(3), np.sqrt(8 / 3)]),
+}
+
+
+def as_set(bonds):
+    """Bonds as a set that does not depend on their direction; shorter than the list if one of them is listed twice."""
+    listed = zip(bonds.i.tolist(), bonds.j.tolist(), map(tuple, bonds.shift.tolist()), strict=True)
+    return {min((i, j, shift), (j, i, tuple(-k for k in shift))) for i, j, shift in listed}
+
+
+def by_brute_force(atoms, reach):
+    return {min((i, j, shift), (j, i, tuple(-k for k in shift))) for i, j, shift, _ in neighbour_vectors(atoms, reach)}
+
+
+@pytest.mark.parametrize('shells', [1, 2, 3])
+@pytest.mark.parametrize('name', LATTICES)
+def test_shells(name, shells):
+    counts, distances = SHELLS[name]
+    atoms = lattice(name)
+    bonds = find_bonds(atoms, shells=shells)
+    assert (bonds.coordination == sum(counts[:shells])).all()
+    assert len(bonds) == len(atoms) * sum(counts[:shells]) / 2  # each counts at both of its ends
+    np.testing.assert_allclose(np.unique(np.round(bonds.lengths, 9)) / 10, distances[:shells], rtol=1e-9)
+    assert as_set(bonds) == by_brute_force(atoms, bonds.cutoff)
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_shells_and_cutoffs_agree(name):
+    atoms = lattice(name)
+    distances = 10 * np.array(SHELLS[name][1])
+    assert as_set(find_bonds(atoms, shells=2)) == as_set(find_bonds(atoms, cutoff=distances[1:].mean()))
+
+
+def test_a_particle_alone_in_its_cell_meets_each_image_once():
+    bonds = find_bonds(lattice('triangular'))
+    assert len(bonds) == 3  # six neighbours
+    np.testing.assert_array_equal(bonds.i, bonds.j)
+    assert abs(bonds.incidence).nnz == 0  # its images move with it: no relative displacement at q = 0
+    assert (bonds.coordination == 6).all()
+
+
+def test_small_cells_join_two_particles_several_times():
+    # in a 2 x 1 triangular cell the two particles are neighbours four times over, and each meets two images of its own
+    bonds = find_bonds(lattice('triangular').repeat((2, 1, 1)))
+    assert ((bonds.i == 0) & (bonds.j == 1)).sum() == 4
+    assert (bonds.i == bonds.j).sum() == 2
+    assert len(as_set(bonds)) == len(bonds) == 6
+
+
+def test_cutoffs_far_beyond_the_cell():
+    # within 30.5 spacings of a chain: 30 neighbours on either side
+    bonds = find_bonds(lattice('chain'), cutoff=305.0)
+    np.testing.assert_allclose(np.sort(bonds.lengths), 10 * np.arange(1, 31), rtol=1e-14)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), particles=st.integers(1, 4), pbc=st.tuples(st.booleans(), st.booleans(), st.booleans()))
+def test_any_structure_against_brute_force(seed, particles, pbc):
+    rng = np.random.default_rng(seed)
+    cell = np.eye(3) + rng.uniform(-0.25, 0.25, (3, 3))
+    if rng.random() < 0.5:
+        cell = cell[[1, 0, 2]]  # left-handed
+    fractions = rng.uniform(-0.7, 1.3, (particles, 3))  # also outside the cell
+    atoms = Atoms(['Nd'] * particles, scaled_positions=fractions, cell=cell, pbc=pbc)
+    bonds = bonds_within(atoms, 0.9)  # the images up to four cells away that the oracle searches suffice for this
+    assert as_set(bonds) == by_brute_force(atoms, 0.9)
+    assert len(as_set(bonds)) == len(bonds)
+    ends = atoms.positions[bonds.j] + bonds.shift @ cell
+    np.testing.assert_allclose(bonds.vectors, ends - atoms.positions[bonds.i], rtol=0, atol=1e-15)
+    assert not bonds.shift[:, ~atoms.pbc].any()
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_particles_may_stand_in_any_cell(name):
+    atoms = lattice(name)
+    away = atoms.copy()
+    away.positions += np.outer(np.arange(1, len(atoms) + 1), 7 * atoms.cell[0])
+    np.testing.assert_allclose(np.sort(find_bonds(away).lengths), np.sort(find_bonds(atoms).lengths), rtol=1e-13)
+    assert len(find_bonds(away)) == len(find_bonds(atoms))
+
+
+def test_other_bases_of_a_lattice_have_the_same_bonds():
+    atoms = lattice('honeycomb')
+    skewed = atoms.copy()
+    skewed.cell[1] += 4 * skewed.cell[0]
+    skewed.cell[0] *= -1
+    ours, theirs = (np.unique(np.round(abs(find_bonds(a, shells=3).vectors), 9), axis=0) for a in (atoms, skewed))
+    np.testing.assert_allclose(ours, theirs, atol=2e-9)
+
+
+def test_the_vacuum_does_not_matter():
+    atoms = lattice('triangular')
+    for vacuum in ([0, 0, 0], [0, 0, 1e-3], [30, 20, 1e4]):
+        other = atoms.copy()
+        other.cell[2] = vacuum
+        assert as_set(find_bonds(other)) == as_set(find_bonds(atoms))
+
+
+def shuffled(atoms, seed):
+    return atoms[np.random.default_rng(seed).permutation(len(atoms))]
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_repeated_bonds_are_those_of_the_supercell(name):
+    atoms = lattice(name)
+    bonds = find_bonds(atoms, shells=2)
+    supercell = shuffled(atoms.repeat(np.where(atoms.pbc, (3, 2, 2), 1)), seed=4)
+    repeated = repeat_bonds(bonds, atoms, supercell)
+    assert as_set(repeated) == as_set(find_bonds(supercell, shells=2))
+    assert len(repeated) == len(supercell) // len(atoms) * len(bonds)
+    ends = supercell.positions[repeated.j] + repeated.shift @ supercell.cell.array
+    np.testing.assert_allclose(ends - supercell.positions[repeated.i], repeated.vectors, atol=1e-12)
+
+
+def test_repeated_bonds_in_phonopys_order_and_in_other_shapes():
+    from phonopy.structure.atoms import PhonopyAtoms
+    from phonopy.structure.cells import get_supercell
+
+    atoms = lattice('kagome')
+    cell = PhonopyAtoms(symbols=['Nd'] * 3, cell=atoms.cell.array, positions=atoms.positions)
+    for matrix in (np.diag([2, 3, 1]), [[2, 1, 0], [-1, 2, 0], [0, 0, 1]]):
+        other = get_supercell(cell, matrix)
+        supercell = Atoms(['Nd'] * len(other), positions=other.positions, cell=other.cell, pbc=atoms.pbc)
+        repeated = repeat_bonds(find_bonds(atoms), atoms, supercell)
+        assert as_set(repeated) == as_set(find_bonds(supercell))
+        assert (repeated.coordination == 4).all()
+
+
+def test_repeated_bonds_may_be_listed_ones():
+    # every other bond of a chain of two: a dimer lattice, which no cutoff finds
+    atoms = lattice('chain').repeat((2, 1, 1))
+    repeated = repeat_bonds(explicit_bonds(atoms, [(0, 1)]), atoms, atoms.repeat((3, 1, 1)))
+    assert as_set(repeated) == {(0, 1, (0, 0, 0)), (2, 3, (0, 0, 0)), (4, 5, (0, 0, 0))}
+
+
+def test_listed_bonds():
+    atoms = lattice('square')
+    bonds = explicit_bonds(atoms, [(0, 0, (1, 0, 0)), (0, 0, (1, 1, 0))])
+    np.testing.assert_allclose(bonds.vectors, [[10, 0, 0], [10, 10, 0]])
+    assert bonds.cutoff is None
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_incidence_matrix(name):
+    bonds = find_bonds(lattice(name).repeat(2), shells=2)
+    q = (0.3, -0.1, 0.7)
+    C = np.zeros((len(bonds), bonds.particles), dtype=complex)
+    for row, (i, j, shift) in enumerate(zip(bonds.i, bonds.j, bonds.shift, strict=True)):
+        C[row, i] -= 1
+        C[row, j] += np.exp(2j * np.pi * np.dot(q, shift))
+    np.testing.assert_allclose(bonds.incidence_at(q).toarray(), C, atol=1e-15)
+    # at q = 0 each row takes a difference: nothing of a translation is left
+    assert not (bonds.incidence @ np.ones(bonds.particles)).any()
+    assert bonds.incidence.dtype == float
+
+
+def scattered(scatter):
+    """A patch of spacing 10, and the same with each coordinate off by about `scatter`."""
+    patch = parallelogram(lattice('triangular'), 6, 5)
+    moved = patch.copy()
+    moved.positions[:, :2] += np.random.default_rng(7).normal(0, scatter, (len(patch), 2))
+    return patch, moved
+
+
+@pytest.mark.parametrize('scatter', [1e-2, 0.1, 0.5])
+@pytest.mark.parametrize('shells', [1, 3])
+def test_measured_positions_that_scatter_are_refused(scatter, shells):
+    """Each distance is then a shell of its own: one shell would be a single bond."""
+    patch, moved = scattered(scatter)
+    with pytest.raises(ValueError, match=r'positions scatter|shells of neighbours are not clear') as refusal:
+        find_bonds(moved, shells=shells)
+    advised = float(re.search(r'\(([\d.]+) mm lies', str(refusal.value)).group(1))
+    assert as_set(find_bonds(moved, cutoff=advised)) == as_set(find_bonds(patch))
+
+
+@pytest.mark.parametrize('scatter', [1e-9, 1e-6, 1e-4])
+def test_positions_good_to_a_hundred_thousandth_keep_their_bonds(scatter):
+    patch, moved = scattered(scatter)
+    assert as_set(find_bonds(moved)) == as_set(find_bonds(patch))
+
+
+def ideal_bonds(name, shells):
+    """Bonds in a cell of the ideal lattice, by brute force: its distances differ by much more than they are rounded here."""
+    lengths = np.sort(np.round([np.linalg.norm(v) for *_, v in neighbour_vectors(lattice(name), 32.0)], 6))
+    farthest = np.unique(lengths)[shells - 1]
+    return int((lengths <= farthest).sum()) // 2
+
+
+def written(atoms, decimals, turn):
+    """A structure turned about z, or about all axes if it fills space, and written with so many decimals."""
+    axis = (1, 2, 3) if atoms.pbc.all() else 'z'
+    turned = atoms.copy()
+    turned.rotate(turn, axis, rotate_cell=True)
+    turned.set_cell(np.round(turned.cell.array, decimals))
+    turned.positions = np.round(turned.positions, decimals)
+    return turned
+
+
+@settings(max_examples=150, deadline=None)
+@given(name=st.sampled_from(LATTICES), shells=st.integers(1, 3), decimals=st.integers(2, 8),
+       turn=st.one_of(st.just(0.0), st.floats(0, 360)))
+def test_rounded_structures_keep_their_bonds_or_are_refused(name, shells, decimals, turn):
+    """Spacing 10: two decimals move a vector by up to 7e-4 of it, four by 7e-6, and those must be understood."""
+    atoms = written(lattice(name), decimals, turn)
+    try:
+        found = len(find_bonds(atoms, shells=shells))
+    except ValueError as error:
+        if decimals >= 4 or 'shells of neighbours are not clear' not in str(error):
+            raise
+    else:
+        assert found == ideal_bonds(name, shells)
+
+
+@pytest.mark.parametrize('height', [8.66, 8.6603, 8.66025])
+def test_triangular_lattices_as_people_type_them(height):
+    typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0))
+    for shells in range(1, 4):
+        assert len(find_bonds(typed, shells=shells)) == ideal_bonds('triangular', shells)
+
+
+@pytest.mark.parametrize('height', [8.65, 8.67, 8.7, 8.72])
+def test_a_shell_split_by_coarse_rounding_is_refused_with_both_distances(height):
+    typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0))
+    with pytest.raises(ValueError, match='not clear') as refusal:
+        find_bonds(typed)
+    for distance in (10, np.hypot(5, height)):
+        assert f'{distance:.9g} mm' in str(refusal.value)
+    advised = float(re.search(r'\(([\d.]+) mm lies', str(refusal.value)).group(1))
+    assert len(find_bonds(typed, cutoff=advised)) == 3
+
+
+@pytest.mark.parametrize('spacing', [1e-3, 2e-3, 1e-4])
+@pytest.mark.parametrize('name', ['triangular', 'honeycomb', 'kagome'])
+def test_bonds_survive_a_file_of_eight_decimals(name, spacing, tmp_path):
+    from ase.io import read, write
+
+    cell = lattice(name, spacing)
+    for structure in (cell, parallelogram(cell, 6, 5)):
+        write(tmp_path / 'structure.xyz', structure, format='extxyz')
+        again = read(tmp_path / 'structure.xyz')
+        for shells in range(1, 4):
+            assert as_set(find_bonds(again, shells=shells)) == as_set(find_bonds(structure, shells=shells))
+
+
+@pytest.mark.parametrize(('name', 'shells'), [('chain', 300), ('square', 290), ('triangular', 250), ('honeycomb', 250),
+                                              ('kagome', 250), ('fcc', 250), ('bcc', 290)])
+def test_far_shells_of_exact_lattices_stay_apart(name, shells):
+    """Their squared distances are whole numbers of one unit, and two that follow each other are 6e-4 to 3e-3 apart."""
+    unit = {'bcc': 1 / 3, 'fcc': 1.0}.get(name, 1.0)
+    bonds = find_bonds(lattice(name, 1.0), shells=shells)
+    whole = np.unique(np.round(bonds.lengths**2 / unit).astype(int))
+    assert len(whole) == shells
+    np.testing.assert_allclose(np.unique(np.round(bonds.lengths, 9)) ** 2 / unit, whole, rtol=1e-7)
+
+
+@settings(max_examples=40, deadline=None)
+@given(excess=st.floats(2e-3, 0.1), sign=st.sampled_from([-1, 1]))
+def test_crystals_with_nearly_the_ideal_axial_ratio(excess, sign):
+    """hcp: six neighbours in the plane, six beside it; both groups together are twelve, by one shell or by two."""
+    ratio = np.sqrt(8 / 3) * (1 + sign * excess)
+    cell = 10 * np.array([[1, 0, 0], [-1 / 2, np.sqrt(3) / 2, 0], [0, 0, ratio]])
+    hcp = Atoms('Nd2', cell=cell, scaled_positions=[[0, 0, 0], [1 / 3, 2 / 3, 1 / 2]], pbc=True)
+    assert (find_bonds(hcp, shells=2).coordination == 12).all()
+    apart = abs(np.sqrt(1 / 3 + ratio**2 / 4) - 1)
+    if apart > 1.1e-2:
+        assert (find_bonds(hcp).coordination == 6).all()
+    elif apart < 0.9e-2:
+        with pytest.raises(ValueError, match='not clear'):
+            find_bonds(hcp)
+
+
+def test_a_pair_far_from_the_others_is_no_scatter():
+    pair_and_one = Atoms('Nd3', positions=[[0, 0, 0], [1, 0, 0], [2.5, 0, 0]])
+    assert len(find_bonds(pair_and_one)) == 1

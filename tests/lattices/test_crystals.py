@@ -1,0 +1,157 @@
+"""Cells, patches with their rim, and the oscillator."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms
+
+from magphonon import InversePower, MagneticRepulsion, find_bonds, lattices, units as u
+from magphonon.interactions.pair_laws import repulsion
+from magphonon.lattices.patches import RIM
+
+LAW = InversePower(b=6200.0, a=4.5824)
+SPACING, MASS = 10 * u.mm, 0.7 * u.g
+CELLS = {'chain': (1, 2), 'square': (1, 4), 'triangular': (1, 6), 'honeycomb': (2, 3), 'kagome': (3, 4)}
+PLANAR = [name for name in CELLS if name != 'chain']
+# area of a cell in spacings squared
+AREAS = {'square': 1.0, 'triangular': np.sqrt(3) / 2, 'honeycomb': 3 * np.sqrt(3) / 2, 'kagome': 2 * np.sqrt(3)}
+
+
+def cell(name):
+    return getattr(lattices, name)(SPACING, MASS)
+
+
+@pytest.mark.parametrize(('name', 'particles', 'neighbours'), [(name, *counts) for name, counts in CELLS.items()])
+def test_cells(name, particles, neighbours):
+    atoms = cell(name)
+    bonds = find_bonds(atoms)
+    assert len(atoms) == particles
+    assert (bonds.coordination == neighbours).all()
+    np.testing.assert_allclose(bonds.lengths, SPACING, rtol=1e-15)  # spacing is the nearest-neighbour distance
+    assert (atoms.get_masses() == MASS).all()
+    assert not atoms.positions[:, 2].any()
+    assert tuple(atoms.pbc) == ((True, False, False) if name == 'chain' else (True, True, False))
+
+
+@pytest.mark.parametrize('name', PLANAR)
+def test_areas(name):
+    a1, a2 = cell(name).cell.array[:2, :2]
+    assert np.linalg.det([a1, a2]) / SPACING**2 == pytest.approx(AREAS[name], rel=1e-15)  # and right-handed
+
+
+def test_the_papers_basis():
+    np.testing.assert_allclose(cell('triangular').cell.array[:2] / SPACING, [[1, 0, 0], [0.5, np.sqrt(0.75), 0]], rtol=1e-15)
+
+
+PATCHES = {
+    'parallelogram': lambda atoms: lattices.parallelogram(atoms, 7, 6),
+    'rectangle': lambda atoms: lattices.rectangle(atoms, 82 * u.mm, 71 * u.mm),
+    'hexagon': lambda atoms: lattices.hexagon(atoms, 50 * u.mm),
+    'half_hexagon': lambda atoms: lattices.half_hexagon(atoms, 70 * u.mm),
+}
+
+
+@pytest.mark.parametrize('name', PLANAR)
+@pytest.mark.parametrize('cut', PATCHES.values(), ids=PATCHES)
+def test_patches_hold_their_rim_and_balance_inside(name, cut):
+    atoms = cell(name)
+    patch = cut(atoms)
+    bonds = find_bonds(patch)
+    rim = patch.get_tags() == RIM
+    full = CELLS[name][1]
+
+    assert not patch.pbc.any()
+    assert 0 < rim.sum() < len(patch)
+    np.testing.assert_array_equal(bonds.coordination == full, ~rim)
+    np.testing.assert_allclose(bonds.lengths, SPACING, rtol=1e-13)
+    assert len(patch.constraints) == 1
+    assert isinstance(patch.constraints[0], FixAtoms)
+    np.testing.assert_array_equal(patch.constraints[0].index, np.flatnonzero(rim))
+    assert (patch.get_masses() == MASS).all()
+
+    patch.calc = MagneticRepulsion(patch, LAW)
+    f = repulsion(LAW, SPACING)
+    forces = patch.get_forces(apply_constraint=False)
+    # round-off of the positions, 1e-16 of the patch against the spacing, times the exponent
+    assert abs(forces[~rim]).max() < 1e-13 * f
+    # the control: on the rim it is not so; where two neighbours are left opposite each other they balance (kagome)
+    assert np.linalg.norm(forces[rim], axis=1).max() > 0.5 * f
+
+
+def test_square_and_triangular_rims_are_pushed_everywhere():
+    for name in ('square', 'triangular'):
+        patch = lattices.parallelogram(cell(name), 6, 6)
+        patch.calc = MagneticRepulsion(patch, LAW)
+        forces = np.linalg.norm(patch.get_forces(apply_constraint=False)[patch.get_tags() == RIM], axis=1)
+        assert forces.min() > 0.99 * repulsion(LAW, SPACING)
+
+
+def test_free_edge_is_pushed_outwards():
+    # A particle of a straight row edge has lost two bonds at 60 degrees to the edge: 2 f sin 60 = sqrt(3) f outwards.
+    patch = lattices.parallelogram(cell('triangular'), 9, 6)
+    patch.set_constraint()
+    patch.calc = MagneticRepulsion(patch, LAW)
+    f = np.sqrt(3) * repulsion(LAW, SPACING)
+    x, y = patch.positions[:, :2].T
+    for edge, outwards in ((y.min(), -1), (y.max(), 1)):
+        row = np.flatnonzero(abs(y - edge) < 1e-9)
+        inner = row[np.argsort(x[row])][1:-1]  # without the corners
+        assert abs(patch.get_forces()[inner] - [0, outwards * f, 0]).max() < 1e-13 * f
+
+
+def test_patches_are_centred():
+    for name in ('square', 'triangular'):
+        for cut in (PATCHES['parallelogram'], PATCHES['hexagon']):
+            assert abs(cut(cell(name)).positions.mean(axis=0)).max() < 1e-12
+
+
+def test_hexagon_of_the_triangular_lattice_counts_right():
+    # n rings around one particle: 3 n (n + 1) + 1, of which 6 n on the rim
+    patch = lattices.hexagon(cell('triangular'), 4 * SPACING)
+    assert len(patch) == 3 * 4 * 5 + 1
+    assert (patch.get_tags() == RIM).sum() == 6 * 4
+
+
+def test_half_hexagon_is_half_of_it():
+    whole, half = (cut(cell('triangular'), 4 * SPACING) for cut in (lattices.hexagon, lattices.half_hexagon))
+    assert len(half) == (len(whole) + 9) // 2  # both keep the row of 9 along the diameter
+    assert half.positions[:, 1].min() == pytest.approx(0, abs=1e-12)
+
+
+def test_a_border_through_particles_keeps_them():
+    # width and height that end on particles, in numbers that are no binary fractions
+    patch = lattices.rectangle(lattices.square(0.1, MASS), 0.6, 0.4)
+    assert len(patch) == 7 * 5
+
+
+def test_sites_number_the_parallelogram():
+    atoms = cell('kagome')
+    whole, cut = lattices.parallelogram(atoms, 9, 9), lattices.hexagon(atoms, 45 * u.mm)
+    np.testing.assert_array_equal(whole.get_array('site'), np.arange(len(whole)))
+    # in the parallelogram, sites run as in `repeat`: the same difference of sites is the same vector
+    site = cut.get_array('site')
+    assert (np.diff(site) > 0).all()
+    offsets = {}
+    bonds = find_bonds(cut)
+    for i, j in zip(bonds.i, bonds.j, strict=True):
+        vector = np.round(cut.positions[j] - cut.positions[i], 9) + 0.0
+        key = (int(site[j] - site[i]), int(site[i] % 3))  # of a given particle of the cell
+        assert tuple(offsets.setdefault(key, vector)) == tuple(vector)
+    assert len(offsets) == 6  # the bonds of one cell
+
+
+def test_patch_of_a_cell_with_a_calculator_has_none():
+    atoms = cell('triangular')
+    atoms.calc = MagneticRepulsion(atoms, LAW)
+    assert lattices.hexagon(atoms, 30 * u.mm).calc is None
+
+
+@pytest.mark.parametrize('theta0', [0.0, 0.4, np.pi / 2])
+def test_oscillator_geometry(theta0):
+    atoms = lattices.oscillator(theta0, 2.0, 3.0)
+    left, right, below, free = atoms.positions
+    assert not free.any()
+    assert tuple(below) == (0, -2, 0)
+    for side, magnet in ((-1, left), (1, right)):
+        np.testing.assert_allclose(magnet, [side * 2 * np.cos(theta0), -2 * np.sin(theta0), 0], atol=1e-15)
+    np.testing.assert_array_equal(atoms.constraints[0].index, [0, 1, 2])
+    assert (atoms.get_masses() == 3).all()

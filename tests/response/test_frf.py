@@ -1,0 +1,322 @@
+"""Frequency response: the oscillator and small chains in closed form, lock-in, steady state, one impulse."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixCom, FixedLine, FixedPlane
+from oracles import lattice
+
+from magphonon import lattices, units
+from magphonon.dynamics.drives import Constant, Harmonic
+from magphonon.dynamics.recorder import Recorder
+from magphonon.dynamics.verlet import DrivenVerlet
+from magphonon.interactions.pair_laws import InversePower
+from magphonon.response.frf import FrequencyResponse, harmonic_response
+from magphonon.response.stepped import fourier, impulse_response, lock_in, remaining_transient, steady_amplitudes
+from magphonon.stiffness.calculator import MagneticRepulsion
+
+# Sec. III of the paper: M = 1 kg, L0 = 1 m, f = gamma r^-4, gamma = 1e4 N m^4.  Stiffness of the free particle in N/m
+THETA0 = np.pi * np.array([0, 1 / 6, 1 / 4, 1 / 2])
+D_XX = [70000.0, 45000.0, 20000.0, -30000.0]
+D_YY = [20000.0, 45000.0, 70000.0, 120000.0]
+D0_YY = [40000.0, 60000.0, 80000.0, 120000.0]
+MASS = 1 * units.kg
+GAMMA = 2.0 / units.s  # damping ratio 0.3 to 0.7 %
+OMEGA = 2 * np.pi * np.linspace(5, 80, 151) * units.Hz
+
+
+def free_magnet(theta0, constraint=None, model='complete'):
+    atoms = lattices.oscillator(theta0, spacing=1 * units.m, mass=MASS)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=1e4 * units.N * units.m**4, a=4), bonds=lattices.OSCILLATOR_BONDS,
+                                   model=model).balanced([3])
+    if constraint is not None:
+        atoms.set_constraint([*atoms.constraints, constraint])
+    return atoms
+
+
+def push(direction):
+    force = np.zeros((4, 3), dtype=complex)
+    force[3, :2] = direction
+    return force
+
+
+def one_degree(k, omega=OMEGA, m=MASS, gamma=GAMMA):
+    """Receptance u/F = 1/(k - m w^2 + i m gamma w)."""
+    return 1 / (k - m * omega**2 + 1j * m * gamma * omega)
+
+
+@pytest.mark.parametrize('k', range(4))
+def test_oscillator_on_its_vertical_line_is_the_closed_form(k):
+    u = harmonic_response(free_magnet(THETA0[k], FixedLine(3, (0, 1, 0))), push((0, 2.5)), OMEGA, GAMMA)
+    expected = 2.5 * one_degree(D_YY[k] * units.N / units.m)
+    # round-off of the stiffness, amplified at resonance by 1/(2 zeta) = 200
+    np.testing.assert_allclose(u[:, 3, 1], expected, rtol=1e-10)
+    assert not u[:, :3].any()
+    assert not u[:, 3, [0, 2]].any()
+    conventional = 2.5 * one_degree(D0_YY[k] * units.N / units.m)
+    if THETA0[k] < np.pi / 2:
+        assert abs(u[:, 3, 1] / conventional - 1).max() > 1
+    else:  # two magnets in one line: no static force across the motion
+        np.testing.assert_allclose(u[:, 3, 1], conventional, rtol=1e-10)
+
+
+@pytest.mark.parametrize('k', range(4))
+def test_conventional_oscillator_has_the_conventional_stiffness(k):
+    atoms = free_magnet(THETA0[k], FixedLine(3, (0, 1, 0)), model='conventional')
+    u = harmonic_response(atoms, push((0, 1)), OMEGA, GAMMA)[:, 3, 1]
+    np.testing.assert_allclose(u, one_degree(D0_YY[k] * units.N / units.m), rtol=1e-10)
+
+
+def test_free_oscillator_moves_along_both_axes():
+    u = harmonic_response(free_magnet(np.pi / 4), push((1, -2j)), OMEGA, GAMMA)[:, 3]
+    np.testing.assert_allclose(u[:, 0], one_degree(D_XX[2] * units.N / units.m), rtol=1e-10)
+    np.testing.assert_allclose(u[:, 1], -2j * one_degree(D_YY[2] * units.N / units.m), rtol=1e-10)
+
+
+@pytest.mark.parametrize('constraint', [FixedLine(3, (3, 4, 0)), FixedPlane(3, (4, -3, 0))])
+def test_motion_on_a_tilted_line_has_the_stiffness_along_it(constraint):
+    along = np.array([0.6, 0.8])
+    k = along**2 @ (D_XX[0], D_YY[0]) * units.N / units.m
+    u = harmonic_response(free_magnet(0.0, constraint), push((1, 0)), OMEGA, GAMMA)[:, 3]
+    np.testing.assert_allclose(u[:, :2], 0.6 * one_degree(k)[:, None] * along, rtol=1e-10)
+
+
+def test_two_particles_with_dampers_of_their_own():
+    chain = lattices.chain(spacing=10.0, mass=2.0).repeat((4, 1, 1))
+    chain.pbc = False
+    chain.calc = MagneticRepulsion(chain, InversePower(b=5e3, a=3.0), foundation=0.4)
+    chain.set_constraint([FixAtoms([0, 3]), FixedLine([1, 2], (1, 0, 0))])
+    force = np.zeros((4, 3))
+    force[1, 0] = 1
+    gamma = np.array([0, 0.05, 0.2, 0])
+    omega = np.linspace(0.1, 3, 40)
+    u = harmonic_response(chain, force, omega, gamma)[:, 1:3, 0]
+    k = 3 * 5e3 * 10.0**-4  # a b L^-(a+1)
+    own = [2 * k + 0.4 - 2 * omega**2 + 2j * g * omega for g in (0.05, 0.2)]
+    determinant = own[0] * own[1] - k**2  # Cramer's rule for two coupled oscillators
+    np.testing.assert_allclose(u.T, np.array([own[1], k + 0 * omega]) / determinant, rtol=1e-11)
+    even = harmonic_response(chain, force, omega, 0.125)[:, 1:3, 0]
+    assert abs(even / u - 1).max() > 0.1
+
+
+def test_in_three_dimensions_particles_are_held_and_lines_refused():
+    """An fcc crystal in which one particle alone is free: its stiffness is the sum over its twelve bonds, D0 and D*."""
+    atoms = lattice('fcc').repeat(3)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=4000.0, a=4.0))
+    atoms.set_constraint(FixAtoms(range(1, 27)))
+    f, slope = 0.4, 4 * 0.04  # f = 4000/r^4 and -f' = 4 f/r, at 10 mm
+    k = 12 / 3 * (slope - 2 * f / 10.0)  # along x, y or z lies a third of the squared directions of the 12 bonds
+    force = np.zeros((27, 3))
+    force[0] = 1, 2, 3
+    u = harmonic_response(atoms, force, [0.4], 0.1)[0]
+    np.testing.assert_allclose(u[0], force[0] / (k - 0.7 * 0.4**2 + 0.7j * 0.1 * 0.4), rtol=1e-12)
+    assert not u[1:].any()
+    atoms.set_constraint(FixedLine(0, (0, 0, 1)))
+    with pytest.raises(ValueError, match='three dimensions; there only FixAtoms'):
+        harmonic_response(atoms, force, [0.4], 0.1)
+    # ASE's own loop respects the line; its time step is judged as if there were none
+    dyn = DrivenVerlet(atoms, 0.01, [Constant([0], (1, 2, 3), 1e-3)])
+    dyn.run(5)
+    assert np.flatnonzero(dyn.displacements[0]).tolist() == [2]
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    ({'force': np.zeros((3, 3))}, r'force must have the shape \(4, 3\)'),
+    ({'force': push((np.nan, 0))}, r'force\[3, 0\] is nan'),
+    ({'omega': [np.inf]}, r'omega\[0\] is inf'),
+    ({'damping': -1.0}, 'damping must be a zero or positive number in 1/ms, not -1.0'),
+    ({'damping': [1.0, 2.0]}, r'one number or one for each of the 4 particles, not \(2,\)'),
+    ({'atoms': free_magnet(0.0, FixCom())}, 'only FixAtoms, FixedLine and FixedPlane are known'),
+])
+def test_impossible_requests_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        harmonic_response(**({'atoms': free_magnet(0.0), 'force': push((0, 1)), 'omega': OMEGA, 'damping': GAMMA} | change))
+
+
+def test_undamped_resonance_is_refused():
+    chain = lattices.chain(spacing=1.0, mass=1.0).repeat((3, 1, 1))
+    chain.pbc = False
+    chain.calc = MagneticRepulsion(chain, InversePower(b=1.0, a=2.0))
+    chain.set_constraint([FixAtoms([0, 2]), FixedLine(1, (1, 0, 0))])
+    force = np.zeros((3, 3))
+    force[1, 0] = 1
+    with pytest.raises(ValueError, match='undamped response at omega = 2 rad/ms is infinite'):
+        harmonic_response(chain, force, [2.0], 0.0)  # 2 phi'' = 4 exactly
+    assert harmonic_response(chain, force, [1.0], 0.0)[0, 1, 0] == pytest.approx(1 / 3)
+
+
+@pytest.mark.parametrize('frames', [400, 437])
+def test_lock_in_returns_a_steady_oscillation_exactly(frames):
+    omega = np.array([0.05, 0.31, 1.7])
+    U = np.array([2 - 1j, 1e-6j, -3.0])
+    t = 17.3 + np.arange(frames)
+    signal = 0.7 + (U * np.exp(1j * np.multiply.outer(t, omega))).real
+    found = lock_in(signal, 1.0, omega, start=17.3)
+    np.testing.assert_allclose(found, U, rtol=0, atol=1e-13 * 3)  # round-off of the largest
+    np.testing.assert_allclose(lock_in(signal[:, 1], 1.0, 0.31, start=17.3), U[1], rtol=0, atol=1e-12)
+    # the control: the bare mean of signal e^{-i w t} wants whole periods and no constant
+    bare = 2 * (signal * np.exp(-1j * np.multiply.outer(t, omega))).mean(axis=0)
+    assert abs(bare - U).max() > 1e-3
+
+
+def test_lock_in_suppresses_other_frequencies():
+    t = 0.5 * np.arange(1000)
+    other = np.cos(0.62 * t + 1)
+    # 49 and 24.7 periods in the window: 24 bins away a Hann window lets pass 1/(24^3 pi) = 2e-5, no window 1/24
+    assert abs(lock_in(np.cos(0.31 * t) + other, 0.5, 0.31) - 1) < 5e-5
+
+
+@pytest.mark.parametrize(('dt', 'omega', 'message'), [
+    (1.0, 0.1, 'shorter than 3 periods of omega = 0.1'),
+    (1.0, np.array([1.0, 3.2]), 'less than two frames to a period of omega = 3.2'),
+    (1.0, -1.0, 'shorter than 3 periods'),
+    (-1.0, 1.0, 'dt must be a positive number'),
+])
+def test_lock_in_refuses_windows_that_hold_too_little(dt, omega, message):
+    with pytest.raises(ValueError, match=message):
+        lock_in(np.zeros((100, 2)), dt, omega)
+
+
+def from_rest(t, omega, omega_0, gamma=GAMMA, m=MASS):
+    """Displacement under F cos(omega t), F = 1, from rest: the steady part and the transient that cancels it at t = 0."""
+    U = one_degree(m * omega_0**2, omega, m, gamma)
+    free = -gamma / 2 + 1j * np.sqrt(omega_0**2 - gamma**2 / 4)
+    B = -U.real + 1j * (-U.real * free.real + (1j * omega * U).real) / free.imag
+    return (U * np.exp(1j * np.multiply.outer(t, omega)) + B * np.exp(np.multiply.outer(t, 0 * omega + free))).real, U
+
+
+def test_remaining_transient_bounds_the_error_of_the_whole_curve():
+    omega_0 = np.sqrt(0.07)  # theta0 = pi/4
+    dt, frames = 1.0, 640  # three periods of the slowest
+    t = dt * np.arange(30 * frames)
+    omega = np.append(OMEGA, np.sqrt(omega_0**2 - GAMMA**2 / 4))
+    signal, U = from_rest(t, omega, omega_0)
+    amplitudes = [lock_in(signal[k : k + frames], dt, omega, k * dt) for k in range(0, len(t), frames)]
+    decay = np.exp(-GAMMA * frames * dt / 2)
+    for windows in (4, 10, 20, 30):
+        left = remaining_transient(amplitudes[:windows], decay)
+        error = abs(1 - U / amplitudes[windows - 1])
+        # far from resonance the window leaves some 1e-6 of two free parts, +w_0 and -w_0, which may cancel in both steps
+        assert (error < 1.05 * left + 1e-5).all()
+        assert left[-1] == pytest.approx(error[-1], rel=0.03)  # sharp at resonance
+    assert remaining_transient(amplitudes[:8], decay).max() > 1e-3 > remaining_transient(amplitudes, decay).max()
+
+
+def test_two_free_vibrations_that_cancel_in_one_step_do_not_hide():
+    omega_0, dt, frames = np.sqrt(0.045), 1.0, 333
+    omega = np.array([0.11820328892])  # found by a scan: the third step is three times too short
+    signal, U = from_rest(np.arange(4.0 * frames), omega, omega_0)
+    amplitudes = [lock_in(signal[k : k + frames], dt, omega, k * dt) for k in range(0, 4 * frames, frames)]
+    decay = np.exp(-GAMMA * frames * dt / 2)
+    error = abs(1 - U / amplitudes[-1])
+    assert error < 1.1 * remaining_transient(amplitudes, decay)
+    assert error > 2 * abs(1 - amplitudes[-2] / amplitudes[-1]) * decay / (1 - decay)
+
+
+def test_comparing_two_windows_takes_slow_change_for_none():
+    omega_0, gamma = 0.2, 2e-4
+    t = np.arange(1000.0)
+    signal, U = from_rest(t, np.array([omega_0]), omega_0, gamma)
+    amplitudes = [lock_in(signal[k : k + 200], 1.0, np.array([omega_0]), k) for k in range(0, 1000, 200)]
+    error = abs(1 - U / amplitudes[-1])
+    assert abs(1 - amplitudes[-2] / amplitudes[-1]) < error / 30
+    assert remaining_transient(amplitudes, np.exp(-gamma * 100)) == pytest.approx(error, rel=0.03)
+
+
+@pytest.mark.parametrize(('windows', 'decay', 'message'), [
+    (2, 0.5, 'at least 3 windows, not 2'), (3, 1.0, 'without damping there is no steady state'), (3, np.nan, 'between 0 and 1')])
+def test_steady_state_needs_windows_and_damping(windows, decay, message):
+    with pytest.raises(ValueError, match=message):
+        remaining_transient(np.ones(windows), decay)
+
+
+def driven_magnet(omega, damping=GAMMA):
+    """The free magnet on its vertical line under a force of 10 mN cos(omega t), theta0 = pi/4, and its record."""
+    atoms = free_magnet(np.pi / 4, FixedLine(3, (0, 1, 0)))
+    drives = [Harmonic(3, (0, 1), 0.01, omega, phase=np.pi / 2)]
+    dyn = DrivenVerlet(atoms, 0.5, drives, damping)
+    return dyn, Recorder(dyn, [3], 4)
+
+
+@pytest.mark.parametrize('omega', [0.1, 0.264, 0.4])
+def test_run_ends_when_the_motion_is_steady(omega):
+    gamma = 5 * GAMMA
+    found = {}
+    for tolerance in (1e-2, 1e-6):
+        dyn, recorder = driven_magnet(omega, gamma)
+        found[tolerance], left = steady_amplitudes(dyn, recorder, [omega], axis=1, tolerance=tolerance)
+        assert 0 < left < tolerance
+        steps = dyn.nsteps
+    assert abs(found[1e-2] / found[1e-6] - 1) < 1.05e-2  # bound of the transient; see above
+    # velocity Verlet moves the resonance by w_0 (w_0 dt)^2/24, of its half width gamma/2: 4 % here in phase
+    exact = one_degree(D_YY[2] * units.N / units.m, omega, gamma=gamma)
+    assert abs(found[1e-6] / 0.01 / exact - 1) < np.sqrt(0.07) * 0.07 * 0.5**2 / 24 / (gamma / 2)
+    assert driven_magnet(omega)[0].nsteps < steps < 30 / gamma / 0.5  # e^-15 = 3e-7
+
+
+def test_motion_at_another_frequency_is_never_steady():
+    dyn, recorder = driven_magnet(0.2, 10 * GAMMA)
+    with pytest.raises(ValueError, match=r'the motion is not steady.*drive at omega'):
+        steady_amplitudes(dyn, recorder, [0.203], axis=1)
+
+
+def test_steady_motion_needs_damping():
+    with pytest.raises(ValueError, match=r'the least damping must be a positive number in 1/ms, not 0.0'):
+        steady_amplitudes(*driven_magnet(0.2, 0.0), [0.2], axis=1)
+
+
+def free_decay(t, omega_0):
+    """Displacement after the impulse 1 N ms."""
+    ringing = np.sqrt(omega_0**2 - GAMMA**2 / 4)
+    return np.exp(-GAMMA * t / 2) * np.sin(ringing * t) / (MASS * ringing)
+
+
+@pytest.mark.parametrize('lives', [3, 6, 9])
+def test_impulse_response_errs_by_what_is_left_at_its_end(lives):
+    omega_0 = np.sqrt(D_YY[1] / 1e6)  # rad/ms
+    t = np.arange(0, lives * 2 / GAMMA, 0.5)
+    found = impulse_response(7 * free_decay(t, omega_0), 0.5, 7.0, OMEGA)
+    error = abs(found.response / one_degree(MASS * omega_0**2) - 1)
+    left = np.exp(-lives)
+    # 2.2: the ratio of 1/|w - w_0| to 1/|w^2 - w_0^2| over the range; 1e-5: (w dt)^4/720 at its upper end
+    assert error.max() < 2.2 * left * max(1, OMEGA.max() / omega_0) + 1e-5
+    assert error.max() > 0.3 * left
+    assert left < found.transient < 3 * left  # of the last tenth of the record
+
+
+def test_impulse_response_is_of_fourth_order_in_the_step():
+    omega_0, omega = 0.2, np.array([0.1, 0.35])
+    errors, plain = [], []
+    for dt in (2.0, 1.0):
+        t = np.arange(0, 30000, dt)
+        exact = one_degree(MASS * omega_0**2, omega)
+        errors.append(abs(impulse_response(free_decay(t, omega_0), dt, 1.0, omega).response / exact - 1))
+        plain.append(abs(fourier(free_decay(t, omega_0), dt, omega) / exact - 1))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.2)
+    assert np.log2(plain[0] / plain[1]) == pytest.approx(2, abs=0.2)  # without the end correction
+    assert (plain[1] > 30 * errors[1]).all()
+
+
+@pytest.mark.parametrize(('signal', 'impulse', 'message'), [
+    (np.ones(30), 1.0, 'starts with a displacement of 1 mm'),
+    (np.zeros(19), 1.0, 'holds 19 frames'),
+    (np.append(0, np.ones(30)), 0.0, 'impulse must be a positive number in N ms'),
+    (np.zeros(30), 1.0, 'at rest'),
+    (np.append(0, np.full(30, np.nan)), 1.0, 'finite'),
+])
+def test_records_that_are_no_impulse_response_are_refused(signal, impulse, message):
+    with pytest.raises(ValueError, match=message):
+        impulse_response(signal, 1.0, impulse, [0.1])
+
+
+def test_response_finds_its_peak_and_comes_back_from_a_file(tmp_path):
+    omega_0 = np.sqrt([0.02, 0.07])
+    curves = FrequencyResponse(OMEGA, one_degree(MASS * omega_0**2, OMEGA[:, None]), transient=1e-4)
+    assert (abs(curves.peak - omega_0) <= OMEGA[1] - OMEGA[0]).all()
+    path = tmp_path / 'curves.npz'
+    curves.save(path)
+    again = FrequencyResponse.load(path)
+    np.testing.assert_array_equal(again.response, curves.response)
+    assert again.transient == 1e-4
+    path.write_bytes(b'PK' + path.read_bytes()[2:-30])
+    with pytest.raises(ValueError, match='no complete file of frequency responses'):
+        FrequencyResponse.load(path)

@@ -1,0 +1,211 @@
+"""Modes and frequency responses: chains in closed form, direct solution, and where each way of computing them ends."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixedLine
+from motion import LAW, apart, oscillator, patch
+
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.response import frf
+from magphonon.response.chebyshev import Interval, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
+from magphonon.response.damped_oscillator import free_motion, separated
+from magphonon.response.frf import frequency_response, harmonic_response
+from magphonon.response.normal_modes import Modes, modes, reduced
+
+SPRING, MASS = 3 * 5e3 * 10.0**-4, 2.0  # a b L^-(a+1) N/mm; g
+
+
+def chain(count, foundation=0.0, model='complete'):
+    """Free particles between two held ones."""
+    atoms = lattices.chain(spacing=10.0, mass=MASS).repeat((count + 2, 1, 1))
+    atoms.pbc = False
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=5e3, a=3.0), foundation=foundation, model=model)
+    atoms.set_constraint(FixAtoms([0, count + 1]))
+    return atoms
+
+
+def pushed(atoms, particle, direction=(1, 0)):
+    force = np.zeros((len(atoms), 3), complex)
+    force[particle, :2] = direction
+    return force
+
+
+def test_chain_has_its_modes_and_buckles():
+    count = 9
+    found = modes(chain(count))
+    k = np.arange(1, count + 1)
+    wave = 4 * np.sin(np.pi * k / 2 / (count + 1)) ** 2
+    along, across = np.sqrt(SPRING / MASS * wave), -np.sqrt(5e3 * 10.0**-4 / MASS * wave)  # f/L pushes sideways
+    np.testing.assert_allclose(found.omega, np.sort(np.append(across, along)), rtol=1e-12)
+    lowest = found.shapes[count]  # the first stable one, along the chain
+    np.testing.assert_allclose(MASS * (lowest**2).sum(), 1, rtol=1e-12)
+    expected = np.sin(np.pi * np.arange(count + 2) / (count + 1)) * np.sqrt(2 / (count + 1) / MASS)
+    np.testing.assert_allclose(lowest[:, 0] * np.sign(lowest[1, 0]), expected, atol=1e-13)
+    assert abs(lowest[:, 1]).max() < 1e-13
+
+
+@pytest.mark.parametrize('foundation', [0.0, 2.0])
+def test_the_lowest_modes_of_a_long_chain_without_diagonalising(foundation):
+    count, wanted = 400, 8  # 800 degrees of freedom, over SMALL; without a foundation the lowest ones are unstable
+    k = np.arange(1, count + 1)
+    wave = 4 * np.sin(np.pi * k / 2 / (count + 1)) ** 2
+    squares = np.concatenate([SPRING * wave, -5e3 * 10.0**-4 * wave]) + foundation
+    squares = np.sort(squares)[:wanted] / MASS
+    found = modes(chain(count, foundation), wanted)
+    np.testing.assert_allclose(found.omega, np.sign(squares) * np.sqrt(abs(squares)), rtol=1e-9)
+    overlap = MASS * np.einsum('apx,bpx->ab', found.shapes, found.shapes)
+    np.testing.assert_allclose(overlap, np.eye(wanted), atol=1e-9)
+
+
+def test_modes_are_within_the_constraints():
+    atoms = oscillator(np.pi / 4)
+    np.testing.assert_allclose(modes(atoms).omega, np.sqrt([20000, 70000]) / u.s, rtol=1e-12)
+    atoms.set_constraint([*atoms.constraints, FixedLine(3, (3, 4, 0))])
+    found = modes(atoms)
+    np.testing.assert_allclose(found.omega, np.sqrt(np.array([0.6, 0.8]) ** 2 @ [20000, 70000]) / u.s, rtol=1e-12)
+    np.testing.assert_allclose(abs(found.shapes[0, 3]), np.array([0.6, 0.8]) / np.sqrt(1 * u.kg), rtol=1e-12)
+    with pytest.raises(ValueError, match='has 1 modes, not 2'):
+        modes(atoms, 2)
+
+
+def test_modes_are_those_about_rest():
+    atoms, moved = patch(), patch()
+    moved.positions[24] += 0.3
+    with pytest.raises(ValueError, match=r'not at rest.* N on particle 24, .* set the positions back .* 0.424 mm away'):
+        modes(moved)
+    moved.positions[24] -= 0.3
+    np.testing.assert_array_equal(modes(moved).omega, modes(atoms).omega)
+
+
+def test_modes_come_back_from_a_file(tmp_path):
+    found = modes(chain(3))
+    found.save(tmp_path / 'modes.npz')
+    again = Modes.load(tmp_path / 'modes.npz')
+    np.testing.assert_array_equal(again.shapes, found.shapes)
+    np.testing.assert_array_equal(again.omega, found.omega)
+    (tmp_path / 'modes.npz').write_bytes(b'PK')
+    with pytest.raises(ValueError, match='no complete file of modes'):
+        Modes.load(tmp_path / 'modes.npz')
+
+
+OMEGA, GAMMA = np.linspace(0.1, 1.3, 25), 0.05  # from below the cut-off at 0.167 rad/ms to above omega_max = 0.94
+
+
+@pytest.mark.parametrize('small', [0, 10**6])
+def test_response_is_the_direct_solution(monkeypatch, small):
+    monkeypatch.setattr(frf, 'SMALL', small)  # by the series, by the modes
+    monkeypatch.setattr(frf, 'harmonic_response', None)
+    atoms = patch(12)
+    force = pushed(atoms, 65, (1, 0.5j)) + pushed(atoms, 20, (0, -2))
+    expected = harmonic_response(atoms, force, OMEGA, GAMMA)
+    scale = abs(expected).max(axis=(1, 2), keepdims=True)
+    for tolerance in (1e-3, 1e-6, 1e-10):
+        found = frequency_response(atoms, force, OMEGA, GAMMA, tolerance=tolerance)
+        assert (abs(found - expected) <= tolerance * scale).all()
+    some = frequency_response(atoms, force, OMEGA, GAMMA, particles=[65, 0, 30], tolerance=1e-10)
+    assert (abs(some - expected[:, [65, 0, 30]]) <= 1e-10 * scale).all()
+    other = harmonic_response(patch(12, model='conventional'), force, OMEGA, GAMMA)
+    assert (abs(other - expected) > 0.01 * scale).any()
+
+
+def test_decay_in_the_gap_is_resolved_far_below_the_driven_motion():
+    atoms = chain(200, foundation=2.0)
+    omega, gamma = np.array([0.2]), 0.01
+    found = frequency_response(atoms, pushed(atoms, 100), omega, gamma, particles=np.arange(100, 110))[0, :, 0]
+    # evanescent wave of the infinite chain: 2 - x - 1/x = (m w^2 - i m g w - k)/K
+    D = (MASS * (omega[0] ** 2 - 1j * gamma * omega[0]) - 2.0) / SPRING
+    x = np.roots([1, D - 2, 1])
+    decay = x[abs(x).argmin()]
+    np.testing.assert_allclose(found[1:] / found[:-1], decay, rtol=1e-8)  # tolerance of 1e-9 of the driven, 0.4 a site
+    assert abs(decay) < 0.5
+
+
+def test_undamped_and_weakly_damped_response_is_solved_directly(monkeypatch):
+    atoms = chain(200, foundation=2.0)  # 400 degrees of freedom
+    monkeypatch.setattr(frf, 'chebyshev_blocks', None)
+    for damping in (0.0, 1e-5):
+        found = frequency_response(atoms, pushed(atoms, 100), [0.9], damping)
+        expected = harmonic_response(atoms, pushed(atoms, 100), [0.9], damping)
+        np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize('count', [20, 200])
+def test_an_unstable_structure_has_no_steady_state(count):
+    atoms = chain(count)  # buckles sideways
+    with pytest.raises(ValueError, match=r'is unstable \(growth rate [01].*\) and has no steady state'):
+        frequency_response(atoms, pushed(atoms, 3, (1, 1)), [0.5], 0.05)
+    stable = chain(count, model='conventional')
+    assert frequency_response(stable, pushed(stable, 3, (1, 0)), [0.5], 0.05).any()
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    ({'force': np.zeros((2, 3))}, r'force must have the shape \(49, 3\)'),
+    ({'omega': [np.nan]}, r'omega\[0\] is nan'),
+    ({'damping': -1.0}, 'damping must be a zero or positive number in 1/ms'),
+    ({'damping': np.ones(49)}, 'damping must be a zero or positive number in 1/ms'),
+    ({'particles': [-1]}, 'indices from 0 to 48'),
+    ({'tolerance': 0.0}, 'tolerance must be a positive number'),
+])
+def test_bad_input_is_refused(change, message):
+    atoms = patch()
+    with pytest.raises(ValueError, match=message):
+        frequency_response(atoms, **{'force': pushed(atoms, 24), 'omega': [0.3], 'damping': 0.1} | change)
+
+
+def test_an_undamped_resonance_is_refused():
+    atoms = oscillator()
+    omega = modes(atoms).omega[0]
+    with pytest.raises(ValueError, match=r'undamped response .* is infinite'):
+        frequency_response(atoms, pushed(atoms, 3, (0, 1)), [omega], 0.0)
+    assert np.isfinite(frequency_response(atoms, pushed(atoms, 3, (0, 1)), [1.001 * omega], 0.0)).all()
+
+
+def test_the_interval_holds_the_spectrum():
+    for atoms in (patch(), patch(law=InversePower(b=6.0, a=1.5), model='complete'), chain(6), chain(30)):
+        K = reduced(atoms).K
+        squares = np.linalg.eigvalsh(K.toarray())
+        wide, whole = stable_interval(K), whole_interval(K)
+        assert wide.lowest == 0
+        assert wide.highest >= squares[-1]
+        assert whole.lowest <= min(squares[0], 0)
+        assert whole.lowest >= min(1.01 * squares[0], 0)
+
+
+def test_chebyshev_vectors_give_any_function_and_notice_what_is_outside():
+    K = reduced(patch()).K
+    squares, vectors = np.linalg.eigh(K.toarray())
+    s = np.random.default_rng(0).normal(size=len(squares))
+    interval = stable_interval(K)
+    c = coefficients(np.exp(-3 * interval.nodes(48)))
+    blocks = chebyshev_blocks(K, interval, s, slice(None))
+    T = np.concatenate([next(blocks) for _ in range(3)])
+    np.testing.assert_allclose(c @ T, vectors @ (np.exp(-3 * squares) * (vectors.T @ s)), atol=1e-13)
+    with pytest.raises(Outside):
+        for _, _block in zip(range(20), chebyshev_blocks(K, Interval(0, 0.9 * squares[-1]), s, [0]), strict=False):
+            pass
+
+
+def test_free_motion_is_smooth_through_critical_damping():
+    gamma, t = 0.8, np.array([[0.0], [1.0], [30.0]])
+    w2 = gamma**2 / 4 + np.array([-1e-2, -1e-8, -1e-14, 0, 1e-14, 1e-8, 1e-2])
+    c, s = free_motion(w2, gamma, t)
+    W = np.sqrt(w2 - gamma**2 / 4 + 0j)
+    W[abs(W) == 0] = 1e-20
+    np.testing.assert_allclose(c, (np.exp(-gamma * t / 2) * np.cos(W * t)).real, rtol=1e-13)
+    np.testing.assert_allclose(s, (np.exp(-gamma * t / 2) * np.sin(W * t) / W).real, rtol=1e-13, atol=1e-300)
+
+
+def test_forces_fall_into_as_many_terms_as_there_are_time_courses():
+    t = np.linspace(0, 10, 200)
+    patterns = np.random.default_rng(0).normal(size=(3, 40))
+    values = np.column_stack([np.sin(t), np.exp(-t), t**2]) @ patterns
+    courses, found = separated(values)
+    assert courses.shape == (200, 3)
+    np.testing.assert_allclose(courses @ found, values, atol=1e-12 * abs(values).max())
+    assert separated(np.zeros((5, 4)))[0].shape == (5, 0)
+
+
+def test_the_prototype_has_its_cut_off():
+    lowest = modes(patch(24, law=LAW), 1).omega[0] / (2 * np.pi) * u.s  # Hz; the rim adds to 26.55 Hz of the foundation
+    assert 26.55 < lowest < 29
+    assert apart(lowest, np.sqrt(0.0196757 / 0.707) / (2 * np.pi) * u.s) < 0.08

@@ -1,0 +1,323 @@
+"""The exact linear transient: oscillators and chains in closed form, matrix exponentials, Verlet's convergence towards it."""
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.constraints import FixAtoms, FixCom, FixedLine
+from hypothesis import given, settings, strategies as st
+from motion import apart, oscillator, patch
+from scipy.linalg import expm
+
+from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
+from magphonon.response import propagation
+from magphonon.response.chebyshev import Interval, Outside
+from magphonon.response.propagation import Transient, propagate
+
+FREE_KICK = 1e-3  # mm/ms
+K_YY, MASS = 20000 * u.N / u.m, 1 * u.kg  # Sec. III of the paper, theta0 = 0, vertical
+OMEGA = np.sqrt(K_YY / MASS)
+TIMES = np.linspace(0, 300, 40)
+
+
+def chain(count, foundation=0.0):
+    """Free particles between two held ones; longitudinal stiffness a b L^-(a+1) per bond."""
+    atoms = lattices.chain(spacing=10.0, mass=2.0).repeat((count + 2, 1, 1))
+    atoms.pbc = False
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=5e3, a=3.0), foundation=foundation)
+    atoms.set_constraint(FixAtoms([0, count + 1]))
+    return atoms
+
+
+def exponential(atoms, times, gamma):
+    """Displacements by the matrix exponential of the whole phase space, from the calculator's own Hessian."""
+    n, dim = len(atoms), atoms.calc.dim
+    free = np.ones(n, bool)
+    for constraint in atoms.constraints:
+        free[constraint.index] = False
+    keep = np.flatnonzero(np.repeat(free, dim))
+    rest = atoms.calc.reference
+    H = atoms.calc.get_hessian(rest).toarray()
+    space = np.flatnonzero(np.tile(np.arange(3) < dim, n))[keep]
+    m = np.repeat(atoms.get_masses(), dim)[keep]
+    size = len(keep)
+    A = np.block([[np.zeros((size, size)), np.eye(size)], [-H[np.ix_(space, space)] / m[:, None], -gamma * np.eye(size)]])
+    start = np.append(atoms.calc.displacements(atoms).ravel()[keep], atoms.get_momenta().ravel()[space] / m)
+    full = np.zeros((len(times), 2, n * dim))
+    for k, t in enumerate(times):
+        full[k][:, keep] = (expm(A * t) @ start).reshape(2, size)
+    return full.reshape(len(times), 2, n, dim)
+
+
+def released(atoms, seed=0, size=1e-3):
+    """Random displacements and velocities of what is free."""
+    rng = np.random.default_rng(seed)
+    dim = atoms.calc.dim
+    free = np.ones(len(atoms), bool)
+    for constraint in atoms.constraints:
+        free[constraint.index] = False
+    d, p = np.zeros((2, len(atoms), 3))
+    d[free, :dim], p[free, :dim] = size * rng.standard_normal((2, free.sum(), dim))
+    atoms.positions += d
+    atoms.set_momenta(p)
+    return atoms
+
+
+@pytest.mark.parametrize('zeta', [0.0, 0.02, 0.999999, 1.0, 1.5, 10.0])
+def test_struck_oscillator_is_the_closed_form(zeta):
+    atoms = oscillator()
+    atoms.set_momenta([[0, 0, 0]] * 3 + [[0, FREE_KICK * MASS, 0]])
+    gamma = 2 * zeta * OMEGA
+    found = propagate(atoms, TIMES, damping=gamma)
+    W = np.sqrt(complex(1 - zeta**2)) * OMEGA
+    ring = np.sin(W * TIMES) / W if W else TIMES
+    expected = (np.exp(-zeta * OMEGA * TIMES) * ring).real * FREE_KICK
+    # sin(W t)/W of nearly critical damping loses what 1 - zeta^2 has lost: 1e-10 of 1e-6
+    np.testing.assert_allclose(found.displacements[:, 3, 1], expected, atol=1e-10 * abs(expected).max())
+    assert not found.displacements[:, :3].any()
+    wrong = propagate(atoms, TIMES, damping=1.01 * gamma + 1e-3 * OMEGA)
+    assert apart(wrong.displacements, found.displacements) > 1e-4
+
+
+def test_growing_oscillator_is_the_closed_form():
+    atoms = oscillator(np.pi / 2)  # D_xx = -30000 N/m: grows at 173.205/s
+    atoms.set_momenta([[0, 0, 0]] * 3 + [[FREE_KICK * MASS, 0, 0]])
+    rate = 173.2050808 / u.s
+    times = np.array([1.0, 10.0, 100.0, 1000.0])
+    found = propagate(atoms, times).displacements[:, 3, 0]
+    np.testing.assert_allclose(found, FREE_KICK * np.sinh(rate * times) / rate, rtol=1e-7)  # the reference has ten digits
+    with pytest.raises(ValueError, match=r'unstable and grows e\^\d+ times in 10000 ms'):
+        propagate(atoms, [1e4])
+
+
+def test_released_oscillator_falls_towards_its_balance():
+    atoms = oscillator()
+    force = (1 + 2 * np.sin(0.0)) * 1e4 * u.N
+    found = propagate(atoms, TIMES, [Constant(3, (0, 1), force)])  # takes the load away
+    np.testing.assert_allclose(found.displacements[:, 3, 1], force / K_YY * (1 - np.cos(OMEGA * TIMES)), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('omega', [0.3 * OMEGA, OMEGA, 3.7 * OMEGA])
+def test_harmonic_force_is_the_closed_form_at_resonance_too(omega):
+    atoms = oscillator()
+    force = 1e-2
+    found = propagate(atoms, TIMES, [Harmonic(3, (0, 1), force, omega)]).displacements[:, 3, 1]
+    if omega == OMEGA:
+        expected = (np.sin(OMEGA * TIMES) / OMEGA - TIMES * np.cos(OMEGA * TIMES)) / 2 / OMEGA
+    else:
+        expected = (np.sin(omega * TIMES) - omega / OMEGA * np.sin(OMEGA * TIMES)) / (OMEGA**2 - omega**2)
+    np.testing.assert_allclose(found, force / MASS * expected, atol=1e-9 * abs(force / MASS * expected).max())
+
+
+def test_a_step_and_a_ramp_as_plain_functions():
+    atoms = oscillator()
+    on = 123.456789  # ms, where no panel ends
+
+    def force(course):
+        def drive(t):
+            return np.array([[0.0] * 3] * 3 + [[0, 1e-2 * course(t), 0]])
+        return drive
+
+    late = on < TIMES
+    s = TIMES[late] - on
+    step = propagate(atoms, TIMES, [force(lambda t: float(t > on))]).displacements[:, 3, 1]
+    expected = 1e-2 / K_YY * (1 - np.cos(OMEGA * s))
+    np.testing.assert_allclose(step[late], expected, atol=1e-9 * expected.max())
+    ramp = propagate(atoms, TIMES, [force(lambda t: max(t - on, 0.0))]).displacements[:, 3, 1]
+    expected = 1e-2 / K_YY * (s - np.sin(OMEGA * s) / OMEGA)
+    np.testing.assert_allclose(ramp[late], expected, atol=1e-9 * expected.max())
+    assert abs(step[~late]).max() < 1e-12 * abs(step).max()
+
+
+def test_a_drive_that_is_no_function_of_the_time_is_refused():
+    atoms = oscillator()
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match=r'the drive cannot be resolved near \d+'):
+        propagate(atoms, [20.0], [lambda t: np.array([[0.0] * 3] * 3 + [[0, rng.normal(), 0]])])
+
+
+@pytest.mark.parametrize('k', [1, 2, 7])
+def test_chain_starts_in_a_normal_mode_and_stays_in_it(k):
+    count = 7
+    atoms = chain(count)
+    shape = np.sin(np.pi * k * np.arange(count + 2) / (count + 1))
+    shape[[0, -1]] = 0  # sin(pi k) is not quite zero
+    atoms.positions[:, 0] += 1e-3 * shape
+    spring = 3 * 5e3 * 10.0**-4  # a b L^-(a+1)
+    omega = 2 * np.sqrt(spring / 2.0) * np.sin(np.pi * k / 2 / (count + 1))
+    found = propagate(atoms, TIMES)
+    # positions keep 1e-16 of 80 mm, 1e-11 of the displacements
+    np.testing.assert_allclose(found.displacements[:, :, 0], 1e-3 * np.cos(omega * TIMES)[:, None] * shape, atol=1e-13)
+    np.testing.assert_allclose(found.velocities[:, :, 0], -1e-3 * omega * np.sin(omega * TIMES)[:, None] * shape, atol=1e-13)
+
+
+@pytest.mark.parametrize('gamma', [0.0, 0.02, 0.6, 5.0])
+@pytest.mark.parametrize('case', ['patch', 'unstable chain', 'fcc'])
+def test_free_motion_is_the_matrix_exponential(case, gamma):
+    if case == 'patch':
+        atoms = patch(6)
+    elif case == 'unstable chain':  # without a foundation it buckles sideways
+        atoms = chain(5)
+    else:
+        rows = 10 * np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / np.sqrt(2)
+        atoms = Atoms('Nd', masses=[0.7], cell=rows, pbc=True).repeat(2)
+        atoms.calc = MagneticRepulsion(atoms, InversePower(b=6200.0, a=12.0), foundation=0.1)
+    released(atoms)
+    times = [0.0, 1.0, 17.0, 60.0]
+    expected = exponential(atoms, times, gamma)
+    found = propagate(atoms, times, damping=gamma, tolerance=1e-12)
+    assert apart(found.displacements, expected[:, 0]) < 1e-12  # as asked
+    assert apart(found.velocities, expected[:, 1]) < 1e-11
+    assert found.error < 1e-11 * abs(found.displacements).max()
+    other = exponential(atoms, times, gamma + 0.01)
+    assert apart(found.displacements, other[:, 0]) > 1e-4
+
+
+@settings(deadline=None, max_examples=30)
+@given(tolerance=st.floats(1e-12, 1e-1), duration=st.floats(0.1, 1000), gamma=st.sampled_from([0.0, 0.01, 3.0]),
+       frames=st.integers(1, 20), driven=st.booleans())
+def test_the_tolerance_is_met(tolerance, duration, gamma, frames, driven):
+    atoms = released(patch(5))
+    drives = [ToneBurst([6, 12], (1, 2), 1e-4, 2 * np.pi * 0.05)] if driven else []
+    times = duration * np.arange(1, frames + 1) / frames
+    exact = propagate(atoms, times, drives, damping=gamma, tolerance=1e-14)  # the tests above have judged it
+    found = propagate(atoms, times, drives, damping=gamma, tolerance=tolerance)
+    error = abs(found.displacements - exact.displacements).max()
+    largest = abs(exact.displacements).max()
+    assert error <= tolerance * largest + exact.error  # what round-off spoils, exact.error tells
+    assert error <= found.error + exact.error
+    assert found.products <= exact.products
+
+
+def test_a_coarser_tolerance_costs_fewer_products():
+    atoms = released(patch(5))
+    coarse, fine = (propagate(atoms, [100.0], tolerance=tolerance) for tolerance in (1e-2, 1e-12))
+    assert coarse.products < fine.products
+    assert 1e-9 < apart(coarse.displacements, fine.displacements) < 1e-2
+
+
+def test_verlet_converges_to_it_with_second_order():
+    drives = [ToneBurst([24, 25], (1, 0), 1e-7, 2 * np.pi * 0.06), Harmonic([16], (0, 1), [1e-7], [0.3], 0.4)]
+    errors = []
+    exact = propagate(patch(), [50.0], drives, damping=0.02, tolerance=1e-13).displacements[0]
+    for dt in (0.2, 0.1, 0.05):
+        dyn = DrivenVerlet(patch(), dt, drives=drives, damping=0.02, engine='numpy')
+        dyn.run(round(50 / dt))
+        errors.append(apart(dyn.displacements, exact))
+    # the fourth-order term is (0.2 omega_max)^2/20 = 0.002 of the second; nonlinearity, 1e-6 of u, enters last
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.05)
+    other = propagate(patch(model='conventional'), [50.0], drives, damping=0.02).displacements[0]
+    assert apart(other, exact) > 0.05
+
+
+def test_energy_is_kept_without_damping_and_drive():
+    atoms = released(patch(8))
+    found = propagate(atoms, np.linspace(0, 500, 6), tolerance=1e-12)
+    H = atoms.calc.get_hessian(atoms.calc.reference)
+    wide = np.zeros((6, len(atoms), 3))
+    wide[..., :2] = found.displacements
+    potential = np.array([x.ravel() @ (H @ x.ravel()) / 2 for x in wide])
+    kinetic = 0.707 * (found.velocities**2).sum(axis=(1, 2)) / 2
+    np.testing.assert_allclose(potential + kinetic, potential[0] + kinetic[0], rtol=1e-11)
+    assert np.ptp(kinetic) > 0.01 * kinetic[0]
+
+
+def test_a_guided_particle_stays_on_its_line():
+    atoms = oscillator(np.pi / 4)
+    atoms.set_constraint([*atoms.constraints, FixedLine(3, (3, 4, 0))])
+    found = propagate(atoms, TIMES, [Constant(3, (1, 0), 1.0)]).displacements[:, 3]
+    k = np.array([0.6, 0.8]) ** 2 @ (20000, 70000) * u.N / u.m  # of theta0 = pi/4, along the line
+    along = 0.6 / k * (1 - np.cos(np.sqrt(k / MASS) * TIMES))
+    np.testing.assert_allclose(found, along[:, None] * [0.6, 0.8], atol=1e-9 * along.max())
+
+
+def test_parts_of_a_long_run_join(monkeypatch):
+    atoms = released(patch(5))
+    drives = [ToneBurst(12, (1, 0), 1e-4, 2 * np.pi * 0.05, start=20.0), Harmonic([7, 8], (0, 1), 1e-4, [0.2, 0.35])]
+    times = np.linspace(0, 200, 33)
+    whole = propagate(atoms, times, drives, damping=0.01, tolerance=1e-12)
+    for name, value in (('SPAN', 30.0), ('LARGEST', 500)):
+        with monkeypatch.context() as patched:
+            patched.setattr(propagation, name, value)
+            parts = propagate(atoms, times, drives, damping=0.01, tolerance=1e-12)
+            coarse = propagate(atoms, times[-1:], drives, damping=0.01, tolerance=1e-3)
+        assert apart(coarse.displacements, whole.displacements[-1:]) < 1e-3
+        assert parts.products > whole.products
+        assert apart(parts.displacements, whole.displacements) < 2e-12
+        assert apart(parts.velocities, whole.velocities) < 2e-12
+
+
+def test_chosen_particles_move_as_in_the_whole():
+    atoms = released(patch(6))
+    burst = ToneBurst(14, (1, 0), 1e-4, 2 * np.pi * 0.05)
+    everywhere = propagate(atoms, TIMES, [burst], tolerance=1e-11)
+    some = propagate(atoms, TIMES, [burst], particles=[21, 0, 8], tolerance=1e-11)
+    assert apart(some.displacements, everywhere.displacements[:, [21, 0, 8]]) < 3e-11
+    np.testing.assert_array_equal(some.particles, [21, 0, 8])
+
+
+def test_replicas_at_frequencies_of_their_own():
+    omega = np.array([0.05, 0.1, 0.3])
+    atoms = Atoms('Nd4', positions=[[0, 0, 0], [10, 0, 0], [20, 0, 0], [30, 0, 0]], masses=[2.0] * 4)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=1e-9, a=3.0), foundation=0.08)  # a law too weak to matter
+    atoms.calc = atoms.calc.balanced([0, 3])
+    found = propagate(atoms, TIMES, [Harmonic([0, 1, 3], (0, 1), 1e-3, omega)]).displacements[..., 1]
+    own = 0.2  # sqrt(0.08/2)
+    expected = 1e-3 / 2 * (np.sin(omega * TIMES[:, None]) - omega / own * np.sin(own * TIMES[:, None])) / (own**2 - omega**2)
+    np.testing.assert_allclose(found[:, [0, 1, 3]], expected, atol=1e-9 * abs(expected).max())
+    assert abs(found[:, 2]).max() < 1e-9 * abs(expected).max()
+
+
+def test_nothing_moves_at_rest():
+    found = propagate(patch(), [0.0, 5.0])
+    assert not found.displacements.any()
+    assert found.error == found.products == 0
+
+
+def test_a_vector_outside_the_interval_is_noticed(monkeypatch):
+    atoms = released(patch(5))
+    monkeypatch.setattr(propagation, 'stable_interval', lambda K: Interval(0.0, 0.5))  # omega_max^2 is 0.88
+    monkeypatch.setattr(propagation, 'whole_interval', lambda K: Interval(-0.1, 0.5))
+    with pytest.raises(Outside):
+        propagate(atoms, [200.0])
+
+
+def test_transient_comes_back_from_a_file(tmp_path):
+    found = propagate(released(patch(5)), [3.0, 4.0], particles=[7])
+    found.save(tmp_path / 'run.npz')
+    again = Transient.load(tmp_path / 'run.npz')
+    np.testing.assert_array_equal(again.displacements, found.displacements)
+    assert (again.error, again.products) == (found.error, found.products)
+    (tmp_path / 'run.npz').write_bytes((tmp_path / 'run.npz').read_bytes()[:-40])
+    with pytest.raises(ValueError, match='no complete file of transients'):
+        Transient.load(tmp_path / 'run.npz')
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    ({'times': [2.0, 1.0]}, 'increasing numbers in ms'),
+    ({'times': []}, 'one or more'),
+    ({'times': [-1.0]}, 'zero or above'),
+    ({'damping': np.full(25, 0.1)}, 'use DrivenVerlet'),
+    ({'damping': -0.1}, 'damping must be a zero or positive number in 1/ms, not -0.1'),
+    ({'tolerance': 0}, 'tolerance must be a positive number'),
+    ({'particles': [25]}, r'indices from 0 to 24, not array\(\[25\]\)'),
+    ({'drives': [Harmonic(12, (0, 0, 1), 1.0, 0.1)]}, 'pushes along z'),
+    ({'drives': [Harmonic(25, (0, 1), 1.0, 0.1)]}, 'particle 25, but the structure has particles 0 to 24'),
+    ({'damping': 1e5, 'times': [100.0]}, 'ask for a shorter time or less damping'),
+])
+def test_bad_input_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        propagate(patch(5), **{'times': [1.0]} | change)
+
+
+def test_bad_structures_are_refused():
+    atoms = patch(5)
+    atoms.positions[1, 0] += 0.1  # beside a free one; at a corner it would only be another rest
+    with pytest.raises(ValueError, match=r'particle 1 is 0\.1 mm away from rest in a direction in which it is held'):
+        propagate(atoms, [1.0])
+    atoms = patch(5)
+    atoms.set_constraint(FixCom())
+    with pytest.raises(ValueError, match='FixAtoms, FixedLine and FixedPlane'):
+        propagate(atoms, [1.0])
+    atoms.set_constraint(FixAtoms(range(25)))
+    with pytest.raises(ValueError, match='hold every particle'):
+        propagate(atoms, [1.0])

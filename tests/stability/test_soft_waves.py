@@ -1,0 +1,143 @@
+"""Lattices drawn at random, a thousandth on either side of where they begin to buckle, against sums over pairs of their own.
+
+    python -m pytest tests/test_softwaves.py -m long     # 200 of them, five minutes
+
+Spacing and mass are about 1 (mm, g), f = r^-a (N, mm).
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from ase import Atoms
+from planewaves import PlaneWaves, depth, margin
+from scipy.optimize import brentq
+
+from magphonon import InversePower, MagneticRepulsion, foundation_needed, verdict
+from magphonon.stiffness.all_neighbours import AllNeighbours
+
+NEAR = 1e-3
+"""Of the critical parameter: how far off the verdict is asked."""
+
+KINDS = 'oblique', 'several', 'space', 'line', 'oblique', 'oblique', 'several', 'space', 'oblique', 'everything'
+
+
+def drawn(kind, rng):
+    """Lattice vectors in rows, sites and a cut-off well between two shells."""
+    while True:
+        if kind == 'line':
+            periods, sites = np.array([[1.0, 0.0]]), np.zeros((1, 2))
+        elif kind == 'space':  # between simple, body-centred and face-centred cubic ones
+            ideal = [np.eye(3), (np.ones((3, 3)) - 2 * np.eye(3)) / np.sqrt(3), (np.ones((3, 3)) - np.eye(3)) / np.sqrt(2)]
+            periods = ideal[rng.integers(3)] + rng.uniform(-0.06, 0.06, (3, 3))
+            sites = np.zeros((1, 3))
+        else:
+            angle = np.deg2rad(rng.uniform(58, 92))
+            periods = np.array([[1, 0], rng.uniform(0.8, 1.25) * np.array([np.cos(angle), np.sin(angle)])])
+            sites = np.zeros((1, 2))
+        if kind == 'several':  # every site a centre of inversion, so that the forces balance
+            periods = 2 * periods
+            sites = np.array([[0, 0], [1, 0], [0, 1]]) / 2 @ periods
+        reach = np.sort(np.unique(np.linalg.norm(PlaneWaves(periods, sites, 4.0, 8.0).x, axis=1).round(9)))
+        shells = rng.integers(2, 7)
+        if (reach[1 : shells + 1] / reach[:shells]).min() > 1.05 and reach[0] > 0.7:
+            return periods, sites, (reach[shells - 1] + reach[shells]) / 2
+
+
+@cache
+def near_its_limit(seed):
+    """A drawn lattice with the parameter at which it begins to buckle: its exponent, its foundation or, of dipoles, its angle."""
+    rng = np.random.default_rng(seed)
+    kind = KINDS[seed % len(KINDS)]
+    while True:
+        periods, sites, cutoff = drawn(kind, rng)
+        if kind == 'everything':
+            side = rng.uniform(0.8, 1.25)
+
+            def waves(angle, side=side):
+                x = np.deg2rad(angle)
+                return PlaneWaves([[1, 0], [side * np.cos(x), side * np.sin(x)]], np.zeros((1, 2)), 4.0)
+
+            between, cutoff = np.linspace(58, 92, 7), None
+        else:
+            def waves(a, periods=periods, sites=sites, cutoff=cutoff):
+                return PlaneWaves(periods, sites, a, cutoff)
+
+            between = np.linspace(1.5, 9, 7)
+        signs = np.sign([margin(waves(x), polish=False)[0] for x in between])
+        changes = np.flatnonzero(np.diff(signs))
+        if len(changes):
+            at = rng.choice(changes)
+            low, high = between[at : at + 2]
+            limit = brentq(lambda x: margin(waves(x), polish=False)[0], low, high, xtol=1e-3)
+            for _ in range(2):  # the wave that buckles first, and where it does
+                k = margin(waves(limit))[1]
+                limit = brentq(lambda x, k=k: margin(waves(x), at=k)[0], limit - 0.2, limit + 0.2, xtol=1e-9)
+            return SimpleNamespace(kind=kind, waves=waves, cutoff=cutoff, sites=sites, limit=limit, foundation=None)
+        if kind in ('line', 'several', 'space'):  # unstable whatever the exponent: the foundation that holds it
+            a = rng.uniform(2, 8)
+            return SimpleNamespace(kind=kind, waves=waves, cutoff=cutoff, sites=sites, limit=a,
+                                   foundation=depth(waves(a), margin(waves(a))[1]))
+
+
+def cell_of(case, x, foundation=0.0):
+    """The same lattice as a cell of the package."""
+    waves = case.waves(x)
+    dim = waves.x.shape[1]
+    cell = 7 * np.eye(3)
+    cell[: len(waves.periods), :dim] = waves.periods
+    sites = np.pad(case.sites, ((0, 0), (0, 3 - dim)))
+    rng = np.random.default_rng(0)
+    atoms = Atoms(['Nd'] * len(sites), sites, cell=cell, pbc=np.arange(3) < len(waves.periods),
+                  masses=rng.uniform(0.5, 2, len(sites)))
+    law = InversePower(1.0, waves.a)
+    atoms.calc = (AllNeighbours(atoms, law, foundation=foundation) if case.cutoff is None else
+                  MagneticRepulsion(atoms, law, cutoff=case.cutoff, foundation=foundation))
+    return atoms
+
+
+def misjudged(seed):
+    """What is wrong about one drawn lattice a thousandth on either side of its limit, a list of str."""
+    case = near_its_limit(seed)
+    wrong = []
+    for side in (1 - NEAR, 1 + NEAR):
+        if case.foundation is None:
+            x, k, waves = case.limit * side, 0.0, case.waves(case.limit * side)
+            least, at = margin(waves)
+            expected = depth(waves, at) if least < 0 else 0.0
+        else:
+            x, k, expected = case.limit, case.foundation * side, case.foundation
+        atoms = cell_of(case, x, k)
+        needed = foundation_needed(atoms)[0]
+        if verdict(atoms).stable != (expected <= k):
+            wrong.append(f'{case.kind} {seed} at {x:.6g}, {k:.6g}: the verdict')
+        if not abs(needed - expected) <= 1e-3 * expected:  # the bottom of a pocket 1e-6 of the stiffness deep, as NEAR^2
+            wrong.append(f'{case.kind} {seed} at {x:.6g}: needs {expected:.6g}, not {needed:.6g}')
+    return wrong
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2, 3, 4, 6, 7])  # without the dipoles, whose sums are dear
+def test_drawn_lattices_beside_their_limits(seed):
+    assert not misjudged(seed)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('seed', range(200))
+def test_two_hundred_lattices_beside_their_limits(seed):
+    """python -m pytest tests/test_softwaves.py -m long"""
+    assert not misjudged(seed)
+
+
+def test_rhombic_dipoles_buckle_in_long_waves():
+    """At 73 degrees no point of the mesh is unstable: the control."""
+    angle = np.deg2rad(73)
+    waves = PlaneWaves([[1, 0], [np.cos(angle), np.sin(angle)]], np.zeros((1, 2)), 4.0)
+    atoms = cell_of(SimpleNamespace(waves=lambda x: waves, sites=np.zeros((1, 2)), cutoff=None), None)
+    needed, q = foundation_needed(atoms)
+    k = (2 * np.pi * np.linalg.pinv(waves.periods).T).T @ q[:2]
+    assert needed == pytest.approx(depth(waves, k), rel=1e-5)  # the oracle's splines and its soft edge
+    assert not verdict(atoms).stable
+    mesh = np.stack(np.meshgrid(*[np.arange(24) / 24] * 2), axis=-1).reshape(-1, 2)
+    lowest = np.linalg.eigvalsh(atoms.calc.bloch_matrix(np.pad(mesh, ((0, 0), (0, 1)))))[:, 0]
+    assert lowest.min() > -1e-12

@@ -1,0 +1,199 @@
+"""How large a foundation the static forces ask for, and the verdict: on both sides of each of its limits."""
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.constraints import FixAtoms
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize_scalar
+
+from magphonon import Constant, InversePower, MagneticRepulsion, analytic_bands, foundation_needed, lattices, verdict
+from magphonon.stability import spacing_held, support_needed
+
+
+@pytest.mark.parametrize(('lattice', 'a', 'needed'), [
+    # in units f(L0)/L0, nearest neighbours; triangular max(0, 2 (3 - a)), square and chain 4 whatever a
+    ('triangular', 2.0, 2.0), ('triangular', 2.5, 1.0), ('triangular', 3.0, 0.0), ('triangular', 4.0, 0.0),
+    ('square', 2.0, 4.0), ('square', 4.0, 4.0), ('chain', 4.0, 4.0),
+])
+def test_foundation_needed(lattice, a, needed):
+    atoms = getattr(lattices, lattice)(2.0, 0.7)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=3.0, a=a), foundation=0.1)
+    unit = 3.0 * 2.0**-a / 2.0
+    assert_allclose(foundation_needed(atoms)[0], needed * unit, atol=1e-10 * unit)  # round-off is 1e-12 of the largest stiffness
+    assert foundation_needed(atoms, model='conventional')[0] == 0.0  # the control: it hides every instability
+
+
+@pytest.mark.parametrize('lattice', ['square', 'honeycomb', 'kagome'])
+def test_foundation_needed_is_where_the_bands_touch_zero(lattice):
+    atoms = getattr(lattices, lattice)(1.0, 1.0)
+    law = InversePower(b=1.0, a=4.0)
+    atoms.calc = MagneticRepulsion(atoms, law)
+    needed, _ = foundation_needed(atoms)
+    path = atoms.cell.bandpath('GMG' if lattice == 'kagome' else None, npoints=60, pbc=atoms.pbc)
+    lowest = {}
+    for share in (0.999, 1.001):
+        atoms.calc = MagneticRepulsion(atoms, law, foundation=share * needed)
+        lowest[share] = analytic_bands(atoms, path).omega.min()
+    assert lowest[0.999] < 0 < lowest[1.001]
+
+
+# --- the verdict -----------------------------------------------------------------------------------------------------
+
+def judged(**options):
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, options.pop('a', 4.0)), foundation=options.pop('k', 0.0),
+                                  model=options.pop('model', 'complete'))
+    return verdict(cell, **options)
+
+
+@pytest.mark.parametrize(('options', 'word'), [
+    # each beside its nearest good neighbour.  The step: 2/sqrt(6a - 2) = 0.42640.  Displacements: from 5e-17/1e-6 to
+    # sqrt(6e-6/((a + 1)(a + 2))) = 4.5e-4, as the fourth derivative of r^(1 - a) over its second is (a + 1)(a + 2).
+    ({'timestep': 0.4265}, 'over the limit 2/omega_max'), ({'timestep': 0.4263}, None),
+    ({'distance': 4.6e-4}, 'the curvature of the law'), ({'distance': 4.4e-4}, None),
+    ({'distance': 4e-11}, 'round-off'), ({'distance': 6e-11}, None),
+    ({'supercell': (2, 2, 1)}, 'cannot be told apart'), ({'supercell': (3, 3, 1)}, None),
+    ({'a': 2.0, 'k': 1.99}, 'buckles'), ({'a': 2.0, 'k': 2.01}, None),
+    ({'a': 2.0, 'model': 'conventional'}, 'without a sign'), ({'a': 4.0, 'model': 'conventional'}, None),
+])
+def test_each_fault_is_found_and_its_neighbour_is_not(options, word):
+    found = judged(**options)
+    assert found.fine == (word is None)
+    if word:
+        assert any(word in fault for fault in found.faults)
+
+
+def test_the_speed_of_contact_is_that_of_all_energy_spent_on_the_way():
+    """Charges, phi = 1/r: one of 2 g flies at one that is held and turns at a tenth of the distance, v^2 = 2 (10 - 1)/m."""
+    pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]], masses=[2.0, 2.0])
+    pair.set_constraint(FixAtoms([0]))
+    pair.calc = MagneticRepulsion(pair, InversePower(1.0, 2.0))
+    assert verdict(pair).speed == pytest.approx(3.0)
+
+
+def test_contact_is_seen_in_the_present_positions():
+    pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]])
+    pair.set_constraint(FixAtoms([0, 1]))
+    pair.calc = MagneticRepulsion(pair, InversePower(1.0, 4.0))
+    for distance, fine in ((0.11, True), (0.09, False)):
+        pair.positions[1, 0] = distance
+        assert verdict(pair).fine == fine
+
+
+def test_balanced_by_a_constant_force():
+    atoms = lattices.oscillator(0.0, 1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), bonds=lattices.OSCILLATOR_BONDS)
+    assert verdict(atoms).residual == pytest.approx(1.0, rel=1e-12)  # the lower magnet alone: the outer two cancel
+    assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
+
+
+@pytest.mark.parametrize('n', [8, 12])
+def test_patch_by_lanczos_and_whole(n, monkeypatch):
+    """The rim of a patch stiffens it: it needs less than the lattice, the less the smaller it is; both solvers agree."""
+    patch = lattices.parallelogram(lattices.triangular(1.0, 1.0), n, n)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 2.0))
+    needed = []
+    for dense in (10_000, 10):
+        monkeypatch.setattr('magphonon.stability.buckling.DENSE', dense)
+        needed.append(foundation_needed(patch)[0])
+    assert needed[1] == pytest.approx(needed[0], rel=1e-6)
+    assert 1.0 < needed[0] < 2.0
+
+
+@pytest.mark.parametrize('seed', [0, 9])  # at 9 Lanczos iterations on the matrix itself, to 1e-4, are 4e-3 short
+def test_foundation_that_just_holds_a_cut_patch(seed):
+    """Patches with holes, beyond the size that is diagonalised whole, a millionth on either side of what they need."""
+    rng = np.random.default_rng(seed)
+    patch = lattices.parallelogram(lattices.honeycomb(1.0, 1.0), int(rng.integers(9, 12)), int(rng.integers(11, 15)))
+    patch = patch[np.sort(rng.permutation(len(patch))[: int(0.97 * len(patch))])]
+    patch.set_constraint()  # with a free rim
+    a = rng.uniform(1.5, 6)
+    x = patch.positions[:, :2] - patch.positions[:, None, :2]
+    r = np.linalg.norm(x, axis=2)
+    K = ((a + 1) * x[..., None] * x[..., None, :] - np.eye(2)) * (abs(r - 1) < 1e-9)[..., None, None]  # f = 1 at r = 1
+    H = -K.swapaxes(1, 2)
+    H[np.arange(len(patch)), :, np.arange(len(patch))] += K.sum(axis=1)
+    H = H.reshape(2 * len(patch), -1)
+    needed = -np.linalg.eigvalsh(H)[0]
+    assert len(H) > 200
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, a)).balanced(range(len(patch)))
+    assert foundation_needed(patch)[0] == pytest.approx(needed, rel=1e-10)
+    for side in (1 - 1e-6, 1 + 1e-6):
+        patch.calc = MagneticRepulsion(patch, InversePower(1.0, a), foundation=side * needed).balanced(range(len(patch)))
+        assert verdict(patch).stable == (side > 1)
+
+
+def test_linear_amplitude_is_that_of_the_softest_wave_or_none():
+    def amplitude(name, k):
+        cell = getattr(lattices, name)(1.0, 1.0)
+        cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
+        return verdict(cell).amplitude
+
+    # the twist of kagome stiffens by 27/8 (a + 1) A^2/(k - 6), see test_anharmonic
+    assert amplitude('kagome', 6.06) == pytest.approx(np.sqrt(0.01 * 0.06 * 8 / (27 * 5)), rel=1e-6)
+    # the softest wave of honeycomb, at K, repeats every third cell, and no shift of it is known
+    assert amplitude('honeycomb', 3.03) is None
+
+
+def test_spacing_that_a_foundation_holds():
+    # needed 4 f/L0 = 4 s^-(a+1)
+    chain = lattices.chain(1.0, 1.0)
+    for k in (2.0, 6.0):
+        chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0), foundation=k)
+        assert spacing_held(chain) == pytest.approx((4 / k) ** 0.2, rel=1e-8)
+    chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0))
+    assert spacing_held(chain) is None  # no spacing helps where there is no foundation
+
+
+@pytest.mark.parametrize(('lattice', 'wave', 'alone'), [
+    ('chain', 4, 2), ('square', 8, 4), ('triangular', 9, 6), ('honeycomb', 6, 3)])
+def test_supports_out_of_the_plane(lattice, wave, alone):
+    """Magnets: (a - 1) f/r a bond, by Laplace's equation; the worst wave is at X, M, K and between the two sublattices."""
+    atoms = getattr(lattices, lattice)(1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0))
+    assert_allclose(support_needed(atoms), (3 * wave, 3 * alone), rtol=1e-12)
+    assert_allclose(support_needed(atoms, magnets=False), (wave, alone), rtol=1e-12)
+
+
+def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
+    # two dipoles normal to the plane at height difference z: U = c (1/d^3 - 3 z^2/d^5), c = mu0 m^2/(4 pi)
+    law = InversePower.dipoles(moment=500.0)
+    c, z = law.b / 3, 1e-3 * 10.0
+    d = np.hypot(10.0, z)
+    U = [c * (1 / d**3 - 3 * z**2 / d**5), c / 10.0**3]
+    pair = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
+    pair.set_constraint(FixAtoms([0]))
+    pair.calc = MagneticRepulsion(pair, law).balanced([1])
+    assert support_needed(pair)[1] == pytest.approx(-2 * (U[0] - U[1]) / z**2, rel=1e-4)  # the next order: (z/r)^2
+
+
+@pytest.mark.parametrize('steps', [None, 12, 5])
+def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
+    """Two shells of the triangular lattice at a = 2.5 buckle in a shear wave along a row, at no special point."""
+    angle = np.pi / 6 * np.arange(12)
+    R = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.where(np.arange(12) % 2, np.sqrt(3), 1)[:, None]
+    r, a = np.linalg.norm(R, axis=1), 2.5
+    across = r ** (-a - 1) * ((a + 1) * (R[:, 1] / r) ** 2 - 1)  # the yy part of a nn - (I - nn), times f/r
+    softest = minimize_scalar(lambda k: across @ (1 - np.cos(k * R[:, 0])), (1.0, 1.3, 1.6), tol=1e-10)
+    atoms = lattices.triangular(1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), shells=2)
+    needed, q = foundation_needed(atoms, steps=steps)
+    assert needed == pytest.approx(-softest.fun, rel=1e-8)
+    k = 2 * np.pi * q @ atoms.cell.reciprocal()
+    assert min(abs(np.linalg.norm(k - 2 * np.pi * np.array(G) @ atoms.cell.reciprocal()) - softest.x)
+               for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
+
+
+@pytest.mark.parametrize(('repeats', 'needed'), [(1, 4.0), (11, 4 * np.sin(5 * np.pi / 11) ** 2)])
+def test_a_large_periodic_cell_says_that_only_repeated_motion_is_judged(repeats, needed):
+    """The square lattice buckles at q = (1/2, 0) and (0, 1/2), waves that fit into no odd number of cells.
+
+    Of one cell the zone is judged and they are found.  Of 11 x 11 particles, 242 freedoms, only motion that repeats is
+    judged; its softest wave has q = 5/11 and needs less, 4 sin^2(5 pi/11) f/L = 3.92 f/L.
+    """
+    atoms = lattices.square(1.0, 1.0).repeat((repeats, repeats, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=3.95)
+    found = verdict(atoms)
+    assert_allclose(found.needed, needed, rtol=1e-9)  # round-off
+    assert found.stable == found.repeated == ('only motion that repeats' in str(found)) == (repeats == 11)

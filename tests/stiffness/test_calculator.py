@@ -1,0 +1,422 @@
+"""The calculator as physics (forces are the slope of an energy, but of the literal model) and as a part of ASE."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.build import make_supercell
+from ase.calculators.calculator import PropertyNotImplementedError
+from oracles import LATTICES, LAWS, Energy, displaced, gradient, lattice, small_cluster
+from scipy import sparse
+
+from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon.interactions.pair_laws import repulsion
+
+LAW = LAWS['magnets']
+
+
+def planar_forces(atoms, calc):
+    atoms.calc = calc
+    return atoms.get_forces(apply_constraint=False)[:, : calc.dim].ravel()
+
+
+def triangular_patch(**options):
+    """A 4 x 3 periodic patch displaced by a few percent, with its calculator."""
+    rest = lattice('triangular').repeat((4, 3, 1))
+    atoms = rest.copy()
+    atoms.positions[:, :2] += np.random.default_rng(5).uniform(-0.3, 0.3, (12, 2))
+    atoms.calc = MagneticRepulsion(rest, LAW, **options)
+    return atoms
+
+
+# Forces and energies
+
+@pytest.mark.parametrize(('name', 'law'), [*((name, 'magnets') for name in LATTICES), *(('triangular', law) for law in LAWS)])
+def test_energy_and_forces(name, law):
+    rest, atoms, u = displaced(name)
+    k = 0.1 * abs(LAWS[law].d2phi(10.0))
+    energy = Energy(rest, LAWS[law], k=k)
+    calc = MagneticRepulsion(rest, LAWS[law], foundation=k)
+    # of the force of one bond, of the energies that are summed: round-off, see second_derivatives
+    f, scale = abs(LAWS[law].dphi(10.0)), abs(LAWS[law].phi(10.0)) * len(calc.bonds)
+    forces = planar_forces(atoms, calc)
+    assert abs(forces + gradient(energy.complete, u)).max() < 1e-12 * f
+    assert atoms.get_potential_energy() == pytest.approx(energy.complete(u), rel=0, abs=1e-15 * scale)
+
+    # the control: frozen directions push in another direction, by the angle of a few percent
+    calc.set(model='conventional')
+    conventional = planar_forces(atoms, calc)
+    frozen = lambda x: energy.frozen(x, about=0 * u) + k * (x * x).sum(axis=-1) / 2  # noqa: E731
+    assert abs(conventional + gradient(frozen, u)).max() < 1e-12 * f
+    assert atoms.get_potential_energy() == pytest.approx(frozen(u), rel=0, abs=1e-15 * scale)
+    assert abs(conventional - forces).max() > 1e-3 * f
+
+
+def test_ases_own_finite_differences():
+    from ase.calculators.fd import calculate_numerical_forces
+
+    atoms = triangular_patch(foundation=0.02)
+    step = 1e-3  # mm
+    numerical = calculate_numerical_forces(atoms, eps=step, iatoms=[0, 5], icarts=[0, 1])
+    # central differences: phi'''' step^2/6 of six bonds, of about a^3 f/L^3; round-off 1e-16 E/step is below it
+    error = 6 * 4.6**3 * repulsion(LAW, 10.0) / 10**2 * step**2
+    assert abs(atoms.get_forces()[[0, 5], :2] - numerical).max() < error
+
+
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
+@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
+def test_nothing_at_rest(law, model):
+    rest = lattice('kagome')
+    rest.calc = MagneticRepulsion(rest, law, foundation=0.1, model=model)
+    assert rest.get_potential_energy() == 0
+    assert not rest.get_potential_energies().any()
+    # the forces of opposite bonds cancel; their directions are known to 1e-16
+    assert abs(rest.get_forces()).max() < 1e-15 * abs(law.dphi(10.0)) * 4
+
+
+def test_energies_of_the_particles():
+    atoms = triangular_patch(foundation=0.02)
+    energies = atoms.get_potential_energies()
+    assert energies.sum() == pytest.approx(atoms.get_potential_energy(), rel=1e-14)
+    assert atoms.get_potential_energy(force_consistent=True) == atoms.get_potential_energy()
+
+    # one particle of a dimer on springs: half the bond and its own spring
+    pair = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
+    pair.calc = MagneticRepulsion(pair, LAW, foundation=0.5)
+    pair.positions[1, 0] += 1
+    bond = LAW.phi(11.0) - LAW.phi(10.0)
+    np.testing.assert_allclose(pair.get_potential_energies(), [bond / 2, bond / 2 + 0.25], rtol=1e-14)
+
+
+def test_planar_particles_feel_nothing_along_z():
+    atoms = triangular_patch(foundation=0.02)
+    plane = atoms.get_forces()
+    assert not plane[:, 2].any()
+    atoms.positions[3, 2] += 0.7
+    np.testing.assert_array_equal(atoms.get_forces(), plane)
+
+
+@pytest.mark.parametrize('z', [-3.7, 0.1, 1e5 / 3])
+def test_the_plane_may_lie_at_any_height(z):
+    rest = lattice('kagome')
+    raised = rest.copy()
+    raised.positions[:, 2] = z
+    raised.positions[1, 2] = np.nextafter(z, np.inf)  # the round-off of fractions of a tall cell
+    raised.calc = MagneticRepulsion(raised, LAW)
+    rest.calc = MagneticRepulsion(rest, LAW)
+    for atoms in (rest, raised):
+        atoms.positions[0, :2] += [0.3, -0.2]
+    np.testing.assert_allclose(raised.get_forces(), rest.get_forces(), rtol=0, atol=1e-12 * repulsion(LAW, 10.0))
+
+
+@pytest.mark.parametrize(('pbc', 'tilt'), [((0, 0, 1), 0), ((1, 1, 0), 0.1)])
+def test_bonds_out_of_the_plane_are_refused(pbc, tilt):
+    atoms = Atoms('Nd', cell=[[10, 0, tilt], [0, 10, 0], [0, 0, 10]], pbc=pbc)
+    with pytest.raises(ValueError, match='must share one z'):
+        MagneticRepulsion(atoms, LAW, shells=2)
+
+
+# Anchors
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_wrapping_changes_nothing(name):
+    rest, atoms, _ = displaced(name)
+    atoms.calc = MagneticRepulsion(rest, LAW, foundation=0.02)
+    energy, forces = atoms.get_potential_energy(), atoms.get_forces()
+    before = atoms.positions.copy()
+    atoms.wrap()
+    assert abs(atoms.positions - before).max() > 9  # some did jump
+    atoms.positions[-1] += 3 * atoms.pbc @ atoms.cell.array  # and one went further
+    # positions of tens of mm are rounded at 1e-14 mm: times the stiffness
+    np.testing.assert_allclose(atoms.get_forces(), forces, rtol=0, atol=1e-13 * LAW.d2phi(10.0) * 10)
+    assert atoms.get_potential_energy() == pytest.approx(energy, rel=1e-11)
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_a_particle_just_across_the_border_is_displaced_by_little(name):
+    # wrapped by hand: it stands nearly, not more than, a period away from its place
+    rest, atoms, _ = displaced(name, amplitude=0.0)
+    atoms.positions[0] -= 0.1 * atoms.cell[0]
+    atoms.calc = MagneticRepulsion(rest, LAW, foundation=0.02)
+    forces = atoms.get_forces()
+    assert abs(forces).max() > 0.01
+    atoms.positions[0] += atoms.cell[0]
+    np.testing.assert_allclose(atoms.calc.displacements(atoms)[0], -0.1 * atoms.cell[0][: atoms.calc.dim], atol=1e-13)
+    np.testing.assert_allclose(atoms.get_forces(), forces, rtol=0, atol=1e-13 * LAW.d2phi(8.0) * 10)
+
+
+def test_minimum_image_in_skewed_cells():
+    # a basis vector of 3.6 spacings at 14 degrees to the other: rounding fractions would take (0.2, 0.2) for (1.2, 0.2)
+    atoms = lattice('triangular', spacing=1.0)
+    atoms.cell[1] += 3 * atoms.cell[0]
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.5)
+    atoms.positions[0, :2] = [0.2, 0.2]
+    np.testing.assert_allclose(atoms.get_forces(), [[-0.1, -0.1, 0]], rtol=1e-15)
+    atoms.positions += 2 * atoms.cell[1] - 5 * atoms.cell[0]
+    np.testing.assert_allclose(atoms.get_forces(), [[-0.1, -0.1, 0]], rtol=1e-14)
+
+
+def test_anchors_stay_where_they_were():
+    rest = lattice('square').repeat((3, 3, 1))
+    calc = MagneticRepulsion(rest, LAW, foundation=0.5)
+    atoms = rest.copy()
+    rest.positions += 1.0  # after the calculator was made
+    assert abs(planar_forces(atoms, calc)).max() < 1e-14
+    assert abs(planar_forces(rest, calc) + 0.5).max() < 1e-14  # a translation stretches the springs alone
+
+
+def test_on_a_supercell():
+    rest = lattice('honeycomb')
+    calc = MagneticRepulsion(rest, LAW, foundation=0.02, model='conventional', shells=2)
+    supercell = make_supercell(rest, [[2, 1, 0], [0, 3, 0], [0, 0, 1]])
+    there = calc.on(supercell)
+    direct = MagneticRepulsion(supercell, LAW, foundation=0.02, model='conventional', shells=2)
+    assert there.parameters == calc.parameters
+    atoms = supercell.copy()
+    atoms.positions[:, :2] += np.random.default_rng(0).uniform(-0.3, 0.3, (12, 2))
+    np.testing.assert_allclose(planar_forces(atoms, there), planar_forces(atoms, direct), rtol=0, atol=1e-13)
+
+
+# The literal conventional model
+
+def work_round_a_circle(calc, rest, radius, points=64):
+    """Work of the force on particle 1 round a circle through its rest position, tangent to the bond, anticlockwise.
+
+    The integrand is periodic and smooth, so that the sum over equal steps converges to round-off.
+    """
+    atoms = rest.copy()
+    atoms.calc = calc
+    work = 0.0
+    for angle in 2 * np.pi * np.arange(points) / points:
+        atoms.positions[1] = rest.positions[1] + radius * np.array([np.cos(angle), 1 + np.sin(angle), 0])
+        work += atoms.get_forces()[1] @ [-np.sin(angle), np.cos(angle), 0] * radius * 2 * np.pi / points
+    return work
+
+
+def test_literal_model_does_work_round_a_loop():
+    # One particle held, the other at R = L0 e_x from it.  The literal force on it, f(|R + u|) e_x, has a curl: Green's
+    # theorem gives W = - integral of df/du_y = - f_r/L0 integral of u_y over the disc = - f_r pi A^3/L0, to leading order
+    # in A, for a disc centred at u = (0, A).
+    rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
+    f_r = -LAW.d2phi(10.0)
+    errors = []
+    for A in (0.2, 0.1):
+        work = work_round_a_circle(MagneticRepulsion(rest, LAW, model='literal'), rest, A)
+        errors.append(work / (-f_r * np.pi * A**3 / 10) - 1)
+        for model in ('complete', 'conventional'):  # the control: these two conserve energy
+            conserved = work_round_a_circle(MagneticRepulsion(rest, LAW, model=model), rest, A)
+            assert abs(conserved) < 1e-15 * repulsion(LAW, 10.0) * 2 * np.pi * A
+    assert abs(errors[1]) < 1e-3
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.02)  # the next term is (A/L0)^2 smaller
+
+
+def test_literal_model_has_forces_and_nothing_else():
+    atoms = triangular_patch(model='literal')
+    assert np.isfinite(atoms.get_forces()).all()
+    for question in (atoms.get_potential_energy, atoms.get_potential_energies, lambda: atoms.calc.get_property('hessian', atoms)):
+        with pytest.raises(PropertyNotImplementedError, match="use model='conventional'"):
+            question()
+
+
+def test_literal_and_projected_models_share_their_linear_part():
+    rest = lattice('triangular').repeat((4, 3, 1))  # in 2 x 2 every bond has an opposite one with the same ends
+    atoms = rest.copy()
+    atoms.positions[:, :2] += np.random.default_rng(5).uniform(-1e-4, 1e-4, (12, 2))
+    forces = {model: planar_forces(atoms, MagneticRepulsion(rest, LAW, model=model)) for model in ('literal', 'conventional')}
+    difference = abs(forces['literal'] - forces['conventional']).max()
+    linear = abs(forces['conventional']).max()
+    assert difference < 5 * 1e-4 / 10 * linear  # of the next order in u/L0
+    assert difference > 1e-7 * linear
+
+
+# Contact
+
+def test_coincident_particles_are_refused():
+    rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
+    atoms = rest.copy()
+    atoms.positions[0, 0] = 10.0
+    for model in ('complete', 'conventional', 'literal'):
+        with pytest.raises(ValueError, match='particles 0 and 1 coincide'):
+            planar_forces(atoms, MagneticRepulsion(rest, LAW, model=model))
+
+
+def test_frozen_directions_do_not_let_particles_pass():
+    rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
+    atoms = rest.copy()
+    atoms.positions[0, 0] = 12.0  # on the other side: for the complete model a place like any other
+    assert planar_forces(atoms, MagneticRepulsion(rest, LAW))[0] > 0
+    with pytest.raises(ValueError, match='passed through each other'):
+        planar_forces(atoms, MagneticRepulsion(rest, LAW, model='conventional'))
+
+
+# As a part of ASE
+
+class Counting(InversePower):
+    """Counts the evaluations of the force."""
+
+    calls = 0
+
+    def dphi(self, r):
+        type(self).calls += 1
+        return super().dphi(r)
+
+
+def test_one_calculation_answers_all_questions():
+    rest = lattice('triangular').repeat((2, 2, 1))
+    rest.calc = MagneticRepulsion(rest, Counting(b=1.0, a=4.0))
+    rest.get_forces()
+    calls = Counting.calls
+    for question in (rest.get_forces, rest.get_potential_energy, rest.get_potential_energies):
+        question()
+    assert Counting.calls == calls
+    rest.positions[0, 0] += 0.1
+    rest.get_potential_energy()
+    assert Counting.calls == calls + 1
+
+
+def test_the_smallest_move_is_seen():
+    # ASE's own comparison overlooks moves below 1e-15, and a foundation alone would let them pass unnoticed
+    atoms = lattice('triangular')
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=2.0)
+    assert not atoms.get_forces().any()
+    for move in (1e-17, 5e-324):
+        atoms.positions[0, 0] = move
+        assert atoms.get_forces()[0, 0] == -2.0 * move
+    atoms.positions[0, 0] = 0.0
+    assert not atoms.get_forces().any()
+
+
+def test_changed_arrays_are_seen_and_returned_arrays_are_copies():
+    atoms = triangular_patch()
+    forces = atoms.get_forces()
+    forces[:] = 0
+    assert atoms.get_forces().any()
+
+
+def test_setting_a_parameter_forgets_the_results():
+    atoms = triangular_patch(foundation=0.02)
+    with_springs = atoms.get_forces()
+    atoms.calc.set(foundation=0.0)
+    assert abs(atoms.get_forces() - with_springs).max() > 1e-4
+    conventional = triangular_patch(model='conventional').get_forces()
+    atoms.calc.set(model='conventional')
+    np.testing.assert_array_equal(atoms.get_forces(), conventional)
+
+
+def test_unknown_parameters_are_refused():
+    calc = triangular_patch().calc
+    with pytest.raises(ValueError, match="'foundation', 'model', not 'fundation'"):
+        calc.set(fundation=1.0)
+    with pytest.raises(ValueError, match='foundation must be a zero or positive number in N/mm, not -1'):
+        calc.set(foundation=-1)
+    assert calc.parameters.foundation == 0
+
+
+@pytest.mark.parametrize('copied', [copy.deepcopy, lambda calc: pickle.loads(pickle.dumps(calc))], ids=['deepcopy', 'pickle'])
+@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
+def test_copies(copied, law):
+    atoms = triangular_patch(foundation=0.02)
+    atoms.calc = MagneticRepulsion(atoms.calc.reference, law, foundation=0.02)
+    forces = atoms.get_forces()  # fills what the calculator remembers
+    other = atoms.copy()
+    other.calc = copied(atoms.calc)
+    np.testing.assert_array_equal(other.get_forces(), forces)
+    other.calc.set(foundation=1.0)
+    assert atoms.calc.parameters.foundation == 0.02
+    np.testing.assert_array_equal(atoms.get_forces(), forces)
+
+
+def test_hessian_is_a_property_that_no_file_sees():
+    atoms = triangular_patch(foundation=0.02)
+    H = atoms.calc.get_property('hessian', atoms)
+    assert sparse.issparse(H)
+    assert H.shape == (36, 36)
+    assert 'hessian' not in atoms.calc.results
+    assert atoms.calc.get_property('hessian', atoms, allow_calculation=False) is None
+    parts = [atoms.calc.get_hessian(atoms, part) for part in ('D0', 'Dstar', 'foundation')]
+    assert abs(sum(parts) - H).max() < 1e-15 * abs(H).max() * 12
+
+
+@pytest.mark.parametrize('name', ['a.traj', 'a.extxyz'])
+def test_written_and_read_again(tmp_path, name):
+    import ase.io
+
+    atoms = triangular_patch(foundation=0.02)
+    forces, energy = atoms.get_forces(), atoms.get_potential_energy()
+    ase.io.write(tmp_path / name, atoms)
+    back = ase.io.read(tmp_path / name)
+    # extxyz keeps eight decimals; a trajectory keeps all
+    tolerance = {'rtol': 0, 'atol': 1e-8 if name.endswith('xyz') else 0}
+    np.testing.assert_allclose(back.positions, atoms.positions, **tolerance)
+    np.testing.assert_allclose(back.get_forces(), forces, **tolerance)
+    assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
+
+
+def test_a_literal_run_is_written_too(tmp_path):
+    import ase.io
+
+    atoms = triangular_patch(model='literal')
+    forces = atoms.get_forces()
+    ase.io.write(tmp_path / 'a.traj', atoms)
+    np.testing.assert_array_equal(ase.io.read(tmp_path / 'a.traj').get_forces(), forces)
+
+
+def test_repeated_atoms_need_a_calculator_of_their_own():
+    atoms = triangular_patch()
+    twice = atoms.repeat((2, 1, 1))
+    assert twice.calc is None
+    twice.calc = atoms.calc
+    with pytest.raises(ValueError, match=r'made for 12 particles, not 24.*calculator\.on\(supercell\)'):
+        twice.get_forces()
+
+
+def test_another_cell_is_refused():
+    atoms = triangular_patch()
+    atoms.set_cell(atoms.cell * 1.01, scale_atoms=True)
+    with pytest.raises(ValueError, match='cell or its periodicity differs from the reference'):
+        atoms.get_forces()
+
+
+def test_bonds_of_another_structure_are_refused():
+    with pytest.raises(ValueError, match='the bonds join 12 particles, but the reference has 1'):
+        MagneticRepulsion(lattice('triangular'), LAW, bonds=triangular_patch().calc.bonds)
+
+
+def test_ases_optimiser_finds_the_rest_configuration():
+    from ase.optimize import BFGS
+
+    atoms = triangular_patch(foundation=0.02)
+    BFGS(atoms, logfile=None, alpha=LAW.d2phi(10.0)).run(fmax=1e-10)
+    # fmax over the softest stiffness, the foundation
+    assert abs(atoms.calc.displacements(atoms)).max() < 2 * 1e-10 / 0.02
+
+
+def test_fixed_particles_keep_their_forces_for_those_who_ask():
+    patch = lattices.hexagon(lattice('triangular'), 30)
+    patch.calc = MagneticRepulsion(patch, LAW)
+    rim = patch.get_tags() == lattices.RIM
+    assert not patch.get_forces()[rim].any()
+    assert np.linalg.norm(patch.get_forces(apply_constraint=False)[rim], axis=1).min() > 0
+
+
+def test_a_cluster_balances_no_momentum():
+    cluster = small_cluster()
+    cluster.calc = MagneticRepulsion(cluster, LAW, cutoff=13.0)
+    forces = cluster.get_forces()
+    assert abs(forces).max() > repulsion(LAW, 13.0)  # an expanding cluster
+    assert abs(forces.sum(axis=0)).max() < 1e-14 * abs(forces).max() * len(cluster)
+
+
+def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():
+    # A tenth of a period out of the cell; wrapped it stands nine tenths away, less than a period.
+    atoms = lattice('triangular').repeat((4, 4, 1))
+    atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=0.02)
+    atoms.positions[0] -= 0.1 * atoms.cell[0]
+    forces = atoms.get_forces()
+    wrapped = atoms.copy()
+    wrapped.positions[0] += atoms.cell[0]
+    assert np.linalg.norm(wrapped.positions[0] - atoms.calc.reference.positions[0]) < np.linalg.norm(atoms.cell[0])
+    # positions of 40 mm are rounded to 1e-14; the stiffness is of the order of forces per mm
+    assert abs(atoms.calc.get_forces(wrapped) - forces).max() < 1e-11 * abs(forces).max()

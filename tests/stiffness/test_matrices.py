@@ -1,0 +1,170 @@
+"""D0 + D* against second derivatives of the energy, which the tests write themselves, by Cauchy's formula."""
+
+import numpy as np
+import pytest
+from oracles import LATTICES, LAWS, Energy, displaced, in_plane, lattice, length, neighbour_vectors, second_derivatives
+from scipy import sparse
+
+from magphonon import MagneticRepulsion
+from magphonon.stiffness import bond_stiffness
+from magphonon.stiffness.bond import model_stiffness
+from magphonon.stiffness.matrices import bloch_gradient, bloch_matrix, bloch_series, condense, hessian, mass_weighted
+
+# Of the largest entry: round-off of the energy over its curvature, see second_derivatives.
+TOLERANCE = 1e-12
+
+
+def bonds_of(name):
+    """Every bond vector of a lattice once, by brute force."""
+    cell = lattice(name)
+    dim = 3 if cell.pbc.all() else 2
+    once = ((i, j, *shift) < (j, i, *(-k for k in shift)) for i, j, shift, _ in neighbour_vectors(cell, 10.1))
+    return np.array([v[:dim] for (*_, v), first in zip(neighbour_vectors(cell, 10.1), once, strict=True) if first])
+
+
+@pytest.mark.parametrize('name', LATTICES)
+@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
+def test_bond_stiffness_is_the_second_derivative_of_its_energy(name, law):
+    vectors = bonds_of(name)
+    D0, Dstar = bond_stiffness(vectors, law)
+    rest = np.zeros(vectors.shape[1])
+    for R, conventional, static in zip(vectors, D0, Dstar, strict=True):
+        r0, n = np.linalg.norm(R), R / np.linalg.norm(R)
+        energy = second_derivatives(lambda u, R=R, r0=r0: law.phi(length(R + u)) - law.phi(r0), rest)
+        frozen_direction = second_derivatives(lambda u, r0=r0, n=n: law.phi(r0 + u @ n) - law.phi(r0), rest)
+        constant_force = second_derivatives(lambda u, R=R, r0=r0: law.dphi(r0) * length(R + u), rest)
+        largest = abs(energy).max()
+        assert abs(conventional + static - energy).max() < TOLERANCE * largest
+        assert abs(conventional - frozen_direction).max() < TOLERANCE * largest
+        assert abs(static - constant_force).max() < TOLERANCE * largest
+        # the control: without D* the second derivatives are missed by phi'/r across the bond
+        assert abs(conventional - energy).max() > 0.05 * largest
+
+
+@pytest.mark.parametrize(('name', 'law'), [*((name, 'magnets') for name in LATTICES), *(('triangular', law) for law in LAWS)])
+def test_hessian_of_a_displaced_lattice(name, law):
+    rest, atoms, u = displaced(name)
+    k = 0.1 * abs(LAWS[law].d2phi(10.0))
+    energy = Energy(rest, LAWS[law], k=k)
+    calc = MagneticRepulsion(rest, LAWS[law], foundation=k)
+    exact = {
+        'all': second_derivatives(energy.complete, u),
+        'D0': second_derivatives(lambda x: energy.frozen(x, about=u), u),
+        'Dstar': second_derivatives(lambda x: energy.constant_force(x, about=u), u),
+        'foundation': k * np.eye(len(u)),
+    }
+    largest = abs(exact['all']).max()
+    for part, expected in exact.items():
+        H = calc.get_hessian(atoms, part)
+        assert abs(in_plane(H, energy.dim) - expected).max() < TOLERANCE * largest, part
+        assert abs(H).sum() == pytest.approx(abs(in_plane(H, energy.dim)).sum(), rel=1e-15)  # nothing along z in a plane
+    # the control: D0 and foundation alone are not the Hessian
+    assert abs(exact['D0'] + exact['foundation'] - exact['all']).max() > 0.05 * largest
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_conventional_hessian_keeps_the_directions_of_rest(name):
+    rest, atoms, u = displaced(name)
+    law = LAWS['magnets']
+    energy = Energy(rest, law)
+    calc = MagneticRepulsion(rest, law, model='conventional')
+    expected = second_derivatives(lambda x: energy.frozen(x, about=0 * u), u)
+    assert abs(in_plane(calc.get_hessian(atoms), energy.dim) - expected).max() < TOLERANCE * abs(expected).max()
+    assert not calc.get_hessian(atoms, 'Dstar').toarray().any()
+    # the control: with the directions of the moment it is another matrix, by the angles of a few percent
+    turned = second_derivatives(lambda x: energy.frozen(x, about=u), u)
+    assert abs(turned - expected).max() > 1e-3 * abs(expected).max()
+
+
+def test_second_shell():
+    rest = lattice('triangular').repeat((2, 2, 1))
+    law = LAWS['dipoles']
+    energy = Energy(rest, law, reach=17.5)
+    calc = MagneticRepulsion(rest, law, shells=2)
+    expected = second_derivatives(energy.complete, np.zeros(8))
+    assert abs(in_plane(calc.get_hessian(rest), 2) - expected).max() < TOLERANCE * abs(expected).max()
+    nearest = in_plane(MagneticRepulsion(rest, law).get_hessian(rest), 2)
+    assert abs(nearest - expected).max() > 0.01 * abs(expected).max()
+
+
+# Bloch matrices
+
+Q = np.array([[0, 0, 0], [0.5, 0, 0], [0.1, 0.27, 0], [1 / 3, 2 / 3, 0], [-0.4, 0.9, 0.3]])
+
+
+def bonds_and_stiffness(name, model='complete'):
+    calc = MagneticRepulsion(lattice(name), LAWS['magnets'])
+    return calc.bonds, model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_bloch_matrix_is_the_lattice_sum(name):
+    cell = lattice(name)
+    dim = 3 if cell.pbc.all() else 2
+    bonds, K = bonds_and_stiffness(name)
+    D = np.zeros((len(Q), len(cell), dim, len(cell), dim), dtype=complex)
+    for i, j, shift, v in neighbour_vectors(cell, 10.1):
+        bond = sum(bond_stiffness(v[None, :dim], LAWS['magnets']))[0]
+        D[:, i, :, i] += bond
+        D[:, i, :, j] -= np.exp(2j * np.pi * Q @ shift)[:, None, None] * bond
+    D = D.reshape(len(Q), len(cell) * dim, -1) + 0.5 * np.eye(len(cell) * dim)
+    # round-off of sums of at most 12 bonds
+    assert abs(bloch_matrix(bonds, K, Q, foundation=0.5) - D).max() < 1e-14 * abs(D).max()
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_bloch_matrix_from_the_incidence_matrix(name):
+    bonds, K = bonds_and_stiffness(name)
+    blocks = sparse.block_diag(list(K))
+    for q, D in zip(Q, bloch_matrix(bonds, K, Q), strict=True):
+        C = sparse.kron(bonds.incidence_at(q), np.eye(K.shape[1]))
+        assert abs((C.conj().T @ blocks @ C).toarray() - D).max() < 1e-14 * abs(K).max() * len(K)
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_at_gamma_the_bloch_matrix_is_the_hessian(name):
+    bonds, K = bonds_and_stiffness(name)
+    D = bloch_matrix(bonds, K, Q[:1], foundation=0.3)[0]
+    assert abs(hessian(bonds, K, 0.3).toarray() - D).max() < 1e-14 * abs(K).max() * len(K)
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_gradient_of_the_bloch_matrix_by_central_differences(name):
+    bonds, K = bonds_and_stiffness(name)
+    cell = lattice(name).cell
+    dim, h = K.shape[1], 1e-5
+    gradient = bloch_gradient(bonds, K, Q, cell.array)
+    for axis in range(dim):
+        step = cell.array[:, axis] * h / (2 * np.pi)  # in fractions of the reciprocal vectors
+        numerical = (bloch_matrix(bonds, K, Q + step) - bloch_matrix(bonds, K, Q - step)) / (2 * h)
+        # (h L)^2/6 from the step, at most L = 20 mm, and 1e-16/(h L) from round-off
+        assert abs(gradient[axis] - numerical).max() < 1e-8 * abs(gradient).max()
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_series_of_the_bloch_matrix(name):
+    bonds, K = bonds_and_stiffness(name)
+    cell = lattice(name).cell.array
+    along = np.array([0.6, 0.8, 0.0])
+    A, B, C = bloch_series(bonds, K, bonds.shift @ cell @ along)
+    errors = []
+    for k in (1e-2, 5e-3):
+        D = bloch_matrix(bonds, K, (cell @ along * k / (2 * np.pi))[None])[0]
+        errors.append(abs(D - (A + k * B + k**2 * C)).max())
+    # the remainder is of the third order, of the fourth where inversion maps the cell onto itself
+    assert errors[0] / errors[1] == pytest.approx(16 if len(A) == K.shape[1] else 8, rel=0.05) or errors[0] < 1e-12 * abs(A).max()
+
+
+def test_condensed_is_the_block_of_the_free_particles():
+    calc = MagneticRepulsion(lattice('honeycomb').repeat((2, 2, 1)), LAWS['magnets'], foundation=0.1)
+    H = calc.get_hessian(calc.reference)
+    free = np.array([True, False, False, True, True, False, True, False])
+    rows = np.repeat(free, 3)
+    np.testing.assert_array_equal(condense(H, free).toarray(), H.toarray()[np.ix_(rows, rows)])
+
+
+def test_mass_weighting():
+    D = np.arange(16.0).reshape(4, 4)
+    masses = np.array([4.0, 9.0])
+    expected = D / [[4, 4, 6, 6], [4, 4, 6, 6], [6, 6, 9, 9], [6, 6, 9, 9]]
+    np.testing.assert_allclose(mass_weighted(D, masses), expected, rtol=1e-15)

@@ -1,0 +1,63 @@
+"""The house keeps its plan: imports run downwards from floor to floor, never in a circle, and names do not hide modules."""
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import magphonon
+
+PACKAGE = Path(magphonon.__file__).parent
+FLOORS = [{'cli'}, {'scenes'}, {'design', 'planning'}, {'plotting', 'waves', 'response', 'stability'}, {'bands', 'dynamics'},
+          {'stiffness'}, {'lattices', 'interactions'}]
+"""From the top down; rooms on one floor do not know each other.  Single modules such as `units` are the ground below all."""
+FILES = sorted(file for file in PACKAGE.rglob('*.py') if file.parent != PACKAGE or not file.name.startswith('__'))
+
+
+def name_of(file):
+    """Dotted name within the package, as 'bands.zone'; that of a room for its __init__."""
+    return '.'.join(file.relative_to(PACKAGE).with_suffix('').parts).removesuffix('.__init__')
+
+
+def imported(file):
+    """Dotted names within the package that a file imports, at the top or inside functions."""
+    for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = ('magphonon', *file.relative_to(PACKAGE).parts[:-1])
+            target = [*base[:len(base) - node.level + 1], *(node.module.split('.') if node.module else ())][1:]
+            for alias in node.names:
+                path = PACKAGE.joinpath(*target, alias.name)
+                yield '.'.join([*target, alias.name] if path.is_dir() or path.with_suffix('.py').exists() else target)
+
+
+def floor(name):
+    """Number of the floor, 0 at the top; the ground is below all."""
+    room = name.split('.')[0]
+    return next((k for k, rooms in enumerate(FLOORS) if room in rooms), len(FLOORS))
+
+
+@pytest.mark.parametrize('file', FILES, ids=name_of)
+def test_imports_run_downwards(file):
+    here = name_of(file)
+    rooms = {target for target in imported(file) if target and target.split('.')[0] != here.split('.')[0]}
+    ground = len(FLOORS)  # whose modules may know each other
+    assert not {target for target in rooms if floor(target) <= floor(here) and floor(target) < ground}
+
+
+def test_no_circle():
+    names = {name_of(file) for file in FILES}
+    graph = {name_of(file): {target for target in imported(file) if target in names} - {name_of(file)} for file in FILES}
+    assert list(TopologicalSorter(graph).static_order())
+
+
+def test_every_room_is_on_a_floor():
+    assert {file.parent.name for file in PACKAGE.glob('*/__init__.py')} == set().union(*FLOORS)
+
+
+@pytest.mark.parametrize('room', sorted(set().union(*FLOORS) - {'cli'}))
+def test_no_exported_name_hides_a_module(room):
+    stub = ast.parse((PACKAGE / room / '__init__.pyi').read_text(encoding='utf-8'))
+    exported = {alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert exported
+    assert not exported & {file.stem for file in (PACKAGE / room).glob('*.py')}

@@ -1,0 +1,200 @@
+"""Tone bursts through a patch: where they enter, what passes, and the waves that a row tells of."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon import MagneticRepulsion, lattices, units as u
+from magphonon.lattices.patches import RIM
+from magphonon.waves.tone_burst import send
+from magphonon.waves.vibrometer import Displacements
+from magphonon.waves.wave_analysis import MODELS, report, waves, write_ridges
+from magphonon.waves.wave_source import SOURCES, polarisations, site, wavevector
+
+CARRIER = 0.12  # rad/ms, the paper's shear burst
+CUTS = {'parallelogram': lambda cell: lattices.parallelogram(cell, 14, 13),
+        'rectangle': lambda cell: lattices.rectangle(cell, 14 * u.m, 13 * u.m),
+        'half_hexagon': lambda cell: lattices.half_hexagon(cell, 8 * u.m)}
+OTHER = {'complete': 'conventional', 'conventional': 'complete'}
+
+
+def patch_of(cell, n=40, model='complete'):
+    patch = lattices.parallelogram(cell, n, n)
+    patch.calc = MagneticRepulsion(patch, cell.calc.potential, foundation=cell.calc.parameters.foundation, model=model)
+    return patch
+
+
+def shear_burst(cell, source='row', model='complete', n=40, force=1 * u.N, duration=600 * u.ms, **change):
+    patch = patch_of(cell, n, model)
+    where = replace(site(cell, patch, source), **change)
+    drive = where.burst(polarisations(cell, source)['transverse'], force, CARRIER)
+    return where, send(patch, where, drive, 0.02 * CARRIER, duration)
+
+
+# --- where -----------------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('source', SOURCES)
+@pytest.mark.parametrize('cut', CUTS.values(), ids=CUTS)
+def test_a_burst_enters_below_and_is_measured_upwards_along_R2(source, cut, ideal):
+    patch = cut(ideal)
+    where = site(ideal, patch, source)
+    inside = patch.positions[patch.get_tags() != RIM]
+    lowest = inside[:, 1].min()
+    assert_allclose(patch.positions[where.driven, 1], lowest)
+    assert (patch.get_tags()[np.append(where.driven, where.row)] != RIM).all()
+    assert_allclose(np.diff(patch.positions[where.row], axis=0), np.tile(ideal.cell.array[1], (len(where.row) - 1, 1)), atol=1e-9)
+    beyond = patch.positions[where.row[-1]] + ideal.cell.array[1]  # the row goes up to the rim
+    assert np.linalg.norm(inside - beyond, axis=1).min() > 1
+    assert where.row[0] in where.driven
+    bottom = inside[abs(inside[:, 1] - lowest) < 1, 0]
+    if source == 'point':
+        assert_allclose(patch.positions[where.driven, 0], bottom.mean(), atol=501)  # half a spacing
+    else:
+        assert len(where.driven) == len(bottom)
+        assert_allclose(where.weights, where.weights[::-1], atol=1e-12)
+        assert where.weights.max() == pytest.approx(1, abs=0.02)  # a row of even length has no middle
+        assert (np.diff(where.weights[: len(bottom) // 2]) > 0).all()
+        assert where.weights[0] < 0.1
+
+
+def test_a_patch_in_motion_has_the_same_sites(ideal):
+    patch = patch_of(ideal, 14)
+    rest = site(ideal, patch, 'row')
+    patch.positions[patch.get_tags() != RIM, :2] += np.random.default_rng(0).normal(scale=10, size=(144, 2))  # 1 % of L0
+    for name, value in vars(site(ideal, patch, 'row')).items():
+        assert_allclose(value, getattr(rest, name), atol=0.01)
+
+
+def test_fronts_run_along_R1_or_across_R2(ideal):
+    R1, R2 = ideal.cell.array[:2]
+    for source, front in (('row', R1), ('point', np.array([-R2[1], R2[0], 0]))):
+        k = 2 * np.pi * wavevector(ideal, source) @ ideal.cell.reciprocal().array
+        assert k @ R2 == pytest.approx(2 * np.pi)
+        assert k @ front == pytest.approx(0, abs=1e-9)
+        moved = polarisations(ideal, source)
+        assert abs(moved['transverse'] @ front[:2]) == pytest.approx(np.linalg.norm(front))
+        assert moved['transverse'] @ moved['longitudinal'] == pytest.approx(0, abs=1e-12)
+    assert_allclose(wavevector(ideal, 'point'), (1 / 2, 1, 0))
+    with pytest.raises(ValueError, match="source must be one of 'row', 'point', not 'line'"):
+        wavevector(ideal, 'line')
+
+
+# --- what passes -----------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('source', SOURCES)
+@pytest.mark.parametrize('model', MODELS)
+def test_the_ridge_of_each_model_lies_on_its_own_branch(source, model, ideal):
+    _, passage = shear_burst(ideal, source, model)
+    strongest = waves(passage.row, ideal, source)[0]
+    assert strongest.motion == 'transverse'
+    # half a bin is the demand; the branches are 5.7 and 8.5 bins apart from a row, 4.1 and 4.2 from a point
+    assert strongest.misfits[model, 'shear'].bins < 0.4
+    assert strongest.misfits[OTHER[model], 'shear'].bins > {'row': 5, 'point': 3.5}[source]
+    assert strongest.misfits[model, 'longitudinal'].bins > 1
+
+
+def test_a_row_driven_evenly_misses_the_branch_where_one_that_fades_hits_it(ideal):
+    patch = patch_of(ideal, 60)
+    where = site(ideal, patch, 'row')
+    middle = where.driven[len(where.driven) // 2]
+    central = middle + np.arange(len(where.row))  # a row of R2 is contiguous in a parallelogram
+    assert_allclose(np.diff(patch.positions[central], axis=0)[:, 0], 500)
+    faded, even = (shear_burst(ideal, n=60, duration=1000 * u.ms, **change)[1].row
+                   for change in ({}, {'weights': np.ones(len(where.driven)), 'row': central}))
+    assert waves(faded, ideal, 'row')[0].misfits['complete', 'shear'].bins < 0.25
+    assert waves(even, ideal, 'row')[0].misfits['complete', 'shear'].bins > 1
+
+
+def test_the_record_begins_at_rest_and_follows_the_force(ideal):
+    where, one = shear_burst(ideal, n=16, duration=300 * u.ms)
+    _, two = shear_burst(ideal, n=16, duration=300 * u.ms, force=2 * u.N)
+    assert not one.row.u[0].any()
+    assert_allclose(np.diff(one.row.t), one.row.dt, rtol=1e-9)
+    assert one.row.t[-1] == pytest.approx(300, abs=one.row.dt)
+    assert len(one.row.t) > 15 * CARRIER * 300 / (2 * np.pi)  # frames to a period of the carrier
+    np.testing.assert_array_equal(one.row.particles, where.row)
+    assert one.field.u.shape[1] == 16**2
+    frame = abs(one.row.t[:, None] - one.field.t).argmin(axis=0)
+    near = abs(one.row.u[frame] - one.field.u[:, where.row]).max() / abs(one.row.u).max()
+    assert near < 0.2  # the patch was not kept at quite the same moments: half a frame, 0.15 rad of the carrier
+    # second order in the strain, u/L0 = 1e-4 times a + 1
+    assert_allclose(two.row.u, 2 * one.row.u, rtol=0, atol=2e-3 * abs(two.row.u).max())
+
+
+@pytest.mark.parametrize(('omega', 'duration', 'message'), [
+    (0.5, 600, 'the carrier of 79.5775 Hz lies above the highest frequency of the patch in the complete model, 7[0-9.]+ Hz'),
+    (0.12, 200, 'the record of 200 ms ends before the burst does, at 261.799 ms; record longer'),
+    (0.12, np.nan, 'duration must be a positive number in ms'),
+])
+def test_impossible_bursts_are_refused(omega, duration, message, ideal):
+    patch = patch_of(ideal, 10)
+    where = site(ideal, patch, 'row')
+    with pytest.raises(ValueError, match=message):
+        send(patch, where, where.burst((1, 0), 1.0, omega), 0.0, duration)
+
+
+def test_without_force_there_is_nothing_to_see(ideal):
+    _, passage = shear_burst(ideal, n=16, force=0.0, duration=300)
+    with pytest.raises(ValueError, match='at rest throughout'):
+        waves(passage.row, ideal, 'row')
+
+
+# --- what a row tells of ---------------------------------------------------------------------------------------------
+
+def travelling(transverse, longitudinal, cell, source='row', noise=0.0):
+    """A record of two plane waves of these amplitudes at xi = 1, on the complete shear and longitudinal branches."""
+    t, n = 2.0 * np.arange(400)[:, None], np.arange(40)
+    moved = polarisations(cell, source)
+    displacement = noise * np.random.default_rng(4).normal(size=(400, 40, 2))
+    for name, amplitude, omega in (('transverse', transverse, 0.141421356), ('longitudinal', longitudinal, 0.469041576)):
+        displacement += (amplitude * np.cos(omega * np.sin(0.5) * t - n))[..., None] * moved[name]
+    return Displacements(t[:, 0], n, displacement)
+
+
+@pytest.mark.parametrize(('amplitudes', 'motions'), [
+    ((1, 0), ['transverse']), ((0, 1), ['longitudinal']), ((1, 0.5), ['transverse', 'longitudinal']),
+    ((0.5, 1), ['longitudinal', 'transverse']), ((1, 0.05), ['transverse'])])  # 26 dB down is left out, 6 dB is not
+def test_each_motion_has_its_map_the_strongest_first(amplitudes, motions, ideal):
+    found = waves(travelling(*amplitudes, ideal), ideal, 'row')
+    assert [wave.motion for wave in found] == motions
+    for wave in found:
+        own = {'transverse': 'shear', 'longitudinal': 'longitudinal'}[wave.motion]
+        assert_allclose(wave.ridge.xi, 1, atol=0.01)
+        assert wave.misfits['complete', own].bins < 0.05
+        assert wave.misfits['conventional', own].bins > 0.2  # 0.3 for longitudinal at xi = 1
+
+
+def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
+    noise = waves(travelling(0, 0, ideal, noise=1.0), ideal, 'row')
+    assert [wave.ridge for wave in noise] == [None, None]
+    assert noise[0].misfits == {}
+    wave = waves(travelling(1, 0, ideal), ideal, 'row')
+    table = report({'quiet': noise, 'loud': wave}).splitlines()
+    assert 'is 0.1571 rad per step' in table[1]  # 2 pi/40
+    assert {tuple(line.split()[4:]) for line in table[5:7]} == {('0', *5 * '-')}
+    assert table[-2].startswith('Without points: nothing runs along the row')
+    assert 'loud, transverse motion: agrees with complete shear (0.0' in table[-4]
+    assert 'Without points' not in report({'loud': wave})
+    assert 'are times in seconds' not in report({'loud': wave})
+    record = travelling(1, 0, ideal)
+    in_ms = report({'in ms': waves(replace(record, t=1e3 * record.t), ideal, 'row')})
+    assert 'are times in seconds' in in_ms
+    assert 'in ms, transverse motion: lies on no branch; the nearest is' in in_ms
+    # 141.42 rad/s sin(1/2) / 2 pi = 10.79 Hz, to half a frequency line of 1.25 Hz; conventional longitudinal ends at 77.97 Hz
+    moves = re.search(r'in ms moves at (0.01[01][0-9]*) Hz and the branches reach up to 78 Hz: are its times in mill', in_ms)
+    assert float(moves[1]) == pytest.approx(0.01079, abs=0.0007)
+    assert 'milliseconds' not in report({'loud': wave, 'quiet': noise})
+    assert table[7].split()[:5] == ['loud', 'transverse', '0.0', 'dB', str(len(wave[0].ridge.xi))]
+    write_ridges(tmp_path / 'ridges.csv', {'quiet': noise, 'loud': wave})
+    header, *rows = (tmp_path / 'ridges.csv').read_text().splitlines()
+    assert header == 'record,motion,xi_rad,sigma_xi_rad,frequency_Hz,sigma_frequency_Hz,power_m2,agrees_with'
+    assert {row.split(',')[7] for row in rows} == {'complete shear'}
+    assert len(rows) == len(wave[0].ridge.xi)
+    strongest = max((row.split(',') for row in rows), key=lambda row: float(row[6]))
+    assert strongest[:2] == ['loud', 'transverse']
+    # xi = 1, omega = 141.42 rad/s sin(1/2), a wave of 1 mm; the line of the map is up to half a bin away, which costs 1.4 dB each
+    assert [float(strongest[k]) for k in (2, 4)] == pytest.approx([1, 141.421356 * np.sin(0.5) / (2 * np.pi)], rel=1e-3)
+    assert 0.5e-6 < float(strongest[6]) < 1.01e-6

@@ -1,0 +1,165 @@
+"""The work-precision harness: errors, counts, times, the Pareto front, the table; and the chart that shows them."""
+
+import csv
+import time
+from itertools import count
+
+import numpy as np
+import pytest
+
+from workflows import accuracy
+from workflows.accuracy import Candidate, Measurement, cheapest, machine, measure, pareto_front, write_table
+from workflows.accuracy_plots import FLOOR, plot_work_precision
+from workflows.charts import Chart, panels_of, save_chart, work_precision
+
+
+def point(seconds, error, method='m', setting='', panel=''):
+    return Measurement(panel, method, setting or f'{seconds}', error, seconds, seconds, dict.fromkeys(accuracy.COUNTERS, 0))
+
+
+def trapezoid(n, cost):
+    """Integral of sin from 0 to pi, which is 2."""
+    cost['products'] += n
+    x = np.linspace(0, np.pi, n + 1)
+    return np.trapezoid(np.sin(x), x)
+
+
+def test_errors_and_counts_are_those_of_one_run():
+    steps = (10, 20, 40)
+    table = measure([Candidate('trapezoid', f'{n} steps', lambda cost, n=n: trapezoid(n, cost)) for n in steps],
+                    error=lambda answer: abs(answer - 2), repeats=3)
+    errors = [m.error for m in table]
+    # h^2/12 [f'(pi) - f'(0)] = -(pi/n)^2/6; the next term is (pi/n)^2/60 of it
+    np.testing.assert_allclose(errors, [(np.pi / n) ** 2 / 6 for n in steps], rtol=2e-3)
+    assert [m.cost for m in table] == [{'force evaluations': 0, 'products': n, 'eigensolves': 0} for n in steps]
+    assert [m.setting for m in table] == ['10 steps', '20 steps', '40 steps']
+
+
+def test_timed_runs_are_interleaved_after_one_that_is_not_timed(monkeypatch):
+    clock, ran = count(), []
+    monkeypatch.setattr(accuracy, 'perf_counter', lambda: next(clock))
+    table = measure([Candidate(name, '', lambda cost, name=name: ran.append(name) or 0.0) for name in 'ab'], float, repeats=3,
+                    patience=10)
+    assert ran == list('ab' * 4)
+    assert next(clock) == 12  # two looks at the clock for each of 2 x 3 runs, none for the first
+    assert [(m.seconds, m.median) for m in table] == [(1, 1), (1, 1)]
+
+
+def test_least_and_median_and_patience(monkeypatch):
+    takes = {'quick': iter([0.4, 0.1, 0.2, 0.3, 0.5]), 'slow': iter([3.0, 1.0])}
+    now = [0.0]
+    monkeypatch.setattr(accuracy, 'perf_counter', lambda: now[0])
+
+    def run(name):
+        runs = count()
+
+        def work(cost):
+            if next(runs):
+                now[0] += next(takes[name])
+            return 0.0
+        return work
+
+    quick, slow = measure([Candidate(name, '', run(name)) for name in takes], float, repeats=5, patience=2.0)
+    assert (quick.seconds, quick.median) == pytest.approx((0.1, 0.3))
+    assert slow.seconds == slow.median == 3.0  # its one run has exhausted the patience
+
+
+def test_the_time_is_that_of_the_run():
+    (slept,) = measure([Candidate('sleep', '', lambda cost: time.sleep(0.02) or 0.0)], float, repeats=2)
+    assert slept.seconds >= 0.02  # sleep never returns early
+
+
+@pytest.mark.parametrize('answer', [np.nan, np.inf])
+def test_a_run_that_went_astray_has_an_infinite_error(answer):
+    (lost,) = measure([Candidate('lost', '', lambda cost: answer)], float, repeats=1)
+    assert lost.error == np.inf
+    assert cheapest([lost], 1e9) is None
+    assert pareto_front([lost]) == []
+
+
+def test_what_cannot_be_told_apart_or_counted_is_refused():
+    twins = [Candidate('a', 'x', lambda cost: 0.0)] * 2
+    with pytest.raises(ValueError, match=r"2 candidates are called \('', 'a', 'x'\)"):
+        measure(twins, float)
+    with pytest.raises(ValueError, match=r"counter must be one of .*, not 'flops'"):
+        measure([Candidate('a', 'x', lambda cost: cost.update(flops=1) or 0.0)], float)
+    with pytest.raises(ValueError, match='repeats must be a whole number of at least 1'):
+        measure([], float, repeats=0)
+
+
+def test_the_front_holds_what_no_other_beats():
+    table = [point(1, 1e-2), point(2, 1e-2), point(2, 1e-4), point(3, 1e-3), point(4, 1e-9), point(0.5, 1), point(1, 1e-1)]
+    assert [(m.seconds, m.error) for m in pareto_front(table)] == [(0.5, 1), (1, 1e-2), (2, 1e-4), (4, 1e-9)]
+    beaten = [m for m in table if m not in pareto_front(table)]
+    for m in beaten:  # by definition: another one is no slower and no worse, and better in one of them
+        assert any(o.seconds <= m.seconds and o.error <= m.error and o != m for o in table)
+
+
+def test_the_cheapest_meets_the_tolerance():
+    table = [point(1, 1e-2), point(3, 1e-6), point(2, 1e-5), point(5, 1e-9)]
+    assert cheapest(table, 1e-4).seconds == 2
+    assert cheapest(table, 1e-6).seconds == 3
+    assert cheapest(table, 1e-10) is None
+
+
+def test_the_table_holds_every_run_and_the_machine(tmp_path):
+    table = [point(1, 1e-2, panel='N = 10'), point(2, 1e-1, panel='N = 10'), point(7, np.inf, panel='N = 20, chain')]
+    path = tmp_path / 'table.csv'
+    write_table(path, table, notes=['what it says'])
+    lines = path.read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith('#')))
+    assert [row['panel'] for row in rows] == ['N = 10', 'N = 10', 'N = 20, chain']
+    assert [float(row['error']) for row in rows] == [1e-2, 1e-1, np.inf]
+    assert [float(row['least_s']) for row in rows] == [1, 2, 7]
+    assert [row['front'] for row in rows] == ['1', '0', '0']
+    assert lines[-3] == '# what it says'
+    assert lines[-2:] == [f'# {line}' for line in machine()]
+    assert np.__version__ in lines[-1]
+
+
+def test_a_table_that_cannot_be_written_whole_is_not_written(tmp_path):
+    path = tmp_path / 'table.csv'
+    path.write_text('old')
+    with pytest.raises(KeyError):
+        write_table(path, [point(1, 1e-2), Measurement('', 'm', 's', 0.1, 1, 1, {})])
+    assert path.read_text() == 'old'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_machine_is_named_without_cpuinfo(monkeypatch, tmp_path):
+    monkeypatch.setattr(accuracy, 'Path', lambda path: tmp_path / path.lstrip('/'))
+    assert machine()[0].split(',')[0]
+
+
+def test_the_chart_shows_the_table():
+    table = [point(1, 1e-2, 'a'), point(2, 1e-4, 'a'), point(3, 1e-3, 'b'), point(5, np.inf, 'b'), point(9, 0.0, 'c')]
+    ax = plot_work_precision(table)
+    lines = {line.get_label(): line for line in ax.lines}
+    np.testing.assert_array_equal(lines['a'].get_xydata(), [(1, 1e-2), (2, 1e-4)])
+    np.testing.assert_array_equal(lines['b'].get_xydata(), [(3, 1e-3)])
+    np.testing.assert_array_equal(lines['c'].get_xydata(), [(9, FLOOR)])
+    np.testing.assert_array_equal(lines['Pareto front'].get_xydata(), [(1, 1e-2), (2, 1e-4), (9, FLOOR)])
+    assert len({lines[m].get_marker() for m in 'abc'}) == 3  # told apart in grey
+
+
+def test_a_chart_is_saved_with_its_table_and_its_reading(tmp_path):
+    table = [point(1, 1e-2, 'a', panel='small'), point(2, 1e-3, 'b', panel='small'), point(5, 1e-2, 'b', panel='large')]
+    chart = Chart('Which one', table, 'b is better.', error='error of it')
+    path, caption = save_chart(chart, tmp_path, 'which')
+    assert path.read_bytes().startswith(b'\x89PNG')
+    assert caption == 'Which one. b is better.'
+    assert '# b is better.' in (tmp_path / 'which.csv').read_text()
+    assert list(panels_of(chart.measurements)) == ['small', 'large']
+    figure = work_precision(chart)
+    assert [ax.get_title() for ax in figure.axes] == ['small', 'large']
+    assert figure.axes[0].get_ylabel() == 'error of it'
+    looks = [{line.get_label(): line.get_marker() for line in ax.lines} for ax in figure.axes]
+    assert looks[0]['b'] == looks[1]['b'] != looks[0]['a']
+
+
+def test_a_chart_may_draw_itself(tmp_path):
+    def draw(chart):
+        return plot_work_precision(chart.measurements).figure
+
+    plain, own = (Chart('t', [point(1, 0.1, panel='p')], 'r', draw=d) for d in (None, draw))
+    assert save_chart(plain, tmp_path, 'plain')[0].read_bytes() != save_chart(own, tmp_path, 'own')[0].read_bytes()
