@@ -291,7 +291,7 @@ FILE_CASES = {
     'scene missing': (lambda d: read_scene(d / 'lattice.toml'), 'lattice.toml', '"magphonon scene" lists scenes'),
     'scene is a directory': (lambda d: read_scene(d), 'cannot be read', '"magphonon scene" lists scenes'),
     'scene not TOML': (lambda d: in_file(b'spacing: 10 mm')(d, read_scene), 'line 1', 'scene prototype'),
-    'scene of bytes': (lambda d: in_file(b'title = "\xff"')(d, read_scene), '0xff', 'scene prototype'),
+    'scene of bytes': (lambda d: in_file(b'title = "\xff"')(d, read_scene), 'byte 10', 'scene prototype'),
     'scene empty': (lambda d: in_file(b'')(d, read_scene), "'title'", 'add a line that says what it is'),
 }
 

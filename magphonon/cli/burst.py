@@ -58,7 +58,10 @@ def _send(scene, k, cell, model):
     try:
         site, passage = scene.burst.send(k, cell, patch)
     except Diverged as error:
-        raise ValueError(f'burst {scene.burst.names[k]}, {model} simulation: {error}') from error
+        what = f'burst {scene.burst.names[k]}, {model} simulation'
+        if unstable := _unstable(cell):
+            raise ValueError(f'{what}: at {error.time:g} ms particles leave their cells. ' + ' '.join(unstable[1:])) from error
+        raise ValueError(f'{what}: {error}') from error
     if scene.vibrometer is not None:
         passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
     return patch, site, passage

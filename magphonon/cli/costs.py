@@ -18,7 +18,6 @@ from ..bands.bloch import bloch_modes
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
-from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP
 
 SHARE = 0.5
 """Of the memory that is free: what asks for more is refused, as the rest is needed by the system and by estimates that err."""
@@ -131,7 +130,11 @@ def uncertainty_cost(scene):
 
 
 def burst_cost(scene):
-    """Of `magphonon burst`."""
+    """Of `magphonon burst`; without a patch, which the command refuses, that of its start."""
+    from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP  # with time steps, which no other command needs
+
+    if scene.patch is None:
+        return Cost('burst', {'burst.duration_s': PICTURES_bytes}, PICTURES_s, 0)
     plan, particles = scene.burst, _particles(scene)
     row, top, length = particles**0.5, _top(scene), plan.duration_s * u.s
     steps = length * top / (2 * STEP)

@@ -280,7 +280,8 @@ class DrivenVerlet(VelocityVerlet):
             try:
                 for converged in self.irun(target - self.nsteps):
                     progress.update(self.nsteps - progress.n)
-                    if save and (converged or self.nsteps % every == 0):
+                    # at step 0 observers have looked already, and would look again in a run that goes on from there
+                    if save and self.nsteps and (converged or self.nsteps % every == 0):
                         save()
             except Diverged:
                 if save:

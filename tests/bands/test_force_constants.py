@@ -426,7 +426,7 @@ def test_round_off_along_z_does_not_make_a_layer_three_dimensional(seed):
     basis = [[0, 0, 0], [*rng.uniform(0.35, 0.65, 2), 0]]
     atoms = Atoms('Nd2', scaled_positions=basis, cell=cell, pbc=(1, 1, 0), masses=[0.7, 1.1])
     atoms.positions[:, 2] = rng.uniform(-20, 20)
-    atoms.calc = MagneticRepulsion(atoms, InversePower(b=6200.0, a=4.5824), cutoff=16.7, foundation=0.02)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=6200.0, a=4.5824), cutoff=16.7, foundation=0.02).balanced([0, 1])
     phonon = finite_displacements(atoms)
     phonon.force_constants[:, :, 2, :2] += rng.uniform(-1e-11, 1e-11) * abs(phonon.force_constants).max()
     path = atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc)

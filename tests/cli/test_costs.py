@@ -12,8 +12,8 @@ from magphonon.scenes.scene import read_scene, ready_scene
 
 MEASURE = """
 import resource, sys
-from magphonon import cli
-status = cli.main(sys.argv[1:])
+from magphonon.cli.main import main
+status = main(sys.argv[1:])
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, file=sys.stderr)
 sys.exit(status)
 """

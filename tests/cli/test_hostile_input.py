@@ -256,7 +256,7 @@ def test_nan_where_it_means_no_value_is_written(tmp_path):
 
 
 def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monkeypatch):
-    from magphonon.response import frf, normal_modes
+    from magphonon.response import frf
 
     def overflown(*arguments):
         response = receptance(*arguments)
@@ -266,7 +266,7 @@ def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monke
     file = tmp_path / 'my.toml'
     file.write_text(ready_scene('oscillator').read_text())
     with np.errstate(invalid='ignore'):
-        monkeypatch.setattr(normal_modes, 'receptance', overflown)
+        monkeypatch.setattr(frf, 'receptance', overflown)
         assert main(['frf', str(file), '-o', str(tmp_path / 'out')]) == 2
     said = capsys.readouterr().err
     assert said.startswith('magphonon: response would be ')
@@ -279,9 +279,8 @@ def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monke
 @pytest.mark.parametrize(('given', 'key'), [('a_percent = 450.0', 'a_percent = 450.0'), ('a = 20.6', 'a = 20.6'),
                                             ('a_percent = 51.0', 'a_percent = 51.0')])
 def test_tolerances_in_which_nothing_is_linear(given, key, scene_file):
-    scene = read_scene(scene_file({'a_percent = 0.45': given}, 'tolerances'))
     with pytest.raises(ValueError, match=f'uncertainty.{key} is .* of a, more than the 0.5 within which a linear propagation'):
-        scene.uncertainty.tolerances(scene)
+        read_scene(scene_file({'a_percent = 0.45': given}, 'tolerances'))
 
 
 def test_half_is_still_a_tolerance(scene_file):

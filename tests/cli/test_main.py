@@ -211,7 +211,7 @@ def test_every_public_name_is_there_and_listed():
     for name in magphonon.__all__:
         assert getattr(magphonon, name).__doc__, name
     assert {'Diverged', 'response', 'DrivenVerlet'} <= set(dir(magphonon))
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+    with pytest.raises(AttributeError, match="No magphonon attribute nonsense"):
         _ = magphonon.nonsense
 
 

@@ -40,6 +40,23 @@ def child(directory, engine, steps):
     os.rename(directory / 'partial.npz', directory / 'result.npz')
 
 
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_a_run_that_ends_before_its_first_checkpoint_starts_anew(engine, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    whole = prepare(engine)
+    whole[1].run(100, checkpoint=tmp_path / 'whole.npz', every=50)
+    with monkeypatch.context() as patch:
+        patch.setattr(DrivenVerlet, 'step', interrupted)
+        patch.setattr('magphonon.dynamics.engine.Blocks.advance', interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(engine)[1].run(100, checkpoint=tmp_path / 'state.npz', every=50)
+    run = prepare(engine)
+    run[1].run(100, checkpoint=tmp_path / 'state.npz', every=50)
+    assert same_bits(result(*whole), result(*run))
+
+
 @pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')
 @pytest.mark.parametrize(('engine', 'kills', 'steps'), [('ase', 6, 1200), ('numpy', 8, 4800), ('compiled', 6, 96_000)])
 def test_killed_at_random_moments_every_resume_ends_in_the_same_bits(engine, kills, steps, tmp_path):

@@ -6,15 +6,12 @@ from itertools import count
 
 import numpy as np
 import pytest
+from measurements import point
 
 from workflows import accuracy
 from workflows.accuracy import Candidate, Measurement, cheapest, machine, measure, pareto_front, write_table
 from workflows.accuracy_plots import FLOOR, plot_work_precision
 from workflows.charts import Chart, panels_of, save_chart, work_precision
-
-
-def point(seconds, error, method='m', setting='', panel=''):
-    return Measurement(panel, method, setting or f'{seconds}', error, seconds, seconds, dict.fromkeys(accuracy.COUNTERS, 0))
 
 
 def trapezoid(n, cost):

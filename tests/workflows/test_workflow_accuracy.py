@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from workflows.test_accuracy import point
+from measurements import point
 
 from workflows import accuracy_frf, accuracy_transient
 from workflows.accuracy_transient import SERIES, VERLET
