@@ -13,7 +13,7 @@ def test_every_dependency_has_its_licence_in_the_table():
     rows = [line.split(' | ') for line in (ROOT / 'docs' / 'licences.md').read_text().splitlines() if line.startswith('| ')][1:]
     known = {name.removeprefix('| '): licence for name, licence, _ in rows}
     for line in declared:
-        name = re.match(r'[\w-]+', line)[0].lower()
+        name = re.match(r'[\w-]+', line)[0].lower().replace('_', '-')
         assert known[name] not in ('', 'not stated'), f'{name}: run .ci/licences.py with all extras installed'
     assert 'LGPL' in known['ase']
     assert 'MPL' in known['tqdm']

@@ -11,12 +11,14 @@ from magphonon.cli import costs, main
 from magphonon.scenes.scene import read_scene, ready_scene
 
 MEASURE = """
-import resource, sys
+import sys
 from magphonon.cli.main import main
 status = main(sys.argv[1:])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, file=sys.stderr)
+peak = next(line for line in open('/proc/self/status') if line.startswith('VmHWM'))
+print(int(peak.split()[1]) * 1024, file=sys.stderr)
 sys.exit(status)
 """
+"""The peak of its own memory; what getrusage tells is at least that of the process which started it."""
 
 
 @pytest.fixture
@@ -81,9 +83,10 @@ def test_free_memory_is_that_of_the_system_and_within_limits():
     assert 0 < int(done.stdout) < 3 * 2**30
 
 
+@pytest.mark.skipif(not Path('/proc/self/status').exists(), reason='a system that tells memory otherwise')
 @pytest.mark.parametrize(('command', 'small', 'large'), [
     ('bands', {}, {'bands__points': 12000}),
-    ('frf', {'patch__side_m': 0.1, 'frf__points': 9}, {'patch__side_m': 0.25, 'frf__points': 9})])
+    ('frf', {'patch__side_m': 0.13, 'frf__points': 9}, {'patch__side_m': 0.25, 'frf__points': 9})])
 def test_estimates_of_memory_are_near(command, small, large, scene_file, tmp_path):
     """Peaks of resident memory of two runs: what the larger takes more is what is estimated, to a factor of three.
 
