@@ -7,6 +7,7 @@ from ase.md.verlet import VelocityVerlet
 from scipy.optimize import brentq
 
 from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, foundation_needed, lattices
+from magphonon.lattices.crystals import SYMBOL
 from magphonon.plotting.axes import COLOURS, UNSTABLE
 from magphonon.scenes.scene import reference
 from magphonon.stiffness.bond import MODELS, model_stiffness
@@ -242,7 +243,7 @@ def integrators(zeta):
     for number, law in enumerate((exact_split, explicit)):
         w = STEPS[growth_per_step(*law(STEPS, zeta)) < np.log(MOST_GROWTH)]
         n, a = len(w), 4.0
-        atoms = Atoms([lattices.SYMBOL] * (n + 1), [[0, 0, 0]] + [[1, 0, 0]] * n, masses=[1, *(a / w**2)])
+        atoms = Atoms([SYMBOL] * (n + 1), [[0, 0, 0]] + [[1, 0, 0]] * n, masses=[1, *(a / w**2)])
         atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), bonds=[(0, r) for r in range(1, n + 1)])
         atoms.set_constraint([FixAtoms([0]), FixedLine(np.arange(1, n + 1), (1, 0, 0))])
         atoms.positions[1:, 0] += 1e-9
