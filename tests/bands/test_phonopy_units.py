@@ -4,7 +4,7 @@ import numpy as np
 import phonopy
 import pytest
 from oracles import LAWS, lattice
-from scipy.constants import N_A, h, k
+from scipy.constants import N_A, e, h, k
 
 from magphonon import MagneticRepulsion, finite_displacements
 from magphonon.bands import in_phonopy_units, thermal_properties
@@ -89,3 +89,23 @@ def test_files_of_it_are_read_as_they_are(phonon, tmp_path):
 def test_a_phonon_in_other_units_is_refused(phonon):
     with pytest.raises(ValueError, match='not in mm, g and N'):
         in_phonopy_units(in_phonopy_units(phonon))
+
+
+@pytest.mark.peer
+@pytest.mark.filterwarnings('ignore:More than one OpenMP library')  # Euphonic then runs serially, which is all that is wanted
+def test_euphonic_reads_them_as_they_are(cell, phonon, tmp_path):
+    euphonic = pytest.importorskip('euphonic')
+    in_phonopy_units(phonon).save(tmp_path / 'THz.yaml', settings={'force_constants': True})
+    phonon.save(tmp_path / 'Hz.yaml', settings={'force_constants': True})
+    q = np.array([[0.0, 0, 0], [0.5, 0, 0], [2 / 3, 1 / 3, 0], [0.13, 0.31, 0]])
+
+    def frequencies_Hz(file):
+        """Of the motion in the plane, which lies above that along z, at zero."""
+        theirs = euphonic.ForceConstants.from_phonopy(path=tmp_path, summary_name=file).calculate_qpoint_phonon_modes(q)
+        return theirs.frequencies.to('meV').magnitude[:, len(cell):] * e / 1e3 / h
+
+    expected = bloch_modes(cell, q)[0] * 1e3 / (2 * np.pi)
+    # phonopy's atomic mass and elementary charge are older than those of Euphonic by 1e-7
+    np.testing.assert_allclose(frequencies_Hz('THz.yaml'), expected, rtol=1e-6)
+    # control: the file in mm, g and N, taken for Angstrom, u and eV
+    assert np.all(frequencies_Hz('Hz.yaml') > 1e9 * expected)
