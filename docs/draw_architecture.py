@@ -1,6 +1,7 @@
 """Draw the rooms of the package and their imports: `python docs/draw_architecture.py [SOURCE] [PICTURE]`.
 
-Each room stands above all that it imports.  SOURCE is a folder of Python modules, the package itself if it is not given.
+Each room stands above all that it imports.  An arrow is left out where a chain of other arrows says the same: the rooms may
+import from every floor below.  SOURCE is a folder of Python modules, the package itself if it is not given.
 """
 
 import ast
@@ -43,8 +44,17 @@ def floors(graph):
     return height
 
 
+def reduced(graph):
+    """The imports that no chain of other imports implies."""
+    below = {}
+    for room in sorted(graph, key=floors(graph).get):
+        below[room] = graph[room].union(*(below[target] for target in graph[room]))
+    return {room: {target for target in targets if not any(target in below[other] for other in targets)}
+            for room, targets in graph.items()}
+
+
 def draw(graph, path):
-    """Boxes floor by floor, an arrow for each import."""
+    """Boxes floor by floor, an arrow for each import that is not implied."""
     height, rows = floors(graph), defaultdict(list)
     for room in sorted(graph):
         rows[height[room]].append(room)
@@ -52,7 +62,7 @@ def draw(graph, path):
     figure = Figure((max(7, 1.35 * width), 0.9 * len(rows) + 0.5))
     ax = figure.add_axes((0, 0, 1, 1))
     at = {room: ((k + 0.5) * width / len(row), floor) for floor, row in rows.items() for k, room in enumerate(row)}
-    for room, targets in graph.items():
+    for room, targets in reduced(graph).items():
         for target in targets:
             ax.annotate('', at[target], at[room], zorder=1,
                         arrowprops={'arrowstyle': '-|>', 'color': '0.6', 'linewidth': 0.6, 'shrinkA': 9, 'shrinkB': 9})
