@@ -71,7 +71,7 @@ def draw(graph, path):
                 bbox={'boxstyle': 'round,pad=0.35', 'facecolor': 'white', 'edgecolor': '#0072B2'})
     ax.set(xlim=(-0.1, width + 0.1), ylim=(-0.6, len(rows) - 0.4))
     ax.axis('off')
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=min(150, 1600 / figure.get_figwidth()))
 
 
 if __name__ == '__main__':
