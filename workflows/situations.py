@@ -1,10 +1,10 @@
 """Hundreds of small scenes whose true errors are found by other means than those that estimate them.
 
-    bands       every rung against the exact sums over all neighbours, along the whole path
+    bands       every method against the exact sums over all neighbours, along the whole path
     peaks       the oscillator's motion at finite amplitude from one first integral and adaptive integration
     waveforms   velocity Verlet with short steps, extrapolated to none
 
-Each has a `plan` for a tolerance, and the `truth` about a rung: its error in what is asked.
+Each has a `plan` for a tolerance, and the `truth` about a method: its error in what is asked.
 """
 
 from dataclasses import dataclass, replace
@@ -78,10 +78,10 @@ class Bands:
     def _found(self):
         return {}
 
-    def truth(self, rung):
-        if rung.name not in self._found:
-            self._found[rung.name] = float(abs(self._omega(**rung.settings) - self._exact).max() / self._exact.max())
-        return self._found[rung.name]
+    def truth(self, method):
+        if method.name not in self._found:
+            self._found[method.name] = float(abs(self._omega(**method.settings) - self._exact).max() / self._exact.max())
+        return self._found[method.name]
 
 
 @dataclass(frozen=True)
@@ -146,11 +146,11 @@ class Peak:
 
         return vibration(brentq(excess, 0.5 * self.amplitude, 1.7 * self.amplitude, xtol=1e-12))[0]
 
-    def truth(self, rung):
-        if 'dt' in rung.settings:
-            x = self._true * rung.settings['dt'] / 2
+    def truth(self, method):
+        if 'dt' in method.settings:
+            x = self._true * method.settings['dt'] / 2
             return float(np.arcsin(x) / x - 1)
-        return abs(self._linear(rung.settings['model']) / self._true - 1)
+        return abs(self._linear(method.settings['model']) / self._true - 1)
 
 
 @dataclass(frozen=True)
@@ -208,10 +208,10 @@ class Waveform:
     def _linear(self):
         return {model: self._limit(model, share=1e-7) for model in MODELS}
 
-    def truth(self, rung):
-        if 'dt' in rung.settings:
-            return difference(self._verlet(rung.settings['dt'])[0], self._true)
-        return difference(self._linear[rung.settings['model']], self._true)
+    def truth(self, method):
+        if 'dt' in method.settings:
+            return difference(self._verlet(method.settings['dt'])[0], self._true)
+        return difference(self._linear[method.settings['model']], self._true)
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,7 @@ def situations(quick=False):
 
 
 def drawn(count, seed):
-    """As many of each sort but beams, at random, each with a tolerance: nothing in the ladder was adjusted to these.
+    """As many of each sort but beams, at random, each with a tolerance: nothing in the planner was adjusted to these.
 
     The oscillator stays below 0.03 L0: farther up, steep laws push it out between the upper two magnets.
     """

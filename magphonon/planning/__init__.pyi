@@ -11,8 +11,8 @@ from .peak import (
     turning as turning,
 )
 from .plan import (
+    Method as Method,
     Plan as Plan,
-    Rung as Rung,
     force_cost as force_cost,
     percent as percent,
     times as times,

@@ -1,13 +1,13 @@
-"""The ladder for bands: which model and how many shells of neighbours a band diagram, or one band edge, needs.
+"""The plan for bands: which model, and how many shells of neighbours, a band diagram or one band edge needs.
 
-The rungs are compared at a few wavevectors: the special points of the path and some between them, most of them near the
+The methods are compared at a few wavevectors: the special points of the path and some between them, most of them near the
 points, where long-ranged forces show, or at all of them where the lattice is unstable.  Neighbours are summed to a
 reach; beyond it they are a continuum, whose own motion averages out within a wavelength: what remains is the spring to a
 medium at rest, of rho particles per area,
 
     sum over r > R of (phi'' + phi'/r)/2  ->  pi rho integral of (r phi')'  =  pi rho R f(R)
 
-The reach doubles until a rung with half of it meets the tolerance.
+The reach doubles until a method with half of it meets the tolerance.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from ..bands.bloch import bloch_modes, cell_of_free_particles
 from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
-from .plan import ALL, EIGENSOLVE, Plan, Rung
+from .plan import ALL, EIGENSOLVE, Method, Plan
 
 REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
-"""Neighbours summed for the richest rung, in spacings."""
+"""Distances up to which neighbours are summed for the most complete method, in spacings."""
 STEP = 1.2
-"""Ratio of the numbers of shells of two rungs, or one shell more."""
+"""Ratio of the numbers of shells of successive methods, rounded down, but at least one shell more."""
 LINE = 6
 """Times farther on a line, where neighbours are few and no continuum is added."""
 FRACTIONS = (0, 0.03, 0.06, 0.1, 0.17, 0.25, 0.5, 0.75, 0.9, 0.97)
@@ -71,7 +71,7 @@ def plan_bands(atoms, path, tolerance, edge=None):
     Returns
     -------
     Plan
-        The settings of its rungs are `model` and `shells`, 'all' where the sums are exact.
+        The settings of its methods are `model` and `shells`, 'all' where the sums are exact.
 
     Raises
     ------
@@ -84,11 +84,11 @@ def plan_bands(atoms, path, tolerance, edge=None):
     for reach in REACHES:
         plan = _plan_within(atoms, path, tolerance, edge, q, reach, spent)
         spent = plan.cost
-        summed = [rung for rung in plan.rungs if rung.settings['shells'] != ALL]
-        good = [rung.settings['shells'] for rung in summed if rung.meets(tolerance)]
+        summed = [method for method in plan.methods if method.settings['shells'] != ALL]
+        good = [method.settings['shells'] for method in summed if method.meets(tolerance)]
         if good and 3 * good[0] <= summed[-1].settings['shells']:  # half the reach holds a quarter of the shells or more
             break
-        if plan.rungs[-1].cost < summed[-1].cost:  # the exact sum is cheaper than to look farther
+        if plan.methods[-1].cost < summed[-1].cost:  # the exact sum is cheaper than to look farther
             break
     return plan
 
@@ -104,19 +104,20 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     waves, doubt = (len(path.kpts), DOUBT) if edge is None else (1, DOUBT_AT_EDGE)
     at = f'at {waves} wavevectors' if waves > 1 else 'at its wavevector'
     bonds = np.cumsum([len(shell) for shell in shells])
-    rungs = [Rung(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
-                  bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), doubt, {'model': model, 'shells': int(k)})
-             for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
+    methods = [Method(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
+                      bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), doubt,
+                      {'model': model, 'shells': int(k)})
+               for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
     if hasattr(calc.potential, 'gaussians') and getattr(calc.potential, 'a', np.inf) > 1:
-        rungs.append(Rung('complete linear, all neighbours', f'Ewald sums {at}',
-                          bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
-                          {'model': 'complete', 'shells': ALL}))
+        methods.append(Method('complete linear, all neighbours', f'Ewald sums {at}',
+                              bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
+                              {'model': 'complete', 'shells': ALL}))
     farthest = shells[-1].lengths.mean() / shells[0].lengths.mean()
     evidence = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} spacings'
                 + (' and a continuum beyond' if continuum.any() else ''))
     what = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
     cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(errors) * len(q) * EIGENSOLVE * size**3
-    return Plan(*what, tolerance, tuple(rungs), (evidence,), spent + cost)
+    return Plan(*what, tolerance, tuple(methods), (evidence,), spent + cost)
 
 
 def _errors(atoms, q, edge, shells, counts, continuum):

@@ -1,4 +1,4 @@
-"""The ladder for the peak of a frequency response: whether its frequency needs D*, or moves with the amplitude.
+"""The plan for the peak of a frequency response: does its frequency need D*, and does it depend on the amplitude?
 
 In a mode e of frequency w, normalised to sum m e^2 = 1, D* has the share e D* e of w^2: without it the peak stands
 higher by about half of that over w^2.  A force F cos(W t) drives the mode to the amplitude e.F/(gamma W), which moves
@@ -18,7 +18,7 @@ from ..stability.amplitude_shifts import ALIKE, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.constraints import free_directions
 from ..stiffness.rest import at_rest
-from .plan import EIGENSOLVE, Plan, Rung, force_cost, percent
+from .plan import EIGENSOLVE, Method, Plan, force_cost, percent
 
 LONGEST_STEP = 0.5
 """Time step of a run, at most, as a share of the limit 2/omega_max."""
@@ -141,7 +141,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     Returns
     -------
     Plan
-        The settings of its rungs are `model` and, where time is stepped, `dt` in ms.
+        The settings of its methods are `model` and, where time is stepped, `dt` in ms.
     """
     calc = at_rest(atoms)
     peak = highest_peak(atoms, source, answer, omega, damping)
@@ -165,21 +165,22 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     points, nearest, free = len(omega), len(calc.bonds), free_directions(atoms).shape[1]
     top, shift_doubt = highest_frequency(atoms), 0.0 if free <= LARGE else DOUBT_ALONE
     if free <= SMALL:
-        method, price = f'a sum over {free} modes' if free > 1 else 'its closed form', EIGENSOLVE * free**3 + points * free
+        algorithm, cost = f'a sum over {free} modes' if free > 1 else 'its closed form', EIGENSOLVE * free**3 + points * free
     else:
         products = np.log(1e9) * top**2 / (2 * damping * omega[0])
-        method, price = f'a Chebyshev series of some {products:.0f} products with the stiffness', products * reduced(atoms).K.nnz
-    rungs = [Rung('conventional linear', method, price, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
-                  {'model': 'conventional'}),
-             Rung('complete linear', method, price, shift, shift_doubt, {'model': 'complete'})]
+        algorithm = f'a Chebyshev series of some {products:.0f} products with the stiffness'
+        cost = products * reduced(atoms).K.nnz
+    methods = [Method('conventional linear', algorithm, cost, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
+                      {'model': 'conventional'}),
+               Method('complete linear', algorithm, cost, shift, shift_doubt, {'model': 'complete'})]
     if force:
         dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
         steps = int(np.ceil(2 * np.log(HEADSTART / STEADY) / damping / dt))
-        rungs.append(Rung('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
-                          points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
-                          {'model': 'complete', 'dt': float(dt)}))
-    return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(rungs), tuple(evidence),
-                price + evaluations * nearest * force_cost(calc.dim))
+        methods.append(Method('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
+                              points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
+                              {'model': 'complete', 'dt': float(dt)}))
+    return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(methods), tuple(evidence),
+                cost + evaluations * nearest * force_cost(calc.dim))
 
 
 def turning(atoms, peak):

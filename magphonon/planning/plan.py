@@ -1,21 +1,23 @@
-"""No more model than a scene needs: rungs of modelling, each with its price and its error in what the scene asks for.
+"""A plan: the methods that could answer a question about a lattice, each with its predicted error and cost.
+
+The models behind the methods, from the simplest to the most complete:
 
     conventional linear    D0: frozen bond directions
     complete linear        D0 + D*: the static forces turn with the bonds
     more shells            up to all neighbours, in infinite lattices
     nonlinear              the law itself, in time steps
 
-The error of a rung is its difference from the richest one, in the quantity wanted: a band edge, the peak of a response,
-a waveform.  It is estimated, not run; the plan takes the cheapest rung whose error, with the doubt about it, meets
-the tolerance.
+The error of a method is its difference from the most complete one in the wanted quantity: a band edge, the peak of a
+response, a waveform.  The error is estimated without running the method; the plan takes the cheapest method whose error,
+including the uncertainty of this estimate, meets the tolerance.
 
-Prices are counted in multiplications, which no machine changes.
+Costs are counted in multiplications, because these are the same on every machine.
 """
 
 from dataclasses import dataclass
 
 ALL = 'all'
-"""Shells of a rung with all neighbours."""
+"""Number of shells of a method that sums over all neighbours."""
 LAW = 16
 """Multiplications of one evaluation of the law, by its polynomial."""
 EIGENSOLVE = 10
@@ -23,25 +25,25 @@ EIGENSOLVE = 10
 
 
 @dataclass(frozen=True)
-class Rung:
-    """A model, the cheapest method that answers by it, its price and its error.
+class Method:
+    """A model with the cheapest algorithm that answers by it, its cost and its error.
 
     Attributes
     ----------
     name : str
-    method : str
+    algorithm : str
     cost : float
         In multiplications.
     error : float
-        Estimated difference from the richest rung in the quantity wanted, relative as the plan says.
+        Estimated difference from the most complete method in the wanted quantity, relative to what `Plan.measure` names.
     doubt : float
         Relative uncertainty of this estimate.
     settings : dict
-        What the run is told.
+        Arguments of the run.
     """
 
     name: str
-    method: str
+    algorithm: str
     cost: float
     error: float
     doubt: float
@@ -49,17 +51,17 @@ class Rung:
 
     @property
     def at_most(self):
-        """The error at the upper end of the doubt."""
+        """The error at the upper end of its uncertainty."""
         return self.error * (1 + self.doubt)
 
     def meets(self, tolerance):
-        """Whether the error is surely within the tolerance."""
+        """Whether the error meets the tolerance even at the upper end of its uncertainty."""
         return self.at_most <= tolerance
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The rungs for one quantity and the tolerance for it.
+    """The methods for one quantity and the tolerance for it.
 
     Attributes
     ----------
@@ -68,8 +70,8 @@ class Plan:
     measure : str
         What its error is relative to.
     tolerance : float
-    rungs : tuple of Rung
-        From poor to rich.
+    methods : tuple of Method
+        From the simplest to the most complete.
     evidence : tuple of str
         Sentences that say where the estimates come from.
     cost : float
@@ -79,39 +81,39 @@ class Plan:
     quantity: str
     measure: str
     tolerance: float
-    rungs: tuple
+    methods: tuple
     evidence: tuple
     cost: float
 
     @property
     def choice(self):
-        """The cheapest rung that meets the tolerance.
+        """The cheapest method that meets the tolerance.
 
         Raises
         ------
         ValueError
             If none does.
         """
-        good = [rung for rung in self.rungs if rung.meets(self.tolerance)]
+        good = [method for method in self.methods if method.meets(self.tolerance)]
         if not good:
-            best = min(self.rungs, key=lambda rung: rung.error)
+            best = min(self.methods, key=lambda method: method.error)
             raise ValueError(f'no model here gives {self.quantity} to {percent(self.tolerance)}: '
                              f'the best, {best.name}, is off by {percent(best.error)}; allow more')
-        return min(good, key=lambda rung: rung.cost)
+        return min(good, key=lambda method: method.cost)
 
     def report(self):
-        """The rungs as a table, the choice and its reasons, in words for a terminal."""
+        """The methods as a table, the choice and its reasons, in words for a terminal."""
         choice = self.choice
-        shown = [rung for k, rung in enumerate(self.rungs) if k in (0, 1, len(self.rungs) - 1) or rung is choice
-                 or (k + 1 < len(self.rungs) and self.rungs[k + 1] is choice)]
-        width = max(len(rung.name) for rung in shown)
+        shown = [method for k, method in enumerate(self.methods) if k in (0, 1, len(self.methods) - 1) or method is choice
+                 or (k + 1 < len(self.methods) and self.methods[k + 1] is choice)]
+        width = max(len(method.name) for method in shown)
         lines = [f'{self.quantity}, to {percent(self.tolerance)} of {self.measure}',
                  f'  {"model":{width}}  {"error":>9}  {"at most":>9}  multiplications']
-        lines += [f'  {rung.name:{width}}  {percent(rung.error):>9}  {percent(rung.at_most):>9}  {rung.cost:8.1e}'
-                  + '  <- enough' * (rung is choice) for rung in shown]
-        dear = max(self.rungs, key=lambda rung: rung.cost)
+        lines += [f'  {method.name:{width}}  {percent(method.error):>9}  {percent(method.at_most):>9}  {method.cost:8.1e}'
+                  + '  <- enough' * (method is choice) for method in shown]
+        dear = max(self.methods, key=lambda method: method.cost)
         saved = f', {times(dear.cost / choice.cost)} cheaper than {dear.name}' if dear.cost > 2 * choice.cost else ''
-        return '\n'.join([*lines, f'  Enough: {choice.name}, by {choice.method}{saved}.',
+        return '\n'.join([*lines, f'  Enough: {choice.name}, by {choice.algorithm}{saved}.',
                           *(f'  {fact[0].upper()}{fact[1:]}.' for fact in self.evidence)])
 
 

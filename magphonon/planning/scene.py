@@ -27,7 +27,7 @@ class Wanted:
         Of its files.
     plan : Plan
     answer : function
-        Of a folder and the settings of a rung; writes the data there.
+        Of a folder and the settings of a method; writes the data there.
     notes : tuple of str
         What the plan leaves out.
     """
@@ -42,7 +42,7 @@ class Wanted:
         return '\n'.join([self.plan.report(), *(f'  {note}' for note in self.notes)])
 
     def run(self, folder):
-        """Run the rung that was chosen and write its data into the folder, as plan_NAME: `bands` and `frf` write others."""
+        """Run the method that was chosen and write its data into the folder, as plan_NAME: `bands` and `frf` write others."""
         self.answer(folder / f'plan_{self.name}', **self.plan.choice.settings)
 
 
@@ -71,7 +71,7 @@ def scene_plans(scene, tolerance):
 
 
 def _cell(scene, shells=1):
-    """The cell of a scene with as many shells of neighbours as a rung asks for, whatever the scene says."""
+    """The cell of a scene with as many shells of neighbours as a method asks for, whatever the scene says."""
     from ..stiffness.all_neighbours import AllNeighbours
     from ..stiffness.calculator import MagneticRepulsion
 
@@ -91,11 +91,12 @@ def _bands(scene, tolerance):
     if scene.plan is not None and scene.plan.edge is not None:
         point, branch = scene.plan.edge, scene.plan.branch
         edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
-    return Wanted('bands', plan_bands(atoms, path, tolerance, edge), lambda file, **rung: _write_bands(scene, file, edge, **rung))
+    return Wanted('bands', plan_bands(atoms, path, tolerance, edge),
+                  lambda file, **settings: _write_bands(scene, file, edge, **settings))
 
 
 def _beyond_nearest(scene):
-    """What no rung of a patch has: its rim balances nearest neighbours only."""
+    """What no method of a patch has: its rim balances nearest neighbours only."""
     return (f'All this is for nearest neighbours, which alone the rim of a patch balances; all others would move the bands by '
             f'{percent(_error_of_shells(scene, 1))}.')
 
@@ -121,9 +122,9 @@ def _error_of_shells(scene, shells):
     """Error of the complete bands with no more than so many shells of neighbours, relative as that of `plan_bands`."""
     from .bands import plan_bands
 
-    rungs = plan_bands(_cell(scene), scene.lattice.path(None, 60), tolerance=1.0).rungs
-    summed = [rung for rung in rungs if rung.settings['model'] == 'complete' and rung.settings['shells'] != ALL]
-    return [rung for rung in summed if rung.settings['shells'] <= shells][-1].error
+    methods = plan_bands(_cell(scene), scene.lattice.path(None, 60), tolerance=1.0).methods
+    summed = [method for method in methods if method.settings['model'] == 'complete' and method.settings['shells'] != ALL]
+    return [method for method in summed if method.settings['shells'] <= shells][-1].error
 
 
 def _write_bands(scene, file, edge, model, shells):
@@ -151,7 +152,7 @@ def _peak(scene, tolerance):
     notes = () if force else ('The response is that to a vanishing force; [plan] force_N = ... asks for another.',)
     if not scene.single:
         notes += (_beyond_nearest(scene),)
-    return Wanted('frf', plan, lambda file, **rung: _write_response(scene, file, force, **rung), notes)
+    return Wanted('frf', plan, lambda file, **settings: _write_response(scene, file, force, **settings), notes)
 
 
 def _write_response(scene, file, force, model, dt=None):
@@ -185,7 +186,7 @@ def _burst(scene, tolerance, k):
     burst = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
     found = replace(found, quantity=burst)
     return Wanted(f'burst_{plan.names[k]}', found,
-                  lambda file, **rung: _write_waveform(scene, file, where.row, drive, damping, duration, **rung),
+                  lambda file, **settings: _write_waveform(scene, file, where.row, drive, damping, duration, **settings),
                   (_beyond_nearest(scene),))
 
 

@@ -1,4 +1,4 @@
-"""The ladder for waveforms: whether the passage of a burst needs D*, and whether it needs the law itself, in time steps.
+"""The plan for waveforms: does the passage of a burst need D*, and does it need time steps with the nonlinear law?
 
 The exact linear answers tell what D* does, and the largest strain s of a bond bounds what the linear law leaves out:
 its next term is (a + 1) s/2 of it, for a force that falls as r^-a.  Only where this bound does not decide, a pilot runs with
@@ -25,7 +25,7 @@ from ..response.propagation import propagate
 from ..stiffness.bond import MODELS
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.repulsion import repulsion_of
-from .plan import Plan, Rung, force_cost, percent
+from .plan import Method, Plan, force_cost, percent
 
 PILOT_STEP = 0.25
 """Time step of the pilot as a share of the limit 2/omega_max."""
@@ -110,7 +110,7 @@ def plan_beam(cell, patch, where, drive, damping, duration, tolerance):
     copies = np.sum(patch.get_tags() != RIM) / len(inside)
     beam = replace(drive, particles=lowest, amplitude=abs(drive.amplitude).max())
     plan = plan_waveform(pilot, beam, inside[:: len(cell)], damping, duration, tolerance, copies, IN_A_PATCH, SIDES)
-    linear = plan.rungs[1]
+    linear = plan.methods[1]
     by_bound = linear.doubt == IN_A_PATCH  # without a pilot
     if by_bound or linear.error > OVERSTATED * tolerance:
         return plan
@@ -144,7 +144,7 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
     Returns
     -------
     Plan
-        The settings of its rungs are `model` and, where time is stepped, `dt` in ms.
+        The settings of its methods are `model` and, where time is stepped, `dt` in ms.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
     strain = _strain(calc, exact)
     nonlinear = CAUTION * max(1.0, np.sqrt(len(row) / ALONG)) * steepness(calc) / 2 * strain
     stepping = drive.omega**3 * dt**2 * duration / 24  # the frequency w of a wave is wrong by w (w dt)^2/24
-    price = len(calc.bonds) * force_cost(calc.dim)
+    force = len(calc.bonds) * force_cost(calc.dim)
     evidence = [f'D* changes it by {percent(frozen)}'
                 + (f', and by up to {percent(sides)} at the sides of the beam' if sides else ''),
                 f'bonds stretch and turn by {percent(strain)} at most, so nonlinearity changes it by less than '
@@ -176,7 +176,7 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
             loud, soft = (_stepped(atoms, replace(drive, amplitude=share * drive.amplitude), row, damping, dt / fine,
                                    interval * fine, steps * fine) / share for share in (1, WHISPER))
             nonlinear, stepping = difference(loud, soft), difference(soft, exact[:, row]) * fine**2
-            cost += 2 * steps * fine * price
+            cost += 2 * steps * fine * force
             if doubt or abs(nonlinear / tolerance - 1) > 2 * own_doubt:
                 break
         evidence[1] = (f'nonlinearity changes it by {percent(nonlinear)}, as a pilot of {len(atoms)} particles and '
@@ -185,16 +185,16 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
             evidence.append('at such a strength nothing tells how long the time step may be: halve it, and compare')
     doubt += own_doubt
 
-    rungs = []
+    methods = []
     for model, error in (('conventional', frozen + sides + nonlinear), ('complete', nonlinear)):
         products, entries = linear[model].products, reduced(as_model(atoms, model)).K.nnz
-        rungs.append(Rung(f'{model} linear', f'exact propagation in {products} products with the stiffness',
-                          copies * products * entries, error, doubt, {'model': model}))
+        methods.append(Method(f'{model} linear', f'exact propagation in {products} products with the stiffness',
+                              copies * products * entries, error, doubt, {'model': model}))
     dt_run = min(dt * np.sqrt(SHARE * tolerance / stepping), LONGEST_STEP * 2 / top)
     count = int(np.ceil(duration / dt_run))
-    rungs.append(Rung('nonlinear', f'velocity Verlet in {count} steps', copies * count * price,
-                      float(stepping * (dt_run / dt) ** 2), doubt, {'model': 'complete', 'dt': float(dt_run)}))
-    return Plan('Waveform', 'its rms', tolerance, tuple(rungs), tuple(evidence), cost)
+    methods.append(Method('nonlinear', f'velocity Verlet in {count} steps', copies * count * force,
+                          float(stepping * (dt_run / dt) ** 2), doubt, {'model': 'complete', 'dt': float(dt_run)}))
+    return Plan('Waveform', 'its rms', tolerance, tuple(methods), tuple(evidence), cost)
 
 
 def steepness(calc):

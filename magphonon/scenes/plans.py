@@ -89,7 +89,7 @@ class FrfPlan(Table):
         return self.damping_per_s / u.s
 
 
-class LadderPlan(Table):
+class PlanTable(Table):
     """What a plan of the least model needs to know beyond the other tables."""
 
     edge: Text | None = None

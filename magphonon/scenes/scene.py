@@ -21,7 +21,7 @@ from .design import DesignPlan
 from .fields import Table, Text, fault, raise_all
 from .lattices import ALL, AnyLattice, Oscillator, Patch
 from .laws import Law, MagnetsLaw
-from .plans import BandPlan, BurstPlan, FrfPlan, LadderPlan, VibrometerPlan
+from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
 from .supports import Foundation
 from .tolerances import Uncertainty
 
@@ -56,7 +56,7 @@ class Scene(Table):
     frf: FrfPlan | None = None
     burst: BurstPlan | None = None
     vibrometer: VibrometerPlan | None = None
-    plan: LadderPlan | None = None
+    plan: PlanTable | None = None
     uncertainty: Uncertainty | None = None
     design: DesignPlan | None = None
 

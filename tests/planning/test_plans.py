@@ -19,7 +19,7 @@ from magphonon import (
 )
 from magphonon.planning.bands import plan_bands
 from magphonon.planning.peak import plan_peak
-from magphonon.planning.plan import Plan, Rung
+from magphonon.planning.plan import Method, Plan
 from magphonon.planning.scene import scene_plans
 from magphonon.planning.waveform import plan_waveform, strip
 from magphonon.response import propagation
@@ -29,7 +29,7 @@ from magphonon.response.stepped import stepped_response
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.stability.amplitude_shifts import frequency_shifts, vibration
 from magphonon.stiffness import bond
-from workflows.ladder import judge, met_by, without_amplitude, without_dstar
+from workflows.planning import judge, met_by, without_amplitude, without_dstar
 from workflows.situations import Bands, Beam, Peak, Waveform
 
 LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
@@ -119,7 +119,7 @@ def test_a_vibration_through_the_magnets_is_refused_as_none():
 
 
 def sample():
-    """Some situations of each sort; `python -m workflows.ladder` judges hundreds."""
+    """Some situations of each sort; `python -m workflows.planning` judges hundreds."""
     yield from (Bands('triangular', InversePower(1.0, 4.58), 0.5), Bands('kagome', LAW, 12.0, 'M'))
     yield Bands('honeycomb', YUKAWA, 12.0)
     yield from (Peak(LAW, 0, 0.02), Peak(YUKAWA, 90, 0.08), Peak(InversePower(1.0, 3.0), 45, 1e-3))
@@ -147,12 +147,12 @@ def test_a_strip_does_not_promise_for_a_beam():
     assert beam.truth(beam.plan(tolerance).choice) <= tolerance
 
 
-def test_the_cheapest_rung_that_is_surely_good_enough_is_taken():
-    rungs = (Rung('poor', '', 1, 0.5, 0.0, {}), Rung('doubtful', '', 2, 0.009, 0.5, {}), Rung('good', '', 3, 0.009, 0.1, {}),
-             Rung('better', '', 9, 0.0, 0.0, {}))
-    assert Plan('it', 'itself', 0.01, rungs, (), 0.0).choice.name == 'good'
+def test_the_cheapest_method_that_is_surely_good_enough_is_taken():
+    methods = (Method('poor', '', 1, 0.5, 0.0, {}), Method('doubtful', '', 2, 0.009, 0.5, {}),
+               Method('good', '', 3, 0.009, 0.1, {}), Method('better', '', 9, 0.0, 0.0, {}))
+    assert Plan('it', 'itself', 0.01, methods, (), 0.0).choice.name == 'good'
     with pytest.raises(ValueError, match=r'no model here gives it to 0.1 %: .* off by 0.9 %; allow more'):
-        _ = Plan('it', 'itself', 0.001, rungs[:3], (), 0.0).choice
+        _ = Plan('it', 'itself', 0.001, methods[:3], (), 0.0).choice
 
 
 @pytest.mark.parametrize(('name', 'settings'), [
@@ -247,7 +247,7 @@ def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
         return record.displacements[1:] / share
 
     plan = plan_waveform(pilot, burst, inside, 0.0, duration, 10.0)
-    linear, run = plan.rungs[1:]
+    linear, run = plan.methods[1:]
     loud, soft = stepped(1, 0.05), stepped(1e-4, 0.05)
     nonlinear = np.linalg.norm(loud - soft) / np.linalg.norm(soft)
     assert 0.4 * linear.error < nonlinear < linear.error  # without its factor of five the bound would fail
@@ -262,7 +262,7 @@ def test_what_dstar_does_to_a_peak_is_known_to_first_order_only():
     atoms = lattices.parallelogram(lattices.triangular(1.0, 1.0), 5, 5)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 1.5), foundation=3.0)
     place, omega = (int(np.flatnonzero(atoms.get_tags() == 0)[0]), np.array([1.0, 0, 0])), np.linspace(1.5, 3.0, 1501)
-    frozen = plan_peak(atoms, place, place, omega, 0.02, 0.5).rungs[0]
+    frozen = plan_peak(atoms, place, place, omega, 0.02, 0.5).methods[0]
     peak = {}
     for model in bond.MODELS:
         other = atoms.copy()
@@ -320,7 +320,7 @@ def test_one_particle_needs_no_lattice(monkeypatch):
                  'magphonon.stiffness.calculator.find_bonds', 'magphonon.response.frf.chebyshev_blocks'):
         monkeypatch.setattr(name, lattice)
     (wanted,) = scene_plans(scene, 1e-3)
-    assert wanted.plan.choice.method == 'its closed form'
+    assert wanted.plan.choice.algorithm == 'its closed form'
 
 
 # --- scenes and the command ------------------------------------------------------------------------------------------
@@ -336,7 +336,7 @@ def test_the_plan_of_an_edge_is_that_of_its_frequency():
     """Of the prototype's shear at M all neighbours make 67.4 Hz out of 58.2: 14 %."""
     scene = read_scene(ready_scene('prototype'))
     plan = next(iter(scene_plans(scene, 1e-2))).plan
-    nearest = next(rung for rung in plan.rungs if rung.settings == {'model': 'complete', 'shells': 1})
+    nearest = next(method for method in plan.methods if method.settings == {'model': 'complete', 'shells': 1})
     assert nearest.error == pytest.approx(1 - 58.2326897819 / 67.4, abs=1e-3)  # 67.4 has three digits
 
 

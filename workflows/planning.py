@@ -1,7 +1,7 @@
-"""No more model than a scene needs: do the rungs that are chosen meet the tolerance, and is none too dear?
+"""Plans judged: do the chosen methods meet the tolerance, and does none cost far more than the cheapest that would have?
 
-`python -m workflows.ladder` judges a thousand on a grid and three hundred drawn at random, in some four minutes;
-`python -m workflows ladder` a few of each sort.
+`python -m workflows.planning` judges a thousand on a grid and three hundred drawn at random, in some four minutes;
+`python -m workflows planning` a few of each sort.
 """
 
 import sys
@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from magphonon import InversePower
-from magphonon.planning.plan import Plan, Rung
+from magphonon.planning.plan import Method, Plan
 from magphonon.plotting.axes import COLOURS
 
 from .checks import Check, Outcome, save_picture
@@ -27,18 +27,18 @@ class Verdict:
 
     Attributes
     ----------
-    situation : object with truth(rung)
+    situation : object with truth(method)
     plan : Plan
-    choice : Rung
+    choice : Method
     truth : float
         True error of the choice.
     ratio : float
-        Its price over that of the cheapest rung that would have met the tolerance.
+        Its cost over that of the cheapest method that would have met the tolerance.
     """
 
     situation: object
     plan: Plan
-    choice: Rung
+    choice: Method
     truth: float
     ratio: float
 
@@ -59,32 +59,32 @@ def judge_drawn(count, seed=0):
 
 
 def verdict(situation, plan):
-    """The choice of a plan, its true error, and the cheapest rung that would have done."""
+    """The choice of a plan, its true error, and the cheapest method that would have done."""
     choice = plan.choice
-    cheaper = sorted((rung for rung in plan.rungs if rung.cost < choice.cost), key=lambda rung: rung.cost)
-    least = next((rung.cost for rung in cheaper if situation.truth(rung) <= plan.tolerance), choice.cost)
+    cheaper = sorted((method for method in plan.methods if method.cost < choice.cost), key=lambda method: method.cost)
+    least = next((method.cost for method in cheaper if situation.truth(method) <= plan.tolerance), choice.cost)
     return Verdict(situation, plan, choice, situation.truth(choice), choice.cost / least)
 
 
 def without_dstar(plan):
     """The plan of one who takes D* for nothing."""
-    by_rest = {_but_model(rung): rung for rung in plan.rungs if rung.settings['model'] == 'complete'}
-    return replace(plan, rungs=tuple(
-        replace(rung, error=by_rest[_but_model(rung)].error, doubt=0.0) if rung.settings['model'] == 'conventional' else rung
-        for rung in plan.rungs))
+    by_rest = {_but_model(method): method for method in plan.methods if method.settings['model'] == 'complete'}
+    return replace(plan, methods=tuple(
+        method if method.settings['model'] == 'complete' else replace(method, error=by_rest[_but_model(method)].error, doubt=0.0)
+        for method in plan.methods))
 
 
-def _but_model(rung):
-    return tuple((key, value) for key, value in rung.settings.items() if key != 'model')
+def _but_model(method):
+    return tuple((key, value) for key, value in method.settings.items() if key != 'model')
 
 
 def without_amplitude(plan):
     """The plan of one who takes every motion for small."""
-    if not any('dt' in rung.settings for rung in plan.rungs):
+    if not any('dt' in method.settings for method in plan.methods):
         return plan
-    shift = next(rung.error for rung in plan.rungs if rung.settings == {'model': 'complete'})
-    return replace(plan, rungs=tuple(rung if 'dt' in rung.settings else replace(rung, error=max(rung.error - shift, 0.0))
-                                     for rung in plan.rungs))
+    shift = next(method.error for method in plan.methods if method.settings == {'model': 'complete'})
+    return replace(plan, methods=tuple(method if 'dt' in method.settings else
+                                       replace(method, error=max(method.error - shift, 0.0)) for method in plan.methods))
 
 
 def met_by(distort, verdicts):
@@ -98,15 +98,15 @@ def statistics(verdicts):
     lines = []
     for kind in dict.fromkeys(type(v.situation).__name__ for v in verdicts):
         own = [v for v in verdicts if type(v.situation).__name__ == kind]
-        share = np.median([v.plan.cost / max(rung.cost for rung in v.plan.rungs) for v in own])
+        share = np.median([v.plan.cost / max(method.cost for method in v.plan.methods) for v in own])
         off = [v.choice.error / v.truth for v in own if v.truth > 1e-12 and v.choice.error > 0]
         lines.append(f'{kind.lower():9} {len(own):4} cases, {sum(v.met for v in own):4} met, '
-                     f'worst price ratio {max(v.ratio for v in own):.2f}, '
+                     f'worst cost ratio {max(v.ratio for v in own):.2f}, '
                      f'estimate/truth {np.min(off):.2g} to {np.max(off):.2g} (median {np.median(off):.2f}), '
-                     f'the estimate costs {share:.1g} of the dearest rung (median)')
+                     f'the estimate costs {share:.1g} of the most expensive method (median)')
     ratio = max(v.ratio for v in verdicts)
     met = [v.met for v in verdicts]
-    lines.append(f'all       {len(met):4} cases, {sum(met):4} met ({np.mean(met):.1%}), worst price ratio {ratio:.2f}')
+    lines.append(f'all       {len(met):4} cases, {sum(met):4} met ({np.mean(met):.1%}), worst cost ratio {ratio:.2f}')
     return '\n'.join(lines)
 
 
@@ -115,8 +115,9 @@ def main(out, quick=True):
     verdicts = judge(situations(quick), TOLERANCES[::2] if quick else TOLERANCES)
     missed, dearest = np.mean([not v.met for v in verdicts]), max(v.ratio for v in verdicts)
     checks = [
-        Check(f'ladder: share of {len(verdicts)} plans whose rung misses the tolerance', missed, 0.0, 1 - MET, consistency=True),
-        Check('ladder: price of a choice over the cheapest that would have done, above 1', dearest - 1, 0.0, DEAR - 1,
+        Check(f'planning: share of {len(verdicts)} plans whose method misses the tolerance', missed, 0.0, 1 - MET,
+              consistency=True),
+        Check('planning: cost of a choice over the cheapest that would have done, above 1', dearest - 1, 0.0, DEAR - 1,
               consistency=True),
         Check('control: share met where D* is ignored', met_by(without_dstar, verdicts), 1.0, 0.05, control=True),
         Check('control: share met where the amplitude is ignored', met_by(without_amplitude, verdicts), 1.0, 0.05, control=True),
@@ -128,7 +129,7 @@ MARKERS = {'Bands': 'o', 'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
 
 
 def draw(out, verdicts):
-    """Estimates over truths, and the rung chosen for the oscillator over amplitude and tolerance."""
+    """Estimates over truths, and the method chosen for the oscillator over amplitude and tolerance."""
     from matplotlib.figure import Figure
 
     figure = Figure((9.2, 4.0), layout='constrained')
@@ -141,12 +142,12 @@ def draw(out, verdicts):
                   linestyle='', label=kind.lower())
     ends = np.array([1e-9, 1.0])
     ax.plot(ends, ends, color='0.4', lw=0.8, label='estimate = truth')
-    ax.set(xlabel='true relative error of the rung chosen', ylabel='estimated', xlim=ends, ylim=ends)
+    ax.set(xlabel='true relative error of the method chosen', ylabel='estimated', xlim=ends, ylim=ends)
     ax.legend(fontsize=8)
 
     amplitudes = np.logspace(-3, -0.8, 40)
-    ladders = [Peak(InversePower(1.0, 4.0), 45, A).plan(1e-5).rungs for A in amplitudes]
-    frozen, linear = ([ladder[k].error * (1 + ladder[k].doubt) for ladder in ladders] for k in (0, 1))
+    plans = [Peak(InversePower(1.0, 4.0), 45, A).plan(1e-5).methods for A in amplitudes]
+    frozen, linear = ([plan[k].error * (1 + plan[k].doubt) for plan in plans] for k in (0, 1))
     for low, high, grey, place, name in ((frozen, 1, '0.97', (4e-3, 0.3), 'conventional linear'),
                                          (linear, frozen, '0.87', (4e-3, 3e-3), 'complete linear'),
                                          (1e-5, linear, '0.72', (7e-2, 5e-5), 'nonlinear')):
@@ -155,7 +156,7 @@ def draw(out, verdicts):
     regions.set(xscale='log', yscale='log', xlim=amplitudes[[0, -1]], ylim=(1e-5, 1),
                 xlabel=r'amplitude at the peak / $L_0$', ylabel='tolerance of the peak frequency',
                 title='oscillator at 45 degrees: the least model')
-    return save_picture(figure, out / 'ladder.png', 'Left: the errors that the ladder estimates against the true ones; those far '
+    return save_picture(figure, out / 'planning.png', 'Left: the errors that the plans estimate against the true ones; those far '
                         'above the line are bounds. Right: the least model for the resonance of the oscillator.')
 
 
