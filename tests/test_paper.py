@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, sound_speeds, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions.pair_laws import repulsion
+from magphonon.scenes.supports import Pillar
 from magphonon.stiffness.matrices import condense, signed_root
 
 # The numbers are given to ten digits or more.
@@ -144,11 +145,11 @@ def test_prototype_law(paper, prototype):
 
 def test_prototype_pillar(paper):
     numbers = paper['prototype']
-    I = np.pi * (numbers['pillar_radius'] * u.m) ** 4 / 4
-    k = 3 * numbers['youngs_modulus'] * u.Pa * I / (numbers['pillar_height'] * u.m) ** 3
-    assert k / (u.N / u.m) == pytest.approx(numbers['k_eq'], rel=PRINTED)
-    # the control: with the printed word, diameter, the pillar would be sixteen times softer
-    assert k / 16 / (u.N / u.m) < 2
+    of_paper = {'youngs_modulus_Pa': numbers['youngs_modulus'], 'height_m': numbers['pillar_height']}
+    pillar = Pillar(radius_m=numbers['pillar_radius'], **of_paper)
+    assert pillar.stiffness_N_per_m == pytest.approx(numbers['k_eq'], rel=PRINTED)
+    # control: with the printed number taken for a diameter the pillar would be sixteen times softer
+    assert Pillar(radius_m=numbers['pillar_radius'] / 2, **of_paper).stiffness_N_per_m < numbers['k_eq'] / 10
 
 
 def test_prototype_gap(paper, prototype):

@@ -28,6 +28,8 @@ RESOLVED = 1e-14
 """Of the impulse of a drive: what round-off leaves of its kinks."""
 UNRESOLVED = 1e-11
 """Of the largest coefficient: the last ones are larger only if the series is too short, never by round-off."""
+MOST = 8
+"""Times the terms that an oscillation of the known length needs: a series that is longer does not converge."""
 EPS = np.finfo(float).eps
 
 
@@ -179,6 +181,23 @@ def _propagate(scene, interval, gamma, state, load, times, particles, tolerance)
     return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
 
+def _resolved(motions, interval, terms):
+    """Chebyshev coefficients of a motion as a function of w2, shape (stops, 2, columns, terms or more), down to round-off.
+
+    Raises
+    ------
+    ArithmeticError
+        If they do not fall, as those of every response do, which are entire functions of w2.
+    """
+    c = coefficients(motions(interval.nodes(terms)))
+    while abs(c[..., -8:]).max() > UNRESOLVED * abs(c).max():
+        if c.shape[-1] > MOST * terms:
+            raise ArithmeticError(f'the response has no Chebyshev series of {c.shape[-1]} terms, where {terms} should do; check '
+                                  'that the drive is a smooth function of time between its kinks')
+        c = coefficients(motions(interval.nodes(2 * c.shape[-1])))
+    return c
+
+
 def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, last):
     """Motion at the `stops` after the `state` at `start`; to round-off, for the next part, unless it is the last one.
 
@@ -210,9 +229,7 @@ def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, 
     y, end = np.zeros((len(stops), 2, len(rows))), np.zeros((2, K.shape[0]))
     error, products = 0.0, 0
     for s, motions in sources:
-        c = coefficients(motions(interval.nodes(terms)))  # (stops, 2, columns of s, terms)
-        while abs(c[..., -8:]).max() > UNRESOLVED * abs(c).max():
-            c = coefficients(motions(interval.nodes(2 * c.shape[-1])))
+        c = _resolved(motions, interval, terms)
         weight = (abs(c) / np.array([1.0, rate])[:, None, None]).max(axis=(0, 1)) * np.linalg.norm(s, axis=0)[:, None]
         left = np.cumsum(weight.sum(axis=0)[::-1])[::-1] * size.max(initial=0.0)
         left = np.append(left, np.zeros(BLOCK))

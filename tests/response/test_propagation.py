@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, ToneBurst, lattices, units as u
 from magphonon.response import propagation
 from magphonon.response.chebyshev import Interval, Outside
-from magphonon.response.propagation import Transient, propagate
+from magphonon.response.propagation import Transient, _resolved, propagate
 
 FREE_KICK = 1e-3  # mm/ms
 K_YY, MASS = 20000 * u.N / u.m, 1 * u.kg  # Sec. III of the paper, theta0 = 0, vertical
@@ -244,6 +244,14 @@ def test_parts_of_a_long_run_join(monkeypatch):
         assert parts.products > whole.products
         assert apart(parts.displacements, whole.displacements) < 2e-12
         assert apart(parts.velocities, whole.velocities) < 2e-12
+
+
+def test_a_motion_without_a_series_is_refused_and_does_not_fill_the_memory():
+    interval = Interval(0.0, 1.0)
+    smooth = _resolved(lambda w2: np.cos(3 * w2)[None, None, None], interval, 20)
+    assert smooth.shape == (1, 1, 1, 20)
+    with pytest.raises(ArithmeticError, match='no Chebyshev series of 320 terms'):
+        _resolved(lambda w2: (w2 > 0.3).astype(float)[None, None, None], interval, 20)
 
 
 def test_chosen_particles_move_as_in_the_whole():
