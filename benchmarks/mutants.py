@@ -44,6 +44,8 @@ SWAPS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mul
          ast.And: ast.Or, ast.Or: ast.And}
 NOT_SWAPPED = ('isinstance', 'getattr', 'hasattr', 'ValueError')
 """Calls whose swapped arguments would only be a crash."""
+CHECKED = ('assert', 'AssertionError', 'Failed: DID NOT RAISE')
+"""How the words begin of a test that has compared; others end by an error in the mutant itself."""
 
 KNOWN = [  # edits that once survived the whole suite: what to replace, by what, and the test that must fail
     ("'law': (calc.potential, _sampled(calc)), ", '', 'test_checkpoint_attacks'),
@@ -131,7 +133,7 @@ class Watch:
     """A plugin of pytest that orders the tests and keeps how long each took and which one failed."""
 
     def __init__(self, own, seconds):
-        self.own, self.seconds, self.took, self.failed = own, seconds, {}, None
+        self.own, self.seconds, self.took, self.failed, self.checked = own, seconds, {}, None, False
 
     def pytest_collection_modifyitems(self, items):
         items.sort(key=lambda item: (item.path.name != self.own, self.seconds.get(item.nodeid, 0)))
@@ -140,7 +142,9 @@ class Watch:
         self.took[report.nodeid] = self.took.get(report.nodeid, 0) + report.duration
         if report.failed and self.failed is None:
             crash = getattr(report.longrepr, 'reprcrash', None)
-            self.failed = f'{report.nodeid}: {crash.message.splitlines()[0][:80]}' if crash else report.nodeid
+            words = crash.message.splitlines()[0][:80] if crash else 'no words'
+            self.failed = f'{report.nodeid}: {words}'
+            self.checked = words.startswith(CHECKED)
 
     def pytest_collectreport(self, report):
         if report.failed and self.failed is None:
@@ -167,6 +171,8 @@ def trial(tree, tests, own='', seconds=None, limit=None):
     took : dict of str to float
     failed : str or None
         The test that failed, or what ended the process.
+    checked : bool
+        Whether it failed by a comparison, not by an error of the mutant.
     """
     receiver, sender = FORK.Pipe(duplex=False)
     child = FORK.Process(target=_run, args=(sender, tree, tests, Watch(own, seconds or {}), limit))
@@ -175,9 +181,9 @@ def trial(tree, tests, own='', seconds=None, limit=None):
     try:
         if receiver.poll(limit and 10 * limit + 60):  # a process that waits for ever needs no processor time
             return receiver.recv()
-        return {}, 'it waits for ever'
+        return {}, 'it waits for ever', False
     except EOFError:
-        return {}, f'ended by itself or by the limit of {limit:.0f} s' if limit else 'ended by itself'
+        return {}, f'ended by itself or by the limit of {limit:.0f} s' if limit else 'ended by itself', False
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(child.pid, signal.SIGKILL)
@@ -203,7 +209,7 @@ def _run(sender, tree, tests, watch, limit):
     package = sys.modules.get('magphonon')
     if package and not package.__file__.startswith(str(tree)):
         watch.failed = f'the wrong package was tested: {package.__file__}'
-    sender.send((watch.took, watch.failed or (f'pytest ended with code {int(code)}' if code else None)))
+    sender.send((watch.took, watch.failed or (f'pytest ended with code {int(code)}' if code else None), watch.checked))
     sender.close()
 
 
@@ -224,7 +230,7 @@ class Unmutated:
         key = tuple(tests)
         if key not in self.known:
             start = time.perf_counter()
-            took, failed = trial(self.tree, tests)
+            took, failed, _ = trial(self.tree, tests)
             if failed or not took:
                 log = (self.tree.parent / 'log').read_text(encoding='utf-8')[-5000:]
                 raise SystemExit(f'without a mutant: {failed or "no test was found in " + ", ".join(tests)}\n{log}')
@@ -233,9 +239,10 @@ class Unmutated:
 
 
 def killed_by(tree, tests, own, unmutated):
-    """The test that fails in the mutated tree, or None."""
+    """The test that fails in the mutated tree and whether it does by a comparison, or None."""
     took, limit = unmutated(tests)
-    return trial(tree, tests, own, took, limit)[1]
+    _, failed, checked = trial(tree, tests, own, took, limit)
+    return (failed, checked) if failed else None
 
 
 def _only(folder, text):
@@ -287,7 +294,7 @@ def main():
         unmutated = Unmutated(tree)
         drawn = {module: sampled(tree, module, options) for module in options.modules}
         for name, mutants in (drawn | ({'known': known(tree)} if options.known else {})).items():
-            dead = []
+            killers = []
             for file, line, old, new, mutant, meets in mutants:
                 for tests in meets:
                     unmutated(tests)
@@ -295,11 +302,12 @@ def main():
                 file.write_text(mutant, encoding='utf-8')
                 killer = next(filter(None, (killed_by(tree, tests, f'test_{file.name}', unmutated) for tests in meets)), None)
                 file.write_text(source, encoding='utf-8')
-                dead.append(killer is not None)
-                verdict = 'killed  ' if killer else 'SURVIVED'
-                print(f'{verdict} {file.relative_to(tree)}:{line}: {old} -> {new}   [{killer}]', flush=True)
-            table.append(f'| {name} | {len(dead)} | {sum(dead)} |')
-    print('\n| module | mutants | killed |\n|---|---|---|', *table, sep='\n')
+                killers.append(killer)
+                edit = f'{file.relative_to(tree)}:{line}: {old} -> {new}'
+                print(f'killed    {edit}   [{killer[0]}]' if killer else f'SURVIVED  {edit}', flush=True)
+            dead = list(filter(None, killers))
+            table.append(f'| {name} | {len(killers)} | {len(dead)} | {sum(checked for _, checked in dead)} |')
+    print('\n| module | mutants | killed | of these by a comparison |\n|---|---|---|---|', *table, sep='\n')
 
 
 if __name__ == '__main__':
