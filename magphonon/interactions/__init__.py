@@ -3,7 +3,7 @@
 `pair_laws` holds inverse powers (the paper's f = b r^-a), Yukawa, Hertzian contacts and tables; `magnets` the shapes and
 grades of magnets and `magnet_pairs` the law of two of them; `force_tables` reads measured forces,
 `fits` and `smooth_laws` turn them into a law with its covariance, and `law_choice` says which to take.
-Any object with the methods phi, dphi and d2phi is a law.
+`PairLaw` says what a law is: any object with the methods phi, dphi and d2phi.
 """
 
 import lazy_loader

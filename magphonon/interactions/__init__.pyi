@@ -31,8 +31,10 @@ from .magnets import (
     out_of_plane_stiffness as out_of_plane_stiffness,
 )
 from .pair_laws import (
+    GaussianMixture as GaussianMixture,
     Hertz as Hertz,
     InversePower as InversePower,
+    PairLaw as PairLaw,
     Tabulated as Tabulated,
     Yukawa as Yukawa,
     higher_derivatives as higher_derivatives,

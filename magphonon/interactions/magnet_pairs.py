@@ -142,12 +142,15 @@ class MagnetLaw:
         return (self.nearest / _apart(r, self.nearest)) ** 2
 
     def phi(self, r):
+        """Energy in mJ, zero at infinity."""
         return self.strength * r**-3.0 * self._factors[0](self._t(r))
 
     def dphi(self, r):
+        """Slope of the energy in N."""
         return -self.strength * r**-4.0 * self._factors[1](self._t(r))
 
     def d2phi(self, r):
+        """Curvature of the energy in N/mm."""
         return self.strength * r**-5.0 * self._factors[2](self._t(r))
 
 
@@ -158,12 +161,15 @@ class SphereLaw(InversePower):
     contact: float
 
     def phi(self, r):
+        """Energy in mJ, zero at infinity."""
         return super().phi(_apart(r, self.contact))
 
     def dphi(self, r):
+        """Slope of the energy in N."""
         return super().dphi(_apart(r, self.contact))
 
     def d2phi(self, r):
+        """Curvature of the energy in N/mm."""
         return super().d2phi(_apart(r, self.contact))
 
 

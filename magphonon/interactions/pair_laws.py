@@ -1,23 +1,85 @@
 """Pair laws of repulsion: `phi(r)`, its slope `dphi` and its curvature `d2phi`.
 
-Any object with these three vectorised methods is a potential; nothing has to be inherited.  The force with
-which two particles repel each other is `f(r) = -phi'(r)`.  (The paper writes `f = phi_r`; with the usual sign
-of an energy it is the negative slope, and the bond stiffness is `phi'' nn + (phi'/r)(I - nn)`.)
-
-The methods accept complex distances, so that derivatives can be checked by the complex step.
-
-A law that is also a mixture of Gaussians, `phi(r) = int_0^inf rho(t) exp(-t r^2) dt`, says so with `gaussians(t)`, the
-density rho, and `gaussian_moment(t)`, the integral of `t rho` from zero: then all neighbours of an infinite lattice can
-be summed (`magphonon.stiffness.ewald`).
+`PairLaw` says what a law is and how to write your own.  The force with which two particles repel each other is
+`f(r) = -phi'(r)`.  (The paper writes `f = phi_r`; with the usual sign of an energy it is the negative slope, and the bond
+stiffness is `phi'' nn + (phi'/r)(I - nn)`.)
 """
 
 from dataclasses import dataclass, field
 from math import lgamma
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from .. import units
 from ..errors import finite, positive
+
+
+@runtime_checkable
+class PairLaw(Protocol):
+    """A pair law: the energy of two particles as a function of their distance, with its slope and its curvature.
+
+    Every object with these three methods is a law; nothing has to be inherited or registered.  A law of your own::
+
+        @dataclass(frozen=True)
+        class Exponential:
+            strength: float  # mJ
+            length: float  # mm
+
+            def phi(self, r):
+                return self.strength * np.exp(-r / self.length)
+
+            def dphi(self, r):
+                return -self.phi(r) / self.length
+
+            def d2phi(self, r):
+                return self.phi(r) / self.length**2
+
+        atoms.calc = MagneticRepulsion(atoms, Exponential(5.0, 3.0), shells=3)
+
+    What is asked of the methods:
+
+    - They take an array of distances in mm of any shape and return an array of that shape, element by element.
+    - A law repels where `dphi < 0`.  Only differences of `phi` matter, so its zero may be anywhere.
+    - They also take complex distances, whose imaginary part they carry along as every formula in r does: some derivatives
+      are complex steps.  Compare real parts, `np.real(r) < 5`, where a formula changes.
+    - Where the law is not known, such as beyond the ends of a table, they raise ValueError.
+    - The law does not change: make it a frozen dataclass, then calculators can be copied, compared and pickled.
+
+    A law that is `GaussianMixture` besides can be summed over all neighbours of an infinite lattice.
+    """
+
+    def phi(self, r):
+        """Energy in mJ of two particles at the distances `r` in mm."""
+
+    def dphi(self, r):
+        """Slope of the energy in N, the negative of the force with which the particles repel each other."""
+
+    def d2phi(self, r):
+        """Curvature of the energy in N/mm, the stiffness D0 of a bond."""
+
+
+@runtime_checkable
+class GaussianMixture(PairLaw, Protocol):
+    """A pair law that is a mixture of Gaussians, `phi(r) = int_0^inf rho(t) exp(-t r^2) dt`.
+
+    All neighbours of an infinite lattice can be summed for such a law (`magphonon.stiffness.ewald`).  It is either a power
+    r^-s, or it falls as `exp(-kappa r)` at large distances; `decay` and `screening` say which.
+    """
+
+    def gaussians(self, t):
+        """Density rho of the mixture at `t` in 1/mm^2, mJ mm^2."""
+
+    def gaussian_moment(self, t):
+        """Integral of `t rho(t)` from zero to `t`, mJ/mm^2."""
+
+    @property
+    def decay(self):
+        """Exponent s of a law that falls as r^-s at large distances; infinite for a screened one."""
+
+    @property
+    def screening(self):
+        """Inverse screening length kappa in 1/mm; zero for a law that falls as a power."""
 
 
 def repulsion(potential, r):
@@ -62,21 +124,36 @@ class InversePower:
         return cls(b=units.mu0 * units.c**2 * charge**2 / (4 * np.pi), a=2.0)
 
     def phi(self, r):
+        """Energy in mJ, zero at infinity, or at 1 mm where a = 1."""
         if self.a == 1:
             return -self.b * np.log(r)
         return self.b * r ** (1 - self.a) / (self.a - 1)
 
     def dphi(self, r):
+        """Slope of the energy in N."""
         return -self.b * r**-self.a
 
     def d2phi(self, r):
+        """Curvature of the energy in N/mm."""
         return self.a * self.b * r ** (-self.a - 1)
 
     def gaussians(self, t):
+        """Density rho of the Gaussians `exp(-t r^2)`."""
         return self.b * np.exp((self.a - 3) / 2 * np.log(t) - lgamma((self.a + 1) / 2)) / 2
 
     def gaussian_moment(self, t):
+        """Integral of `t rho` from zero."""
         return t**2 * self.gaussians(t) * 2 / (self.a + 1)
+
+    @property
+    def decay(self):
+        """Exponent s = a - 1 of the energy."""
+        return self.a - 1
+
+    @property
+    def screening(self):
+        """Zero."""
+        return 0.0
 
 
 @dataclass(frozen=True)
@@ -104,22 +181,37 @@ class Yukawa:
         positive('kappa', self.kappa, '1/mm')
 
     def phi(self, r):
+        """Energy in mJ, zero at infinity."""
         return self.c * np.exp(-self.kappa * r) / r
 
     def dphi(self, r):
+        """Slope of the energy in N."""
         return -self.phi(r) * (self.kappa + 1 / r)
 
     def d2phi(self, r):
+        """Curvature of the energy in N/mm."""
         return self.phi(r) * (self.kappa**2 + 2 * self.kappa / r + 2 / r**2)
 
     def gaussians(self, t):
+        """Density rho of the Gaussians `exp(-t r^2)`."""
         return self.c / np.sqrt(np.pi * t) * np.exp(-(self.kappa**2) / (4 * t))
 
     def gaussian_moment(self, t):
+        """Integral of `t rho` from zero."""
         from scipy.special import erfcx
 
         z = self.kappa / (2 * np.sqrt(t))
         return 2 / 3 * t**2 * self.gaussians(t) * (1 - 2 * z**2 * (1 - np.sqrt(np.pi) * z * erfcx(z)))
+
+    @property
+    def decay(self):
+        """Infinite: it falls faster than every power."""
+        return np.inf
+
+    @property
+    def screening(self):
+        """Inverse screening length kappa in 1/mm."""
+        return self.kappa
 
 
 @dataclass(frozen=True)
@@ -157,12 +249,15 @@ class Hertz:
         return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
 
     def phi(self, r):
+        """Energy in mJ, zero out of contact."""
         return 2 / 5 * self.stiffness * self._overlap(r) ** 2.5
 
     def dphi(self, r):
+        """Slope of the energy in N."""
         return -self.stiffness * self._overlap(r) ** 1.5
 
     def d2phi(self, r):
+        """Curvature of the energy in N/mm."""
         return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
 
 
@@ -236,13 +331,16 @@ class Tabulated:
         return span * sum(w * self._force(k, start + node * span)[0] for node, w in zip(_NODES, _WEIGHTS, strict=True))
 
     def phi(self, r):
+        """Energy in mJ, zero at the last point of the table."""
         k = self._interval(r)
         return self._energies[k] - self._force_integral(k, r)
 
     def dphi(self, r):
+        """Slope of the energy in N."""
         return -self._force(self._interval(r), r)[0]
 
     def d2phi(self, r):
+        """Curvature of the energy in N/mm."""
         f, slope = self._force(self._interval(r), r)
         return -f * slope / r
 

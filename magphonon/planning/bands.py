@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bands.bloch import bloch_modes, cell_of_free_particles
+from ..interactions.pair_laws import GaussianMixture
 from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
@@ -108,7 +109,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
                       bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), doubt,
                       {'model': model, 'shells': int(k)})
                for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
-    if hasattr(calc.potential, 'gaussians') and getattr(calc.potential, 'a', np.inf) > 1:
+    if isinstance(calc.potential, GaussianMixture) and calc.potential.decay > 0:
         methods.append(Method('complete linear, all neighbours', f'Ewald sums {at}',
                               bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
                               {'model': 'complete', 'shells': ALL}))

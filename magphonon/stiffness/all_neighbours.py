@@ -7,6 +7,7 @@ from ase.calculators.calculator import Calculator, all_changes
 from ase.geometry import find_mic
 
 from ..errors import not_negative, one_of
+from ..interactions.pair_laws import GaussianMixture
 from ..lattices.bonds import bonds_within
 from .bond import MODELS
 from .ewald import EwaldSums
@@ -27,7 +28,8 @@ class AllNeighbours(Calculator):
     ----------
     reference : ase.Atoms
         One cell, periodic in one to three directions; its positions are the anchors of the foundation.
-    potential : InversePower with a > 1, Yukawa, or any law with gaussians(t) and gaussian_moment(t)
+    potential : GaussianMixture
+        InversePower with a > 1, Yukawa, or another law with a Gaussian expansion.
     foundation : float
         Stiffness of the spring between each particle and its rest position, N/mm.
     split : float
@@ -43,12 +45,12 @@ class AllNeighbours(Calculator):
     implemented_properties: ClassVar = ['energy', 'free_energy', 'forces']
 
     def __init__(self, reference, potential, *, foundation=0.0, split=1.0):
-        if not hasattr(potential, 'gaussians'):
+        if not isinstance(potential, GaussianMixture):
             raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
                              f'not for {type(potential).__name__}; choose a number of shells')
-        if getattr(potential, 'a', np.inf) <= 1:
-            raise ValueError(f'the force r^-{potential.a:g} has no energy r^-s with s = a - 1 > 0 to sum over all neighbours; '
-                             'choose a > 1, or a number of shells')
+        if potential.decay <= 0:
+            raise ValueError(f'the force r^-{potential.decay + 1:g} has no energy r^-s with s = a - 1 > 0 to sum over all '
+                             'neighbours; choose a > 1, or a number of shells')
         if not reference.pbc.any():
             raise ValueError('the structure is not periodic and its neighbours are not infinitely many; use MagneticRepulsion')
         super().__init__()

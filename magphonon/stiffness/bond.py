@@ -14,7 +14,7 @@ def bond_stiffness(vectors, potential):
     ----------
     vectors : ndarray, shape (bonds, dim)
         Bond vectors in mm.
-    potential : object with dphi and d2phi
+    potential : PairLaw
 
     Returns
     -------

@@ -45,8 +45,8 @@ class MagneticRepulsion(Calculator):
     reference : ase.Atoms
         The rest configuration: its positions are, modulo periodic images, the origin of displacements; the energy is zero
         there.  That forces balance in it is not required here, but it is for every linear answer (`magphonon.stiffness.rest`).
-    potential : object with phi, dphi and d2phi
-        Pair law in mm, mJ (`magphonon.interactions.pair_laws`).
+    potential : PairLaw
+        Pair law in mm, mJ; `magphonon.interactions.PairLaw` says how to write your own.
     foundation : float
         Stiffness of the spring between each particle and its anchor, N/mm.
     anchors : array_like, shape (particles, 3), optional
@@ -77,7 +77,7 @@ class MagneticRepulsion(Calculator):
         missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(potential, name, None))]
         if missing:
             raise ValueError(f'the potential {potential!r} lacks the method {missing[0]}(r); '
-                             'see magphonon.interactions.pair_laws')
+                             'see magphonon.interactions.PairLaw')
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None

@@ -29,7 +29,7 @@ import numpy as np
 from ase import Atoms
 
 from ..errors import finite, one_of, positive
-from ..interactions.pair_laws import InversePower
+from ..interactions.pair_laws import GaussianMixture, InversePower
 
 PARTS = ('all', 'D0', 'Dstar')
 REACH = 42.0
@@ -46,7 +46,7 @@ def lattice_sum(lattice, law, offset=None, q=None, split=1.0):
     lattice : array_like, shape (d, dim), or ase.Atoms
         Lattice vectors in rows, d = 1, 2 or 3 of them; of Atoms, those along which they are periodic (their positions
         do not enter: `particle_sums` adds up those).
-    law : float or potential
+    law : float or GaussianMixture
         The exponent s > 0 of phi = r^-s, or a law such as Yukawa(c, kappa).  Where s <= d and the wave is uniform (q = 0)
         the sum diverges; its value is then that with a uniform neutralising background, Epstein's zeta function.
     offset : array_like, shape (dim,), optional
@@ -74,7 +74,7 @@ def lattice_sum(lattice, law, offset=None, q=None, split=1.0):
 
 
 def _potential(law):
-    return law if hasattr(law, 'gaussians') else InversePower(b=positive('s', law), a=law + 1)
+    return law if isinstance(law, GaussianMixture) else InversePower(b=positive('s', law), a=law + 1)
 
 
 def particle_sums(atoms, law, split=1.0):
@@ -95,13 +95,13 @@ class EwaldSums:
     ----------
     periods : ndarray, shape (d, dim)
         Lattice vectors in rows, mm.
-    law : object with gaussians and gaussian_moment
+    law : GaussianMixture
     split : float
         eta in units of sqrt(pi)/V^(1/d).
     """
 
     periods: np.ndarray
-    law: object
+    law: GaussianMixture
     split: float = 1.0
 
     def __post_init__(self):
@@ -146,7 +146,7 @@ class EwaldSums:
     @property
     def decay(self):
         """Exponent s of a law with an algebraic tail, infinite for a screened one."""
-        return np.inf if hasattr(self.law, 'kappa') else self.law.a - 1
+        return self.law.decay
 
     @property
     def splits(self):
@@ -187,7 +187,7 @@ class EwaldSums:
     def _narrow(self, r):
         """Nodes and weights of the integral from eta^2 up, for distances `r`; a steep law peaks late and sharply."""
         shortest = np.min(r, initial=np.inf)
-        late = 2 * (self.decay if np.isfinite(self.decay) else self.law.kappa * shortest)
+        late = 2 * (self.decay if np.isfinite(self.decay) else self.law.screening * shortest)
         return _nodes(self.eta2, self.eta2 + (REACH + 20 + late) / shortest**2, late)
 
     # --- wide Gaussians, over the reciprocal lattice -----------------------------------------------------------------
@@ -259,7 +259,7 @@ class EwaldSums:
         def total(f, m):  # of f, which falls like rho t^m towards t = 0
             if np.isfinite(self.decay):
                 return self.eta2 * f(self.eta2) / (self.decay / 2 + m)
-            t, w = _nodes(self.law.kappa**2 / 4 / (REACH + 20), self.eta2)
+            t, w = _nodes(self.law.screening**2 / 4 / (REACH + 20), self.eta2)
             return w @ f(t)
 
         if part is None:
@@ -341,7 +341,7 @@ class _Wide:
         self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
         self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
         low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
-        low = (low if algebraic else low + sums.law.kappa**2) / 4 / (REACH + 20)
+        low = (low if algebraic else low + sums.law.screening**2) / 4 / (REACH + 20)
         if x2 > 0 and algebraic:
             low = min(low, self.flat * np.exp(-80))
         power = 2 * sums.decay if algebraic else 0

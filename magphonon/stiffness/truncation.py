@@ -26,7 +26,7 @@ def missing_stiffness(atoms, potential, cutoff):
     ----------
     atoms : ase.Atoms
         One periodic cell.
-    potential : object with dphi and d2phi
+    potential : PairLaw
         A law whose slope and curvature fall with the distance; zero beyond a finite range is welcome.
     cutoff : float
         In mm.

@@ -1,14 +1,18 @@
 """Pair laws: each derivative against the complex step of the one before it, and against the physics they stand for."""
 
+from dataclasses import dataclass
 from itertools import pairwise
+from textwrap import dedent
 
 import numpy as np
 import pytest
 from oracles import LAWS, TABLE
 from scipy.integrate import quad
 
-from magphonon import InversePower, Tabulated, Yukawa, units as u
-from magphonon.interactions.pair_laws import Hertz, repulsion
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, Tabulated, Yukawa, units as u
+from magphonon.bands.bloch import bloch_modes
+from magphonon.interactions.pair_laws import GaussianMixture, Hertz, PairLaw, repulsion
+from magphonon.lattices.crystals import triangular
 
 R = np.linspace(3.5, 44.0, 60)
 STEP = 1e-30  # of the complex step: its error is the square, its round-off none
@@ -138,3 +142,67 @@ def test_mixtures_of_gaussians(law):
     for t in (1e-3, 0.1):
         moment = quad(lambda v: law.gaussians(np.exp(v)) * np.exp(2 * v), -60, np.log(t), epsabs=0, limit=200)[0]
         assert law.gaussian_moment(t) == pytest.approx(moment, rel=1e-8)
+
+
+def test_the_law_in_the_documentation_works_as_written():
+    """The example for users in PairLaw: a law, and bands that follow from it."""
+    example = dedent(PairLaw.__doc__.split('own::')[1].split('What is asked')[0]).strip()
+    atoms = triangular(10.0, 0.5)
+    names = {'np': np, 'dataclass': dataclass, 'MagneticRepulsion': MagneticRepulsion, 'atoms': atoms}
+    exec(example, names)
+    law = atoms.calc.potential
+    assert isinstance(law, PairLaw)
+    np.testing.assert_allclose(law.phi(R + 1j * STEP).imag / STEP, law.dphi(R), rtol=1e-13)
+    np.testing.assert_allclose(law.dphi(R + 1j * STEP).imag / STEP, law.d2phi(R), rtol=1e-13)
+    assert bloch_modes(atoms, np.array([[0.5, 0, 0]]))[0].max() > 0
+
+
+@pytest.mark.parametrize('missing', ['phi', 'dphi', 'd2phi'])
+def test_what_lacks_a_method_is_no_law(missing):
+    methods = {name: (lambda self, r: r) for name in ('phi', 'dphi', 'd2phi') if name != missing}
+    law = type('Half', (), methods)()
+    assert not isinstance(law, PairLaw)
+    with pytest.raises(ValueError, match=rf'lacks the method {missing}\(r\)'):
+        MagneticRepulsion(triangular(10.0, 0.5), law)
+
+
+@dataclass(frozen=True)
+class TwoScreenings:
+    """A mixture of Gaussians of a user's own: the sum of two screened repulsions."""
+
+    parts: tuple
+
+    def phi(self, r):
+        return sum(part.phi(r) for part in self.parts)
+
+    def dphi(self, r):
+        return sum(part.dphi(r) for part in self.parts)
+
+    def d2phi(self, r):
+        return sum(part.d2phi(r) for part in self.parts)
+
+    def gaussians(self, t):
+        return sum(part.gaussians(t) for part in self.parts)
+
+    def gaussian_moment(self, t):
+        return sum(part.gaussian_moment(t) for part in self.parts)
+
+    decay = np.inf
+
+    @property
+    def screening(self):
+        return min(part.kappa for part in self.parts)
+
+
+def test_a_gaussian_mixture_of_the_user_is_summed_over_all_neighbours():
+    """Stiffness is linear in the law: with all neighbours that of a sum of laws is the sum of theirs."""
+    def onsite(law):
+        return AllNeighbours(triangular(4.0, 0.5), law).onsite()
+
+    parts = Yukawa(1.0, 0.2), Yukawa(2.0, 0.4)
+    mixed = TwoScreenings(parts)
+    assert isinstance(mixed, GaussianMixture)
+    assert not isinstance(LAWS['table'], GaussianMixture)  # no Gaussians are known of it
+    first, second = (onsite(part) for part in parts)
+    np.testing.assert_allclose(onsite(mixed), first + second, rtol=0, atol=1e-11 * abs(first).max())  # quadrature: some 1e-13
+    assert abs(second).max() > 0.1 * abs(first).max()  # both count
