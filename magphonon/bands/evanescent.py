@@ -16,8 +16,7 @@ from math import lcm
 import numpy as np
 
 from ..errors import finite, one_of
-from ..stiffness.bond import model_stiffness
-from ..stiffness.matrices import bloch_matrix, mass_weighted
+from ..stiffness.matrices import mass_weighted
 from ..stiffness.rest import at_rest
 
 LARGEST_DENOMINATOR = 6
@@ -81,10 +80,9 @@ def complex_bands(atoms, direction, omega, model='complete'):
     calc = at_rest(atoms)
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
-    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     d, P = _exponents(calc.bonds.shift @ direction)
-    D = _laurent(calc, K, direction * d, P, atoms.get_masses())
-    _refuse_flat(calc, K, direction, atoms.get_masses(), omega)
+    D = _laurent(calc, model, direction * d, P, atoms.get_masses())
+    _refuse_flat(calc, model, direction, atoms.get_masses(), omega)
     waves = [_waves(D, P, w, d) for w in omega]
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
     return ComplexBands(omega, xi, v.reshape(*xi.shape, len(atoms), calc.dim))
@@ -104,17 +102,16 @@ def _exponents(steps):
     return d, P
 
 
-def _laurent(calc, K, q, P, masses):
+def _laurent(calc, model, q, P, masses):
     """Coefficients D_p, p = -P ... P, of the Bloch matrix by powers of mu, from as many samples around the unit circle."""
     phase = np.arange(2 * P + 1) / (2 * P + 1)
-    samples = mass_weighted(bloch_matrix(calc.bonds, K, phase[:, None] * q, calc.parameters.foundation), masses)
+    samples = mass_weighted(calc.bloch_matrix(phase[:, None] * q, model), masses)
     return np.fft.fftshift(np.fft.fft(samples, axis=0, norm='forward'), axes=0)
 
 
-def _refuse_flat(calc, K, direction, masses, omega):
+def _refuse_flat(calc, model, direction, masses, omega):
     xi = np.array([0.7, 1.9, 2.6])  # no phases of symmetry: only a flat band has one frequency at all three
-    bands = np.linalg.eigvalsh(mass_weighted(bloch_matrix(calc.bonds, K, xi[:, None] / (2 * np.pi) * direction,
-                                                          calc.parameters.foundation), masses))
+    bands = np.linalg.eigvalsh(mass_weighted(calc.bloch_matrix(xi[:, None] / (2 * np.pi) * direction, model), masses))
     hit = abs(bands - (omega * abs(omega))[:, None, None]) < 1e-10 * abs(bands).max()
     for k in np.flatnonzero(hit.any(axis=2).all(axis=1))[:1]:
         raise ValueError(f'a band is flat at omega = {omega[k]:.9g} rad/ms and holds every wavenumber; move the frequency')

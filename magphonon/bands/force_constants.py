@@ -15,7 +15,6 @@ from ase.geometry import minkowski_reduce
 
 from .. import units
 from ..errors import positive, whole
-from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import signed_root
 from ..stiffness.repulsion import repulsion_of
@@ -129,7 +128,7 @@ def checked_supercell(calc, supercell):
     if (supercell[~pbc] > 1).any():
         raise ValueError(f'the supercell {_ints(supercell)} repeats a direction that is not periodic; '
                          f'give supercell={_ints(np.where(pbc, supercell, 1))}')
-    if isinstance(calc, AllNeighbours):
+    if not calc.pairwise:
         return supercell
     # phonopy lays the force constant between two particles on their shortest connection: that is the bond only if
     # every other image of its end is farther away.

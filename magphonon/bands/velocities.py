@@ -3,8 +3,6 @@
 import numpy as np
 
 from ..errors import finite
-from ..stiffness.all_neighbours import AllNeighbours
-from ..stiffness.bond import model_stiffness
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.repulsion import repulsion_of
 from .bands import _mean_over_crossings
@@ -34,9 +32,8 @@ def group_velocities(atoms, q, model='complete'):
     repulsion_of(atoms)
     calc, q = cell_of_free_particles(atoms), _wavevectors(q)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
-    K = model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
     v = vectors.reshape(*omega.shape, -1)
-    gradient = mass_weighted(bloch_gradient(calc.bonds, K, q, atoms.cell.array), atoms.get_masses())
+    gradient = mass_weighted(bloch_gradient(calc.bonds, calc.rest_stiffness(model), q, atoms.cell.array), atoms.get_masses())
     slope = np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real
     slope = _mean_over_crossings(omega, slope)
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -90,8 +87,6 @@ def sound_speeds(atoms, direction=None, model='complete'):
     mechanism = modes[:, floppy].conj().T @ (C @ u + B @ follow)
     if abs(mechanism).max(initial=0) > 1e-9 * abs(squares).max():
         return np.full(dim, np.nan)
-    if not isinstance(calc, AllNeighbours):
-        return signed_root(np.linalg.eigvalsh(squares))
     endless, axes = np.linalg.eigh(calc.singular(along, model))
     regular = axes[:, abs(endless) <= 1e-12 * abs(endless).max()]
     ends = np.copysign(np.inf, endless[abs(endless) > 1e-12 * abs(endless).max()])

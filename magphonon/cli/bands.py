@@ -30,20 +30,13 @@ def run(options):
     with results(options, scene) as folder:
         atoms, path = scene.atoms(), scene.band_path()
         phonon = finite_displacements(atoms, scene.supercell())
-        bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in _models(atoms)}
+        bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)
         _draw(folder, scene, bands)
         report = _report(scene, atoms, bands, phonon)
     print(report)
     print(f'pictures and data are in {options.output}')
-
-
-def _models(atoms):
-    """The models that exist: of a Coulomb crystal in space the sums of D0 and D* over all neighbours diverge each by itself."""
-    from ..stiffness.bond import MODELS
-
-    return MODELS if not hasattr(atoms.calc, 'sums') or atoms.calc.sums.splits else MODELS[:1]
 
 
 def _save(folder, bands, phonon):
@@ -116,7 +109,7 @@ def _report(scene, atoms, bands, phonon):
     for name in dict.fromkeys(name for leg in parse_path_string(path.path) for name in leg):
         at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
-    speeds = [sound_speeds(atoms, model=model) for model in _models(atoms)]
+    speeds = [sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models]
     lines += ['long-wave speeds along x with the foundation removed (m/s; negative: imaginary, the lattice alone would buckle)',
               *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]
 
@@ -124,7 +117,7 @@ def _report(scene, atoms, bands, phonon):
         lines += ['', 'no conventional model: the sums of D0 and D* diverge each by itself, only together they converge']
     needed, softest = foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
-    given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.parameters.foundation, recovered, needed))
+    given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.foundation, recovered, needed))
     squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
     difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
     lines += ['', f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",

@@ -157,7 +157,7 @@ def _unstable(cell):
     from .. import units
     from ..stability.buckling import foundation_needed
 
-    needed, given = foundation_needed(cell)[0], cell.calc.parameters.foundation
+    needed, given = foundation_needed(cell)[0], cell.calc.foundation
     if given >= needed:
         return []
     needed, given = (k / (units.N / units.m) for k in (needed, given))

@@ -143,7 +143,7 @@ class NoDesign(ValueError):
 
 def _holds(build, spacing):
     atoms = build(spacing)
-    return atoms.calc.parameters.foundation >= foundation_needed(atoms)[0]
+    return atoms.calc.foundation >= foundation_needed(atoms)[0]
 
 
 def _stable_stretches(build, spacings):

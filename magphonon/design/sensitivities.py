@@ -175,9 +175,9 @@ def _refuse_moving(atoms, calc, changes):
 
     What a dead load holds stays where it is, as its load is taken to follow.
     """
-    C, R, P = calc.bonds.incidence, calc.bonds.vectors[:, : calc.dim], free_directions(atoms)
+    C, R, P = calc.bonds.incidence, calc.bond_vectors, free_directions(atoms)
     r = np.linalg.norm(R, axis=1)
-    springs = (calc.offset - calc.load[:, : calc.dim]) / (calc.parameters.foundation or 1.0)
+    springs = (calc.offset - calc.load[:, : calc.dim]) / (calc.foundation or 1.0)
     for change in changes:
         pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
         push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
@@ -189,16 +189,15 @@ def _refuse_moving(atoms, calc, changes):
 
 
 def _stiffness_change(calc, change, model):
-    vectors = calc.bonds.vectors[:, : calc.dim]
     if change.law is None:
-        return np.zeros((len(vectors), calc.dim, calc.dim))
-    return model_stiffness(vectors, change.law, model)
+        return np.zeros((len(calc.bonds), calc.dim, calc.dim))
+    return model_stiffness(calc.bond_vectors, change.law, model)
 
 
 def _hessian_change(calc, change):
     """In the three components of ASE; those along z stay empty for planar particles."""
     from scipy import sparse
 
-    H = hessian(calc.bonds, _stiffness_change(calc, change, calc.parameters.model), change.foundation)
+    H = hessian(calc.bonds, _stiffness_change(calc, change, calc.model), change.foundation)
     to_space = sparse.kron(sparse.eye_array(calc.bonds.particles), sparse.eye_array(3, calc.dim), format='csr')
     return sparse.csr_array(to_space @ H @ to_space.T)

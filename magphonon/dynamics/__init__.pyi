@@ -24,7 +24,6 @@ from .recorder import (
 )
 from .timestep import (
     highest_frequency as highest_frequency,
-    linear_model as linear_model,
     refuse_unstable as refuse_unstable,
 )
 from .verlet import (

@@ -91,7 +91,7 @@ class Cages:
             self._look_at_others(u, time)
 
     def _look_at_bonds(self, u, time):
-        bonds, R = self.calc.bonds, self.calc.bonds.vectors[:, : self.calc.dim]
+        bonds, R = self.calc.bonds, self.calc.bond_vectors
         r0 = np.linalg.norm(R, axis=1)
         bond = R + u[bonds.j] - u[bonds.i]
         r = np.linalg.norm(bond, axis=1)

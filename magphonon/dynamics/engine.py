@@ -59,7 +59,7 @@ class Blocks:
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile)
         self._increments = Increments(calc.potential, calc.parameters.model, layout.r0)
         self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
-                              calc.parameters.foundation, layout.slot[driven], layout.slot[guided], barred)
+                              calc.foundation, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
         self.cages = Cages(atoms)

@@ -98,8 +98,8 @@ def write_lammps_input(directory, atoms, timestep, steps, *, drives=(), damping=
     cutoff = calc.bonds.cutoff
 
     fixes = []
-    if calc.parameters.foundation:
-        fixes.append(f'fix foundation free spring/self {calc.parameters.foundation:.17g}')
+    if calc.foundation:
+        fixes.append(f'fix foundation free spring/self {calc.foundation:.17g}')
     if damping:
         scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(kinds[:free_types, 1]))
         fixes.append(f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}')

@@ -3,7 +3,6 @@
 import numpy as np
 from scipy import sparse
 
-from ..stiffness.bond import model_stiffness
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import free_directions
 from ..stiffness.matrices import hessian
@@ -38,8 +37,8 @@ def highest_frequency(atoms, dt=np.inf):
         Time step in ms to be judged: a cheap upper bound is returned instead if that is below 2/dt already.
     """
     calc, masses = nearest_rest(atoms)[0], atoms.get_masses()
-    bonds, k = calc.bonds, calc.parameters.foundation
-    K = model_stiffness(bonds.vectors[:, : calc.dim], calc.potential, linear_model(calc))
+    bonds, k = calc.bonds, calc.foundation
+    K = calc.rest_stiffness(calc.linear_model)
     P = free_directions(atoms)
     mobile = np.zeros(len(atoms), bool)
     mobile[P.nonzero()[0] // calc.dim] = True
@@ -54,11 +53,6 @@ def highest_frequency(atoms, dt=np.inf):
         if bound * dt <= 2:
             return bound
     return np.sqrt(max(_largest_eigenvalue(D, FINE), 0.0))
-
-
-def linear_model(calc):
-    """The model whose Hessian is that of the calculator at rest: the literal forces are linearly the conventional ones."""
-    return 'complete' if calc.parameters.model == 'complete' else 'conventional'
 
 
 def _row_bound(bonds, K, k, masses):

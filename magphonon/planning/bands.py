@@ -128,7 +128,7 @@ def _errors(atoms, q, edge, shells, counts, continuum):
     D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
                  for k in (0, 1))
     richest = D0[-1] + Dstar[-1] + continuum
-    D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], richest[None]]) + calc.parameters.foundation * np.eye(D0.shape[-1])
+    D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], richest[None]]) + calc.foundation * np.eye(D0.shape[-1])
     *omega, exact = signed_root(np.linalg.eigvalsh(mass_weighted(D, atoms.get_masses())))
     if edge is None:
         return abs(omega - exact).max(axis=(1, 2)) / exact.max()

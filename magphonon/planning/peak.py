@@ -186,7 +186,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
 def turning(atoms, peak):
     """Share e D* e/w^2 of the static forces in the squared frequency of each of the peak's rivals."""
     calc = at_rest(atoms)
-    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
+    bonds, R = calc.bonds, calc.bond_vectors
     n = R / bonds.lengths[:, None]
     e = peak.linear.shapes[peak.rivals]
     apart = e[:, bonds.j] - e[:, bonds.i]

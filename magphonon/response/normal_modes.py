@@ -14,12 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ..dynamics.timestep import linear_model
 from ..errors import whole
 from ..files import Saved
-from ..stiffness.bond import model_stiffness
 from ..stiffness.constraints import free_motion
-from ..stiffness.matrices import hessian, signed_root
+from ..stiffness.matrices import signed_root
 from ..stiffness.rest import at_rest
 from .chebyshev import whole_interval
 
@@ -94,8 +92,7 @@ def reduced(atoms):
 def reduced_about(calc, atoms):
     """The same about the reference of `calc`, whether or not the forces balance there."""
     B = free_motion(atoms)
-    H = hessian(calc.bonds, model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, linear_model(calc)),
-                calc.parameters.foundation)
+    H = calc.rest_hessian(calc.linear_model)
     shapes = sparse.csr_array(sparse.diags_array(1 / np.sqrt(np.repeat(atoms.get_masses(), calc.dim))) @ B)
     return Reduced(sparse.csr_array(shapes.T @ H @ shapes), shapes, calc.dim)
 

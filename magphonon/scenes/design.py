@@ -103,7 +103,7 @@ class DesignPlan(Table):
     def foundation(self, scene):
         """Stiffness in N/mm: that of the cut-off, or the scene's."""
         atoms = scene.atoms()
-        return atoms.calc.parameters.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
+        return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
     def solve(self, scene):
         """The foundation in N/mm and every `Design` that meets the table.

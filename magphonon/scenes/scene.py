@@ -168,7 +168,7 @@ class Scene(Table):
         if not calc.potential.dphi(calc.bonds.lengths).any():
             raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r} is so wide that nothing repels; spheres repel only '
                              'where the spacing is less than their diameter')
-        repulsion, k = abs(calc.potential.d2phi(calc.bonds.lengths)).max(), calc.parameters.foundation
+        repulsion, k = abs(calc.potential.d2phi(calc.bonds.lengths)).max(), calc.foundation
         f = np.sqrt((repulsion + k) / atoms.get_masses()[0]) / (2 * np.pi) / u.Hz
         if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
             raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of some {f:.1g} Hz; '
@@ -228,7 +228,7 @@ class Scene(Table):
             raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
                              'forces between nearest neighbours only; take shells = 1, or in Python magphonon.relaxed(patch)')
         calc = self.atoms().calc
-        patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.parameters.foundation, model=model)
+        patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.foundation, model=model)
         return patch
 
     def shaken(self, model='complete'):

@@ -58,8 +58,8 @@ def frequency_shifts(atoms):
         Without modes of zero or imaginary frequency, which do not vibrate.
     """
     calc = at_rest(atoms)
-    k = calc.parameters.foundation
-    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
+    k = calc.foundation
+    bonds, R = calc.bonds, calc.bond_vectors
     K, P = model_stiffness(R, calc.potential), free_directions(atoms)
     M = sparse.diags_array(P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim))
     zone = atoms.pbc.any() and P.shape[1] <= DENSE
@@ -220,10 +220,10 @@ def vibration(atoms, linear, mode, amplitude):
 
 def _forces(calc, u):
     """Forces in N, counted from rest, at many displacements `u` at once; both of the shape (times, particles, dim)."""
-    bonds, R = calc.bonds, calc.bonds.vectors[:, : calc.dim]
+    bonds, R = calc.bonds, calc.bond_vectors
     bond = R + u[:, bonds.j] - u[:, bonds.i]
     r = np.linalg.norm(bond, axis=2, keepdims=True)
     with np.errstate(all='ignore'):  # of an iteration that goes astray
         pull = calc.potential.dphi(r) / r * bond - (calc.potential.dphi(bonds.lengths) / bonds.lengths)[:, None] * R
     flat = pull.swapaxes(0, 1).reshape(len(bonds), -1)
-    return -(bonds.incidence.T @ flat).reshape(len(calc.reference), len(u), -1).swapaxes(0, 1) - calc.parameters.foundation * u
+    return -(bonds.incidence.T @ flat).reshape(len(calc.reference), len(u), -1).swapaxes(0, 1) - calc.foundation * u

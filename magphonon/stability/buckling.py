@@ -12,12 +12,9 @@ from scipy import sparse
 
 from ..dynamics.timestep import DENSE
 from ..errors import whole
-from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.bond import model_stiffness
-from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import free_directions
 from ..stiffness.matrices import bloch_matrix, hessian
-from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import BALANCED, at_rest, settled
 from .soft_waves import softest_wave
 
@@ -128,13 +125,13 @@ def _lowest_of_large(D, highest):
 def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, steps=None):
     """`softest` of `atoms` with their calculator, whose own foundation does not enter; bonds are stretched by `scale`."""
     calc = atoms.calc
-    if isinstance(calc, AllNeighbours):  # its sums know the present spacing only
+    if not calc.pairwise:  # its sums know the present spacing only
         root = np.repeat(np.ones(len(atoms)) if masses is None else 1 / np.sqrt(masses), calc.dim)
-        weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.parameters.foundation)
+        weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.foundation)
         steps = (24 if calc.dim == 2 else 8) if steps is None else steps  # as dear as they are
         return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights,
                           atoms.cell.array, atoms.pbc, len(atoms), steps)
-    K = model_stiffness(scale * repulsion_of(atoms).bonds.vectors[:, : calc.dim], calc.potential, model)
+    K = model_stiffness(scale * calc.bond_vectors, calc.potential, model)
     return softest(calc.bonds, K, free_directions(atoms), atoms.cell.array, atoms.pbc, foundation, masses, steps)
 
 
@@ -183,9 +180,9 @@ def spacing_held(atoms):
         stretched alike.
     """
     atoms = settled(atoms)
-    if isinstance(atoms.calc, MagneticRepulsion) and _leans(atoms.calc):
+    if atoms.calc.pairwise and _leans(atoms.calc):
         return None
-    k = atoms.calc.parameters.foundation
+    k = atoms.calc.foundation
 
     def lacking(scale):
         found = softest_of(atoms, scale=scale, steps=12)  # what is negative is refined

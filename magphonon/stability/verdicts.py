@@ -10,13 +10,11 @@ from ..bands.bloch import cell_of_free_particles
 from ..bands.force_constants import checked_supercell, default_distance
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
-from ..dynamics.timestep import DENSE, highest_frequency, linear_model
+from ..dynamics.timestep import DENSE, highest_frequency
 from ..errors import positive
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
-from ..stiffness.all_neighbours import AllNeighbours
-from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import free_directions
-from ..stiffness.repulsion import repulsion_of
+from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
 from .buckling import softest_of, spacing_held, support_needed
@@ -257,14 +255,14 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     ValueError
         For atoms with another calculator, or a time step or distance that is not positive.
     """
-    near = not isinstance(atoms.calc, AllNeighbours)
+    near = not isinstance(atoms.calc, Repulsion) or atoms.calc.pairwise
     if near:  # judged where its rest is, or is nearest
         closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
         calc, pushes = nearest_rest(atoms)
         atoms = placed(atoms, calc)
     else:  # without an edge
         calc, pushes, closest = cell_of_free_particles(atoms), np.zeros(1), 1.0
-    shortest, k = calc.bonds.lengths.min(), calc.parameters.foundation
+    shortest, k = calc.bonds.lengths.min(), calc.foundation
     small = near and free_directions(atoms).shape[1] <= DENSE
     settled = not pushes.any()
     bare = softest_of(atoms)
@@ -278,7 +276,7 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     wave, alone = support_needed(atoms) if magnets else (None, None)
     return Verdict(
         planar=calc.dim == 2,
-        model=calc.parameters.get('model', 'complete'),
+        model=calc.model,
         spacing=float(shortest),
         force=float(-calc.potential.dphi(shortest)),
         residual=float(pushes.max(initial=0.0)),
@@ -317,16 +315,16 @@ def _unguided(atoms):
 
 
 def _omega_max(atoms):
-    near = isinstance(atoms.calc, MagneticRepulsion)
-    if near and not (atoms.pbc.any() and free_directions(atoms).shape[1] <= DENSE):
+    calc = atoms.calc
+    if calc.pairwise and not (atoms.pbc.any() and free_directions(atoms).shape[1] <= DENSE):
         return float(highest_frequency(atoms))
-    model, k = linear_model(atoms.calc) if near else 'complete', atoms.calc.parameters.foundation
-    return float(np.sqrt(max(softest_of(atoms, model, foundation=k, masses=atoms.get_masses()).highest, 0.0)))
+    ends = softest_of(atoms, calc.linear_model, foundation=calc.foundation, masses=atoms.get_masses())
+    return float(np.sqrt(max(ends.highest, 0.0)))
 
 
 def _closest(calc, atoms):
     """Shortest present distance of bonded particles as a share of that in the reference."""
-    now = calc.bonds.vectors[:, : calc.dim] + calc.bonds.incidence @ calc.displacements(atoms)
+    now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     return float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
 
 

@@ -7,7 +7,6 @@ from .bond import (
 )
 from .calculator import (
     MagneticRepulsion as MagneticRepulsion,
-    masses_of as masses_of,
 )
 from .constraints import (
     free_directions as free_directions,
@@ -36,6 +35,8 @@ from .relaxation import (
     relaxed as relaxed,
 )
 from .repulsion import (
+    Repulsion as Repulsion,
+    masses_of as masses_of,
     repulsion_of as repulsion_of,
 )
 from .rest import (

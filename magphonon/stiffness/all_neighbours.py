@@ -43,6 +43,8 @@ class AllNeighbours(Calculator):
     """
 
     implemented_properties: ClassVar = ['energy', 'free_energy', 'forces']
+    pairwise = False
+    model = linear_model = 'complete'
 
     def __init__(self, reference, potential, *, foundation=0.0, split=1.0):
         if not isinstance(potential, GaussianMixture):
@@ -66,9 +68,19 @@ class AllNeighbours(Calculator):
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
 
+    @property
+    def foundation(self):
+        """Stiffness of the spring between each particle and its anchor, N/mm."""
+        return self.parameters.foundation
+
+    @property
+    def bloch_models(self):
+        """Models of which there is a Bloch matrix: in Coulomb crystals in space the sums of D0 and D* diverge each by itself."""
+        return MODELS if self.sums.splits else MODELS[:1]
+
     def on(self, supercell):
         """The same calculator on a supercell of its reference."""
-        return AllNeighbours(supercell, self.potential, foundation=self.parameters.foundation, split=self.sums.split)
+        return AllNeighbours(supercell, self.potential, foundation=self.foundation, split=self.sums.split)
 
     def displacements(self, atoms):
         """Displacements from rest in mm, shape (particles, dim), by minimum image."""
@@ -79,7 +91,7 @@ class AllNeighbours(Calculator):
 
     def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
         super().calculate(atoms, properties, system_changes)
-        k, u, n = self.parameters.foundation, self.displacements(self.atoms), len(self.atoms)
+        k, u, n = self.foundation, self.displacements(self.atoms), len(self.atoms)
         bonds = bonds_within(self.atoms, self.sums.radius)
         x = bonds.vectors[:, : self.dim]
         phi, slope = self.sums.near_energy(bonds.lengths)
@@ -118,7 +130,7 @@ class AllNeighbours(Calculator):
         """
         part = PART[one_of('model', model, MODELS)]
         K = self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
-        D = bloch_matrix(self.bonds, K, q, self.parameters.foundation)
+        D = bloch_matrix(self.bonds, K, q, self.foundation)
         onsite, offsets = self._far_onsite(part), self._offsets()
         for few in np.array_split(np.arange(len(q)), -(-len(q) // 32)):
             T = self.sums.far_stiffness(self.sums.waves(q[few][:, self.reference.pbc]), offsets, part)

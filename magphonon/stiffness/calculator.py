@@ -8,10 +8,11 @@ import numpy as np
 from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
 from scipy import sparse
 
-from ..errors import finite, not_negative, one_of, positive
+from ..errors import finite, not_negative, one_of
 from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
-from .bond import bond_stiffness, model_stiffness
+from .bond import MODELS, bond_stiffness, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
+from .repulsion import masses_of
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 OUT_OF_PLANE = 0.1
@@ -71,6 +72,8 @@ class MagneticRepulsion(Calculator):
 
     implemented_properties = ('energy', 'free_energy', 'energies', 'forces', 'hessian')
     default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
+    pairwise = True
+    bloch_models = MODELS
 
     def __init__(self, reference, potential, *, foundation=0.0, model='complete', shells=1, cutoff=None, bonds=None,
                  anchors=None, load=None):
@@ -109,6 +112,26 @@ class MagneticRepulsion(Calculator):
                                  f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters '
                                  'and their units (mm, N)')
         super().__init__(foundation=foundation, model=model)
+
+    @property
+    def foundation(self):
+        """Stiffness of the spring between each particle and its anchor, N/mm."""
+        return self.parameters.foundation
+
+    @property
+    def model(self):
+        """Model of the forces: 'complete', 'conventional' or 'literal'."""
+        return self.parameters.model
+
+    @property
+    def linear_model(self):
+        """Model of the stiffness at rest: there the literal forces change as the conventional ones."""
+        return 'complete' if self.model == 'complete' else 'conventional'
+
+    @property
+    def bond_vectors(self):
+        """Vectors of the bonds at rest in mm, shape (bonds, dim)."""
+        return self.bonds.vectors[:, : self.dim]
 
     def set(self, **parameters):
         """Change `foundation` or `model`; whatever was computed before is forgotten.
@@ -182,7 +205,7 @@ class MagneticRepulsion(Calculator):
     def _get_property(self, name, atoms, allow_calculation):
         if name == 'hessian':  # dear, and no part of a trajectory: never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
-        if self.parameters.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
+        if self.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
             raise PropertyNotImplementedError(NO_ENERGY)
         return super().get_property(name, atoms, allow_calculation)
 
@@ -193,7 +216,7 @@ class MagneticRepulsion(Calculator):
             self._refuse_motion_out_of_the_plane(self.atoms)
         self.results = {'forces': np.zeros((len(u), 3))}
         self.results['forces'][:, : self.dim] = self._forces(u)
-        if self.parameters.model != 'literal':
+        if self.model != 'literal':
             energies = self._energies(u)
             self.results.update(energies=energies, energy=energies.sum(), free_energy=energies.sum())
 
@@ -245,7 +268,7 @@ class MagneticRepulsion(Calculator):
     @cached_property
     def _rest(self):
         """Bond vectors R, lengths r0 and directions n at rest, and phi(r0)."""
-        R = self.bonds.vectors[:, : self.dim]
+        R = self.bond_vectors
         r0 = np.linalg.norm(R, axis=1)
         return R, r0, R / r0[:, None], self.potential.phi(r0)
 
@@ -257,17 +280,17 @@ class MagneticRepulsion(Calculator):
     @property
     def offset(self):
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
-        return (self.load - self.parameters.foundation * self._slack)[:, : self.dim]
+        return (self.load - self.foundation * self._slack)[:, : self.dim]
 
     def _geometry(self, u):
         """Bond lengths that enter the law, and the directions along which the force acts."""
         R, r0, n, _ = self._rest
         du = self.bonds.incidence @ u
-        if self.parameters.model == 'conventional':
+        if self.model == 'conventional':
             return self._separated(r0 + np.einsum('bx,bx->b', n, du)), n
         bond = R + du
         length = self._separated(np.sqrt(np.einsum('bx,bx->b', bond, bond)))
-        return length, bond / length[:, None] if self.parameters.model == 'complete' else n
+        return length, bond / length[:, None] if self.model == 'complete' else n
 
     def _separated(self, length):
         if length.size and not length.min() > 0:
@@ -279,23 +302,34 @@ class MagneticRepulsion(Calculator):
     def _forces(self, u):
         length, n = self._geometry(u)
         pull = self.bonds.incidence.T @ (self.potential.dphi(length)[:, None] * n)
-        return self.offset - pull - self.parameters.foundation * u
+        return self.offset - pull - self.foundation * u
 
     def _energies(self, u):
         length, _ = self._geometry(u)
         shared = self.potential.phi(length) - self._rest[3]  # half to each end of the bond
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
-        return bonds + np.einsum('ix,ix->i', 0.5 * self.parameters.foundation * u - self.offset, u)
+        return bonds + np.einsum('ix,ix->i', 0.5 * self.foundation * u - self.offset, u)
+
+    def rest_stiffness(self, model='complete'):
+        """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
+        return model_stiffness(self.bond_vectors, self.potential, model)
+
+    def rest_hessian(self, model='complete'):
+        """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
+        return hessian(self.bonds, self.rest_stiffness(model), self.foundation)
 
     def bloch_matrix(self, q, model='complete'):
         """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
-        K = model_stiffness(self._rest[0], self.potential, model)
-        return bloch_matrix(self.bonds, K, q, self.parameters.foundation)
+        return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.foundation)
 
     def bloch_series(self, along, model='complete'):
         """The same without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
         R = (self.bonds.shift @ self.reference.cell.array)[:, : self.dim]
-        return bloch_series(self.bonds, model_stiffness(self._rest[0], self.potential, model), R @ along)
+        return bloch_series(self.bonds, self.rest_stiffness(model), R @ along)
+
+    def singular(self, along, model='complete'):
+        """Zero, shape (dim, dim): with a finite number of neighbours nothing outgrows the second order in long waves."""
+        return np.zeros((self.dim, self.dim))
 
     def get_hessian(self, atoms, part='all'):
         """Second derivatives of the energy at the present positions, or one part of them.
@@ -312,31 +346,17 @@ class MagneticRepulsion(Calculator):
             In N/mm; ASE's order of components.  Rows along z are empty for planar particles.
         """
         one_of('part', part, HESSIAN_PARTS)
-        if self.parameters.model == 'literal':
+        if self.model == 'literal':
             raise PropertyNotImplementedError(NO_ENERGY)
         length, n = self._geometry(self.displacements(atoms))
         D0, Dstar = bond_stiffness(length[:, None] * n, self.potential)
-        if self.parameters.model == 'conventional':
+        if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
-        k = self.parameters.foundation if part in ('all', 'foundation') else 0.0
+        k = self.foundation if part in ('all', 'foundation') else 0.0
         H = hessian(self.bonds, K, k)
         to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
         return sparse.csr_array(to_space @ H @ to_space.T)
-
-
-def masses_of(atoms):
-    """Masses in g, shape (particles,).
-
-    Raises
-    ------
-    ValueError
-        For one that is not a positive number.
-    """
-    masses = atoms.get_masses()
-    for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
-        positive(f'mass of particle {k}', masses[k], 'g')
-    return masses
 
 
 def _fitting(bonds, reference):

@@ -169,8 +169,8 @@ class _Descent:
     def stiffness(self, y):
         """Hessian of the free directions, in force over shortest bond."""
         if self._at is None or not np.array_equal(y, self._at[0]):
-            R = self.calc.bonds.vectors[:, : self.calc.dim] + self.calc.bonds.incidence @ self.displacements(y)
-            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.potential), self.calc.parameters.foundation)
+            R = self.calc.bond_vectors + self.calc.bonds.incidence @ self.displacements(y)
+            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.potential), self.calc.foundation)
             self._at = y.copy(), sparse.csr_array(self.P.T @ H @ self.P) * (self.length / self.force)
         return self._at[1]
 
@@ -199,7 +199,7 @@ class _Descent:
     def _refuse_strangers(self, y):
         """Refuse a place where the list of bonds is wrong: neighbours have parted, or others have come nearer than they were."""
         bonds = self.calc.bonds
-        now = np.linalg.norm(bonds.vectors[:, : self.calc.dim] + bonds.incidence @ self.displacements(y), axis=1)
+        now = np.linalg.norm(self.calc.bond_vectors + bonds.incidence @ self.displacements(y), axis=1)
         for b in np.flatnonzero(now > STRETCHED * bonds.lengths)[:1]:
             raise ValueError(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, have gone '
                              f'to {now[b]:.4g} mm and are no neighbours any more: the structure buckles or slides; {MEND}')

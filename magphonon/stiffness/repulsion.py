@@ -1,19 +1,112 @@
-"""The one way to ask atoms for their repulsion, and what it must answer."""
+"""`Repulsion`: what both calculators answer, and the one way to ask atoms for theirs."""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
+
+from ..errors import positive
+from ..interactions.pair_laws import PairLaw
+from ..lattices.bonds import Bonds
 
 
-from .calculator import MagneticRepulsion, masses_of
+@runtime_checkable
+class Repulsion(Protocol):
+    """What `MagneticRepulsion` and `AllNeighbours` have in common: particles that repel each other, on a foundation.
+
+    Bands, speeds of sound, phonopy's finite displacements and buckling ask for no more than this, and take either calculator.
+    Every Bloch matrix contains the foundation, so that nobody has to add it.
+
+    Attributes
+    ----------
+    reference : ase.Atoms
+        The positions from which displacements are counted, without a calculator.
+    potential : PairLaw
+    bonds : Bonds
+        The pairs that repel each other; of an infinite lattice, those that are nearest.
+    pairwise : bool
+        Whether the bonds are all of the repulsion.  Only then can the stiffness be had bond by bond: for finite structures, at
+        other positions or other spacings.
+    dim : int
+        Number of components of a displacement: 2 in the plane, 3 in space.
+    foundation : float
+        Stiffness of the spring between each particle and its anchor, N/mm.
+    model, linear_model : str
+        The model of the forces, and the one whose stiffness they have at rest.
+    bloch_models : tuple of str
+        The models of which there is a Bloch matrix.
+    """
+
+    reference: Atoms
+    potential: PairLaw
+    bonds: Bonds
+    pairwise: bool
+    dim: int
+
+    @property
+    def foundation(self) -> float:
+        """Stiffness of the foundation in N/mm."""
+
+    @property
+    def model(self) -> str:
+        """Model of the forces."""
+
+    @property
+    def linear_model(self) -> str:
+        """Model of the stiffness at rest, 'complete' or 'conventional'."""
+
+    @property
+    def bloch_models(self) -> tuple[str, ...]:
+        """Models of which there is a Bloch matrix."""
+
+    def on(self, supercell: Atoms) -> 'Repulsion':
+        """The same calculator on a supercell of its reference."""
+
+    def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
+        """Displacements from the reference in mm, shape (particles, dim)."""
+
+    def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
+        """Bloch matrix at the reference, foundation included, N/mm; `q` of shape (wavevectors, 3)."""
+
+    def bloch_series(self, along: NDArray[np.float64], model: str = 'complete') -> tuple[NDArray[np.complex128], ...]:
+        """The Bloch matrix without foundation to second order in the wavevector `along`, a unit vector."""
+
+    def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
+        """Signs of what outgrows the second order in long waves, shape (dim, dim); zero unless the repulsion reaches far."""
 
 
 def repulsion_of(atoms):
-    """The MagneticRepulsion attached to `atoms`, whose masses are looked at too.
+    """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are looked at too.
+
+    Returns
+    -------
+    MagneticRepulsion
 
     Raises
     ------
     ValueError
-        If there is none, or a mass is not a positive number.
+        If there is none, it is AllNeighbours, or a mass is not a positive number.
     """
-    if not isinstance(atoms.calc, MagneticRepulsion):
+    if not isinstance(atoms.calc, Repulsion):
         raise ValueError(f'the atoms carry {atoms.calc!r} as calculator; '
                          'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
+    if not atoms.calc.pairwise:
+        raise ValueError(f'this needs the stiffness of each bond, which {type(atoms.calc).__name__} does not know; '
+                         'attach atoms.calc = MagneticRepulsion(atoms, potential, ...) with a number of shells')
     masses_of(atoms)
     return atoms.calc
+
+
+def masses_of(atoms):
+    """Masses in g, shape (particles,).
+
+    Raises
+    ------
+    ValueError
+        For one that is not a positive number.
+    """
+    masses = atoms.get_masses()
+    for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
+        positive(f'mass of particle {k}', masses[k], 'g')
+    return masses

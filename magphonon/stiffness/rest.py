@@ -12,10 +12,8 @@ Statically all models are alike: the force of a bond is that of its present leng
 
 import numpy as np
 
-from .all_neighbours import AllNeighbours
-from .calculator import masses_of
 from .constraints import free_directions, freedom
-from .repulsion import repulsion_of
+from .repulsion import Repulsion, masses_of, repulsion_of
 
 ROUND_OFF = 1e-11
 """A static force below this fraction of the forces that cancel in it is round-off."""
@@ -38,10 +36,10 @@ def static_forces(calc, push=0.0, u=0.0):
         Displacements from the reference in mm, at which particles are held still; none by default.
     """
     bonds = calc.bonds
-    R = bonds.vectors[:, : calc.dim] + (bonds.incidence @ u if np.ndim(u) else 0.0)
+    R = calc.bond_vectors + (bonds.incidence @ u if np.ndim(u) else 0.0)
     r = np.linalg.norm(R, axis=1)
     pull = -(calc.potential.dphi(r) / r)[:, None] * R
-    total, size = calc.offset - calc.parameters.foundation * u, abs(calc.offset)
+    total, size = calc.offset - calc.foundation * u, abs(calc.offset)
     total = total + (components(push, calc.dim) if np.ndim(push) else 0.0)
     size = size.max(axis=1) + abs(total).max(axis=1)
     for end, sign in ((bonds.j, 1), (bonds.i, -1)):
@@ -67,7 +65,7 @@ def unbalanced(atoms, u=0.0):
 
 
 def _largest_force(calc, u):
-    R = calc.bonds.vectors[:, : calc.dim] + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
+    R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
     return abs(calc.potential.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
 
 
@@ -119,7 +117,7 @@ def settled(atoms):
 
     Of a cell with AllNeighbours, which knows one rest only, the atoms as they are, if they stand there and the forces balance.
     """
-    if isinstance(atoms.calc, AllNeighbours):
+    if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
         _refuse_unsettled_sums(atoms)
         return atoms
     calc = at_rest(atoms)

@@ -1,0 +1,73 @@
+"""Both calculators are a Repulsion: what is asked of one can be asked of the other, and the foundation is in every matrix."""
+
+import numpy as np
+import pytest
+from ase.calculators.lj import LennardJones
+from oracles import lattice
+
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion
+from magphonon.stiffness.bond import MODELS
+from magphonon.stiffness.repulsion import Repulsion, repulsion_of
+
+STEEP = InversePower(b=1e12, a=12.0)  # neighbours beyond the first three shells add 1e-4 of the stiffness or less
+CALCULATORS = {
+    'MagneticRepulsion': lambda atoms, k: MagneticRepulsion(atoms, STEEP, foundation=k, shells=3),
+    'AllNeighbours': lambda atoms, k: AllNeighbours(atoms, STEEP, foundation=k),
+}
+Q = np.random.default_rng(3).uniform(-1, 1, (5, 3))
+LATTICES = ['chain', 'triangular', 'kagome', 'fcc']
+
+
+def attached(name, kind, k=0.0):
+    atoms = lattice(name)
+    atoms.calc = CALCULATORS[kind](atoms, k)
+    return atoms
+
+
+@pytest.mark.parametrize('kind', CALCULATORS)
+@pytest.mark.parametrize('name', LATTICES)
+def test_the_foundation_is_in_every_bloch_matrix_and_in_no_series(name, kind):
+    free, held = attached(name, kind).calc, attached(name, kind, k=0.3).calc
+    assert isinstance(held, Repulsion)
+    assert (free.foundation, held.foundation) == (0.0, 0.3)
+    along = np.eye(held.dim)[0]
+    for model in held.bloch_models:
+        added = held.bloch_matrix(Q * held.reference.pbc, model) - free.bloch_matrix(Q * held.reference.pbc, model)
+        scale = abs(free.bloch_matrix(Q * held.reference.pbc, model)).max()
+        np.testing.assert_allclose(added, np.broadcast_to(0.3 * np.eye(added.shape[-1]), added.shape), rtol=0, atol=1e-14 * scale)
+        for with_k, without in zip(held.bloch_series(along, model), free.bloch_series(along, model), strict=True):
+            np.testing.assert_array_equal(with_k, without)
+
+
+@pytest.mark.parametrize('name', LATTICES)
+def test_both_calculators_agree_where_the_law_ends_within_the_shells(name):
+    near, endless = (attached(name, kind, k=0.3).calc for kind in CALCULATORS)
+    q = Q * near.reference.pbc
+    scale = abs(endless.bloch_matrix(q)).max()
+    first = attached(name, 'MagneticRepulsion', k=0.3)
+    first.calc = MagneticRepulsion(first, STEEP, foundation=0.3, shells=1)
+    for model in MODELS:
+        left_out = abs(near.bloch_matrix(q, model) - endless.bloch_matrix(q, model)).max()
+        assert left_out < 5e-4 * scale
+        assert left_out < abs(first.calc.bloch_matrix(q, model) - endless.bloch_matrix(q, model)).max()  # the control
+    np.testing.assert_array_equal(near.singular(np.eye(near.dim)[0]), endless.singular(np.eye(near.dim)[0]))  # both are zero
+    assert near.linear_model == endless.linear_model == 'complete'
+
+
+def test_a_coulomb_crystal_has_one_bloch_model_only():
+    atoms = lattice('fcc')
+    atoms.calc = AllNeighbours(atoms, InversePower(1.0, 2.0))
+    assert atoms.calc.bloch_models == ('complete',)
+    assert attached('fcc', 'AllNeighbours').calc.bloch_models == MODELS
+    with pytest.raises(ValueError, match='diverge'):
+        atoms.calc.bloch_matrix(Q, 'conventional')
+
+
+def test_what_knows_no_single_bonds_is_refused_where_they_are_needed():
+    atoms = attached('triangular', 'AllNeighbours')
+    with pytest.raises(ValueError, match='AllNeighbours does not know'):
+        repulsion_of(atoms)
+    atoms.calc = LennardJones()
+    assert not isinstance(atoms.calc, Repulsion)
+    with pytest.raises(ValueError, match=r'attach atoms\.calc'):
+        repulsion_of(atoms)
