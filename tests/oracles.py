@@ -219,8 +219,8 @@ class Pairs:
         """Gradient and Hessian of each bond by the displacement of its other end, shapes (bonds, dim) and (bonds, dim, dim)."""
         R = (x[self.j] + self.cell @ self.periods - x[self.i])[:, : self.dim]
         r = np.linalg.norm(R, axis=1)
-        n, radius = R / r[:, None], r / 10  # a seventh of the distance to the singularity at r: (1/7)^48 is nothing
-        circle = np.exp(2j * np.pi * np.arange(48) / 48)[:, None]
+        n, radius = R / r[:, None], r / 10  # a seventh of the distance to the singularity at r: (1/7)^24 is nothing
+        circle = np.exp(2j * np.pi * np.arange(24) / 24)[:, None]
 
         def along(d, order):
             step = (radius * circle)[..., None] * d
@@ -231,8 +231,9 @@ class Pairs:
         gradient = np.stack([along(d, 1) for d in axes], axis=1)
         K = np.empty((len(r), self.dim, self.dim))
         for a in range(self.dim):
-            for b in range(self.dim):
-                K[:, a, b] = (along(axes[a] + axes[b], 2) - along(axes[a] - axes[b], 2)) / 2
+            K[:, a, a] = 2 * along(axes[a], 2)
+            for b in range(a):
+                K[:, a, b] = K[:, b, a] = (along(axes[a] + axes[b], 2) - along(axes[a] - axes[b], 2)) / 2
         return gradient, K
 
     def forces(self, x):
@@ -246,12 +247,13 @@ class Pairs:
         return abs(self._derivatives(x)[1]).max()
 
     def bloch(self, x, q=(0.0, 0.0, 0.0)):
-        """Stiffness for waves of the phase e^{2 pi i q.cell}, shape (particles * dim, particles * dim), in N/mm."""
-        K = self._derivatives(x)[1]
-        D = np.zeros((self.n, self.n, self.dim, self.dim), complex)
-        np.add.at(D, (self.i, self.i), K)
-        np.add.at(D, (self.i, self.j), -K * np.exp(2j * np.pi * self.cell @ np.asarray(q))[:, None, None])
-        return D.swapaxes(1, 2).reshape(self.n * self.dim, -1)
+        """Stiffness for waves of the phase e^{2 pi i q.cell}, shape (..., particles * dim, particles * dim), in N/mm."""
+        K, phases = self._derivatives(x)[1], np.exp(2j * np.pi * np.asarray(q) @ self.cell.T)
+        D = np.zeros((self.n, self.n, self.dim, self.dim, *phases.shape[:-1]), complex)
+        np.add.at(D, (self.i, self.i), K.reshape(*K.shape, *(1,) * (phases.ndim - 1)))
+        np.add.at(D, (self.i, self.j), -np.einsum('bxy,...b->bxy...', K, phases))
+        D = D.swapaxes(1, 2).reshape(self.n * self.dim, self.n * self.dim, *phases.shape[:-1])
+        return np.moveaxis(D, (0, 1), (-2, -1))
 
     def hessian(self, x):
         """Second derivatives of the energy of all bonds at the positions x, in N/mm."""

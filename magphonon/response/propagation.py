@@ -30,6 +30,8 @@ UNRESOLVED = 1e-11
 """Of the largest coefficient: the last ones are larger only if the series is too short, never by round-off."""
 MOST = 8
 """Times the terms that an oscillation of the known length needs: a series that is longer does not converge."""
+IN_PLACE = 1e-14
+"""Of the largest coordinate: a displacement below it is round-off, as of a particle that stands in another image of its cell."""
 EPS = np.finfo(float).eps
 
 
@@ -126,7 +128,7 @@ def _initial_state(atoms, calc, scene):
     momenta = atoms.get_momenta()[:, : scene.dim].ravel()
     y = scene.shapes.T @ (np.repeat(atoms.get_masses(), scene.dim) * u)
     outside = abs(scene.shapes @ y - u)
-    if outside.max() > 1e-9 * abs(u).max():
+    if outside.max() > 1e-9 * abs(u).max() + IN_PLACE * abs(atoms.positions).max():
         raise ValueError(f'particle {outside.argmax() // scene.dim} is {outside.max():g} mm away from rest in a direction '
                          'in which it is held; start from rest there')
     return np.stack([y, scene.shapes.T @ momenta], axis=1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from ase import Atoms
-from ase.constraints import FixAtoms, FixCom, FixedLine
+from ase.constraints import FixAtoms, FixCom, FixedLine, FixedPlane
 from hypothesis import given, settings, strategies as st
 from motion import apart, oscillator, patch
 from scipy.linalg import expm
@@ -228,6 +228,28 @@ def test_a_guided_particle_stays_on_its_line():
     k = np.array([0.6, 0.8]) ** 2 @ (20000, 70000) * u.N / u.m  # of theta0 = pi/4, along the line
     along = 0.6 / k * (1 - np.cos(np.sqrt(k / MASS) * TIMES))
     np.testing.assert_allclose(found, along[:, None] * [0.6, 0.8], atol=1e-9 * along.max())
+
+
+def test_a_particle_in_another_image_of_its_cell_is_at_rest_on_its_guide():
+    """The way back from there costs a round-off of 1e-15 mm across the guide, which was refused as a displacement."""
+    atoms = lattices.triangular(spacing=10.0, mass=0.7).repeat((3, 2, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=5e3, a=3.0))
+    atoms.set_constraint(FixedPlane(2, (0.6, 0.8, 0)))
+    momenta = np.zeros((6, 3))
+    momenta[2] = 1e-3 * np.array([0.8, -0.6, 0])
+    atoms.set_momenta(momenta)
+    here = propagate(atoms, [3.0]).displacements
+    seen = 0.0
+    for image in range(1, 9):
+        there = atoms.copy()
+        there.calc = atoms.calc
+        there.positions[2] += image * (atoms.cell.array[0] - atoms.cell.array[1])
+        seen = max(seen, abs(there.calc.displacements(there)).max())
+        assert propagate(there, [3.0]).displacements == pytest.approx(here, abs=1e-12 * abs(here).max())
+        there.positions[2, 0] += 1e-11  # mm, across its guide too
+        with pytest.raises(ValueError, match='in which it is held'):
+            propagate(there, [3.0])
+    assert seen > 0
 
 
 def test_parts_of_a_long_run_join(monkeypatch):
