@@ -1,30 +1,31 @@
 """Complex bands: the wavenumber at a given frequency, also where no wave propagates.
 
-Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i xi/d}, with a term for each distance that
-bonds bridge; d makes the exponents whole.  At the frequency omega its mass-weighted modes v obey
+Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i s xi}, with a term for each distance that
+bonds bridge, all multiples of s.  At the frequency omega its mass-weighted modes v obey
 
     sum_p D_p mu^p v = omega^2 v        p = -P ... P
 
-a polynomial eigenproblem of degree 2 P, solved as a pencil of companion matrices.  Where xi is real these are the
-bands; complex xi decay as e^{-Im xi} per step: below the cut-off of a foundation, above the bands and between them.
+a polynomial eigenproblem of degree 2 P.  Where xi is real these are the bands; complex xi decay as e^{-Im xi} per step: below
+the cut-off of a foundation, above the bands and between them.
 """
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import lcm
+from math import gcd, lcm
 
 import numpy as np
 
 from ..errors import finite, one_of
 from ..stiffness.matrices import mass_weighted
 from ..stiffness.rest import at_rest
+from .laurent import laurent_roots, polished
 
 LARGEST_DENOMINATOR = 6
 """Of the exponents along a direction; the pencil grows with it, and symmetry directions need 1, 2 or 3."""
 UNIT_CIRCLE = 1e-6
 """A decay below this per step is none: at a band edge, a double root, round-off moves xi by its own square root."""
 VANISHED = 16
-"""A decay above this per step, 1e-7, counts as infinite: of a singular D_P the pencil returns no better zeros."""
+"""A decay above this per step, 1e-7, counts as infinite."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class ComplexBands:
         Phase and decay per step, `e^{i xi}`, real and imaginary part zero or positive; each stands for its family xi,
         -xi and their conjugates.  Infinite where a wave ends at the particle that moves.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
-        Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
+        Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
+        where the decay is infinite.
     """
 
     omega: np.ndarray
@@ -80,33 +82,41 @@ def complex_bands(atoms, direction, omega, model='complete'):
     calc = at_rest(atoms)
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
-    d, P = _exponents(calc.bonds.shift @ direction)
-    D = _laurent(calc, model, direction * d, P, atoms.get_masses())
+    exponents, unit = _exponents(calc.bonds.shift @ direction)
+    D = _laurent(calc, model, exponents, atoms.get_masses())
     _refuse_flat(calc, model, direction, atoms.get_masses(), omega)
-    waves = [_waves(D, P, w, d) for w in omega]
+    waves = [_waves(D, w, unit) for w in omega]
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
     return ComplexBands(omega, xi, v.reshape(*xi.shape, len(atoms), calc.dim))
 
 
 def _exponents(steps):
-    """Common denominator d of the steps that bonds bridge, and the highest power P of mu among them."""
+    """The steps that bonds bridge as whole multiples of the largest possible unit, and that unit."""
     fractions = [Fraction(float(step)).limit_denominator(LARGEST_DENOMINATOR) for step in steps]
     for step, fraction in zip(steps, fractions, strict=True):
         if abs(step - fraction) > 1e-9:
             raise ValueError(f'a bond bridges {step:.6g} steps along the direction, no fraction with a denominator up to '
                              f'{LARGEST_DENOMINATOR}; choose a direction of symmetry, such as (0, 1, 0) or (1/2, 1, 0)')
-    d = lcm(*(fraction.denominator for fraction in fractions))
-    P = max(abs(int(d * fraction)) for fraction in fractions)
-    if P == 0:
+    if not any(fractions):
         raise ValueError('no bond leads along the direction; its entries belong to the periodic lattice vectors')
-    return d, P
+    d = lcm(*(fraction.denominator for fraction in fractions))
+    exponents = np.array([int(d * fraction) for fraction in fractions])
+    common = gcd(*exponents.tolist())
+    return exponents // common, common / d
 
 
-def _laurent(calc, model, q, P, masses):
-    """Coefficients D_p, p = -P ... P, of the Bloch matrix by powers of mu, from as many samples around the unit circle."""
-    phase = np.arange(2 * P + 1) / (2 * P + 1)
-    samples = mass_weighted(calc.bloch_matrix(phase[:, None] * q, model), masses)
-    return np.fft.fftshift(np.fft.fft(samples, axis=0, norm='forward'), axes=0)
+def _laurent(calc, model, exponents, masses):
+    """Coefficients D_p, p = -P ... P, of the Bloch matrix by powers of mu, bond by bond: what none couples is exactly zero."""
+    K, i, j = calc.rest_stiffness(model), calc.bonds.i, calc.bonds.j
+    n, P = calc.bonds.particles, abs(exponents).max()
+    D = np.zeros((2 * P + 1, n, n, calc.dim, calc.dim))
+    for end in (i, j):
+        np.add.at(D, (P, end, end), K)
+    np.subtract.at(D, (P + exponents, i, j), K)
+    np.subtract.at(D, (P - exponents, j, i), K)
+    D = D.swapaxes(2, 3).reshape(2 * P + 1, n * calc.dim, -1)
+    D[P] += calc.foundation * np.eye(n * calc.dim)
+    return mass_weighted(D, masses)
 
 
 def _refuse_flat(calc, model, direction, masses, omega):
@@ -117,35 +127,26 @@ def _refuse_flat(calc, model, direction, masses, omega):
         raise ValueError(f'a band is flat at omega = {omega[k]:.9g} rad/ms and holds every wavenumber; move the frequency')
 
 
-def _waves(D, P, omega, d):
+def _waves(D, omega, unit):
     """One xi, with its mode, of each family at the frequency `omega`."""
-    from scipy.linalg import eig
-
-    n = D.shape[1]
+    n, P = D.shape[1], len(D) // 2
     A = D.copy()
     A[P] -= omega * abs(omega) * np.eye(n)
-    # A_P mu^2P v + ... + A_-P v = 0 with the blocks v, mu v, ..., mu^(2P-1) v
-    size = 2 * P * n
-    left, right = np.eye(size, k=n, dtype=complex), np.eye(size, dtype=complex)
-    left[-n:] = -np.hstack(A[:-1])
-    right[-n:, -n:] = A[-1]
-    (alpha, beta), columns = eig(left, right, homogeneous_eigvals=True)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        mu = alpha / beta
-        decay = -d * np.log(abs(mu))
-    phase = d * np.angle(mu)
-    decay[abs(decay) < UNIT_CIRCLE] = 0
-    decay[abs(decay) > VANISHED] *= np.inf
+    mu, v = laurent_roots(A)
+    decay, phase = -np.log(abs(mu)), np.angle(mu)
+    decay[abs(decay) < UNIT_CIRCLE * unit] = 0
     # xi and its conjugate, or xi and -xi if real: keep the half that decays or runs forwards
-    half = np.lexsort((-phase, -decay))[: size // 2]
-    half = half[np.lexsort((abs(phase[half]), decay[half]))]
-    v = columns[:n, half]
-    v = np.where(phase[half] < 0, v.conj(), v).T
-    with np.errstate(invalid='ignore'):
-        v = v / np.linalg.norm(v, axis=1)[:, None]
-    xi = np.where(np.isinf(decay[half]), 0, abs(phase[half])).astype(complex)
-    xi.imag = decay[half]  # 1j * decay would turn an infinite decay into a NaN
-    return xi, v
+    half = np.lexsort((-phase, -decay))[: len(mu) // 2]
+    mu, v = polished(A, mu[half], v[half])
+    decay, phase = -np.log(abs(mu)) / unit, np.angle(mu) / unit
+    decay[abs(decay) < UNIT_CIRCLE] = 0
+    order = np.lexsort((abs(phase), decay))
+    order = order[decay[order] < VANISHED]
+    xi, modes = np.zeros(P * n, complex), np.zeros((P * n, n), complex)
+    xi.imag = np.inf
+    xi[: len(order)] = abs(phase[order]) + 1j * decay[order]
+    modes[: len(order)] = np.where(phase[order, None] < 0, v[order].conj(), v[order])
+    return xi, modes
 
 
 def measured_decay(amplitudes, steps, source):
