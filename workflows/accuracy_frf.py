@@ -10,8 +10,9 @@ from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, lattices, units
 from magphonon.response.frf import harmonic_response, series_response
-from magphonon.response.normal_modes import modes, reduced
+from magphonon.response.normal_modes import modes
 from magphonon.response.stepped import impulse_response, steady_amplitudes
+from magphonon.stiffness.linear_system import LinearSystem
 from workflows.accuracy import Candidate, cheapest, measure
 
 from .accuracy_transient import ENGINE, prototype
@@ -128,7 +129,7 @@ def candidates(shaken, panel, quick):
 
 def series(shaken, tolerance, cost):
     """What frequency_response chooses for patches."""
-    scene = reduced(shaken.atoms)
+    scene = LinearSystem.of(shaken.atoms)
     s = scene.shapes.T @ shaken.push[:, :2].ravel()
     u, products = series_response(scene, s, shaken.omega, shaken.gamma, np.array([shaken.particle]), tolerance)
     cost['products'] = products

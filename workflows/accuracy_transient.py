@@ -23,8 +23,8 @@ from magphonon import (
     units,
 )
 from magphonon.response.damped_oscillator import forced_response, sampled
-from magphonon.response.normal_modes import reduced
 from magphonon.stiffness.bond import model_stiffness
+from magphonon.stiffness.linear_system import LinearSystem
 from magphonon.stiffness.matrices import bloch_matrix
 from workflows.accuracy import Candidate, cheapest, measure
 
@@ -52,7 +52,7 @@ class Burst:
     @cached_property
     def scene(self):
         """The reduced structure."""
-        return reduced(self.atoms)
+        return LinearSystem.of(self.atoms)
 
     @cached_property
     def exact(self):
@@ -61,7 +61,7 @@ class Burst:
 
     def problem(self):
         """K, the pattern, and the function from reduced coordinates to displacements."""
-        scene = reduced(self.atoms)
+        scene = LinearSystem.of(self.atoms)
         push = np.zeros((len(self.atoms), 2))
         push[self.drive.particles] = self.drive.direction[:2]
         return scene.K, scene.shapes.T @ push.ravel(), lambda y: (scene.shapes @ y).reshape(-1, 2)

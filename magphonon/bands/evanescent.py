@@ -16,8 +16,8 @@ from math import gcd, lcm
 import numpy as np
 
 from ..errors import finite, one_of
+from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import mass_weighted
-from ..stiffness.rest import at_rest
 from .laurent import laurent_roots, polished
 
 LARGEST_DENOMINATOR = 6
@@ -79,15 +79,16 @@ def complex_bands(atoms, direction, omega, model='complete'):
         If the bonds bridge no whole fractions of a step along the direction, or none of them leads along it, or a band
         is flat at one of the frequencies: there it holds every wavenumber.
     """
-    calc = at_rest(atoms)
+    system = LinearSystem.of(atoms)
+    calc = system.calc
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
     exponents, unit = _exponents(calc.bonds.shift @ direction)
-    D = _laurent(calc, model, exponents, atoms.get_masses())
-    _refuse_flat(calc, model, direction, atoms.get_masses(), omega)
+    D = _laurent(calc, model, exponents, system.masses)
+    _refuse_flat(calc, model, direction, system.masses, omega)
     waves = [_waves(D, w, unit) for w in omega]
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
-    return ComplexBands(omega, xi, v.reshape(*xi.shape, len(atoms), calc.dim))
+    return ComplexBands(omega, xi, v.reshape(*xi.shape, len(system), calc.dim))
 
 
 def _exponents(steps):

@@ -21,9 +21,9 @@ from .. import units
 from ..bands.bloch import bloch_modes
 from ..response.frf import resolvents
 from ..stiffness.bond import model_stiffness
-from ..stiffness.constraints import free_directions
+from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
-from ..stiffness.rest import BALANCED, at_rest
+from ..stiffness.rest import BALANCED
 
 SAME = 1e-9
 """Of the highest frequency: branches closer than this cross."""
@@ -117,8 +117,9 @@ def frequency_sensitivities(atoms, q, changes, model='complete'):
     v = vectors.reshape(*omega.shape, -1)
     squares = np.sign(omega) * omega**2
     highest = abs(omega).max()
-    calc, masses = at_rest(atoms), atoms.get_masses()
-    _refuse_moving(atoms, calc, changes)
+    system = LinearSystem.of(atoms)
+    calc, masses = system.calc, system.masses
+    _refuse_moving(system, changes)
     W = np.empty((len(changes), *omega.shape, omega.shape[1]), dtype=complex)
     for p, change in enumerate(changes):
         dD = bloch_matrix(calc.bonds, _stiffness_change(calc, change, model), q, change.foundation)
@@ -154,14 +155,15 @@ def response_sensitivities(atoms, force, omega, damping, changes):
     slopes : ndarray of complex, shape (changes, frequencies, particles, 3)
         `du/d ln p` in mm.
     """
-    calc, n = at_rest(atoms), len(atoms)
-    _refuse_moving(atoms, calc, changes)
-    M, gamma = np.repeat(atoms.get_masses(), 3), np.repeat(np.broadcast_to(damping, n), 3)
+    system = LinearSystem.of(atoms)
+    calc, n = system.calc, len(system)
+    _refuse_moving(system, changes)
+    M, gamma = np.repeat(system.masses, 3), np.repeat(np.broadcast_to(damping, n), 3)
     dH = [_hessian_change(calc, change) for change in changes]
     F = np.asarray(force, dtype=complex).reshape(3 * n)
     u = np.empty((len(omega), n, 3), dtype=complex)
     slopes = np.empty((len(changes), len(omega), n, 3), dtype=complex)
-    for k, G in enumerate(resolvents(atoms, omega, damping)):
+    for k, G in enumerate(resolvents(system, omega, damping)):
         inertia = (-omega[k] ** 2 + 1j * omega[k] * gamma) * M
         x = G(F)
         u[k] = x.reshape(n, 3)
@@ -170,12 +172,13 @@ def response_sensitivities(atoms, force, omega, damping, changes):
     return u, slopes
 
 
-def _refuse_moving(atoms, calc, changes):
+def _refuse_moving(system, changes):
     """Refuse changes that would move the rest: the derivatives are those at fixed positions.
 
     What a dead load holds stays where it is, as its load is taken to follow.
     """
-    C, R, P = calc.bonds.incidence, calc.bond_vectors, free_directions(atoms)
+    calc, P = system.calc, system.free
+    C, R = calc.bonds.incidence, calc.bond_vectors
     r = np.linalg.norm(R, axis=1)
     springs = (calc.offset - calc.load[:, : calc.dim]) / (calc.foundation or 1.0)
     for change in changes:

@@ -23,6 +23,7 @@ from .recorder import (
     Recorder as Recorder,
 )
 from .timestep import (
+    frequency_bound as frequency_bound,
     highest_frequency as highest_frequency,
     refuse_unstable as refuse_unstable,
 )

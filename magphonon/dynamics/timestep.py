@@ -4,9 +4,7 @@ import numpy as np
 from scipy import sparse
 
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.constraints import free_directions
-from ..stiffness.matrices import hessian
-from ..stiffness.rest import nearest_rest
+from ..stiffness.linear_system import LinearSystem
 
 DENSE = 200
 """Matrices up to this size are diagonalised whole."""
@@ -18,50 +16,52 @@ def refuse_unstable(atoms, dt):
     """Raise ValueError if `dt` (ms) is over the limit 2/omega_max about rest; other calculators are not judged."""
     if not isinstance(atoms.calc, MagneticRepulsion):
         return
-    omega = highest_frequency(atoms, dt)
+    omega = frequency_bound(atoms, dt)
     if omega * dt > 2:
         raise ValueError(f'the time step of {dt:.9g} ms is over the limit of stability 2/omega_max = {2 / omega:.9g} ms; '
                          'a tenth of the limit is accurate; allow_unstable=True runs all the same')
 
 
-def highest_frequency(atoms, dt=np.inf):
-    """Highest angular frequency of what the constraints leave free, in rad/ms, about rest.
+def highest_frequency(atoms):
+    """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
     Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         With its MagneticRepulsion.
-    dt : float
-        Time step in ms to be judged: a cheap upper bound is returned instead if that is below 2/dt already.
     """
-    calc, masses = nearest_rest(atoms)[0], atoms.get_masses()
-    bonds, k = calc.bonds, calc.foundation
-    K = calc.rest_stiffness(calc.linear_model)
-    P = free_directions(atoms)
-    mobile = np.zeros(len(atoms), bool)
-    mobile[P.nonzero()[0] // calc.dim] = True
-    bound = np.sqrt(_row_bound(bonds, K, k, masses)[mobile].max(initial=0.0))
-    if not bound or bound * dt <= 2:
-        return bound
-    free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, calc.dim))) @ P
-    D = free.T @ hessian(bonds, K, k) @ free
-    bounds = (lambda: abs(D).sum(axis=1).max(), lambda: (1 + ROUGH) * _largest_eigenvalue(D, ROUGH))  # the cheaper first
-    for square in bounds if np.isfinite(dt) else ():
-        bound = np.sqrt(square())
-        if bound * dt <= 2:
-            return bound
-    return np.sqrt(max(_largest_eigenvalue(D, FINE), 0.0))
+    system = LinearSystem.nearest(atoms)
+    return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
 
 
-def _row_bound(bonds, K, k, masses):
-    """Gershgorin's bound on the squared frequencies by particle: `k/m_i + sum_b |K_b| (1/m_i + 1/sqrt(m_i m_j))`."""
+def frequency_bound(atoms, dt):
+    """Upper bound of the highest frequency, no dearer than a verdict on the time step `dt` (ms) needs; in rad/ms.
+
+    Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, it is the highest frequency itself.
+    """
+    system = LinearSystem.nearest(atoms)
+    bounds = (lambda: _particle_bound(system),
+              lambda: np.sqrt(abs(system.K).sum(axis=1).max()),
+              lambda: np.sqrt((1 + ROUGH) * _largest_eigenvalue(system.K, ROUGH)))
+    for bound in bounds:
+        if (omega := bound()) * dt <= 2:
+            return omega
+    return highest_frequency(system)
+
+
+def _particle_bound(system):
+    """Gershgorin's bound by particle, without the Hessian: `w^2 <= k/m_i + sum_b |K_b| (1/m_i + 1/sqrt(m_i m_j))`."""
+    calc, masses = system.calc, system.masses
+    mobile = np.zeros(len(masses), bool)
+    mobile[system.free.nonzero()[0] // calc.dim] = True
+    bonds, K, k = calc.bonds, calc.rest_stiffness(calc.linear_model), calc.foundation
     norm = abs(np.linalg.eigvalsh(K)).max(axis=1)
     squares = k / masses
     for i, j in ((bonds.i, bonds.j), (bonds.j, bonds.i)):
         squares += np.bincount(i, norm * (1 / masses[i] + 1 / np.sqrt(masses[i] * masses[j])), len(masses))
-    return squares
+    return np.sqrt(squares[mobile].max(initial=0.0))
 
 
 def _largest_eigenvalue(D, tolerance):

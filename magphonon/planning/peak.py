@@ -12,12 +12,11 @@ import numpy as np
 from .. import units
 from ..dynamics.timestep import highest_frequency
 from ..response.frf import frequency_response, harmonic_response
-from ..response.normal_modes import SMALL, Modes, modes, reduced
+from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
 from ..response.stepped import HEADSTART, STEADY
 from ..stability.amplitude_shifts import ALIKE, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
-from ..stiffness.constraints import free_directions
-from ..stiffness.rest import at_rest
+from ..stiffness.linear_system import LinearSystem
 from .plan import EIGENSOLVE, Method, Plan, force_cost, percent
 
 LONGEST_STEP = 0.5
@@ -66,7 +65,7 @@ def highest_peak(atoms, source, answer, omega, damping):
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
     source, answer : tuple of int and array_like, shape (3,)
         Particle and direction of the force, and of the displacement that is looked at.
     omega : array_like
@@ -79,13 +78,12 @@ def highest_peak(atoms, source, answer, omega, damping):
     ValueError
         If the structure is unstable or does not resonate in the range.
     """
-    if free_directions(atoms).shape[1] > LARGE:
-        return _peak_of_field(atoms, source, answer, omega, damping)
-    linear = modes(atoms)
+    system = LinearSystem.of(atoms)
+    if system.free.shape[1] > LARGE:
+        return _peak_of_field(system, source, answer, omega, damping)
+    linear = modes(system)
     w = linear.omega
-    if w[0] < 0:
-        raise ValueError(f'the structure is unstable (growth rate {-w[0]:.4g} / ms) and has no steady response; '
-                         '"magphonon check" says what would hold it')
+    refuse_growing(w[0] * abs(w[0]), w[-1] ** 2)
     linear = _turned(linear, source)
     push, seen = (_at(linear.shapes, place) for place in (source, answer))
     height = np.where((w >= omega[0]) & (w <= omega[-1]) & (w > 0), abs(push * seen), 0) / np.maximum(w, omega[0])
@@ -95,14 +93,14 @@ def highest_peak(atoms, source, answer, omega, damping):
     return Peak(linear, mode, np.flatnonzero(height >= SHARPNESS * height[mode]), float(abs(push[mode])))
 
 
-def _peak_of_field(atoms, source, answer, omega, damping):
+def _peak_of_field(system, source, answer, omega, damping):
     """The peak of a large structure: its response at all frequencies, and all of its particles at the highest."""
-    force = np.zeros((len(atoms), 3))
+    force = np.zeros((len(system), 3))
     force[source[0]] = source[1]
-    response = frequency_response(atoms, force, omega, damping, [answer[0]], tolerance=1e-4)[:, 0] @ answer[1]
+    response = frequency_response(system, force, omega, damping, [answer[0]], tolerance=1e-4)[:, 0] @ answer[1]
     w = omega[abs(response).argmax()]
-    e = harmonic_response(atoms, force, [w], damping)[0, :, : atoms.calc.dim].imag
-    e /= np.sqrt(np.einsum('i,ix,ix->', atoms.get_masses(), e, e))
+    e = harmonic_response(system, force, [w], damping)[0, :, : system.dim].imag
+    e /= np.sqrt(np.einsum('i,ix,ix->', system.masses, e, e))
     return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(_at(e[None], source)[0])))
 
 
@@ -129,7 +127,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion.
     source, answer, omega, damping
         As for `highest_peak`.
@@ -143,10 +141,10 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     Plan
         The settings of its methods are `model` and, where time is stepped, `dt` in ms.
     """
-    calc = at_rest(atoms)
-    peak = highest_peak(atoms, source, answer, omega, damping)
+    system = LinearSystem.of(atoms)
+    calc, peak = system.calc, highest_peak(system, source, answer, omega, damping)
     w = peak.omega
-    stiffening = turning(atoms, peak)
+    stiffening = turning(calc, peak)
     frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
     where = f'the peak stands at {w / (2 * np.pi) / units.Hz:.6g} Hz'
     evidence = [f'{where}; D* moves it by {percent(frozen)}, to first order' if frozen else
@@ -154,7 +152,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     shift, evaluations = 0.0, 0
     if force:
         try:
-            swing = vibration(atoms, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
+            swing = vibration(system, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
             shift, evaluations = abs(swing.omega / w - 1), swing.evaluations
             moves = f'which moves the peak by {percent(shift)} ' + ('up' if swing.omega > w else 'down')
         except FarFromLinear as error:
@@ -162,14 +160,14 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
         reach = force * peak.force / (damping * w) * abs(peak.linear.shapes[peak.mode]).max() / calc.bonds.lengths.min()
         evidence.append(f'{force:g} N swings it by {percent(reach)} of the spacing, {moves}')
 
-    points, nearest, free = len(omega), len(calc.bonds), free_directions(atoms).shape[1]
-    top, shift_doubt = highest_frequency(atoms), 0.0 if free <= LARGE else DOUBT_ALONE
+    points, nearest, free = len(omega), len(calc.bonds), system.free.shape[1]
+    top, shift_doubt = highest_frequency(system), 0.0 if free <= LARGE else DOUBT_ALONE
     if free <= SMALL:
         algorithm, cost = f'a sum over {free} modes' if free > 1 else 'its closed form', EIGENSOLVE * free**3 + points * free
     else:
         products = np.log(1e9) * top**2 / (2 * damping * omega[0])
         algorithm = f'a Chebyshev series of some {products:.0f} products with the stiffness'
-        cost = products * reduced(atoms).K.nnz
+        cost = products * system.K.nnz
     methods = [Method('conventional linear', algorithm, cost, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
                       {'model': 'conventional'}),
                Method('complete linear', algorithm, cost, shift, shift_doubt, {'model': 'complete'})]
@@ -183,9 +181,8 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
                 cost + evaluations * nearest * force_cost(calc.dim))
 
 
-def turning(atoms, peak):
+def turning(calc, peak):
     """Share e D* e/w^2 of the static forces in the squared frequency of each of the peak's rivals."""
-    calc = at_rest(atoms)
     bonds, R = calc.bonds, calc.bond_vectors
     n = R / bonds.lengths[:, None]
     e = peak.linear.shapes[peak.rivals]

@@ -20,10 +20,10 @@ from ..dynamics.timestep import highest_frequency
 from ..dynamics.verlet import DrivenVerlet
 from ..lattices.bonds import Bonds
 from ..lattices.patches import RIM
-from ..response.normal_modes import reduced
 from ..response.propagation import propagate
 from ..stiffness.bond import MODELS
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.linear_system import LinearSystem
 from ..stiffness.repulsion import repulsion_of
 from .plan import Method, Plan, force_cost, percent
 
@@ -151,8 +151,8 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
     ValueError
         If the burst throws particles into each other.
     """
-    calc = repulsion_of(atoms)
-    top = highest_frequency(atoms)
+    system = LinearSystem.of(atoms)
+    calc, top = system.calc, highest_frequency(system)
     dt = PILOT_STEP * 2 / top
     interval = max(1, int(2 * np.pi / drive.omega / FRAMES / dt))
     steps = int(duration / dt)
@@ -168,7 +168,7 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
                 + (f', and by up to {percent(sides)} at the sides of the beam' if sides else ''),
                 f'bonds stretch and turn by {percent(strain)} at most, so nonlinearity changes it by less than '
                 f'{percent(nonlinear)}']
-    cost = sum(answer.products for answer in linear.values()) * reduced(atoms).K.nnz
+    cost = sum(answer.products for answer in linear.values()) * system.K.nnz
     own_doubt = 0.0  # of a bound
     if nonlinear * (1 + doubt) > tolerance:
         for halvings in range(HALVINGS + 1):
@@ -187,7 +187,7 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
 
     methods = []
     for model, error in (('conventional', frozen + sides + nonlinear), ('complete', nonlinear)):
-        products, entries = linear[model].products, reduced(as_model(atoms, model)).K.nnz
+        products, entries = linear[model].products, LinearSystem.of(as_model(atoms, model)).K.nnz
         methods.append(Method(f'{model} linear', f'exact propagation in {products} products with the stiffness',
                               copies * products * entries, error, doubt, {'model': model}))
     dt_run = min(dt * np.sqrt(SHARE * tolerance / stepping), LONGEST_STEP * 2 / top)

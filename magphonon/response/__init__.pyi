@@ -8,12 +8,10 @@ from .frf import (
 )
 from .normal_modes import (
     Modes as Modes,
-    Reduced as Reduced,
     modes as modes,
     natural_frequencies as natural_frequencies,
     recorded as recorded,
-    reduced as reduced,
-    reduced_about as reduced_about,
+    refuse_growing as refuse_growing,
     sizes as sizes,
 )
 from .propagation import (

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..errors import finite, not_negative, positive
 from ..files import Saved
-from ..stiffness.constraints import free_motion, refuse_held
-from ..stiffness.rest import at_rest
-from .chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, stable_interval, whole_interval
-from .normal_modes import ROUND_OFF, SMALL, recorded, reduced, sizes
+from ..stiffness.constraints import refuse_held
+from ..stiffness.linear_system import LinearSystem
+from .chebyshev import BLOCK, Outside, chebyshev_blocks, stable_interval, whole_interval
+from .normal_modes import ROUND_OFF, SMALL, recorded, refuse_growing, sizes
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def harmonic_response(atoms, force, omega, damping):
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
     force : array_like of complex, shape (particles, 3)
         Amplitudes in N.
@@ -71,11 +71,12 @@ def harmonic_response(atoms, force, omega, damping):
         For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, an
         undamped resonance, a structure that is not at rest, a force on held particles only.
     """
-    n = len(atoms)
+    system = LinearSystem.of(atoms)
+    n = len(system)
     force = np.asarray(force, dtype=complex)
     finite('force', abs(force), (n, 3))
-    refuse_held(force, atoms, 'the force')
-    return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(atoms, omega, damping)])
+    refuse_held(force, system.atoms, 'the force')
+    return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(system, omega, damping)])
 
 
 def resolvents(atoms, omega, damping):
@@ -87,24 +88,23 @@ def resolvents(atoms, omega, damping):
     from scipy import sparse
     from scipy.sparse.linalg import splu
 
-    n = len(atoms)
+    system = LinearSystem.of(atoms).moving()
+    n = len(system)
     omega = finite('omega', np.atleast_1d(omega))
     gamma = finite('damping', damping)
     if gamma.shape not in ((), (n,)):
         raise ValueError(f'damping must be one number or one for each of the {n} particles, not {gamma.shape}')
     not_negative('damping', float(gamma.min()), '1/ms')
-    M = np.repeat(atoms.get_masses(), 3)
-    calc = at_rest(atoms)
-    H = calc.get_hessian(calc.reference)
-    B = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, calc.dim)) @ free_motion(atoms)
+    free, M, rate = system.free.power(2).T, system.masses, np.broadcast_to(gamma, n)
+    in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
     for w in omega:
-        dynamic = H + sparse.diags_array(-(w**2) * M + 1j * w * np.repeat(np.broadcast_to(gamma, n), 3) * M)
+        inertia = free @ np.repeat((-(w**2) + 1j * w * rate) * M, system.dim)
         try:
-            solve = splu(sparse.csc_array(B.T @ dynamic @ B)).solve
+            solve = splu(sparse.csc_array(system.stiffness + sparse.diags_array(inertia))).solve
         except RuntimeError as error:
             raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
                              'damp it or move the frequency') from error
-        yield lambda F, solve=solve: B @ solve(B.T @ F)
+        yield lambda F, solve=solve: in_space @ solve(in_space.T @ F)
 
 
 FACTORISATION = 500
@@ -119,7 +119,7 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
     force : array_like of complex, shape (particles, 3)
         Amplitudes in N, of e^{i omega t}.
@@ -143,27 +143,32 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
         For another shape, a negative damping, an undamped resonance, a structure that is not at rest, one that is
         unstable and has no steady state, or a force on held particles only.
     """
-    scene = reduced(atoms)
+    system = LinearSystem.of(atoms).moving()
     omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')
     force = np.asarray(force, dtype=complex)
-    finite('force', abs(force), (len(atoms), 3))
-    refuse_held(force, atoms, 'the force')
+    finite('force', abs(force), (len(system), 3))
+    refuse_held(force, system.atoms, 'the force')
     positive('tolerance', tolerance)
-    particles = recorded(particles, len(atoms))
-    s = scene.shapes.T @ force[:, : scene.dim].ravel()
+    particles = recorded(particles, len(system))
+    s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
     u = np.zeros((len(omega), len(particles), 3), complex)
-    if scene.K.shape[0] <= SMALL:
-        u[..., : scene.dim] = _by_modes(scene, s, omega, gamma, particles)
+    if system.K.shape[0] <= SMALL:
+        u[..., : system.dim] = _by_modes(system, s, omega, gamma, particles)
         return u
     try:
-        if _series_length(scene.K, omega, gamma, tolerance) > FACTORISATION * len(omega):
-            _refuse_unstable(whole_interval(scene.K))
-            return harmonic_response(atoms, force, omega, gamma)[:, particles]
-        u[..., : scene.dim] = series_response(scene, s, omega, gamma, particles, tolerance)[0]
+        if _series_length(system.K, omega, gamma, tolerance) > FACTORISATION * len(omega):
+            _refuse_growing(system.K)
+            return harmonic_response(system, force, omega, gamma)[:, particles]
+        u[..., : system.dim] = series_response(system, s, omega, gamma, particles, tolerance)[0]
     except Outside:
-        _refuse_unstable(whole_interval(scene.K))
+        _refuse_growing(system.K)
     return u
+
+
+def _refuse_growing(K):
+    spectrum = whole_interval(K)
+    refuse_growing(spectrum.lowest, spectrum.highest)
 
 
 def receptance(atoms, source, answer, omega, damping):
@@ -182,27 +187,22 @@ def receptance(atoms, source, answer, omega, damping):
         Of shape (frequencies,).
     """
     (driven, push), (seen, along) = source, answer
-    force = np.zeros((len(atoms), 3))
+    system = LinearSystem.of(atoms)
+    force = np.zeros((len(system), 3))
     force[driven] = push
     omega = np.atleast_1d(omega)
-    return FrequencyResponse(omega, frequency_response(atoms, force, omega, damping, np.array([seen]))[:, 0] @ along)
+    return FrequencyResponse(omega, frequency_response(system, force, omega, damping, np.array([seen]))[:, 0] @ along)
 
 
-def _refuse_unstable(spectrum):
-    if spectrum.lowest < -ROUND_OFF * spectrum.highest:
-        raise ValueError(f'the structure is unstable (growth rate {np.sqrt(-spectrum.lowest):.4g} / ms) and has no steady state; '
-                         'see magphonon.stability.verdicts for what would hold it') from None
-
-
-def _by_modes(scene, s, omega, gamma, particles):
-    squares, vectors = np.linalg.eigh(scene.K.toarray())
-    _refuse_unstable(Interval(squares[0], squares[-1]))
+def _by_modes(system, s, omega, gamma, particles):
+    squares, vectors = np.linalg.eigh(system.K.toarray())
+    refuse_growing(squares[0], squares[-1])
     dynamic = squares - omega[:, None] ** 2 + 1j * gamma * omega[:, None]
     for w in omega[abs(dynamic).min(axis=1) <= ROUND_OFF * squares[-1]]:
         raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; damp it or move the frequency')
-    rows, shapes = scene.rows(particles)
+    rows, shapes = system.rows(particles)
     y = (vectors.T @ s / dynamic) @ vectors[rows].T
-    return (shapes @ y.T).T.reshape(len(omega), len(particles), scene.dim)
+    return (shapes @ y.T).T.reshape(len(omega), len(particles), system.dim)
 
 
 def _inner(z):
@@ -221,12 +221,12 @@ def _series_length(K, omega, gamma, tolerance):
     return np.log(tolerance) / np.log(abs(_inner(_scaled(K, omega, gamma)[1])).max()) if gamma else np.inf
 
 
-def series_response(scene, s, omega, gamma, particles, tolerance):
+def series_response(system, s, omega, gamma, particles, tolerance):
     """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).
 
     Parameters
     ----------
-    scene : Reduced
+    system : LinearSystem
     s : ndarray, shape (free,)
         Reduced force.
     omega, gamma, particles, tolerance
@@ -244,13 +244,13 @@ def series_response(scene, s, omega, gamma, particles, tolerance):
     Outside
         If the structure is unstable.
     """
-    interval, z = _scaled(scene.K, omega, gamma)
-    rows, shapes = scene.rows(particles)
+    interval, z = _scaled(system.K, omega, gamma)
+    rows, shapes = system.rows(particles)
     w = _inner(z)
     root = z - w
     length, size = np.linalg.norm(s), sizes(shapes)
     y, open_ = np.zeros((len(z), len(rows)), complex), np.ones(len(z), bool)
-    for n, block in enumerate(chebyshev_blocks(scene.K, interval, s, rows)):
+    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows)):
         powers = 2 * w[open_, None] ** (n * BLOCK + np.arange(BLOCK))
         if n == 0:
             powers[:, 0] = 1
@@ -261,4 +261,4 @@ def series_response(scene, s, omega, gamma, particles, tolerance):
         if not open_.any():
             break
     y /= -root[:, None] * interval.radius
-    return (shapes @ y.T).T.reshape(len(z), len(particles), scene.dim), (n + 1) * BLOCK
+    return (shapes @ y.T).T.reshape(len(z), len(particles), system.dim), (n + 1) * BLOCK

@@ -1,12 +1,12 @@
-"""Normal modes of a structure about its rest, and the reduced problem from which all linear answers start.
+"""Normal modes of a structure about its rest.
 
 About rest, with what the constraints hold left out and masses absorbed, the motion of a structure is
+(`magphonon.stiffness.linear_system`)
 
-    y'' + gamma y' + K y = g(t)        y = B^T M^{1/2} u        K = B^T M^{-1/2} H M^{-1/2} B
+    y'' + gamma y' + K y = g(t)        u = S y
 
-with the orthonormal directions B in which particles are free.  Each answer is a function of the matrix K: of a small one
-by its modes, of a large one by a Chebyshev series (`magphonon.response.chebyshev`), whose products with K serve all times and all
-frequencies at once.
+Each linear answer is a function of the matrix K: of a small one by its modes, of a large one by a Chebyshev series
+(`magphonon.response.chebyshev`), whose products with K serve all times and all frequencies at once.
 """
 
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from .. import units
 from ..errors import whole
 from ..files import Saved
-from ..stiffness.constraints import free_motion
+from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import signed_root
-from ..stiffness.rest import at_rest
 from .chebyshev import whole_interval
 
 SMALL = 300
@@ -45,64 +45,12 @@ class Modes(Saved, kind='modes', units={
     shapes: np.ndarray
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """A structure about rest, without what is held.
-
-    Attributes
-    ----------
-    K : scipy.sparse.csr_array, shape (free, free)
-        In rad^2/ms^2.
-    shapes : scipy.sparse.csr_array, shape (particles * dim, free)
-        M^{-1/2} B: displacements `u = shapes y`; forces enter as `shapes^T f`.
-    dim : int
-    """
-
-    K: sparse.csr_array
-    shapes: sparse.csr_array
-    dim: int
-
-    def rows(self, particles):
-        """The free directions of some particles, and the part of `shapes` that belongs to both."""
-        own = self.shapes[(particles[:, None] * self.dim + np.arange(self.dim)).ravel()]
-        rows = np.unique(own.indices)
-        return rows, own[:, rows]
-
-
-def reduced(atoms):
-    """Linearise a structure about its present positions, where the forces must balance.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-
-    Returns
-    -------
-    Reduced
-
-    Raises
-    ------
-    ValueError
-        If there is another calculator, a constraint other than FixAtoms, FixedLine and FixedPlane, nothing is free, or the
-        structure is not at rest.
-    """
-    return reduced_about(at_rest(atoms), atoms)
-
-
-def reduced_about(calc, atoms):
-    """The same about the reference of `calc`, whether or not the forces balance there."""
-    B = free_motion(atoms)
-    H = calc.rest_hessian(calc.linear_model)
-    shapes = sparse.csr_array(sparse.diags_array(1 / np.sqrt(np.repeat(atoms.get_masses(), calc.dim))) @ B)
-    return Reduced(sparse.csr_array(shapes.T @ H @ shapes), shapes, calc.dim)
-
-
 def modes(atoms, count=None):
     """Natural frequencies and mode shapes about rest, within the constraints.
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         With MagneticRepulsion.
     count : int, optional
         The lowest ones only, which a large structure finds without being diagonalised; all of them if not given.
@@ -116,25 +64,39 @@ def modes(atoms, count=None):
     ValueError
         If there are not as many modes, or the structure is not at rest.
     """
-    scene = reduced(atoms)
-    size = scene.K.shape[0]
+    system = LinearSystem.of(atoms).moving()
+    size = system.K.shape[0]
     count = size if count is None else whole('count', count)
     if count > size:
         raise ValueError(f'the structure has {size} modes, not {count}')
     if size <= SMALL or count > size // 10:
-        squares, vectors = np.linalg.eigh(scene.K.toarray())
+        squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
-        below = whole_interval(scene.K)
-        squares, vectors = sparse.linalg.eigsh(scene.K, k=count, sigma=below.lowest - 1e-6 * below.highest,
+        below = whole_interval(system.K)
+        squares, vectors = sparse.linalg.eigsh(system.K, k=count, sigma=below.lowest - 1e-6 * below.highest,
                                                v0=np.random.default_rng(0).normal(size=size))
     order = np.argsort(squares)[:count]
-    shapes = (scene.shapes @ vectors[:, order]).T.reshape(count, len(atoms), scene.dim)
+    shapes = (system.shapes @ vectors[:, order]).T.reshape(count, len(system), system.dim)
     return Modes(signed_root(squares[order]), shapes)
 
 
 def natural_frequencies(atoms):
     """Frequencies of all `modes` without their shapes, in a third of the time; ascending, in rad/ms, shape (modes,)."""
-    return signed_root(np.linalg.eigvalsh(reduced(atoms).K.toarray()))
+    return signed_root(np.linalg.eigvalsh(LinearSystem.of(atoms).moving().K.toarray()))
+
+
+def refuse_growing(lowest, highest):
+    """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response.
+
+    Raises
+    ------
+    ValueError
+        If the lowest one is negative, by more than the round-off of one that is zero.
+    """
+    if lowest < -ROUND_OFF * highest:
+        raise ValueError('the structure is unstable and has no steady response: its fastest growing mode has the rate '
+                         f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or more space would hold it, and '
+                         '"magphonon check" or magphonon.verdict says how much')
 
 
 def sizes(shapes):

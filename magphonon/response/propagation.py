@@ -13,10 +13,11 @@ import numpy as np
 from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
 from ..errors import finite, not_negative, positive
 from ..files import Saved
+from ..stiffness.linear_system import LinearSystem
 from ..stiffness.rest import components, rest_of_motion, static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from .damped_oscillator import forced_response, free_response, sampled, separated
-from .normal_modes import recorded, reduced_about, sizes
+from .normal_modes import recorded, sizes
 
 SPAN = 2000.0
 """Longest part in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
@@ -109,40 +110,40 @@ def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e
     drives = list(drives)
     refuse_held_drives(drives, atoms)
     calc = rest_of_motion(atoms, constant_push(drives, len(atoms)))
-    scene = reduced_about(calc, atoms)
-    state, load = _initial_state(atoms, calc, scene), _Load(atoms, calc, scene, drives, tolerance)
+    system = LinearSystem.about(calc, atoms).moving()
+    state, load = _initial_state(atoms, system), _Load(system, drives, tolerance)
     try:
-        return _propagate(scene, stable_interval(scene.K), gamma, state, load, times, particles, tolerance)
+        return _propagate(system, stable_interval(system.K), gamma, state, load, times, particles, tolerance)
     except Outside:
-        interval = whole_interval(scene.K)
+        interval = whole_interval(system.K)
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
         raise ValueError(f'the structure is unstable and grows e^{growth:.0f} times in {times[-1]:g} ms; ask for a shorter time, '
                          'or see magphonon.stability.verdicts for what would hold it')
-    return _propagate(scene, interval, gamma, state, load, times, particles, tolerance)
+    return _propagate(system, interval, gamma, state, load, times, particles, tolerance)
 
 
-def _initial_state(atoms, calc, scene):
+def _initial_state(atoms, system):
     """Displacements and velocities in reduced coordinates, shape (free, 2)."""
-    u = calc.displacements(atoms).ravel()
-    momenta = atoms.get_momenta()[:, : scene.dim].ravel()
-    y = scene.shapes.T @ (np.repeat(atoms.get_masses(), scene.dim) * u)
-    outside = abs(scene.shapes @ y - u)
+    u = system.calc.displacements(atoms).ravel()
+    momenta = atoms.get_momenta()[:, : system.dim].ravel()
+    y = system.shapes.T @ (np.repeat(system.masses, system.dim) * u)
+    outside = abs(system.shapes @ y - u)
     if outside.max() > 1e-9 * abs(u).max() + IN_PLACE * abs(atoms.positions).max():
-        raise ValueError(f'particle {outside.argmax() // scene.dim} is {outside.max():g} mm away from rest in a direction '
+        raise ValueError(f'particle {outside.argmax() // system.dim} is {outside.max():g} mm away from rest in a direction '
                          'in which it is held; start from rest there')
-    return np.stack([y, scene.shapes.T @ momenta], axis=1)
+    return np.stack([y, system.shapes.T @ momenta], axis=1)
 
 
 class _Load:
     """Forces on a structure, as time courses times patterns."""
 
-    def __init__(self, atoms, calc, scene, drives, tolerance):
+    def __init__(self, system, drives, tolerance):
         varying = [drive for drive in drives if not isinstance(drive, Constant)]
-        self.static = scene.shapes.T @ static_forces(calc, constant_push(drives, len(atoms))).ravel()
-        self._varying, self._dim, self._tolerance = Drives(varying, len(atoms)), scene.dim, tolerance
-        driven = self._varying.particles[:, None] * scene.dim + np.arange(scene.dim)
-        self._shapes = scene.shapes[driven.ravel()]
+        self.static = system.shapes.T @ static_forces(system.calc, constant_push(drives, len(system))).ravel()
+        self._varying, self._dim, self._tolerance = Drives(varying, len(system)), system.dim, tolerance
+        driven = self._varying.particles[:, None] * system.dim + np.arange(system.dim)
+        self._shapes = system.shapes[driven.ravel()]
         self._kinks = np.array([t for d in varying if isinstance(d, ToneBurst) for t in (d.start, d.end)])
 
     def _forces(self, times):
@@ -161,9 +162,9 @@ class _Load:
         return edges, courses[:, acting].reshape(panels, nodes, acting.sum()), patterns[:, acting]
 
 
-def _propagate(scene, interval, gamma, state, load, times, particles, tolerance):
+def _propagate(system, interval, gamma, state, load, times, particles, tolerance):
     """The transient, in parts that are short enough."""
-    rows, shapes = scene.rows(particles)
+    rows, shapes = system.rows(particles)
     size = sizes(shapes)
     rate = np.sqrt(interval.highest - interval.lowest)
     parts = int(np.ceil(max(rate * times[-1] / SPAN, len(times) * rate * times[-1] / 2 / LARGEST, 1)))
@@ -173,13 +174,13 @@ def _propagate(scene, interval, gamma, state, load, times, particles, tolerance)
     for k, end in enumerate(ends):
         wanted = times[part == k]
         stops = wanted if end in wanted[-1:] else np.append(wanted, end)
-        y, state, missed, taken = _part(scene.K, interval, gamma, state, load, start, stops, rows, size, tolerance,
+        y, state, missed, taken = _part(system.K, interval, gamma, state, load, start, stops, rows, size, tolerance,
                                         last=k + 1 == parts)
         found.append(y[: len(wanted)])
         growth = np.exp(np.sqrt(-interval.lowest) * (end - start))
         error, products, start = growth * error + missed, products + taken, end
     y = np.concatenate(found)
-    motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), scene.dim)
+    motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
     return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
 

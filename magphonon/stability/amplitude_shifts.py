@@ -8,10 +8,7 @@ from scipy import sparse
 
 from ..dynamics.timestep import DENSE
 from ..interactions.pair_laws import higher_derivatives
-from ..stiffness.bond import model_stiffness
-from ..stiffness.constraints import free_directions
-from ..stiffness.matrices import bloch_matrix, hessian
-from ..stiffness.rest import at_rest
+from ..stiffness.linear_system import LinearSystem
 
 ROUND_OFF = 1e-12
 """Of the highest squared frequency: what remains of a zero one."""
@@ -49,7 +46,7 @@ def frequency_shifts(atoms):
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         With their MagneticRepulsion, at rest.
 
     Returns
@@ -57,23 +54,22 @@ def frequency_shifts(atoms):
     Shifts
         Without modes of zero or imaginary frequency, which do not vibrate.
     """
-    calc = at_rest(atoms)
-    k = calc.foundation
+    system = LinearSystem.of(atoms)
+    calc, P, pbc = system.calc, system.free, system.atoms.pbc
     bonds, R = calc.bonds, calc.bond_vectors
-    K, P = model_stiffness(R, calc.potential), free_directions(atoms)
-    M = sparse.diags_array(P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim))
-    zone = atoms.pbc.any() and P.shape[1] <= DENSE
+    M = sparse.diags_array(P.power(2).T @ np.repeat(system.masses, calc.dim))
+    zone = pbc.any() and P.shape[1] <= DENSE
 
     def stiffness(q):
-        return P.T @ bloch_matrix(bonds, K, np.array([q]), k)[0].real @ P if zone else P.T @ hessian(bonds, K, k) @ P
+        return P.T @ calc.bloch_matrix(np.array([q]))[0].real @ P if zone else P.T @ calc.rest_hessian() @ P
 
     law, rest = _derivatives(calc.potential, bonds.lengths), stiffness((0.0, 0.0, 0.0))
-    edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in atoms.pbc))
+    edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     rows = []
     for q in edges:
         C = bonds.incidence_at(q).real
         for w, e in _modes(stiffness(q) if zone else rest, M, whole=zone):
-            rows.append((q, w, _curvature(R, law, (P @ e).reshape(len(atoms), -1), w, C, bonds.incidence, P, rest, M)))
+            rows.append((q, w, _curvature(R, law, (P @ e).reshape(len(system), -1), w, C, bonds.incidence, P, rest, M)))
     q, w, curvature = zip(*rows, strict=True) if rows else ((), (), ())
     return Shifts(np.reshape(q, (-1, 3)), np.array(w), np.array(curvature))
 
@@ -173,7 +169,7 @@ def vibration(atoms, linear, mode, amplitude):
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion.
     linear : magphonon.response.normal_modes.Modes
         All of them.
@@ -190,7 +186,7 @@ def vibration(atoms, linear, mode, amplitude):
     FarFromLinear
         A ValueError: the amplitude is too large for the iteration.
     """
-    calc, w = at_rest(atoms), linear.omega
+    calc, w = LinearSystem.of(atoms).calc, linear.omega
     theta = np.pi * (np.arange(2 * HARMONICS) + 0.5) / (2 * HARMONICS)  # half a period: the other half mirrors it
     cosines = np.cos(np.multiply.outer(np.arange(HARMONICS + 1), theta))
     norm = np.where(np.arange(HARMONICS + 1) > 0, 2, 1)[:, None] / len(theta)

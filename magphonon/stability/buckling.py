@@ -8,14 +8,16 @@ masses do not matter for that.
 from dataclasses import dataclass
 
 import numpy as np
+from ase import Atoms
 from scipy import sparse
 
 from ..dynamics.timestep import DENSE
 from ..errors import whole
 from ..stiffness.bond import model_stiffness
-from ..stiffness.constraints import free_directions
+from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import bloch_matrix, hessian
-from ..stiffness.rest import BALANCED, at_rest, settled
+from ..stiffness.repulsion import Repulsion
+from ..stiffness.rest import BALANCED, settled
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12
@@ -122,17 +124,38 @@ def _lowest_of_large(D, highest):
     return sparse.linalg.eigsh(D, k=1, sigma=near - below, OPinv=inverse, v0=start, return_eigenvectors=False)[0]
 
 
-def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, masses=None, steps=None):
-    """`softest` of `atoms` with their calculator, whose own foundation does not enter; bonds are stretched by `scale`."""
-    calc = atoms.calc
-    if not calc.pairwise:  # its sums know the present spacing only
-        root = np.repeat(np.ones(len(atoms)) if masses is None else 1 / np.sqrt(masses), calc.dim)
-        weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.foundation)
-        steps = (24 if calc.dim == 2 else 8) if steps is None else steps  # as dear as they are
-        return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights,
-                          atoms.cell.array, atoms.pbc, len(atoms), steps)
+def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, weighted=False, steps=None):
+    """`softest` of `atoms` about the reference of their calculator, whose own foundation does not enter.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms or LinearSystem
+    model : {'complete', 'conventional'}
+    scale : float
+        By which all bonds are stretched.
+    foundation : float
+        N/mm.
+    weighted : bool
+        With the masses: eigenvalues are squared frequencies.
+    steps : int, optional
+        As for `softest`.
+    """
+    if isinstance(atoms, Atoms):
+        if not atoms.calc.pairwise:
+            return _softest_of_sums(atoms, model, foundation, weighted, steps)
+        atoms = LinearSystem.about(atoms.calc, atoms)
+    calc, cell = atoms.calc, atoms.atoms
     K = model_stiffness(scale * calc.bond_vectors, calc.potential, model)
-    return softest(calc.bonds, K, free_directions(atoms), atoms.cell.array, atoms.pbc, foundation, masses, steps)
+    return softest(calc.bonds, K, atoms.free, cell.cell.array, cell.pbc, foundation, atoms.masses if weighted else None, steps)
+
+
+def _softest_of_sums(atoms, model, foundation, weighted, steps):
+    """Of a cell whose calculator sums over all neighbours, which it knows at the present spacing only."""
+    calc = atoms.calc
+    root = np.repeat(1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms)), calc.dim)
+    weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.foundation)
+    steps = (24 if calc.dim == 2 else 8) if steps is None else steps  # as dear as they are
+    return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.cell.array, atoms.pbc, len(atoms), steps)
 
 
 def foundation_needed(atoms, model='complete', steps=None):
@@ -142,7 +165,7 @@ def foundation_needed(atoms, model='complete', steps=None):
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation does not
         enter.  What its constraints hold stays where it is, and so does all else: the springs are taken to be slack there.
     model : {'complete', 'conventional'}
@@ -162,7 +185,7 @@ def foundation_needed(atoms, model='complete', steps=None):
     ValueError
         For an unknown model, `steps` that is no whole number, atoms without MagneticRepulsion or that are not at rest.
     """
-    found = softest_of(settled(atoms), model, steps=steps)
+    found = softest_of(_settled(atoms), model, steps=steps)
     return found.needed, found.q
 
 
@@ -179,8 +202,8 @@ def spacing_held(atoms):
         None if it holds, or buckles, at every spacing, or if it needs its foundation to be in balance, so that bonds cannot be
         stretched alike.
     """
-    atoms = settled(atoms)
-    if atoms.calc.pairwise and _leans(atoms.calc):
+    atoms = _settled(atoms)
+    if isinstance(atoms, LinearSystem) and _leans(atoms.calc):
         return None
     k = atoms.calc.foundation
 
@@ -202,6 +225,13 @@ def spacing_held(atoms):
     return None
 
 
+def _settled(atoms):
+    """The linear system of the atoms; a cell whose calculator is not known bond by bond as it is, if it is at rest."""
+    if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
+        return settled(atoms)
+    return LinearSystem.of(atoms)
+
+
 def _leans(calc):
     """Whether the foundation carries static forces."""
     pull = np.linalg.norm(calc.offset - calc.load[:, : calc.dim], axis=1)
@@ -217,7 +247,7 @@ def support_needed(atoms, magnets=True):
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         Planar, with its MagneticRepulsion.
     magnets : bool
         Magnets normal to the plane, or a central energy.
@@ -229,14 +259,15 @@ def support_needed(atoms, magnets=True):
     alone : float
         What one particle that moves alone needs: the sum over its bonds, the largest of any particle.
     """
-    calc = at_rest(atoms)
+    system = LinearSystem.of(atoms)
+    calc, cell = system.calc, system.atoms
     r = calc.bonds.lengths
     per_bond = calc.potential.dphi(r) / r
     if magnets:
         per_bond = -(calc.potential.d2phi(r) + per_bond)
-    mobile = np.zeros(len(atoms), bool)
-    mobile[free_directions(atoms).nonzero()[0] // calc.dim] = True
-    free = sparse.csr_array(sparse.eye_array(len(atoms)))[:, np.flatnonzero(mobile)]
+    mobile = np.zeros(len(system), bool)
+    mobile[system.free.nonzero()[0] // calc.dim] = True
+    free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(mobile)]
     K = per_bond[:, None, None]
-    alone = sum(np.bincount(end, -per_bond, len(atoms)) for end in (calc.bonds.i, calc.bonds.j))
-    return softest(calc.bonds, K, free, atoms.cell.array, atoms.pbc).needed, float(alone[mobile].max(initial=0.0))
+    alone = sum(np.bincount(end, -per_bond, len(system)) for end in (calc.bonds.i, calc.bonds.j))
+    return softest(calc.bonds, K, free, cell.cell.array, cell.pbc).needed, float(alone[mobile].max(initial=0.0))

@@ -13,7 +13,7 @@ from ..dynamics.drives import constant_push
 from ..dynamics.timestep import DENSE, highest_frequency
 from ..errors import positive
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
-from ..stiffness.constraints import free_directions
+from ..stiffness.linear_system import LinearSystem
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
@@ -260,20 +260,23 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
         calc, pushes = nearest_rest(atoms)
         atoms = placed(atoms, calc)
+        structure = LinearSystem.about(calc, atoms) if pushes.any() else LinearSystem.of(atoms)
+        dense = structure.free.shape[1] <= DENSE
     else:  # without an edge
         calc, pushes, closest = cell_of_free_particles(atoms), np.zeros(1), 1.0
+        structure, dense = atoms, True
     shortest, k = calc.bonds.lengths.min(), calc.foundation
-    small = near and free_directions(atoms).shape[1] <= DENSE
+    small = near and dense
     settled = not pushes.any()
-    bare = softest_of(atoms)
+    bare = softest_of(structure)
     stable = bare.needed <= k
     touching = isinstance(calc.potential, Hertz)  # other spacings are no contacts
-    held = spacing_held(atoms) if settled and small and not touching else None
+    held = spacing_held(structure) if settled and small and not touching else None
     # whether the softest wave is among those of `frequency_shifts`
     shifted = not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q))
     apart = settled and small and calc.dim == 2  # out of the plane
     magnets = apart and not isinstance(calc.potential, CENTRAL)
-    wave, alone = support_needed(atoms) if magnets else (None, None)
+    wave, alone = support_needed(structure) if magnets else (None, None)
     return Verdict(
         planar=calc.dim == 2,
         model=calc.model,
@@ -285,16 +288,16 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         foundation=k,
         needed=bare.needed,
         softest=bare.q,
-        repeated=near and bool(atoms.pbc.any()) and free_directions(atoms).shape[1] > DENSE,
-        growth=0.0 if stable else float(np.sqrt(-softest_of(atoms, foundation=k, masses=atoms.get_masses()).lowest)),
+        repeated=bool(atoms.pbc.any()) and not dense,
+        growth=0.0 if stable else float(np.sqrt(-softest_of(structure, foundation=k, weighted=True).lowest)),
         unguided=_unguided(atoms),
         held=held and float(held * shortest),
-        omega_max=_omega_max(atoms),
+        omega_max=_omega_max(structure, calc, zone=dense and atoms.pbc.any()),
         timestep=None if timestep is None else positive('timestep', timestep, 'ms'),
         support=wave,
         alone=alone,
-        central=support_needed(atoms, magnets=False)[0] if apart else None,
-        amplitude=frequency_shifts(atoms).amplitude(LINEAR_ERROR) if settled and small and stable and shifted else None,
+        central=support_needed(structure, magnets=False)[0] if apart else None,
+        amplitude=frequency_shifts(structure).amplitude(LINEAR_ERROR) if settled and small and stable and shifted else None,
         closest=closest,
         speed=_contact_speed(calc, shortest, atoms.get_masses().min()) if small and not touching else None,
         displacements=_safe_displacements(calc, shortest),
@@ -314,11 +317,11 @@ def _unguided(atoms):
     return softest_of(free).needed
 
 
-def _omega_max(atoms):
-    calc = atoms.calc
-    if calc.pairwise and not (atoms.pbc.any() and free_directions(atoms).shape[1] <= DENSE):
-        return float(highest_frequency(atoms))
-    ends = softest_of(atoms, calc.linear_model, foundation=calc.foundation, masses=atoms.get_masses())
+def _omega_max(structure, calc, zone):
+    """Highest frequency of the structure, or in the whole zone of a cell."""
+    if not zone:
+        return float(highest_frequency(structure))
+    ends = softest_of(structure, calc.linear_model, foundation=calc.foundation, weighted=True)
     return float(np.sqrt(max(ends.highest, 0.0)))
 
 

@@ -20,6 +20,9 @@ from .ewald import (
     particle_sums as particle_sums,
     points_within as points_within,
 )
+from .linear_system import (
+    LinearSystem as LinearSystem,
+)
 from .matrices import (
     bloch_gradient as bloch_gradient,
     bloch_matrix as bloch_matrix,

@@ -218,7 +218,7 @@ def test_response_of_an_unstable_patch_is_refused(a, b, status, patch, scene_fil
     file = scene_file(patch, ('a = 4.5824', f'a = {a}'), ('b_N_m_a = 1.6209e-10', f'b_N_m_a = {b}'),
                       ('radius_m = 7.9375e-4', 'radius_m = 1e-6'))
     assert main(['frf', str(file), '-o', str(tmp_path / 'out')]) == status
-    assert ('grow by themselves, the fastest at' in capsys.readouterr().err) is (status == 2)
+    assert ('fastest growing mode has the rate' in capsys.readouterr().err) is (status == 2)
     assert (tmp_path / 'out').exists() is (status == 0)
 
 

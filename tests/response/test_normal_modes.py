@@ -10,7 +10,8 @@ from magphonon.response import frf
 from magphonon.response.chebyshev import Interval, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from magphonon.response.damped_oscillator import free_motion, separated
 from magphonon.response.frf import frequency_response, harmonic_response
-from magphonon.response.normal_modes import Modes, modes, reduced
+from magphonon.response.normal_modes import Modes, modes
+from magphonon.stiffness.linear_system import LinearSystem
 
 SPRING, MASS = 3 * 5e3 * 10.0**-4, 2.0  # a b L^-(a+1) N/mm; g
 
@@ -132,7 +133,7 @@ def test_undamped_and_weakly_damped_response_is_solved_directly(monkeypatch):
 @pytest.mark.parametrize('count', [20, 200])
 def test_an_unstable_structure_has_no_steady_state(count):
     atoms = chain(count)  # buckles sideways
-    with pytest.raises(ValueError, match=r'is unstable \(growth rate [01].*\) and has no steady state'):
+    with pytest.raises(ValueError, match=r'is unstable and has no steady response: .* rate [0-9]+(\.[0-9]+)? 1/s'):
         frequency_response(atoms, pushed(atoms, 3, (1, 1)), [0.5], 0.05)
     stable = chain(count, model='conventional')
     assert frequency_response(stable, pushed(stable, 3, (1, 0)), [0.5], 0.05).any()
@@ -162,7 +163,7 @@ def test_an_undamped_resonance_is_refused():
 
 def test_the_interval_holds_the_spectrum():
     for atoms in (patch(), patch(law=InversePower(b=6.0, a=1.5), model='complete'), chain(6), chain(30)):
-        K = reduced(atoms).K
+        K = LinearSystem.of(atoms).K
         squares = np.linalg.eigvalsh(K.toarray())
         wide, whole = stable_interval(K), whole_interval(K)
         assert wide.lowest == 0
@@ -172,7 +173,7 @@ def test_the_interval_holds_the_spectrum():
 
 
 def test_chebyshev_vectors_give_any_function_and_notice_what_is_outside():
-    K = reduced(patch()).K
+    K = LinearSystem.of(patch()).K
     squares, vectors = np.linalg.eigh(K.toarray())
     s = np.random.default_rng(0).normal(size=len(squares))
     interval = stable_interval(K)

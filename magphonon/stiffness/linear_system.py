@@ -1,0 +1,121 @@
+"""Small motion of a structure about a rest: its masses, its stiffness and its free directions, made once and handed on.
+
+About a rest the equations of motion are linear,
+
+    M u'' + H u = f        u = P v        P^T M P v'' + P^T H P v = P^T f
+
+with the Hessian H, foundation included, and the orthonormal directions P that the constraints leave free.  With the masses
+absorbed, y = (P^T M P)^{1/2} v,
+
+    y'' + K y = S^T f      u = S y        S = M^{-1/2} P        K = S^T H S
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
+from scipy import sparse
+
+from .calculator import MagneticRepulsion
+from .constraints import free_directions
+from .repulsion import masses_of
+from .rest import at_rest, nearest_rest, placed
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """The linear equations of motion of a structure about a rest.
+
+    Every linear tool begins with `LinearSystem.of(atoms)`, and takes such a system in place of the atoms: who asks several
+    questions about one structure makes it once.
+
+    Attributes
+    ----------
+    atoms : ase.Atoms
+        A copy of the structure at this rest, whose calculator counts displacements from there.
+    masses : ndarray, shape (particles,)
+        In g.
+    free : scipy.sparse.csr_array, shape (particles * dim, free)
+        Orthonormal directions P that the constraints leave free, each of one particle.
+    """
+
+    atoms: Atoms
+    masses: NDArray[np.float64]
+    free: sparse.csr_array
+
+    @classmethod
+    def of(cls, atoms: 'Atoms | LinearSystem') -> 'LinearSystem':
+        """About the present positions, where the forces must balance; a system is returned as it is.
+
+        Raises
+        ------
+        ValueError
+            As `magphonon.stiffness.rest.at_rest`: for another calculator, a constraint other than FixAtoms, FixedLine and
+            FixedPlane, or if the forces do not balance.
+        """
+        return atoms if isinstance(atoms, cls) else cls.about(at_rest(atoms), atoms)
+
+    @classmethod
+    def nearest(cls, atoms: 'Atoms | LinearSystem') -> 'LinearSystem':
+        """About the rest that belongs to a moving structure, `magphonon.stiffness.rest.nearest_rest`; forces need not balance."""
+        return atoms if isinstance(atoms, cls) else cls.about(nearest_rest(atoms)[0], atoms)
+
+    @classmethod
+    def about(cls, calc: MagneticRepulsion, atoms: Atoms) -> Self:
+        """About the reference of `calc`, whether or not the forces balance there."""
+        atoms = placed(atoms, calc)
+        return cls(atoms, masses_of(atoms), free_directions(atoms))
+
+    def __len__(self) -> int:
+        return len(self.masses)
+
+    @property
+    def calc(self) -> MagneticRepulsion:
+        """The calculator, whose reference is the rest."""
+        return self.atoms.calc
+
+    @property
+    def dim(self) -> int:
+        """Number of components of a displacement."""
+        return self.calc.dim
+
+    @cached_property
+    def hessian(self) -> sparse.csr_array:
+        """Hessian H of all particles in N/mm, of the model whose stiffness the forces have at rest."""
+        return self.calc.rest_hessian(self.calc.linear_model)
+
+    @cached_property
+    def stiffness(self) -> sparse.csr_array:
+        """Hessian of the free directions, `P^T H P`, in N/mm."""
+        return sparse.csr_array(self.free.T @ self.hessian @ self.free)
+
+    @cached_property
+    def shapes(self) -> sparse.csr_array:
+        """Displacements S of a unit of each coordinate y, in g^-1/2, shape (particles * dim, free); forces enter as `S^T f`."""
+        return sparse.csr_array(sparse.diags_array(1 / np.sqrt(np.repeat(self.masses, self.dim))) @ self.free)
+
+    @cached_property
+    def K(self) -> sparse.csr_array:
+        """Matrix of squared frequencies, `S^T H S`, in rad^2/ms^2, shape (free, free)."""
+        return sparse.csr_array(self.shapes.T @ self.hessian @ self.shapes)
+
+    def moving(self) -> Self:
+        """The same system, if something is free.
+
+        Raises
+        ------
+        ValueError
+            Otherwise: what cannot move has no modes and no response.
+        """
+        if not self.free.shape[1]:
+            raise ValueError('the constraints hold every particle; free one')
+        return self
+
+    def rows(self, particles: NDArray[np.int_]) -> tuple[NDArray[np.int_], sparse.csr_array]:
+        """The free directions of some particles, and the part of `shapes` that belongs to both."""
+        own = self.shapes[(particles[:, None] * self.dim + np.arange(self.dim)).ravel()]
+        rows = np.unique(own.indices)
+        return rows, own[:, rows]
