@@ -33,6 +33,7 @@ from .phonopy_units import (
     thermal_properties as thermal_properties,
 )
 from .velocities import (
+    cut_off as cut_off,
     group_velocities as group_velocities,
     sound_speeds as sound_speeds,
 )

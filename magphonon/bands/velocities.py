@@ -42,6 +42,24 @@ def group_velocities(atoms, q, model='complete'):
     return omega, velocity
 
 
+def cut_off(atoms):
+    """The cut-off frequency of a lattice on a foundation: the lowest one at Gamma, below which long waves do not run.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours.
+
+    Returns
+    -------
+    float or None
+        In rad/ms; None without a foundation, where long waves are sound and run at any frequency.
+    """
+    if not atoms.calc.foundation:
+        return None
+    return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
+
+
 def sound_speeds(atoms, direction=None, model='complete'):
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 

@@ -88,7 +88,7 @@ def _report(scene, atoms, bands, phonon):
 
     from .. import units
     from ..bands.force_constants import foundation_recovered
-    from ..bands.velocities import sound_speeds
+    from ..bands.velocities import cut_off, sound_speeds
     from ..interactions.pair_laws import repulsion
     from ..planning.scene import neglected
     from ..scenes.lattices import ALL
@@ -99,7 +99,7 @@ def _report(scene, atoms, bands, phonon):
         return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{value:>14.7g}' for value in row)
                 for branch, row in enumerate(table)]
 
-    path, lattice = bands['complete'].path, scene.lattice
+    path, lattice, cutoff = bands['complete'].path, scene.lattice, cut_off(atoms)
     highest = max(result.frequencies_Hz.max() for result in bands.values())
     everyone = scene.law.shells == ALL
     force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
@@ -109,6 +109,10 @@ def _report(scene, atoms, bands, phonon):
     for name in dict.fromkeys(name for leg in parse_path_string(path.path) for name in leg):
         at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
+    if cutoff is not None:
+        lowest = bands['complete'].frequencies_Hz.min()
+        but = f'; the lowest on the path is {lowest:.7g} Hz' if lowest < (1 - SHOWN) * units.hertz(cutoff) else ''
+        lines.append(f'cut-off frequency, the lowest at Gamma: {units.hertz(cutoff):.7g} Hz{but}')
     speeds = [sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models]
     lines += ['long-wave speeds along x with the foundation removed (m/s; negative: imaginary, the lattice alone would buckle)',
               *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]

@@ -16,6 +16,7 @@ def add_arguments(parser):
 def run(options):
     """Print the verdicts; returns the exit status, 0 if all is fine and 1 if something is not."""
     from .. import units
+    from ..bands.velocities import cut_off
     from ..planning.scene import neglected
     from ..scenes.scene import read_scene
     from ..stability.verdicts import verdict
@@ -35,6 +36,9 @@ def run(options):
         verdicts['The patch'] = verdict(scene.patch_atoms())
     for name, judged in verdicts.items():
         print(f'\n{name}: {judged}')
+    at_rest = not scene.single and not verdicts['The lattice'].residual
+    if at_rest and (cutoff := cut_off(atoms)) is not None:
+        print(f'\nIts foundation gives it a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest of long waves (Gamma).')
     for line in neglected(scene):
         print(f'\n{line}')
     if expected:

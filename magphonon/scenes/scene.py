@@ -5,6 +5,7 @@ Every table of a scene is a frozen model: what there is in `magphonon.scenes.law
 """
 
 import tomllib
+import warnings
 from importlib.resources import files
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from .. import units as u
 from ..errors import one_of
 from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.scale import FREQUENCIES_Hz, frequency_scale
 from ..textfiles import MEGABYTE, text_of
 from .design import DesignPlan
 from .fields import Table, Text, fault, raise_all
@@ -25,8 +27,6 @@ from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
 from .supports import Foundation
 from .tolerances import Uncertainty
 
-FREQUENCIES_Hz = 1e-9, 1e12
-"""Beyond these a unit or an exponent is wrong, and squares and powers soon leave the range of numbers."""
 DENSITIES_kg_per_m3 = 500, 5e5
 """Of a moving mass in terms of its magnet: less than any magnet has, and more than a magnet with a heavy holder."""
 LEAST_SHARE = 1e-12
@@ -67,7 +67,10 @@ class Scene(Table):
         if self.law.shells != ALL and self.law.shells > MOST_SHELLS:
             raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {self.law.shells}; of laws that reach farther "
                              f"'{ALL}' sums up all neighbours")
-        self._check_scale(self.atoms())
+        with warnings.catch_warnings():
+            warnings.filterwarnings('ignore', message='.*numbers here are in mm, g, ms and N')  # refused by its keys instead
+            atoms = self.atoms()
+        self._check_scale(atoms)
         faults = []
         for table, check in (('title', self._check_title), ('law', self._check_mass), ('bands', self._check_bands),
                              ('frf', self._check_frf), ('plan', self._check_plan), ('vibrometer', self._check_vibrometer),
@@ -169,7 +172,7 @@ class Scene(Table):
             raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r} is so wide that nothing repels; spheres repel only '
                              'where the spacing is less than their diameter')
         repulsion, k = abs(calc.potential.d2phi(calc.bonds.lengths)).max(), calc.foundation
-        f = np.sqrt((repulsion + k) / atoms.get_masses()[0]) / (2 * np.pi) / u.Hz
+        f = frequency_scale(calc)
         if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
             raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of some {f:.1g} Hz; '
                              f'check their units and exponents ({self._numbers()})')

@@ -12,6 +12,7 @@ from ..lattices.bonds import bonds_within
 from .bond import MODELS
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
+from .scale import warn_of_units
 
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
@@ -34,6 +35,11 @@ class AllNeighbours(Calculator):
         Stiffness of the spring between each particle and its rest position, N/mm.
     split : float
         Where the sums are divided between lattice and reciprocal lattice; the results do not depend on it.
+
+    Warns
+    -----
+    UserWarning
+        If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz.
 
     Raises
     ------
@@ -67,6 +73,7 @@ class AllNeighbours(Calculator):
         self.parameters.foundation = not_negative('foundation', foundation, 'N/mm')
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
+        warn_of_units(self)
 
     @property
     def foundation(self):

@@ -13,6 +13,7 @@ from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat
 from .bond import MODELS, bond_stiffness, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
 from .repulsion import masses_of
+from .scale import warn_of_units
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 OUT_OF_PLANE = 0.1
@@ -63,6 +64,12 @@ class MagneticRepulsion(Calculator):
     bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
         Instead of either: the interacting pairs.  Their vectors are taken at the reference.
 
+    Warns
+    -----
+    UserWarning
+        If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz: most likely numbers in SI
+        without their units.
+
     Raises
     ------
     ValueError
@@ -86,6 +93,7 @@ class MagneticRepulsion(Calculator):
         self.reference.calc = None
         self.potential = potential
         self.dim = 3 if reference.pbc.all() else 2
+        first = not isinstance(bonds, Bonds)  # what is made of another calculator hands on its bonds
         if bonds is None:
             bonds = find_bonds(self.reference, shells, cutoff)
         elif not isinstance(bonds, Bonds):
@@ -112,6 +120,8 @@ class MagneticRepulsion(Calculator):
                                  f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters '
                                  'and their units (mm, N)')
         super().__init__(foundation=foundation, model=model)
+        if first:
+            warn_of_units(self)
 
     @property
     def foundation(self):

@@ -20,7 +20,8 @@ SCENES = {
         'The lattice: Fine.', 'The patch: Fine.', 'holds itself in its plane and needs no foundation',
         # 9 (a - 1) f/L0 at K, 6 (a - 1) f/L0 alone, 9 f/L0 for a central force, with a = 4.5824 and f/L0 = 23.6895 N/m
         '763.8 N/m there if these are magnets normal to the plane (509.2 N/m for one that moves alone), 213.2 N/m if',
-        'highest frequency of 149.5 Hz']),
+        'highest frequency of 149.5 Hz',
+        'a cut-off frequency of 26.5507 Hz']),  # sqrt(19.6757 N/m / 0.70698 g)/2 pi
     'chain on springs': ('chain', {}, FINE, [
         'Its foundation of 5e+04 N/m holds it in its plane, 25 % more than the 4e+04 N/m that it needs',
         'down to a spacing of 0.9564 m']),  # 4 f/L0 = 4e4 s^-5 = 5e4

@@ -11,7 +11,7 @@ from ase.calculators.calculator import PropertyNotImplementedError
 from oracles import LATTICES, LAWS, Energy, displaced, gradient, lattice, small_cluster
 from scipy import sparse
 
-from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.interactions.pair_laws import repulsion
 
 LAW = LAWS['magnets']
@@ -420,3 +420,32 @@ def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():
     assert np.linalg.norm(wrapped.positions[0] - atoms.calc.reference.positions[0]) < np.linalg.norm(atoms.cell[0])
     # positions of 40 mm are rounded to 1e-14; the stiffness is of the order of forces per mm
     assert abs(atoms.calc.get_forces(wrapped) - forces).max() < 1e-11 * abs(forces).max()
+
+
+@pytest.mark.parametrize('calculator', [MagneticRepulsion, AllNeighbours])
+def test_numbers_in_si_without_their_units_are_noticed(calculator):
+    """The prototype's law with b left in N m^a: sqrt(a b L^-(a+1)/M)/2 pi = 8.4e-6 Hz instead of 60 Hz."""
+    cell = lattices.triangular(10.0, 0.7)
+    with pytest.warns(UserWarning, match=r'InversePower.*some 8e-06 Hz.*mm, g, ms and N'):
+        calculator(cell, InversePower(b=1.6209e-10, a=4.5824))
+    with pytest.warns(UserWarning, match=r'some \d+e\+\d+ Hz'):
+        calculator(cell, InversePower(b=1e30, a=4.0))
+    calculator(cell, InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824))  # every warning is an error here
+
+
+def test_a_calculator_made_of_another_does_not_warn_again():
+    cell = lattices.triangular(10.0, 0.7)
+    with pytest.warns(UserWarning, match='mm, g, ms and N') as told:
+        calc = MagneticRepulsion(cell, InversePower(b=1.6209e-10, a=4.5824))
+    assert len(told) == 1
+    assert told[0].filename == __file__  # the line that made it, not one of the package
+    calc.about(cell, foundation=0.0)
+    calc.on(cell.repeat((2, 2, 1)))
+
+
+@pytest.mark.parametrize(('spacing', 'mass', 'frequency'),
+                         [(1e4, 1e7, 0.01), (0.3, 5e-10, 10), (1e-3, 1e-27, 1e9), (3e-7, 6.6e-23, 1e12)])
+def test_slow_and_fast_lattices_that_exist_are_left_in_peace(spacing, mass, frequency):
+    """Blocks of ten tonnes, dust, trapped ions and atoms: spacing in mm, mass in g, about so many Hz."""
+    stiffness = mass * (2 * np.pi * frequency * u.Hz) ** 2
+    MagneticRepulsion(lattices.square(spacing, mass), InversePower(b=stiffness / 4 * spacing**5, a=4.0))

@@ -1,0 +1,25 @@
+"""The scale of frequencies that a law, a foundation and masses give, by which forgotten units are noticed."""
+
+import warnings
+
+import numpy as np
+
+from .. import units
+
+FREQUENCIES_Hz = 1e-4, 1e13
+"""From a swing in three hours to the atoms of a solid; beyond these a unit or an exponent is wrong."""
+
+
+def frequency_scale(calc):
+    """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
+    stiffest = abs(calc.potential.d2phi(calc.bonds.lengths)).max(initial=0.0)
+    return units.hertz(np.sqrt((stiffest + calc.foundation) / calc.reference.get_masses().min()))
+
+
+def warn_of_units(calc):
+    """Warn of frequencies beyond FREQUENCIES_Hz; a law and springs without any stiffness have none."""
+    f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
+    if f and not least <= f <= most:
+        warnings.warn(f'{calc.potential!r}, the foundation and the masses give frequencies of some {f:.1g} Hz, which is beyond '
+                      f'{least:g} to {most:g} Hz; numbers here are in mm, g, ms and N: multiply those in SI by their units, as '
+                      'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)
