@@ -7,10 +7,10 @@ from motion import LAW, apart, oscillator, patch
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.response import frf
-from magphonon.response.chebyshev import Interval, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
+from magphonon.response.chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from magphonon.response.damped_oscillator import free_motion, separated
 from magphonon.response.frf import frequency_response, harmonic_response
-from magphonon.response.normal_modes import Modes, modes
+from magphonon.response.normal_modes import Modes, modes, sizes
 from magphonon.stiffness.linear_system import LinearSystem
 
 SPRING, MASS = 3 * 5e3 * 10.0**-4, 2.0  # a b L^-(a+1) N/mm; g
@@ -159,6 +159,41 @@ def test_an_undamped_resonance_is_refused():
     with pytest.raises(ValueError, match=r'undamped response .* is infinite'):
         frequency_response(atoms, pushed(atoms, 3, (0, 1)), [omega], 0.0)
     assert np.isfinite(frequency_response(atoms, pushed(atoms, 3, (0, 1)), [1.001 * omega], 0.0)).all()
+
+
+def test_every_undamped_resonance_is_refused_where_others_are_soft():
+    count = 20
+    atoms = chain(count, model='conventional')  # nothing resists sideways: the lowest twenty squares are zero
+    for k in range(1, count + 1):
+        omega = np.sqrt(SPRING / MASS) * 2 * np.sin(np.pi * k / 2 / (count + 1))
+        with pytest.raises(ValueError, match=r'undamped response .* is infinite'):
+            frequency_response(atoms, pushed(atoms, 3), [omega], 0.0)
+        assert np.isfinite(frequency_response(atoms, pushed(atoms, 3), [(1 + 1e-6) * omega], 0.0)).all()
+
+
+@pytest.mark.parametrize('tolerance', [1e-3, 1e-6, 1e-10])
+def test_a_series_ends_where_its_tolerance_is_met(monkeypatch, tolerance):
+    taken = []
+
+    def counted(*args):
+        for block in chebyshev_blocks(*args):
+            taken.append(len(block))
+            yield block
+
+    monkeypatch.setattr(frf, 'chebyshev_blocks', counted)
+    atoms, omega = patch(12), 0.7
+    system, force = LinearSystem.of(atoms), pushed(atoms, 65)
+    s = system.shapes.T @ force[:, :2].real.ravel()
+    _, products = frf.series_response(system, s, np.array([omega]), GAMMA, np.arange(len(atoms)), tolerance)
+    assert products == sum(taken)
+    # what n terms of 1/(z - x) leave: 2 |w|^n/(1 - |w|)/|z - w| with w + 1/w = 2 z, on every particle at most
+    interval = stable_interval(system.K)
+    z = (omega**2 - 1j * GAMMA * omega - interval.centre) / interval.radius
+    w = min(np.roots([1, -2 * z, 1]), key=abs)
+    largest = abs(harmonic_response(atoms, force, [omega], GAMMA)).max()
+    first = 2 / (1 - abs(w)) / abs(z - w) / interval.radius * np.linalg.norm(s) * sizes(system.shapes).max()
+    needed = np.log(tolerance * largest / first) / np.log(abs(w))
+    assert needed <= products < needed + BLOCK
 
 
 def test_the_interval_holds_the_spectrum():
