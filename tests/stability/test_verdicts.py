@@ -197,3 +197,5 @@ def test_a_large_periodic_cell_says_that_only_repeated_motion_is_judged(repeats,
     found = verdict(atoms)
     assert_allclose(found.needed, needed, rtol=1e-9)  # round-off
     assert found.stable == found.repeated == ('only motion that repeats' in str(found)) == (repeats == 11)
+    # along the same wave a bond resists stretching with a f/L: the highest frequency of what is judged
+    assert_allclose(found.omega_max, np.sqrt(4 * needed + 3.95), rtol=1e-6)
