@@ -101,6 +101,21 @@ def test_particles_may_stand_in_any_cell(name):
     assert len(find_bonds(away)) == len(find_bonds(atoms))
 
 
+@pytest.mark.parametrize('name', LATTICES)
+def test_bonds_follow_particles_that_move_and_stand_in_other_cells(name):
+    atoms = lattice(name)
+    atoms = atoms.repeat(np.where(atoms.pbc, 3, 1))
+    bonds, rng = find_bonds(atoms, shells=2), np.random.default_rng(7)
+    u = rng.uniform(-1, 1, (len(atoms), 3))  # the spacing is 10
+    moved = atoms.copy()
+    moved.positions += u + (rng.integers(-2, 3, (len(atoms), 3)) * atoms.pbc) @ atoms.cell.array
+    found = bonds.at(moved)
+    ends = moved.positions[found.j] + found.shift @ moved.cell.array - moved.positions[found.i]
+    np.testing.assert_allclose(found.vectors, ends, atol=1e-12)
+    np.testing.assert_allclose(found.vectors, bonds.vectors + u[bonds.j] - u[bonds.i], atol=1e-12)
+    assert (found.shift != bonds.shift).any()  # the control: the old list of cells would be wrong
+
+
 def test_other_bases_of_a_lattice_have_the_same_bonds():
     atoms = lattice('honeycomb')
     skewed = atoms.copy()
