@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from ase import Atoms
 from planewaves import PlaneWaves, depth, margin
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 
 from magphonon import InversePower, MagneticRepulsion, foundation_needed, verdict
+from magphonon.stability.soft_waves import softest_wave
 from magphonon.stiffness.all_neighbours import AllNeighbours
 
 NEAR = 1e-3
@@ -141,3 +142,38 @@ def test_rhombic_dipoles_buckle_in_long_waves():
     mesh = np.stack(np.meshgrid(*[np.arange(24) / 24] * 2), axis=-1).reshape(-1, 2)
     lowest = np.linalg.eigvalsh(atoms.calc.bloch_matrix(np.pad(mesh, ((0, 0), (0, 1)))))[:, 0]
     assert lowest.min() > -1e-12
+
+
+# --- the search itself -----------------------------------------------------------------------------------------------
+
+def landscape(seed):
+    """Cosines of up to three periods along each axis with random weights, even in q as Bloch matrices are; around zero or not."""
+    rng, dim = np.random.default_rng(seed), 1 + seed % 2
+    waves = np.stack(np.meshgrid(*[np.arange(-3, 4)] * dim, indexing='ij'), axis=-1).reshape(-1, dim)
+    weights = rng.normal(size=len(waves))
+    scale = abs(weights).sum()
+    offset = scale * rng.integers(-1, 2)
+    return lambda q: np.cos(2 * np.pi * q[..., :dim] @ waves.T) @ weights + offset, dim, scale
+
+
+def mesh(dim, steps):
+    return np.stack(np.meshgrid(*[np.arange(steps) / steps] * dim, indexing='ij'), axis=-1).reshape(-1, dim)
+
+
+@pytest.mark.parametrize('seed', range(30))
+def test_the_lowest_point_of_any_landscape_is_found(seed):
+    height, dim, scale = landscape(seed)
+    found, _, q = softest_wave(lambda q: height(q)[:, None, None] + 0j, np.eye(3), np.arange(3) < dim, 24)
+    fine = mesh(dim, 120)
+    starts = fine[np.argsort(height(fine))[:3]]
+    expected = min(minimize(height, start, tol=1e-14).fun for start in starts)
+    assert abs(found - expected) < 1e-12 * scale  # round-off
+    assert abs(height(q) - found) < 1e-12 * scale
+
+
+def test_the_mesh_alone_misses_most_of_them():
+    missed = 0
+    for seed in range(30):
+        height, dim, scale = landscape(seed)
+        missed += height(mesh(dim, 24)).min() > height(mesh(dim, 120)).min() + 1e-4 * scale
+    assert missed > 15
