@@ -13,6 +13,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
+from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
 
@@ -119,7 +120,10 @@ def find_bonds(atoms, shells=1, cutoff=None):
         The rest configuration; its periodic directions are honoured.
     shells : int
         Number of neighbour shells; ignored when `cutoff` is given.  A shell is a group of distances that follow each other
-        within `SHELL_WIDTH`, so that rounded lattice constants and coordinates keep their bonds.
+        within `SHELL_WIDTH`, so that rounded lattice constants and coordinates keep their bonds.  Distances between two
+        particles that FixAtoms holds do not count as long as anything is free: they never change.  What is held may stand
+        closer together than the first shell, or at one place, as the fixed magnets of the paper's oscillator do; such pairs are
+        left out.
     cutoff : float, optional
         Distance in mm.
 
@@ -136,7 +140,7 @@ def find_bonds(atoms, shells=1, cutoff=None):
     """
     if cutoff is None:
         cutoff = _shell_cutoff(atoms, whole('shells', shells))
-        bonds = bonds_within(atoms, cutoff)
+        bonds = _bonds(atoms, *_in_shells(atoms, *pairs_within(atoms, cutoff)), cutoff)
         _refuse_scatter(atoms, bonds)
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
@@ -152,7 +156,11 @@ def find_bonds(atoms, shells=1, cutoff=None):
 
 def bonds_within(atoms, cutoff):
     """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more."""
-    i, j, shift, lengths = pairs_within(atoms, cutoff)
+    return _bonds(atoms, *pairs_within(atoms, cutoff), cutoff)
+
+
+def _bonds(atoms, i, j, shift, lengths, cutoff):
+    """The pairs in order, each from its lower end, with their vectors."""
     _refuse_coincident(i, j, lengths, cutoff)
     backwards = i > j
     i, j = np.where(backwards, j, i), np.where(backwards, i, j)
@@ -165,6 +173,31 @@ def bonds_within(atoms, cutoff):
 
 def _distances(atoms, cutoff):
     return np.unique(pairs_within(atoms, cutoff)[3])
+
+
+def _held(atoms):
+    """Which particles FixAtoms holds, shape (particles,); none of them if it holds all."""
+    held = np.zeros(len(atoms), bool)
+    for constraint in atoms.constraints:
+        if isinstance(constraint, FixAtoms):
+            held[constraint.index] = True
+    return held & ~held.all()
+
+
+def _moving_distances(atoms, cutoff):
+    """Distances of pairs of which a particle is free."""
+    i, j, _, lengths = pairs_within(atoms, cutoff)
+    held = _held(atoms)
+    return np.unique(lengths[~(held[i] & held[j])])
+
+
+def _in_shells(atoms, i, j, shift, lengths):
+    """The pairs without those of two held particles that are shorter or longer than every pair with a free one."""
+    held = _held(atoms)
+    both = held[i] & held[j]
+    shortest, longest = lengths[~both].min(initial=np.inf), lengths[~both].max(initial=0.0)
+    kept = ~both | ((lengths >= (1 - SHELL_WIDTH) * shortest) & (lengths <= (1 + SHELL_WIDTH) * longest))
+    return i[kept], j[kept], shift[kept], lengths[kept]
 
 
 def pairs_within(atoms, cutoff):
@@ -211,7 +244,7 @@ def _shell_cutoff(atoms, shells):
     extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
     reach = 1.8 * np.linalg.norm(others, axis=1).min()  # the two first shells of the common lattices: 1 and sqrt(2) or sqrt(3)
     while True:
-        distances = _distances(atoms, reach)
+        distances = _moving_distances(atoms, reach)
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # of each shell that another one follows
         complete = reach >= extent and not atoms.pbc.any()

@@ -15,7 +15,7 @@ from ..errors import positive
 
 SYMBOL = 'Nd'
 OSCILLATOR_BONDS = ((0, 3), (1, 3), (2, 3))
-"""The bonds of `oscillator`, to be given explicitly: at theta0 = pi/2 its fixed magnets coincide."""
+"""The bonds of `oscillator`, between its fixed magnets and the free one; the calculator finds them by itself."""
 
 
 def chain(spacing, mass):
@@ -75,7 +75,7 @@ def oscillator(theta0, spacing, mass):
 
     The free particle, the paper's number 4, rests at the origin.  One fixed magnet stands `spacing` below it, two
     stand at the angle `theta0` below the horizontal on its left and right.  The three push it upwards; an external
-    force must balance them.  Give the calculator `bonds=OSCILLATOR_BONDS`.
+    force must balance them: `MagneticRepulsion(atoms, law).balanced([3])`.
 
     Parameters
     ----------

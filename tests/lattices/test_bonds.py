@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from ase import Atoms
+from ase.constraints import FixAtoms
 from hypothesis import given, settings, strategies as st
 from oracles import LATTICES, lattice, neighbour_vectors
 
@@ -309,3 +310,31 @@ def test_crystals_with_nearly_the_ideal_axial_ratio(excess, sign):
 def test_a_pair_far_from_the_others_is_no_scatter():
     pair_and_one = Atoms('Nd3', positions=[[0, 0, 0], [1, 0, 0], [2.5, 0, 0]])
     assert len(find_bonds(pair_and_one)) == 1
+
+
+@given(seed=st.integers(0, 2**32 - 1), dense=st.floats(0.1, 0.9))
+@settings(max_examples=30, deadline=None)
+def test_shells_are_counted_from_what_is_free(seed, dense):
+    """Free particles among held ones that crowd: the bonds of what is free are those by brute force."""
+    rng = np.random.default_rng(seed)
+    atoms = parallelogram(lattice('triangular'), 5, 5)
+    crowd = atoms[[0]].positions + rng.uniform(0, 1, (4, 3)) * [dense, dense, 0] - [3.0, 3.0, 0]  # all within 2 mm of each other
+    crowd[1] = crowd[0]
+    atoms += Atoms('Nd4', positions=crowd)
+    held = np.append(np.flatnonzero(atoms.get_tags()[:-4]), len(atoms) - np.arange(1, 5))
+    atoms.set_constraint(FixAtoms(held))
+    free = np.setdiff1d(np.arange(len(atoms)), held)
+    found = find_bonds(atoms)
+    near = {pair for pair in by_brute_force(atoms, 10.0 * (1 + 1e-6)) if set(pair[:2]) & set(free.tolist())}
+    assert {pair for pair in as_set(found) if set(pair[:2]) & set(free.tolist())} == near
+    assert found.lengths.min() > 9.9
+    atoms.set_constraint()  # the control: what is free crowds
+    with pytest.raises(ValueError, match='coincide'):
+        find_bonds(atoms)
+
+
+def test_a_free_particle_on_a_held_one_is_refused():
+    atoms = Atoms('Nd3', positions=[[0, 0, 0], [10, 0, 0], [10, 0, 0]])
+    atoms.set_constraint(FixAtoms([0, 1]))
+    with pytest.raises(ValueError, match='coincide'):
+        find_bonds(atoms)

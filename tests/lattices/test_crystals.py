@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms
 
-from magphonon import InversePower, MagneticRepulsion, find_bonds, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, find_bonds, lattices, modes, units as u
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.lattices.patches import RIM
 
@@ -155,3 +155,20 @@ def test_oscillator_geometry(theta0):
         np.testing.assert_allclose(magnet, [side * 2 * np.cos(theta0), -2 * np.sin(theta0), 0], atol=1e-15)
     np.testing.assert_array_equal(atoms.constraints[0].index, [0, 1, 2])
     assert (atoms.get_masses() == 3).all()
+
+
+@pytest.mark.parametrize('theta0', [0.0, 10.0, 30.0, 44.9, 45.0, 60.0, 75.0, 89.9, 90.0])
+@pytest.mark.parametrize('a', [2.0, 4.0, 9.0])
+def test_oscillator_vibrates_as_its_closed_form_without_being_told_its_bonds(theta0, a):
+    """Sec. III: each bond adds a f/r along itself and -f/r across; above 30 degrees two fixed magnets are nearest neighbours."""
+    b, r, m = 2.0, 3.0, 1.7
+    atoms = lattices.oscillator(theta0 * u.deg, r, m)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b, a)).balanced([3])
+    along_y = 2 * np.sin(theta0 * u.deg) ** 2 + 1  # sum of n_y^2 over the three bonds
+    k = b * r**-a / r * (np.array([a * (3 - along_y) - along_y, a * along_y - (3 - along_y)]))
+    expected = np.sort(np.sign(k) * np.sqrt(abs(k / m)))
+    scale = abs(expected).max()
+    np.testing.assert_allclose(modes(atoms).omega, expected, rtol=0, atol=1e-7 * scale)  # the root of the round-off of a zero
+    if theta0 > 30:  # the control: what the nearest pairs of all four would be
+        atoms.calc = MagneticRepulsion(atoms, InversePower(b, a), bonds=[(0, 2), (1, 2)])
+        assert abs(modes(atoms).omega).max() < 1e-3 * scale
