@@ -196,7 +196,7 @@ CASES = {
     'foundation negative': (lambda: repulsion(foundation=-2.5), '-2.5', 'must be a zero or positive number in N/mm'),
     'foundation NaN': (lambda: repulsion(foundation=NAN), 'nan', 'must be a zero or positive number'),
     'model unknown': (lambda: repulsion(model='full'), "'full'", "one of 'complete', 'conventional'"),
-    'law without methods': (lambda: repulsion(potential=4.5), '4.5', 'see magphonon.interactions.pair_laws'),
+    'law without methods': (lambda: repulsion(potential=4.5), '4.5', 'see magphonon.interactions.PairLaw'),
     'law of NaN': (lambda: repulsion(potential=Nonsense()), 'force nan N', 'check its parameters'),
     'law out of reach': (lambda: repulsion(potential=Tabulated([2, 3, 4, 5], [4, 3, 2, 1])),
                          '0.943398 mm', 'extend the measurement'),
