@@ -4,6 +4,8 @@ import sys
 
 import numpy as np
 import pytest
+from ase import Atoms
+from ase.calculators.lj import LennardJones
 from ase.constraints import FixAtoms, FixCartesian, FixedLine, FixedPlane
 from ase.io import read
 from ase.md.verlet import VelocityVerlet
@@ -41,6 +43,38 @@ def test_without_drive_and_damping_it_is_velocity_verlet_bit_for_bit(constraint,
     assert len(seen) == len(expected) == 18
     for a, b in zip(seen, expected, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_any_calculator_of_ase_will_do():
+    def argon():
+        atoms = Atoms('Ar4', positions=[[0, 0, 0], [3.9, 0, 0], [0, 4.1, 0], [0.2, 0, 4.0]])
+        atoms.calc = LennardJones(sigma=3.4, epsilon=0.01)
+        return atoms
+
+    ours, theirs = argon(), argon()
+    dyn = DrivenVerlet(ours, 5.0)
+    for _ in range(2):
+        dyn.run(40)
+    VelocityVerlet(theirs, 5.0).run(80)
+    assert np.array_equal(ours.positions, theirs.positions)
+    assert np.array_equal(dyn.displacements, theirs.positions - argon().positions)
+    assert np.array_equal(dyn.velocities, theirs.get_velocities())
+    assert abs(dyn.displacements).max() > 0.1
+
+
+@pytest.mark.parametrize('engine', ['auto', 'ase', 'numpy'])
+def test_motion_is_told_before_the_first_step_and_between_runs(engine):
+    atoms = patch(speed=0.05)
+    atoms.positions[24] += 0.3, -0.2, 0
+    u, p = atoms.positions - atoms.calc.reference.positions, atoms.get_momenta()
+    dyn = DrivenVerlet(atoms, DT, engine=engine)
+    np.testing.assert_allclose(dyn.displacements, u[:, :2], atol=1e-14)  # positions of 50 mm are rounded
+    np.testing.assert_allclose(dyn.velocities, p[:, :2] / atoms.get_masses()[:, None], rtol=1e-14)
+    dyn.run(20)
+    dyn.dt = DT / 2  # so that blocks are prepared anew
+    np.testing.assert_allclose(dyn.displacements, (atoms.positions - atoms.calc.reference.positions)[:, :2], atol=1e-14)
+    np.testing.assert_allclose(dyn.velocities * atoms.get_masses()[:, None], atoms.get_momenta()[:, :2], atol=1e-14)
+    assert abs(dyn.displacements - u[:, :2]).max() > 0.01
 
 
 @pytest.mark.parametrize('held', [True, False])
