@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from magphonon import InversePower
-from magphonon.planning.plan import Method, Plan
+from magphonon.planning.plan import Method, Plan, Settings
 from magphonon.plotting.axes import COLOURS
 
 from .checks import Check, Outcome, save_picture
@@ -68,22 +68,22 @@ def verdict(situation, plan):
 
 def without_dstar(plan):
     """The plan of one who takes D* for nothing."""
-    by_rest = {_but_model(method): method for method in plan.methods if method.settings['model'] == 'complete'}
+    by_rest = {_but_model(method): method for method in plan.methods if method.settings.model == 'complete'}
     return replace(plan, methods=tuple(
-        method if method.settings['model'] == 'complete' else replace(method, error=by_rest[_but_model(method)].error, doubt=0.0)
+        method if method.settings.model == 'complete' else replace(method, error=by_rest[_but_model(method)].error, doubt=0.0)
         for method in plan.methods))
 
 
 def _but_model(method):
-    return tuple((key, value) for key, value in method.settings.items() if key != 'model')
+    return replace(method.settings, model='')
 
 
 def without_amplitude(plan):
     """The plan of one who takes every motion for small."""
-    if not any('dt' in method.settings for method in plan.methods):
+    if not any(method.settings.dt is not None for method in plan.methods):
         return plan
-    shift = next(method.error for method in plan.methods if method.settings == {'model': 'complete'})
-    return replace(plan, methods=tuple(method if 'dt' in method.settings else
+    shift = next(method.error for method in plan.methods if method.settings == Settings('complete'))
+    return replace(plan, methods=tuple(method if method.settings.dt is not None else
                                        replace(method, error=max(method.error - shift, 0.0)) for method in plan.methods))
 
 

@@ -18,6 +18,7 @@ from magphonon.dynamics.timestep import highest_frequency
 from magphonon.planning.bands import Edge, plan_bands
 from magphonon.planning.peak import plan_peak
 from magphonon.planning.waveform import as_model, difference, plan_beam, plan_waveform, strip
+from magphonon.response.place import Place
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.bond import MODELS
 from magphonon.waves.wave_source import site
@@ -80,7 +81,8 @@ class Bands:
 
     def truth(self, method):
         if method.name not in self._found:
-            self._found[method.name] = float(abs(self._omega(**method.settings) - self._exact).max() / self._exact.max())
+            omega = self._omega(method.settings.model, method.settings.shells)
+            self._found[method.name] = float(abs(omega - self._exact).max() / self._exact.max())
         return self._found[method.name]
 
 
@@ -103,7 +105,7 @@ class Peak:
         return atoms
 
     def plan(self, tolerance):
-        w, where = self._linear('complete'), (3, np.array([0.0, 1.0, 0.0]))
+        w, where = self._linear('complete'), Place(3, np.array([0.0, 1.0, 0.0]))
         return plan_peak(self._atoms, where, where, np.linspace(w / 2, 2 * w, 100), self.damping, tolerance, self._force)
 
     @property
@@ -147,10 +149,10 @@ class Peak:
         return vibration(brentq(excess, 0.5 * self.amplitude, 1.7 * self.amplitude, xtol=1e-12))[0]
 
     def truth(self, method):
-        if 'dt' in method.settings:
-            x = self._true * method.settings['dt'] / 2
+        if method.settings.dt is not None:
+            x = self._true * method.settings.dt / 2
             return float(np.arcsin(x) / x - 1)
-        return abs(self._linear(method.settings['model']) / self._true - 1)
+        return abs(self._linear(method.settings.model) / self._true - 1)
 
 
 @dataclass(frozen=True)
@@ -209,9 +211,9 @@ class Waveform:
         return {model: self._limit(model, share=1e-7) for model in MODELS}
 
     def truth(self, method):
-        if 'dt' in method.settings:
-            return difference(self._verlet(method.settings['dt'])[0], self._true)
-        return difference(self._linear[method.settings['model']], self._true)
+        if method.settings.dt is not None:
+            return difference(self._verlet(method.settings.dt)[0], self._true)
+        return difference(self._linear[method.settings.model], self._true)
 
 
 @dataclass(frozen=True)

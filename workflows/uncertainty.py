@@ -71,11 +71,9 @@ def oscillator():
     """Spread of the amplitude at 30 degrees, and the deviation of drawn oscillators, for which k = 4.5 f/L0."""
     scene = read_scene(ready_scene('oscillator'))
     tolerances = scene.uncertainty.tolerances(scene)
-    atoms, (particle, direction), answer = scene.shaken()
-    force = np.zeros((len(atoms), 3))
-    force[particle] = direction
+    atoms, source, answer = scene.shaken()
     omega, gamma = scene.frf.omega[::3], scene.frf.damping
-    spread = response_spread(atoms, force, answer, omega, gamma, tolerances)
+    spread = response_spread(atoms, source.force(len(atoms)), answer, omega, gamma, tolerances)
     spacing, mass = (factor[:, None] for factor in tolerances.samples(SAMPLES).T)
     k, m = 45e3 * units.N / units.m * spacing**-5, 1 * units.kg * mass
     return spread, abs(1 / (k - m * omega**2 + 1j * m * omega * gamma)).std(axis=0, ddof=1)

@@ -113,11 +113,9 @@ def _response(folder, scene, tolerances):
     from ..files import write_columns
     from ..plotting.uncertainty import plot_response_ribbon
 
-    atoms, (particle, direction), answer = scene.shaken()
+    atoms, source, answer = scene.shaken()
     omega = scene.frf.omega
-    force = np.zeros((len(atoms), 3))
-    force[particle] = direction
-    spread = response_spread(atoms, force, answer, omega, scene.frf.damping, tolerances)
+    spread = response_spread(atoms, source.force(len(atoms)), answer, omega, scene.frf.damping, tolerances)
     spread.save(folder / 'frf_uncertainty.npz')
     f, unit = omega / (2 * np.pi) / units.Hz, units.m / units.N
     write_columns(folder / 'frf_uncertainty.csv', ['frequency_Hz', 'amplitude_m_per_N', 'std_m_per_N'],

@@ -160,8 +160,8 @@ def response_spread(atoms, force, answer, omega, damping, tolerances):
     ----------
     atoms, force, omega, damping
         As for `magphonon.response.frf.harmonic_response`.
-    answer : (int, array_like of shape (3,))
-        The particle and the direction of the response.
+    answer : Place
+        Where the response is seen.
     tolerances : Tolerances
 
     Returns
@@ -169,9 +169,8 @@ def response_spread(atoms, force, answer, omega, damping, tolerances):
     ResponseSpread
         Of |u|, shape (frequencies,), in mm.
     """
-    particle, direction = answer
     u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
-    u, du = u[:, particle] @ direction, du[:, :, particle] @ direction
+    u, du = answer.seen(u), answer.seen(du)
     return ResponseSpread(tuple(tolerances.changes), tolerances.covariance, abs(u), (u.conj() * du).real / abs(u), (du / u).imag)
 
 

@@ -13,6 +13,7 @@ from .peak import (
 from .plan import (
     Method as Method,
     Plan as Plan,
+    Settings as Settings,
     force_cost as force_cost,
     percent as percent,
     times as times,

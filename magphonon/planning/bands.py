@@ -19,7 +19,7 @@ from ..interactions.pair_laws import GaussianMixture
 from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
-from .plan import ALL, EIGENSOLVE, Method, Plan
+from .plan import ALL, EIGENSOLVE, Method, Plan, Settings
 
 REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
 """Distances up to which neighbours are summed for the most complete method, in spacings."""
@@ -85,9 +85,9 @@ def plan_bands(atoms, path, tolerance, edge=None):
     for reach in REACHES:
         plan = _plan_within(atoms, path, tolerance, edge, q, reach, spent)
         spent = plan.cost
-        summed = [method for method in plan.methods if method.settings['shells'] != ALL]
-        good = [method.settings['shells'] for method in summed if method.meets(tolerance)]
-        if good and 3 * good[0] <= summed[-1].settings['shells']:  # half the reach holds a quarter of the shells or more
+        summed = [method for method in plan.methods if method.settings.shells != ALL]
+        good = [method.settings.shells for method in summed if method.meets(tolerance)]
+        if good and 3 * good[0] <= summed[-1].settings.shells:  # half the reach holds a quarter of the shells or more
             break
         if plan.methods[-1].cost < summed[-1].cost:  # the exact sum is cheaper than to look farther
             break
@@ -107,12 +107,12 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     bonds = np.cumsum([len(shell) for shell in shells])
     methods = [Method(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
                       bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), doubt,
-                      {'model': model, 'shells': int(k)})
+                      Settings(model, int(k)))
                for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
     if isinstance(calc.potential, GaussianMixture) and calc.potential.decay > 0:
         methods.append(Method('complete linear, all neighbours', f'Ewald sums {at}',
                               bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
-                              {'model': 'complete', 'shells': ALL}))
+                              Settings('complete', ALL)))
     farthest = shells[-1].lengths.mean() / shells[0].lengths.mean()
     evidence = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} spacings'
                 + (' and a continuum beyond' if continuum.any() else ''))

@@ -17,7 +17,7 @@ from ..response.stepped import HEADSTART, STEADY
 from ..stability.amplitude_shifts import ALIKE, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.linear_system import LinearSystem
-from .plan import EIGENSOLVE, Method, Plan, force_cost, percent
+from .plan import EIGENSOLVE, Method, Plan, Settings, force_cost, percent
 
 LONGEST_STEP = 0.5
 """Time step of a run, at most, as a share of the limit 2/omega_max."""
@@ -66,8 +66,8 @@ def highest_peak(atoms, source, answer, omega, damping):
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-    source, answer : tuple of int and array_like, shape (3,)
-        Particle and direction of the force, and of the displacement that is looked at.
+    source, answer : Place
+        Where the force acts, and where the displacement is looked at.
     omega : array_like
         In rad/ms, ascending.
     damping : float
@@ -85,7 +85,7 @@ def highest_peak(atoms, source, answer, omega, damping):
     w = linear.omega
     refuse_growing(w[0] * abs(w[0]), w[-1] ** 2)
     linear = _turned(linear, source)
-    push, seen = (_at(linear.shapes, place) for place in (source, answer))
+    push, seen = (place.seen(linear.shapes) for place in (source, answer))
     height = np.where((w >= omega[0]) & (w <= omega[-1]) & (w > 0), abs(push * seen), 0) / np.maximum(w, omega[0])
     if not height.any():
         raise ValueError('no mode resonates between the lowest and the highest frequency; widen the range of [frf]')
@@ -95,19 +95,12 @@ def highest_peak(atoms, source, answer, omega, damping):
 
 def _peak_of_field(system, source, answer, omega, damping):
     """The peak of a large structure: its response at all frequencies, and all of its particles at the highest."""
-    force = np.zeros((len(system), 3))
-    force[source[0]] = source[1]
-    response = frequency_response(system, force, omega, damping, [answer[0]], tolerance=1e-4)[:, 0] @ answer[1]
+    force = source.force(len(system))
+    response = frequency_response(system, force, omega, damping, [answer.particle], tolerance=1e-4)[:, 0] @ answer.direction
     w = omega[abs(response).argmax()]
     e = harmonic_response(system, force, [w], damping)[0, :, : system.dim].imag
     e /= np.sqrt(np.einsum('i,ix,ix->', system.masses, e, e))
-    return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(_at(e[None], source)[0])))
-
-
-def _at(shapes, place):
-    """Displacement of each mode at a particle along a direction, g^-1/2."""
-    particle, direction = place
-    return shapes[:, particle] @ np.asarray(direction)[: shapes.shape[2]]
+    return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(source.seen(e))))
 
 
 def _turned(linear, source):
@@ -115,7 +108,7 @@ def _turned(linear, source):
     shapes = linear.shapes.copy()
     scale = ALIKE * linear.omega[-1]
     for group in np.split(np.arange(len(shapes)), np.flatnonzero(np.diff(linear.omega) > scale) + 1):
-        push = _at(shapes[group], source)
+        push = source.seen(shapes[group])
         if len(group) > 1 and push.any():
             basis = np.linalg.qr(np.column_stack([push, np.eye(len(group))]))[0]
             shapes[group] = np.einsum('gh,gix->hix', basis, shapes[group])
@@ -169,14 +162,14 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
         algorithm = f'a Chebyshev series of some {products:.0f} products with the stiffness'
         cost = products * system.K.nnz
     methods = [Method('conventional linear', algorithm, cost, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
-                      {'model': 'conventional'}),
-               Method('complete linear', algorithm, cost, shift, shift_doubt, {'model': 'complete'})]
+                      Settings('conventional')),
+               Method('complete linear', algorithm, cost, shift, shift_doubt, Settings('complete'))]
     if force:
         dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
         steps = int(np.ceil(2 * np.log(HEADSTART / STEADY) / damping / dt))
         methods.append(Method('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
                               points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
-                              {'model': 'complete', 'dt': float(dt)}))
+                              Settings('complete', dt=float(dt))))
     return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(methods), tuple(evidence),
                 cost + evaluations * nearest * force_cost(calc.dim))
 

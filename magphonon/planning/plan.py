@@ -25,6 +25,24 @@ EIGENSOLVE = 10
 
 
 @dataclass(frozen=True)
+class Settings:
+    """How a method is run.
+
+    Attributes
+    ----------
+    model : {'complete', 'conventional'}
+    shells : int or 'all'
+        Number of neighbour shells.
+    dt : float, optional
+        Time step in ms; None where no time steps are made.
+    """
+
+    model: str
+    shells: int | str = 1
+    dt: float | None = None
+
+
+@dataclass(frozen=True)
 class Method:
     """A model with the cheapest algorithm that answers by it, its cost and its error.
 
@@ -38,8 +56,7 @@ class Method:
         Estimated difference from the most complete method in the wanted quantity, relative to what `Plan.measure` names.
     doubt : float
         Relative uncertainty of this estimate.
-    settings : dict
-        Arguments of the run.
+    settings : Settings
     """
 
     name: str
@@ -47,7 +64,7 @@ class Method:
     cost: float
     error: float
     doubt: float
-    settings: dict
+    settings: Settings
 
     @property
     def at_most(self):

@@ -27,7 +27,7 @@ class Wanted:
         Of its files.
     plan : Plan
     answer : function
-        Of a folder and the settings of a method; writes the data there.
+        Of a file and the Settings of a method; writes the data there.
     notes : tuple of str
         What the plan leaves out.
     """
@@ -43,7 +43,7 @@ class Wanted:
 
     def run(self, folder):
         """Run the method that was chosen and write its data into the folder, as plan_NAME: `bands` and `frf` write others."""
-        self.answer(folder / f'plan_{self.name}', **self.plan.choice.settings)
+        self.answer(folder / f'plan_{self.name}', self.plan.choice.settings)
 
 
 def scene_plans(scene, tolerance):
@@ -92,7 +92,7 @@ def _bands(scene, tolerance):
         point, branch = scene.plan.edge, scene.plan.branch
         edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
     return Wanted('bands', plan_bands(atoms, path, tolerance, edge),
-                  lambda file, **settings: _write_bands(scene, file, edge, **settings))
+                  lambda file, settings: _write_bands(scene, file, edge, settings))
 
 
 def _beyond_nearest(scene):
@@ -123,15 +123,15 @@ def _error_of_shells(scene, shells):
     from .bands import plan_bands
 
     methods = plan_bands(_cell(scene), scene.lattice.path(None, 60), tolerance=1.0).methods
-    summed = [method for method in methods if method.settings['model'] == 'complete' and method.settings['shells'] != ALL]
-    return [method for method in summed if method.settings['shells'] <= shells][-1].error
+    summed = [method for method in methods if method.settings.model == 'complete' and method.settings.shells != ALL]
+    return [method for method in summed if method.settings.shells <= shells][-1].error
 
 
-def _write_bands(scene, file, edge, model, shells):
+def _write_bands(scene, file, edge, settings):
     from ..bands.bands import analytic_bands
     from ..bands.bloch import bloch_modes
 
-    atoms, path = _cell(scene, shells), scene.band_path()
+    atoms, path, model = _cell(scene, settings.shells), scene.band_path(), settings.model
     if edge is None:
         bands = analytic_bands(atoms, path, model)
         bands.save(file.with_suffix('.npz'))
@@ -152,18 +152,18 @@ def _peak(scene, tolerance):
     notes = () if force else ('The response is that to a vanishing force; [plan] force_N = ... asks for another.',)
     if not scene.single:
         notes += (_beyond_nearest(scene),)
-    return Wanted('frf', plan, lambda file, **settings: _write_response(scene, file, force, **settings), notes)
+    return Wanted('frf', plan, lambda file, settings: _write_response(scene, file, force, settings), notes)
 
 
-def _write_response(scene, file, force, model, dt=None):
+def _write_response(scene, file, force, settings):
     from ..response.frf import receptance
     from ..response.stepped import stepped_response
 
-    (atoms, source, answer), omega, damping = scene.shaken(model), scene.frf.omega, scene.frf.damping
-    if dt is None:
+    (atoms, source, answer), omega, damping = scene.shaken(settings.model), scene.frf.omega, scene.frf.damping
+    if settings.dt is None:
         response = receptance(atoms, source, answer, omega, damping)
     else:
-        response = stepped_response(atoms, source, answer, omega, damping, force, dt)
+        response = stepped_response(atoms, source, answer, omega, damping, force, settings.dt)
     response.save(file.with_suffix('.npz'))
     amplitude, phase = abs(response.response) / (u.m / u.N), np.degrees(np.angle(response.response))
     write_columns(file.with_suffix('.csv'), ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],
@@ -176,34 +176,32 @@ def _burst(scene, tolerance, k):
 
     plan, cell, patch = scene.burst, scene.atoms(), scene.patch_atoms()
     where = site(cell, patch, plan.source)
-    omega, angle = 2 * np.pi * plan.carriers_Hz[k] * u.Hz, plan.directions_deg[k] * u.deg
-    direction, damping, duration = (np.cos(angle), np.sin(angle)), 2 * plan.damping_ratio * omega, plan.duration_s * u.s
-    drive = where.burst(direction, plan.force_N * u.N, omega, plan.cycles)
+    burst = plan.burst(k, where)
     if plan.source == 'row':
-        found = plan_beam(cell, patch, where, drive, damping, duration, tolerance)
+        found = plan_beam(cell, patch, where, burst.drive, burst.damping, burst.duration, tolerance)
     else:
-        found = plan_waveform(patch, drive, where.row, damping, duration, tolerance)
-    burst = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
-    found = replace(found, quantity=burst)
+        found = plan_waveform(patch, burst.drive, where.row, burst.damping, burst.duration, tolerance)
+    name = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
+    found = replace(found, quantity=name)
     return Wanted(f'burst_{plan.names[k]}', found,
-                  lambda file, **settings: _write_waveform(scene, file, where.row, drive, damping, duration, **settings),
+                  lambda file, settings: _write_waveform(scene, file, where.row, burst, settings),
                   (_beyond_nearest(scene),))
 
 
-def _write_waveform(scene, file, row, drive, damping, duration, model, dt=None):
+def _write_waveform(scene, file, row, burst, settings):
     from ..dynamics.recorder import Recorder
     from ..dynamics.verlet import DrivenVerlet
     from ..response.propagation import propagate
     from ..waves.vibrometer import Displacements, write_displacements
 
-    patch = scene.patch_atoms(model)
-    frame = 2 * np.pi / drive.omega / SAMPLES
+    patch, dt = scene.patch_atoms(settings.model), settings.dt
+    frame = 2 * np.pi / burst.drive.omega / SAMPLES
     if dt is None:
-        times = np.arange(0, duration, frame)
-        record = Displacements(times, row, propagate(patch, times, [drive], damping, row).displacements)
+        times = np.arange(0, burst.duration, frame)
+        record = Displacements(times, row, propagate(patch, times, [burst.drive], burst.damping, row).displacements)
     else:
-        dyn = DrivenVerlet(patch, dt, [drive], damping)
+        dyn = DrivenVerlet(patch, dt, [burst.drive], burst.damping)
         recorder = Recorder(dyn, row, max(1, int(frame / dt)))
-        dyn.run(int(duration / dt))
+        dyn.run(int(burst.duration / dt))
         record = Displacements(recorder.times, recorder.particles, recorder.displacements)
     write_displacements(file.with_name(file.name + '.csv'), record)

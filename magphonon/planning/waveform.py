@@ -25,7 +25,7 @@ from ..stiffness.bond import MODELS
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.repulsion import repulsion_of
-from .plan import Method, Plan, force_cost, percent
+from .plan import Method, Plan, Settings, force_cost, percent
 
 PILOT_STEP = 0.25
 """Time step of the pilot as a share of the limit 2/omega_max."""
@@ -189,11 +189,11 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
     for model, error in (('conventional', frozen + sides + nonlinear), ('complete', nonlinear)):
         products, entries = linear[model].products, LinearSystem.of(as_model(atoms, model)).K.nnz
         methods.append(Method(f'{model} linear', f'exact propagation in {products} products with the stiffness',
-                              copies * products * entries, error, doubt, {'model': model}))
+                              copies * products * entries, error, doubt, Settings(model)))
     dt_run = min(dt * np.sqrt(SHARE * tolerance / stepping), LONGEST_STEP * 2 / top)
     count = int(np.ceil(duration / dt_run))
     methods.append(Method('nonlinear', f'velocity Verlet in {count} steps', copies * count * force,
-                          float(stepping * (dt_run / dt) ** 2), doubt, {'model': 'complete', 'dt': float(dt_run)}))
+                          float(stepping * (dt_run / dt) ** 2), doubt, Settings('complete', dt=float(dt_run))))
     return Plan('Waveform', 'its rms', tolerance, tuple(methods), tuple(evidence), cost)
 
 

@@ -14,6 +14,9 @@ from .normal_modes import (
     refuse_growing as refuse_growing,
     sizes as sizes,
 )
+from .place import (
+    Place as Place,
+)
 from .propagation import (
     Transient as Transient,
     propagate as propagate,

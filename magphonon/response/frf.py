@@ -178,20 +178,17 @@ def receptance(atoms, source, answer, omega, damping):
     ----------
     atoms, omega, damping
         As for `frequency_response`.
-    source, answer : tuple of int and array_like, shape (3,)
-        The particle and the unit vector of the direction: where the force acts, and where its effect is seen.
+    source, answer : Place
+        Where the force acts, and where its effect is seen.
 
     Returns
     -------
     FrequencyResponse
         Of shape (frequencies,).
     """
-    (driven, push), (seen, along) = source, answer
-    system = LinearSystem.of(atoms)
-    force = np.zeros((len(system), 3))
-    force[driven] = push
-    omega = np.atleast_1d(omega)
-    return FrequencyResponse(omega, frequency_response(system, force, omega, damping, np.array([seen]))[:, 0] @ along)
+    system, omega = LinearSystem.of(atoms), np.atleast_1d(omega)
+    u = frequency_response(system, source.force(len(system)), omega, damping, np.array([answer.particle]))
+    return FrequencyResponse(omega, u[:, 0] @ answer.direction)
 
 
 def _by_modes(system, s, omega, gamma, particles):

@@ -24,8 +24,8 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
     Parameters
     ----------
     atoms : ase.Atoms
-    source, answer : tuple of int and array_like, shape (3,)
-        Particle and direction of the force and of the displacement, which must be along x or y.
+    source, answer : Place
+        Where the force acts, and where the displacement is seen, which must be along x or y.
     omega : array_like, shape (frequencies,)
         In rad/ms.
     damping : float
@@ -39,16 +39,16 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
     -------
     FrequencyResponse
     """
-    axis = int(abs(np.asarray(answer[1])).argmax())
-    if abs(abs(answer[1][axis]) - 1) > 1e-9:
-        raise ValueError(f'a response in time steps is seen along x or y, not along {answer[1]}; turn [frf.response]')
+    axis = int(abs(answer.direction).argmax())
+    if abs(abs(answer.direction[axis]) - 1) > 1e-9:
+        raise ValueError(f'a response in time steps is seen along x or y, not along {answer.direction}; turn [frf.response]')
     many = replicas(len(omega) * [settled(atoms)])
     first = len(atoms) * np.arange(len(omega))
-    drive = Harmonic(first + source[0], source[1], force, omega, phase=np.pi / 2)
+    drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
     dyn = DrivenVerlet(many, dt, [drive], damping)
-    recorder = Recorder(dyn, first + answer[0], interval=max(1, int(2 * np.pi / np.max(omega) / FRAMES / dt)))
+    recorder = Recorder(dyn, first + answer.particle, interval=max(1, int(2 * np.pi / np.max(omega) / FRAMES / dt)))
     amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, STEADY)
-    return FrequencyResponse(np.asarray(omega), amplitudes * answer[1][axis] / force, left)
+    return FrequencyResponse(np.asarray(omega), amplitudes * answer.direction[axis] / force, left)
 
 
 def replicas(structures):

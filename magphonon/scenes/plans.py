@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from .. import units as u
 from ..errors import one_of
 from ..lattices.patches import RIM
+from ..response.place import Place
 from ..waves.wave_source import SOURCES
 from .fields import (
     Angle,
@@ -45,7 +46,7 @@ class Pick(Table):
     direction_deg: Angle = Field(description='the direction in degrees from the x axis')
 
     def of(self, patch):
-        """Index of the particle of a patch, and the unit vector of the direction, shape (3,).
+        """The Place: the particle of a patch that is nearest, and the unit vector of the direction.
 
         Raises
         ------
@@ -59,7 +60,7 @@ class Pick(Table):
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if patch.get_tags()[particle] == RIM:
             raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; go inside')
-        return particle, np.array([np.cos(angle), np.sin(angle), 0])
+        return Place(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
 class FrfPlan(Table):
@@ -134,19 +135,26 @@ class BurstPlan(Table):
         """Of the bursts, for people and files."""
         return [f'{f:.6g}Hz_{angle:.6g}deg' for f, angle in zip(self.carriers_Hz, self.directions_deg, strict=True)]
 
+    def burst(self, k, site):
+        """Burst number k at a Site of a patch: its drive, damping and duration, as Burst."""
+        from ..waves.wave_source import Burst
+
+        omega, angle = 2 * np.pi * self.carriers_Hz[k] * u.Hz, self.directions_deg[k] * u.deg
+        drive = site.burst((np.cos(angle), np.sin(angle)), self.force_N * u.N, omega, self.cycles)
+        return Burst(drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
+
     def send(self, k, cell, patch):
         """Send burst number k through a patch; returns its Site and Passage."""
         from ..waves.spectrum import FEWEST
         from ..waves.tone_burst import send
         from ..waves.wave_source import site
 
-        omega, angle = 2 * np.pi * self.carriers_Hz[k] * u.Hz, self.directions_deg[k] * u.deg
         where = site(cell, patch, self.source)
         if len(where.row) < FEWEST:
             raise ValueError(f'the row along R2 has {len(where.row)} particles inside the rim, and a map of waves needs at least '
                              f'{FEWEST}; enlarge [patch]')
-        drive = where.burst((np.cos(angle), np.sin(angle)), self.force_N * u.N, omega, self.cycles)
-        return where, send(patch, where, drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
+        burst = self.burst(k, where)
+        return where, send(patch, where, burst.drive, burst.damping, burst.duration)
 
 
 class VibrometerPlan(Table):

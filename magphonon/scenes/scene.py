@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from .. import units as u
 from ..errors import one_of
+from ..response.place import Place
 from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.scale import FREQUENCIES_Hz, frequency_scale
@@ -240,7 +241,7 @@ class Scene(Table):
         Returns
         -------
         atoms : ase.Atoms
-        source, answer : tuple of int and ndarray, shape (3,)
+        source, answer : Place
             As `magphonon.response.frf.receptance` takes them.
 
         Raises
@@ -252,7 +253,7 @@ class Scene(Table):
         if self.single:
             atoms = self.atoms()
             atoms.calc.set(model=model)
-            return atoms, *2 * [(self.lattice.free, np.array([0.0, 1.0, 0.0]))]
+            return atoms, *2 * [Place(self.lattice.free, np.array([0.0, 1.0, 0.0]))]
         atoms, picked = self.patch_atoms(model), []
         for name in ('force', 'response'):
             try:

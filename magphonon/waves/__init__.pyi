@@ -28,6 +28,7 @@ from .wave_analysis import (
     write_ridges as write_ridges,
 )
 from .wave_source import (
+    Burst as Burst,
     Site as Site,
     polarisations as polarisations,
     site as site,

@@ -19,6 +19,24 @@ NEAR = 0.1
 
 
 @dataclass(frozen=True)
+class Burst:
+    """A tone burst, the damping of the patch that it crosses, and how long it is recorded.
+
+    Attributes
+    ----------
+    drive : ToneBurst
+    damping : float
+        gamma in 1/ms.
+    duration : float
+        In ms, from the start of the burst.
+    """
+
+    drive: ToneBurst
+    damping: float
+    duration: float
+
+
+@dataclass(frozen=True)
 class Site:
     """Where a burst enters a patch and where it is measured.
 

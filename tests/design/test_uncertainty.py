@@ -122,12 +122,11 @@ def test_response_spread_is_that_of_ten_thousand_oscillators():
     """At 30 degrees, k = 4.5 f/L0 of the ideal law with a = 4 (the paper's 45 kN/m), so u = F/(k - m w^2 + i w gamma m)."""
     oscillator = read_scene(ready_scene('oscillator'))
     tolerances = Uncertainty(spacing_percent=0.1, mass_percent=0.2).tolerances(oscillator)
-    atoms, (particle, direction), answer = oscillator.shaken()
+    atoms, source, answer = oscillator.shaken()
     omega, gamma = np.linspace(0.1, 0.4, 61), 12 / u.s
-    force = np.zeros((len(atoms), 3))
-    force[particle] = direction
+    force = source.force(len(atoms))
     spread = response_spread(atoms, force, answer, omega, gamma, tolerances)
-    assert_allclose(spread.values, abs(harmonic_response(atoms, force, omega, gamma)[:, particle, 1]), rtol=1e-13)
+    assert_allclose(spread.values, abs(harmonic_response(atoms, force, omega, gamma)[:, source.particle, 1]), rtol=1e-13)
     spacing, mass = (factor[:, None] for factor in tolerances.samples(SAMPLES).T)
 
     def amplitude(power):
@@ -142,11 +141,10 @@ def test_response_spread_is_that_of_ten_thousand_oscillators():
 def test_the_ribbon_says_where_it_is_too_narrow_on_top_of_a_peak():
     oscillator = read_scene(ready_scene('oscillator'))
     tolerances = Uncertainty(spacing_percent=0.1, mass_percent=0.05).tolerances(oscillator)
-    atoms, (particle, direction), answer = oscillator.shaken()
+    atoms, source, answer = oscillator.shaken()
     peak, gamma = np.sqrt(45 / 1e3), 12 / u.s  # rad/ms: k = 45 N/m, m = 1 kg
     omega = np.append(peak, np.linspace(0.1, 0.2, 21))
-    force = np.zeros((len(atoms), 3))
-    force[particle] = direction
+    force = source.force(len(atoms))
     spread = response_spread(atoms, force, answer, omega, gamma, tolerances)
     spacing, mass = (factor[:, None] for factor in tolerances.samples(SAMPLES).T)
     drawn = abs(1 / (45 * spacing**-5.0 - mass * 1e3 * (omega**2 - 1j * omega * gamma)))

@@ -19,12 +19,13 @@ from magphonon import (
 )
 from magphonon.planning.bands import plan_bands
 from magphonon.planning.peak import plan_peak
-from magphonon.planning.plan import Method, Plan
+from magphonon.planning.plan import Method, Plan, Settings
 from magphonon.planning.scene import scene_plans
 from magphonon.planning.waveform import plan_waveform, strip
 from magphonon.response import propagation
 from magphonon.response.frf import receptance
 from magphonon.response.normal_modes import modes
+from magphonon.response.place import Place
 from magphonon.response.stepped import stepped_response
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.stability.amplitude_shifts import frequency_shifts, vibration
@@ -33,7 +34,7 @@ from workflows.planning import judge, met_by, without_amplitude, without_dstar
 from workflows.situations import Bands, Beam, Peak, Waveform
 
 LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
-UP = (3, np.array([0.0, 1.0, 0.0]))
+UP = Place(3, [0.0, 1.0, 0.0])
 
 
 def oscillator(degrees, law=LAW):
@@ -156,9 +157,9 @@ def test_the_cheapest_method_that_is_surely_good_enough_is_taken():
 
 
 @pytest.mark.parametrize(('name', 'settings'), [
-    ('steel', {'model': 'conventional', 'shells': 1}),  # contacts end at the nearest neighbour, and D*/D0 is some 1e-4
-    ('fcc', {'model': 'complete', 'shells': 1}),        # r^-13 falls fast, D* is 10 %
-    ('wigner', {'model': 'complete', 'shells': 'all'}),  # Coulomb reaches everywhere
+    ('steel', Settings('conventional', 1)),  # contacts end at the nearest neighbour, and D*/D0 is some 1e-4
+    ('fcc', Settings('complete', 1)),        # r^-13 falls fast, D* is 10 %
+    ('wigner', Settings('complete', 'all')),  # Coulomb reaches everywhere
 ])
 def test_each_matter_gets_its_own_model(name, settings):
     assert next(scene_plans(read_scene(ready_scene(name)), 1e-2)).plan.choice.settings == settings
@@ -168,8 +169,8 @@ def test_a_loose_tolerance_needs_no_shells_and_a_tight_one_the_exact_sum():
     cell = lattices.triangular(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 2.0), foundation=2.0)
     path = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc)
-    assert plan_bands(cell, path, 0.9).choice.settings == {'model': 'conventional', 'shells': 1}
-    assert plan_bands(cell, path, 1e-9).choice.settings == {'model': 'complete', 'shells': 'all'}
+    assert plan_bands(cell, path, 0.9).choice.settings == Settings('conventional', 1)
+    assert plan_bands(cell, path, 1e-9).choice.settings == Settings('complete', 'all')
 
 
 @pytest.mark.parametrize('tolerance', [0.1, 0.03, 0.01, 0.003])
@@ -181,7 +182,7 @@ def test_plans_of_an_unstable_lattice_hold_where_its_squares_change_sign(toleran
     chosen = plan_bands(cell, path, tolerance).choice.settings
     law, exact, found = cell.calc.potential, cell.copy(), cell.copy()
     exact.calc = AllNeighbours(exact, law)
-    found.calc = exact.calc if chosen['shells'] == 'all' else MagneticRepulsion(found, law, shells=chosen['shells'])
+    found.calc = exact.calc if chosen.shells == 'all' else MagneticRepulsion(found, law, shells=chosen.shells)
     truth = analytic_bands(exact, path).omega
     assert truth.min() < -0.01 * truth.max()  # unstable indeed
     assert abs(analytic_bands(found, path, model=chosen['model']).omega - truth).max() < tolerance * truth.max()
@@ -215,7 +216,7 @@ def test_along_a_line_of_magnets_no_dstar_is_assembled(monkeypatch):
     atoms.calc = MagneticRepulsion(atoms, LAW, bonds=[(0, 2), (1, 2)], foundation=1.0).balanced([0, 1])
     called = []
     monkeypatch.setattr('magphonon.planning.peak.bond_stiffness', lambda *given: called.append(given))
-    plan = plan_peak(atoms, (2, UP[1]), (2, UP[1]), np.linspace(0.5, 10, 50), 0.05, 1e-6)
+    plan = plan_peak(atoms, replace(UP, particle=2), replace(UP, particle=2), np.linspace(0.5, 10, 50), 0.05, 1e-6)
     assert plan.choice.name == 'conventional linear'
     assert plan.choice.error == 0.0
     assert not called
@@ -254,14 +255,14 @@ def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
     fine = 0.4 * np.arange(1, len(soft) + 1)
     exact = propagation.propagate(pilot, fine, [burst], tolerance=1e-7).displacements[:, inside]
     off = np.linalg.norm(stepped(1e-4, 0.1) - exact) / np.linalg.norm(exact)
-    assert off < run.error * (0.1 / run.settings['dt']) ** 2 < 2.5 * off  # w (w dt)^2/24 for all of the record, not for half
+    assert off < run.error * (0.1 / run.settings.dt) ** 2 < 2.5 * off  # w (w dt)^2/24 for all of the record, not for half
 
 
 def test_what_dstar_does_to_a_peak_is_known_to_first_order_only():
     """A triangular patch in which the modes mix without D*: the estimate is short, and within the doubt that is told."""
     atoms = lattices.parallelogram(lattices.triangular(1.0, 1.0), 5, 5)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 1.5), foundation=3.0)
-    place, omega = (int(np.flatnonzero(atoms.get_tags() == 0)[0]), np.array([1.0, 0, 0])), np.linspace(1.5, 3.0, 1501)
+    place, omega = Place(int(np.flatnonzero(atoms.get_tags() == 0)[0]), np.array([1.0, 0, 0])), np.linspace(1.5, 3.0, 1501)
     frozen = plan_peak(atoms, place, place, omega, 0.02, 0.5).methods[0]
     peak = {}
     for model in bond.MODELS:
@@ -336,7 +337,7 @@ def test_the_plan_of_an_edge_is_that_of_its_frequency():
     """Of the prototype's shear at M all neighbours make 67.4 Hz out of 58.2: 14 %."""
     scene = read_scene(ready_scene('prototype'))
     plan = next(iter(scene_plans(scene, 1e-2))).plan
-    nearest = next(method for method in plan.methods if method.settings == {'model': 'complete', 'shells': 1})
+    nearest = next(method for method in plan.methods if method.settings == Settings('complete', 1))
     assert nearest.error == pytest.approx(1 - 58.2326897819 / 67.4, abs=1e-3)  # 67.4 has three digits
 
 

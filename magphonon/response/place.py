@@ -1,0 +1,35 @@
+"""A particle and a direction, of a force or of what it does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import finite
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A particle and a direction: where a force acts, or where a displacement is seen.
+
+    Attributes
+    ----------
+    particle : int
+    direction : ndarray, shape (3,)
+        Of the force or displacement; a unit vector unless a multiple is meant.
+    """
+
+    particle: int
+    direction: np.ndarray
+
+    def __post_init__(self):
+        object.__setattr__(self, 'direction', finite('direction', self.direction, (3,)))
+
+    def force(self, particles):
+        """A unit force there, zero on all other of the `particles`; shape (particles, 3)."""
+        force = np.zeros((particles, 3))
+        force[self.particle] = self.direction
+        return force
+
+    def seen(self, displacements):
+        """What is seen there of displacements of the shape (..., particles, dim)."""
+        return displacements[..., self.particle, :] @ self.direction[: displacements.shape[-1]]
