@@ -185,7 +185,7 @@ def test_plans_of_an_unstable_lattice_hold_where_its_squares_change_sign(toleran
     found.calc = exact.calc if chosen.shells == 'all' else MagneticRepulsion(found, law, shells=chosen.shells)
     truth = analytic_bands(exact, path).omega
     assert truth.min() < -0.01 * truth.max()  # unstable indeed
-    assert abs(analytic_bands(found, path, model=chosen['model']).omega - truth).max() < tolerance * truth.max()
+    assert abs(analytic_bands(found, path, model=chosen.model).omega - truth).max() < tolerance * truth.max()
 
 
 # --- what simple scenes are spared -----------------------------------------------------------------------------------
