@@ -149,6 +149,7 @@ FEWER = [(i, j) for i in range(19) for j in range(i) if (i, j) != (9, 4)
 RANGE = np.linspace(0.5, 40.0, 60)
 TABLE = Tabulated(RANGE, 8900 * RANGE**-4.5)
 BENT = Tabulated(RANGE, 8900 * RANGE**-4.5 * np.where(RANGE < 4, 1.5, 1))
+SHORT, ENDS = (Tabulated(RANGE[8:end], 8900 * RANGE[8:end] ** -4.5) for end in (30, 31))  # from 5.9 to about 20 mm
 # the part that is refused; the run whose checkpoint is found, as far as it is not the base; what differs from it
 FOREIGN = {
     'amplitude captured by a function': ('drives', {}, {'drives': (pulse(0.5), BASE.drives[1])}),
@@ -163,6 +164,7 @@ FOREIGN = {
     'law at short distance': ('law', {}, {'law': Contact(50.0)}),
     'class of the law': ('law', {}, {'law': InversePower(8900.0, 4.5)}),
     'table of the law': ('law', {'law': TABLE}, {'law': BENT}),
+    'where the table of the law ends': ('law', {'law': SHORT}, {'law': ENDS}),
     'all masses': ('masses', {}, {'mass': 0.70001}),
     'one mass': ('masses', {}, {'heavier': 1.001}),
     'damping': ('damping', {}, {'damping': 0.0011}),
