@@ -12,10 +12,12 @@ carrier, by half a bin and more.  Each cell of the map therefore knows the centr
 
 Whatever spectrum weights a narrow piece of a branch, both centres are weighted alike: their point lies on the branch.
 
-That holds for a single plane wave.  Near a source fronts are curved, a beam of finite width spreads, waves come back from the
-rim, and a dead particle scatters: then the phase per step changes along the row.  The row itself tells by how much: its two
-halves are analysed each for itself, and where they disagree the whole is uncertain by half of their difference (the
-jackknife with two blocks).
+That holds for a single plane wave.  Near a source fronts are curved, a beam of finite width spreads, and a dead particle
+scatters: then the phase per step changes along the row.  The row itself tells by how much: its two halves are analysed each
+for itself, and where they disagree the whole is uncertain by half of their difference (the jackknife with two blocks).
+Waves that come back from the rim may be too close in wavenumber to be told apart, in the halves too.  They add up at one
+frequency and cancel at the next, so that the ridge jumps from line to line: how far neighbouring points lie from a smooth
+curve is the other part of the uncertainty.
 """
 
 from dataclasses import dataclass
@@ -127,11 +129,12 @@ def wavenumber_frequency(displacements, dt):
         raise ValueError('the row is at rest throughout the record, or only drifts; record longer, or another component')
     frames, points = u.shape
     in_time, in_space = _hann(frames), _hann(points)
-    G = _transform(u, in_time[0], in_space[0])
+    over_time, moment = (np.fft.rfft(u * window[:, None], PAD * frames, axis=0) for window in in_time)
+    G = _over_space(over_time, in_space[0])
     with np.errstate(divide='ignore', invalid='ignore'):
-        d_omega = -(_transform(u, in_time[1] / dt, in_space[0]) / G).imag
-    d_xi = _wavenumber_shift(u, in_time[0], in_space)
-    first, second = (_wavenumber_shift(u, in_time[0], half) for half in _hann_halves(points))
+        d_omega = -(_over_space(moment / dt, in_space[0]) / G).imag
+    d_xi = _wavenumber_shift(over_time, in_space)
+    first, second = (_wavenumber_shift(over_time, half) for half in _hann_halves(points))
     xi = 2 * np.pi * np.fft.fftshift(np.fft.fftfreq(PAD * points))
     omega = 2 * np.pi * np.fft.rfftfreq(PAD * frames, dt)
     amplitude = 2 * abs(G) / (in_time[0].sum() * in_space[0].sum())
@@ -164,17 +167,16 @@ def _hann_halves(n):
     return [(np.r_[window, rest], np.r_[derivative, rest]), (np.r_[rest, window], np.r_[rest, derivative])]
 
 
-def _wavenumber_shift(u, in_time, in_space):
+def _wavenumber_shift(over_time, in_space):
     """Distance in xi from each cell of the map to the centre of gravity of its power."""
     with np.errstate(divide='ignore', invalid='ignore'):
-        return (_transform(u, in_time, in_space[1]) / _transform(u, in_time, in_space[0])).imag
+        return (_over_space(over_time, in_space[1]) / _over_space(over_time, in_space[0])).imag
 
 
-def _transform(u, in_time, in_space):
-    """Sum of `u e^{-i omega t} e^{+i xi n}` over the windowed record, zero padded, xi ascending from -pi."""
-    frames, points = u.shape
-    over_time = np.fft.rfft(u * in_time[:, None] * in_space, PAD * frames, axis=0)
-    return np.fft.fftshift(np.fft.ifft(over_time, PAD * points, axis=1, norm='forward'), axes=1)
+def _over_space(over_time, window):
+    """Sum of `u e^{-i omega t} e^{+i xi n}` over the row of points, from that over time: zero padded, xi ascending from -pi."""
+    points = over_time.shape[1]
+    return np.fft.fftshift(np.fft.ifft(over_time * window, PAD * points, axis=1, norm='forward'), axes=1)
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,8 @@ class Ridge:
     xi, omega : ndarray, shape (points,)
         Phase per step in rad, angular frequency in rad/ms.
     sigma_xi, sigma_omega : ndarray, shape (points,)
-        Their standard uncertainties: noise of the record in both, and what differs between the halves of the row in xi.
+        Their standard uncertainties: noise of the record in both; in xi also what differs between the halves of the row, and
+        what jumps from line to line.
     power : ndarray, shape (points,)
         In mm^2.
     bin_xi, bin_omega : float
@@ -213,6 +216,7 @@ def ridge(spectrum):
     noise has in it.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
     background), so that noise alone makes (D/2)^2 four times its variance in the whole.  One D may be small by chance: each
     point gets the mean square over the ridge, widened by Student's t where the points are few, or its own if that is larger.
+    To this mean that of `_jumps` from line to line is added, likewise less noise and widened.
     More than a bin is no uncertainty of one wave: there a half has found another, which the whole would show apart.
 
     A wave that runs one way and disperses is surer than that: in a long row its halves hear it at other times, at which other
@@ -250,7 +254,30 @@ def ridge(spectrum):
     noise_xi = noise * np.hypot(spectrum.bin_xi / np.sqrt(3), xi - spectrum.xi[peak[keep]])
     most = (RESOLVED * spectrum.bin_xi) ** 2
     halves = np.minimum((spectrum.xi_change[lines][at][keep] / 2) ** 2, most) - 4 * noise_xi**2
-    few = stdtrit(len(xi), 0.975) / NORMAL  # Student's t for a mean square of so many
-    sigma_xi = np.sqrt(noise_xi**2 + np.minimum(np.maximum(halves, few**2 * max(halves.mean(), 0)), most))
     sigma_omega = noise * np.hypot(spectrum.bin_omega / np.sqrt(3), omega - spectrum.omega[lines][keep])
+    jumps = _jumps(xi, omega / spectrum.bin_omega, noise_xi, sigma_omega / spectrum.bin_omega, np.flatnonzero(keep))
+    jumps = np.minimum(jumps, most)
+    sigma_xi = np.sqrt(noise_xi**2 + np.minimum(np.maximum(halves, _pooled(halves) + _pooled(jumps)), most))
     return Ridge(xi, omega, sigma_xi, sigma_omega, height[keep], spectrum.bin_xi, spectrum.bin_omega)
+
+
+def _jumps(xi, omega, noise_xi, noise_omega, line):
+    """Variances of xi from how far each four points lie from a smooth branch, less what noise makes of it.
+
+    Smooth is a parabola of cos xi over omega^2: a chain has a straight line there, from long waves to the edge of its zone.
+    The four lie on every other line: neighbours share two thirds of an error through the Hann window, these a sixth.
+    """
+    four = np.arange(max(len(xi) - 6, 0))[:, None] + 2 * np.arange(4)
+    x, y = omega[four] ** 2, np.cos(xi[four])
+    beside = (line[four[:, 3]] - line[four[:, 0]] == 6) & (np.diff(x, axis=1) > 0).all(axis=1)
+    four, x, y = four[beside], x[beside], y[beside]
+    weights = 1 / np.prod(x[:, :, None] - x[:, None, :] + np.eye(4), axis=2)  # third divided difference, zero for a parabola
+    to_xi, to_omega = np.sin(xi[four]), 2 * omega[four] * ((y[:, 3] - y[:, 0]) / (x[:, 3] - x[:, 0]))[:, None]
+    noise = np.sum(weights**2 * ((to_xi * noise_xi[four]) ** 2 + (to_omega * noise_omega[four]) ** 2), axis=1)
+    return (np.sum(weights * y, axis=1) ** 2 - noise) / np.sum((weights * to_xi) ** 2, axis=1)
+
+
+def _pooled(variances):
+    """Mean of a few variances, widened so that NORMAL of its root are the interval of Student's t; zero where there are none."""
+    n = len(variances)
+    return max(variances.mean(), 0) * (stdtrit(n, 0.975) / NORMAL) ** 2 if n else 0.0
