@@ -1,4 +1,4 @@
-"""Measured forces with fitted laws, and what the laws leave, drawn in SI on matplotlib axes."""
+"""Measured forces with fitted laws, and what the laws leave of each force, drawn on matplotlib axes."""
 
 import numpy as np
 
@@ -13,6 +13,9 @@ LINES = '-', '--', ':', '-.'
 
 def plot_fits(forces, fits):
     """Forces and laws on logarithmic axes over the residuals of each law.
+
+    Forces fall by decades, so residuals are drawn in standard uncertainties of their points, between grey lines at one of
+    them, or in per cent of the law where no uncertainties are given.
 
     Parameters
     ----------
@@ -36,14 +39,15 @@ def plot_fits(forces, fits):
         inside = line[line - fit.offset > 0]
         upper.plot(inside / u.m, repulsion(fit.law, inside - fit.offset) / u.N, style, color=colour, label=fit.name)
         beside = r * (1 + 0.003 * shift)  # the residuals of a point side by side
-        left = (points.f - repulsion(fit.law, points.r - fit.offset)) / u.N
-        lower.errorbar(beside, left, error, fmt='os^D'[fits.index(fit)], linestyle=style, color=colour,
-                       markersize=4, linewidth=0.8, elinewidth=0.6)
+        law = repulsion(fit.law, points.r - fit.offset)
+        lower.plot(beside, (points.f - law) / (law / 100 if points.sigma is None else points.sigma),
+                   'os^D'[fits.index(fit)], linestyle=style, color=colour, markersize=4, linewidth=0.8)
     for ax in (upper, lower):
         ax.axvline((fits[0].spacing + fits[0].offset) / u.m, color='0.8', linewidth=0.8, zorder=0)  # the working spacing
-    lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)
+    for height in (0,) if points.sigma is None else (-1, 0, 1):
+        lower.axhline(height, color='0.6' if height == 0 else '0.8', linewidth=0.8, zorder=0)
     upper.set(xscale='log', yscale='log', ylabel='force (N)')
-    lower.set(xlabel='distance of the centres (m)', ylabel='measured - fitted (N)')
+    lower.set(xlabel='distance of the centres (m)', ylabel=f'measured - fitted ({"%" if points.sigma is None else "sigma"})')
     ticks = [tick for tick in MaxNLocator(7).tick_values(*r[[0, -1]]) if r[0] <= tick <= r[-1]]
     lower.set_xticks(ticks, [f'{tick:g}' for tick in ticks])
     lower.xaxis.set_minor_formatter(NullFormatter())

@@ -450,3 +450,15 @@ def test_measured_forces_and_laws_share_the_axis_in_metres():
     np.testing.assert_allclose(curve.get_ydata()[[0, -1]], forces.f[[0, -1]])
     residuals = next(line for line in lower.lines if len(line.get_xdata()) == 3)
     np.testing.assert_allclose(residuals.get_ydata(), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize('sigma', [None, np.array([2e-3, 1e-3, 5e-5])])
+def test_residuals_of_far_points_are_seen_beside_those_of_near_ones(sigma):
+    law, r = InversePower(b=1e4, a=4.0), np.array([8.0, 10.0, 30.0])
+    f = law.b * r**-4
+    off = 0.03 * f * np.array([1, -1, 1]) if sigma is None else 2 * sigma * np.array([1, -1, 1])
+    fit = SimpleNamespace(law=law, name='inverse power', offset=0.0, spacing=10.0)
+    _, lower = plot_fits(Forces(r, f + off, sigma), [fit]).axes
+    drawn = next(line for line in lower.lines if len(line.get_xdata()) == 3).get_ydata()
+    np.testing.assert_allclose(drawn, [3, -3, 3] if sigma is None else [2, -2, 2])
+    assert lower.get_ylabel() == ('measured - fitted (%)' if sigma is None else 'measured - fitted (sigma)')
