@@ -31,3 +31,12 @@ c = 299792458 * m / s
 def hertz(omega):
     """Frequency in Hz of an angular frequency in rad/ms."""
     return omega / (2 * pi) / Hz
+
+
+class InHertz:
+    """What every result with angular frequencies `omega` has: the same frequencies in Hz."""
+
+    @property
+    def frequencies_Hz(self):
+        """Frequencies in Hz, in the shape of `omega`."""
+        return hertz(self.omega)

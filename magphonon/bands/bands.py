@@ -21,7 +21,7 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Bands:
+class Bands(units.InHertz):
     """Frequencies along a path through the Brillouin zone.
 
     Attributes
@@ -37,11 +37,6 @@ class Bands:
     path: BandPath
     omega: np.ndarray
     vectors: np.ndarray | None = None
-
-    @property
-    def frequencies_Hz(self):
-        """Frequencies in Hz, shape (wavevectors, modes)."""
-        return self.omega / (2 * np.pi) / units.Hz
 
     @cached_property
     def longitudinal(self):

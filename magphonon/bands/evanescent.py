@@ -15,6 +15,7 @@ from math import gcd, lcm
 
 import numpy as np
 
+from .. import units
 from ..errors import finite, one_of
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import mass_weighted
@@ -29,7 +30,7 @@ VANISHED = 16
 
 
 @dataclass(frozen=True)
-class ComplexBands:
+class ComplexBands(units.InHertz):
     """Waves along a direction at given frequencies, the slowest decay first.
 
     Attributes

@@ -21,7 +21,7 @@ from ..stiffness.repulsion import repulsion_of
 from .bands import Bands, analytic_bands, path_of
 from .bloch import cell_of_free_particles
 
-TO_HZ = 1 / (2 * np.pi) / units.Hz
+TO_HZ = units.hertz(1)
 """phonopy's unit conversion factor: from the root of N/(mm g), rad/ms, to Hz."""
 DISTANCE = 1e-5
 """Default displacement in shortest bonds.

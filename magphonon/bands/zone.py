@@ -41,7 +41,7 @@ def first_zone(cell):
 
 
 @dataclass(frozen=True)
-class ZoneMap(Saved, kind='frequencies over the zone', units={
+class ZoneMap(units.InHertz, Saved, kind='frequencies over the zone', units={
     'cell': ('mm', 'vectors', 'dim'), 'q': ('reciprocal vectors', 'n1', 'n2', 'vectors'),
     'omega': ('rad/ms', 'n1', 'n2', 'branches'), 'velocity': ('mm/ms', 'n1', 'n2', 'branches', 'dim'),
 }, missing=('velocity',)):
@@ -70,11 +70,6 @@ class ZoneMap(Saved, kind='frequencies over the zone', units={
     def k(self):
         """Wavevectors in rad/mm, shape (n1, n2, 2)."""
         return 2 * np.pi * (self.q @ Cell(self.cell).reciprocal().array)[..., :2]
-
-    @property
-    def frequencies_Hz(self):
-        """Frequencies in Hz, shape (n1, n2, branches)."""
-        return self.omega / (2 * np.pi) / units.Hz
 
 
 def zone_map(atoms, steps=96, model='complete'):

@@ -67,10 +67,10 @@ def _report(model, result, natural):
 
     from .. import units
 
-    f, amplitude = result.omega / (2 * np.pi) / units.Hz, abs(result.response) / (units.m / units.N)
+    f, amplitude = units.hertz(result.omega), abs(result.response) / (units.m / units.N)
     lines = ['', model]
     if len(natural):
-        of = natural / (2 * np.pi) / units.Hz
+        of = units.hertz(natural)
         lines.append(f'  natural frequencies: {of[0]:.6g} Hz' if len(of) == 1 else
                      f'  natural frequencies: {len(of)} from {of[0]:.6g} to {of[-1]:.6g} Hz')
     peaks, _ = find_peaks(amplitude)

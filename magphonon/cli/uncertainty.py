@@ -93,15 +93,13 @@ def _bands(folder, scene, tolerances):
 
 def _write_table(file, path, spread):
     """One row for each wavevector: its place on the path, its fractions, each frequency and its standard deviation."""
-    import numpy as np
-
     from .. import units
     from ..files import write_columns
 
     names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
     for mode in range(spread.values.shape[1]):
         names += [f'frequency_{mode + 1}_Hz', f'std_{mode + 1}_Hz']
-        columns += [values[:, mode] / (2 * np.pi) / units.Hz for values in (spread.values, spread.std)]
+        columns += [units.hertz(values[:, mode]) for values in (spread.values, spread.std)]
     write_columns(file, names, columns, missing=names[5::2])  # a frequency of zero has no slope
 
 
@@ -117,7 +115,7 @@ def _response(folder, scene, tolerances):
     omega = scene.frf.omega
     spread = response_spread(atoms, source.force(len(atoms)), answer, omega, scene.frf.damping, tolerances)
     spread.save(folder / 'frf_uncertainty.npz')
-    f, unit = omega / (2 * np.pi) / units.Hz, units.m / units.N
+    f, unit = units.hertz(omega), units.m / units.N
     write_columns(folder / 'frf_uncertainty.csv', ['frequency_Hz', 'amplitude_m_per_N', 'std_m_per_N'],
                   [f, spread.values / unit, spread.std / unit])
     ax = plot_response_ribbon(omega, spread, label=r'complete, $\pm 2\sigma$')

@@ -139,7 +139,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     w = peak.omega
     stiffening = turning(calc, peak)
     frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
-    where = f'the peak stands at {w / (2 * np.pi) / units.Hz:.6g} Hz'
+    where = f'the peak stands at {units.hertz(w):.6g} Hz'
     evidence = [f'{where}; D* moves it by {percent(frozen)}, to first order' if frozen else
                 f'{where}; nothing turns a bond there, so D* has no part in it']
     shift, evaluations = 0.0, 0

@@ -167,7 +167,7 @@ def _write_response(scene, file, force, settings):
     response.save(file.with_suffix('.npz'))
     amplitude, phase = abs(response.response) / (u.m / u.N), np.degrees(np.angle(response.response))
     write_columns(file.with_suffix('.csv'), ['frequency_Hz', 'amplitude_m_per_N', 'phase_deg'],
-                  [omega / (2 * np.pi) / u.Hz, amplitude, phase])
+                  [u.hertz(omega), amplitude, phase])
 
 
 def _burst(scene, tolerance, k):

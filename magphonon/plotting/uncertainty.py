@@ -17,9 +17,9 @@ def plot_band_ribbons(bands, spread, ax=None, label=None, **line):
     ax = plot_bands(bands, ax, label=label, **line)
     x = bands.path.get_linear_kpoint_axis()[0]
     colour = ax.lines[-1].get_color()
-    for f, std in zip(bands.frequencies_Hz.T, spread.std.T / (2 * np.pi) / units.Hz, strict=True):
+    for f, std in zip(bands.frequencies_Hz.T, units.hertz(spread.std.T), strict=True):
         ax.fill_between(x, f - WIDTH * std, f + WIDTH * std, color=colour, alpha=0.3, linewidth=0)
-    top = np.nanmax(bands.frequencies_Hz + WIDTH * spread.std / (2 * np.pi) / units.Hz)
+    top = np.nanmax(bands.frequencies_Hz + WIDTH * units.hertz(spread.std))
     ax.set_ylim(top=max(ax.get_ylim()[1], 1.02 * top))
     return ax
 
@@ -29,7 +29,7 @@ def plot_response_ribbon(omega, spread, force=1.0, ax=None, label=None, **line):
     if ax is None:
         ax = new_axes()
         ax.set(xlabel='frequency (Hz)', ylabel='displacement per force (m/N)', yscale='log')
-    f, unit = omega / (2 * np.pi) / units.Hz, force * units.m / units.N
+    f, unit = units.hertz(omega), force * units.m / units.N
     (curve,) = ax.plot(f, spread.values / unit, label=label, **line)
     low, high = spread.values - WIDTH * spread.std, spread.values + WIDTH * spread.std
     floor = spread.values.min() / 10  # a ribbon wider than the value it surrounds has no lower edge on a logarithmic axis

@@ -81,15 +81,15 @@ def plot_snapshot(patch, field, frame, site, ax=None):
 
 def crossing(passage):
     """Index of the frame of the whole patch nearest to the moment when the middle of the measured row moves most."""
-    u = np.linalg.norm(passage.row.u[:, len(passage.row.particles) // 2], axis=1)
-    return int(abs(passage.field.t - passage.row.t[u.argmax()]).argmin())
+    u = np.linalg.norm(passage.row.displacements[:, len(passage.row.particles) // 2], axis=1)
+    return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 
 
 def save_animation(path, patch, field, site):
     """Write a GIF of all frames, each in its own scale of grey, so that a wave is seen until it has decayed."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    ax = plot_snapshot(patch, field, len(field.t) // 2, site)
+    ax = plot_snapshot(patch, field, len(field.times) // 2, site)
     dots, title = ax.collections[0], ax.get_legend().get_title()
 
     def show(frame):
@@ -98,15 +98,15 @@ def save_animation(path, patch, field, site):
         dots.set_clim(0, distance.max() or 1)
         title.set_text(_moment(patch, field, frame))
 
-    FuncAnimation(ax.figure, show, frames=range(1, len(field.t))).save(path, writer=PillowWriter(fps=8), dpi=120)
+    FuncAnimation(ax.figure, show, frames=range(1, len(field.times))).save(path, writer=PillowWriter(fps=8), dpi=120)
 
 
 def _distance(field, frame):
-    return np.linalg.norm(field.u[frame], axis=1) / units.m
+    return np.linalg.norm(field.displacements[frame], axis=1) / units.m
 
 
 def _moment(patch, field, frame):
-    return f'{patch.calc.parameters.model} model, {field.t[frame] / units.s:.3f} s after the start'
+    return f'{patch.calc.parameters.model} model, {field.times[frame] / units.s:.3f} s after the start'
 
 
 def panels(rows, columns):

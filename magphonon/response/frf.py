@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import units
 from ..errors import finite, not_negative, positive
 from ..files import Saved
 from ..stiffness.constraints import refuse_held
@@ -17,7 +18,7 @@ from .normal_modes import ROUND_OFF, SMALL, recorded, refuse_growing, sizes
 
 
 @dataclass(frozen=True)
-class FrequencyResponse(Saved, kind='frequency responses', units={
+class FrequencyResponse(units.InHertz, Saved, kind='frequency responses', units={
     'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
 }):
     """Displacement per force over frequency.

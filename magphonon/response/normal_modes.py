@@ -28,7 +28,7 @@ ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True)
-class Modes(Saved, kind='modes', units={
+class Modes(units.InHertz, Saved, kind='modes', units={
     'omega': ('rad/ms', 'modes'), 'shapes': ('g^-1/2', 'modes', 'particles', 'dim'),
 }):
     """Natural frequencies and mode shapes of a structure.

@@ -167,7 +167,7 @@ class VibrometerPlan(Table):
         """The Displacements of a row as the vibrometer sees them; `seed` of its noise."""
         from ..waves.vibrometer import measure
 
-        return measure(row.t, row.u, row.particles, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)
+        return measure(row.times, row.displacements, row.particles, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)
 
     def refuse_aliasing(self, carriers_Hz):
         """Raise ValueError if the sampling folds the spectrum of a burst."""

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 from scipy import sparse
 
+from .. import units
 from ..dynamics.timestep import DENSE
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.linear_system import LinearSystem
@@ -15,7 +16,7 @@ ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True)
-class Shifts:
+class Shifts(units.InHertz):
     """Amplitude dependence of modes.
 
     Attributes

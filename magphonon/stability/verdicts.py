@@ -165,7 +165,7 @@ class Verdict:
                         f'{_stiffness(self.unguided)} held it.')
         if np.isfinite(self.timestep_limit):
             said.append(f'Time steps up to {self.timestep_limit / u.s:.4g} s are stable, 2/omega_max with the highest frequency '
-                        f'of {self.omega_max / (2 * np.pi) / u.Hz:.4g} Hz; a tenth of that is accurate.')
+                        f'of {u.hertz(self.omega_max):.4g} Hz; a tenth of that is accurate.')
         if self.central:
             said.append('Out of the plane, where nothing moves here, repulsion drives particles apart: supports must provide '
                         + (f'{_stiffness(self.central)} there.' if self.support is None else

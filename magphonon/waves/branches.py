@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import units
 from ..bands.bloch import bloch_modes
 from ..errors import finite, one_of
 from .spectrum import NORMAL, RESOLVED
@@ -13,7 +14,7 @@ BRANCH_POINTS = 2001
 
 
 @dataclass(frozen=True)
-class Branch:
+class Branch(units.InHertz):
     """One branch of the bands over the phase per step.
 
     Attributes

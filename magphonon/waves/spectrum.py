@@ -50,7 +50,7 @@ RESOLVED = 1.0
 
 
 @dataclass(frozen=True)
-class Spectrum(Saved, kind='spectra', units={
+class Spectrum(units.InHertz, Saved, kind='spectra', units={
     'xi': ('rad', 'wavenumbers'), 'omega': ('rad/ms', 'frequencies'), 'power': ('mm^2', 'frequencies', 'wavenumbers'),
     'xi_centre': ('rad', 'frequencies', 'wavenumbers'), 'omega_centre': ('rad/ms', 'frequencies', 'wavenumbers'),
     'xi_change': ('rad', 'frequencies', 'wavenumbers'), 'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
@@ -180,7 +180,7 @@ def _over_space(over_time, window):
 
 
 @dataclass(frozen=True)
-class Ridge:
+class Ridge(units.InHertz):
     """Points along the crest of a map, one for each frequency line of the record.
 
     Attributes

@@ -23,29 +23,29 @@ class Displacements:
 
     Attributes
     ----------
-    t : ndarray, shape (frames,)
+    times : ndarray, shape (frames,)
         In ms, in equal steps.
     particles : ndarray of int, shape (points,)
         Numbers of the particles, in the order of the row.
-    u : ndarray, shape (frames, points, 2)
+    displacements : ndarray, shape (frames, points, 2)
         In mm.
     """
 
-    t: np.ndarray
+    times: np.ndarray
     particles: np.ndarray
-    u: np.ndarray
+    displacements: np.ndarray
 
     @property
     def dt(self):
         """Time between frames in ms."""
-        return (self.t[-1] - self.t[0]) / (len(self.t) - 1)
+        return (self.times[-1] - self.times[0]) / (len(self.times) - 1)
 
     def along(self, direction):
         """Component along a direction (need not be normalised), in mm, shape (frames, points)."""
         direction = finite('direction', direction, (2,))
         if not direction.any():
             raise ValueError(f'the direction must not be zero, not {direction}')
-        return self.u @ (direction / np.linalg.norm(direction))
+        return self.displacements @ (direction / np.linalg.norm(direction))
 
 
 def measure(t, u, particles, rate, noise=0.0, seed=0):
@@ -93,7 +93,7 @@ MOTIONS_m = 1e-24, 1e3
 
 def write_displacements(path, displacements):
     """Write a table in SI, columns time_s, particle, u_x_m, u_y_m, to the last digit; whole or not at all."""
-    t, u = displacements.t / units.s, displacements.u / units.m
+    t, u = displacements.times / units.s, displacements.displacements / units.m
     refuse_overflow(path, {'time_s': t, 'u_x_m and u_y_m': u})
     with whole_file(path) as file:
         print(*COLUMNS, sep=',', file=file)

@@ -111,17 +111,17 @@ def test_a_row_driven_evenly_misses_the_branch_where_one_that_fades_hits_it(idea
 def test_the_record_begins_at_rest_and_follows_the_force(ideal):
     where, one = shear_burst(ideal, n=16, duration=300 * u.ms)
     _, two = shear_burst(ideal, n=16, duration=300 * u.ms, force=2 * u.N)
-    assert not one.row.u[0].any()
-    assert_allclose(np.diff(one.row.t), one.row.dt, rtol=1e-9)
-    assert one.row.t[-1] == pytest.approx(300, abs=one.row.dt)
-    assert len(one.row.t) > 15 * CARRIER * 300 / (2 * np.pi)  # frames to a period of the carrier
+    assert not one.row.displacements[0].any()
+    assert_allclose(np.diff(one.row.times), one.row.dt, rtol=1e-9)
+    assert one.row.times[-1] == pytest.approx(300, abs=one.row.dt)
+    assert len(one.row.times) > 15 * CARRIER * 300 / (2 * np.pi)  # frames to a period of the carrier
     np.testing.assert_array_equal(one.row.particles, where.row)
-    assert one.field.u.shape[1] == 16**2
-    frame = abs(one.row.t[:, None] - one.field.t).argmin(axis=0)
-    near = abs(one.row.u[frame] - one.field.u[:, where.row]).max() / abs(one.row.u).max()
+    assert one.field.displacements.shape[1] == 16**2
+    frame = abs(one.row.times[:, None] - one.field.times).argmin(axis=0)
+    near = abs(one.row.displacements[frame] - one.field.displacements[:, where.row]).max() / abs(one.row.displacements).max()
     assert near < 0.2  # the patch was not kept at quite the same moments: half a frame, 0.15 rad of the carrier
     # second order in the strain, u/L0 = 1e-4 times a + 1
-    assert_allclose(two.row.u, 2 * one.row.u, rtol=0, atol=2e-3 * abs(two.row.u).max())
+    assert_allclose(two.row.displacements, 2 * one.row.displacements, rtol=0, atol=2e-3 * abs(two.row.displacements).max())
 
 
 @pytest.mark.parametrize(('omega', 'duration', 'message'), [
@@ -180,7 +180,7 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     assert 'Without points' not in report({'loud': wave})
     assert 'are times in seconds' not in report({'loud': wave})
     record = travelling(1, 0, ideal)
-    in_ms = report({'in ms': waves(replace(record, t=1e3 * record.t), ideal, 'row')})
+    in_ms = report({'in ms': waves(replace(record, times=1e3 * record.times), ideal, 'row')})
     assert 'are times in seconds' in in_ms
     assert 'in ms, transverse motion: lies on no branch; the nearest is' in in_ms
     # 141.42 rad/s sin(1/2) / 2 pi = 10.79 Hz, to half a frequency line of 1.25 Hz; conventional longitudinal ends at 77.97 Hz

@@ -35,10 +35,10 @@ def test_table_is_si_and_comes_back_to_round_off(tmp_path, lines):
     d = table()
     assert lines[0] == HEADER
     first = [float(value) for value in lines[1].split(',')]
-    assert first == pytest.approx([2e-3, 3, d.u[0, 0, 0] * 1e-3, d.u[0, 0, 1] * 1e-3], rel=1e-15)  # ms, mm
+    assert first == pytest.approx([2e-3, 3, *(d.displacements[0, 0] * 1e-3)], rel=1e-15)  # ms, mm
     again = read(tmp_path, lines, particles=(3, 1, 7))
-    np.testing.assert_allclose(again.t, d.t, rtol=1e-14)
-    np.testing.assert_allclose(again.u, d.u, rtol=1e-15)
+    np.testing.assert_allclose(again.times, d.times, rtol=1e-14)
+    np.testing.assert_allclose(again.displacements, d.displacements, rtol=1e-15)
     assert again.dt == pytest.approx(0.37, rel=1e-13)
 
 
@@ -52,13 +52,13 @@ def test_rows_may_come_in_any_order_with_comments_and_further_columns(tmp_path, 
     for rows in (shuffled, dressed):
         again = read(tmp_path, rows)
         np.testing.assert_array_equal(again.particles, [1, 3, 7])
-        np.testing.assert_allclose(again.u, table().u[:, [1, 0, 2]], rtol=1e-15)
+        np.testing.assert_allclose(again.displacements, table().displacements[:, [1, 0, 2]], rtol=1e-15)
 
 
 def test_only_the_particles_of_the_row_are_read(tmp_path, lines):
     gap = [line for line in lines if not line.startswith('0.002,1,')]  # in a particle that nobody asks for
     again = read(tmp_path, gap, particles=(7, 3))
-    np.testing.assert_allclose(again.u, table().u[:, [2, 0]], rtol=1e-15)
+    np.testing.assert_allclose(again.displacements, table().displacements[:, [2, 0]], rtol=1e-15)
 
 
 def test_times_rounded_by_the_instrument_are_equal_steps(tmp_path):
@@ -116,12 +116,12 @@ def test_whatever_stands_below_the_header_is_read_or_refused_in_words(tmp_path_f
     path = tmp_path_factory.getbasetemp() / 'fuzz.csv'
     path.write_text('\n'.join([HEADER, *rows]))
     with contextlib.suppress(ValueError):
-        assert np.isfinite(read_displacements(path).u).all()
+        assert np.isfinite(read_displacements(path).displacements).all()
 
 
 def test_component_along_a_direction():
     d = table()
-    np.testing.assert_allclose(d.along((3, 4)), 0.6 * d.u[..., 0] + 0.8 * d.u[..., 1])
+    np.testing.assert_allclose(d.along((3, 4)), 0.6 * d.displacements[..., 0] + 0.8 * d.displacements[..., 1])
     for direction, message in (((0, 0), 'must not be zero'), ((1, 0, 0), r'shape \(2,\)')):
         with pytest.raises(ValueError, match=message):
             d.along(direction)
@@ -131,20 +131,20 @@ def test_vibrometer_samples_at_its_own_rate():
     t = 5 + 0.1 * np.arange(400)
     motion = lambda t: np.stack([np.sin(2 * t), np.cos(3 * t)], axis=-1)[:, None]  # noqa: E731, a formula
     d = measure(t, motion(t), [4], rate=2.3)
-    np.testing.assert_allclose(np.diff(d.t), 1 / 2.3)
-    assert d.t[0] == 5
-    assert t[-1] - d.t[-1] < 1 / 2.3
+    np.testing.assert_allclose(np.diff(d.times), 1 / 2.3)
+    assert d.times[0] == 5
+    assert t[-1] - d.times[-1] < 1 / 2.3
     # a cubic spline with 21 points to a period: (w h)^4/384 within, a few times that at its ends
-    np.testing.assert_allclose(d.u, motion(d.t), rtol=0, atol=2e-4)
+    np.testing.assert_allclose(d.displacements, motion(d.times), rtol=0, atol=2e-4)
 
 
 def test_noise_has_its_size_and_its_seed():
     t, u = np.arange(1000.0), np.zeros((1000, 5, 2))
     d = measure(t, u, range(5), rate=1.0, noise=3e-5, seed=8)
-    assert d.u.std() == pytest.approx(3e-5, rel=0.03)  # 10 000 samples: 0.7 %
-    np.testing.assert_array_equal(d.u, measure(t, u, range(5), rate=1.0, noise=3e-5, seed=8).u)
-    assert (d.u != measure(t, u, range(5), rate=1.0, noise=3e-5, seed=9).u).all()
-    assert not measure(t, u, range(5), rate=1.0).u.any()
+    assert d.displacements.std() == pytest.approx(3e-5, rel=0.03)  # 10 000 samples: 0.7 %
+    np.testing.assert_array_equal(d.displacements, measure(t, u, range(5), rate=1.0, noise=3e-5, seed=8).displacements)
+    assert (d.displacements != measure(t, u, range(5), rate=1.0, noise=3e-5, seed=9).displacements).all()
+    assert not measure(t, u, range(5), rate=1.0).displacements.any()
 
 
 @pytest.mark.parametrize(('change', 'message'), [

@@ -1,0 +1,35 @@
+"""One notion has one name on all results."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from motion import patch
+
+from magphonon import DrivenVerlet, Recorder, propagate
+from magphonon.bands import Bands, ComplexBands, ZoneMap
+from magphonon.response import FrequencyResponse, Modes
+from magphonon.stability import Shifts
+from magphonon.waves import Branch, Displacements, Ridge, Spectrum
+
+RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge]
+
+
+@pytest.mark.parametrize('result', RESULTS, ids=lambda result: result.__name__)
+def test_every_result_with_angular_frequencies_has_them_in_hertz(result):
+    omega = np.array([[0.0, 2 * np.pi], [-np.pi, 1.0]])  # rad/ms
+    values = {field.name: omega if field.name == 'omega' else None for field in fields(result)}
+    np.testing.assert_allclose(result(**values).frequencies_Hz, [[0.0, 1000.0], [-500.0, 500 / np.pi]], rtol=1e-15)
+
+
+def test_every_record_of_motion_has_the_same_names():
+    atoms = patch()
+    dyn = DrivenVerlet(atoms, 0.01)
+    recorder = Recorder(dyn, [12, 13], interval=2)
+    dyn.run(4)
+    transient = propagate(patch(), [0.0, 0.02, 0.04], particles=[12, 13])
+    table = Displacements(recorder.times, recorder.particles, recorder.displacements)
+    for record in (recorder, transient, table):
+        np.testing.assert_allclose(record.times, [0.0, 0.02, 0.04], rtol=1e-12)
+        np.testing.assert_array_equal(record.particles, [12, 13])
+        assert record.displacements.shape == (3, 2, 2)
