@@ -1,6 +1,7 @@
 """Squared frequencies and modes at any wavevectors, from the Bloch matrix (Eq. 18)."""
 
 import numpy as np
+from tqdm import tqdm
 
 from ..errors import finite
 from ..stiffness.matrices import mass_weighted, signed_root
@@ -51,7 +52,8 @@ def bloch_modes(atoms, q, model='complete', vectors=False):
     calc = cell_of_free_particles(atoms)
     q = _wavevectors(q)
     omega, modes = [], []
-    for part in np.array_split(q, _batches(len(q), len(atoms) * calc.dim)):
+    parts = np.array_split(q, _batches(len(q), len(atoms) * calc.dim))
+    for part in tqdm(parts, desc='wavevectors', delay=2, disable=None if len(parts) > 1 else True, leave=False):
         D = mass_weighted(calc.bloch_matrix(part, model), atoms.get_masses())
         if vectors:
             squares, columns = np.linalg.eigh(D)

@@ -12,6 +12,7 @@ import numpy as np
 from ase import Atoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
+from tqdm import tqdm
 
 from .. import units
 from ..errors import positive, whole
@@ -91,7 +92,7 @@ def finite_displacements(atoms, supercell=None, distance=None):
     displaced = _supercell_atoms(phonon, rest.pbc)
     displaced.calc = calc.on(displaced)  # phonopy's order of particles, not that of `repeat`
     forces = []
-    for structure in phonon.supercells_with_displacements:
+    for structure in tqdm(phonon.supercells_with_displacements, desc='displacements', delay=2, disable=None, leave=False):
         displaced.positions = structure.positions
         forces.append(displaced.get_forces())
     phonon.forces = forces

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft, sparse
+from tqdm import tqdm
 
 BLOCK = 16
 """Vectors handed over at a time."""
@@ -69,8 +70,8 @@ def coefficients(values):
     return c
 
 
-def chebyshev_blocks(K, interval, s, rows):
-    """The vectors T_n(X) s, n = 0, 1, 2 ..., without end.
+def chebyshev_blocks(K, interval, s, rows, terms=None):
+    """The vectors T_n(X) s, n = 0, 1, 2 ..., without end; a bar shows how many there are on a terminal after two seconds.
 
     Parameters
     ----------
@@ -79,6 +80,8 @@ def chebyshev_blocks(K, interval, s, rows):
     s : ndarray, shape (size, ...)
     rows : index
         The entries that are wanted.
+    terms : int, optional
+        About how many vectors will be, for the bar.
 
     Yields
     ------
@@ -92,13 +95,15 @@ def chebyshev_blocks(K, interval, s, rows):
     X2 = sparse.csr_array((K - interval.centre * sparse.eye_array(K.shape[0])) * (2 / interval.radius))
     length = np.linalg.norm(s, axis=0)
     before, now = X2 @ s / 2, s  # T_{-1} = T_1
-    while True:
-        block = np.empty((BLOCK, *s[rows].shape), dtype=s.dtype)
-        for k in range(BLOCK):
-            block[k] = now[rows]
-            after = X2 @ now
-            after -= before
-            before, now = now, after
-        if not (np.linalg.norm(now, axis=0) <= GROWN * length).all():
-            raise Outside
-        yield block
+    with tqdm(total=terms, desc='products', delay=2, disable=None, leave=False) as progress:
+        while True:
+            block = np.empty((BLOCK, *s[rows].shape), dtype=s.dtype)
+            for k in range(BLOCK):
+                block[k] = now[rows]
+                after = X2 @ now
+                after -= before
+                before, now = now, after
+            if not (np.linalg.norm(now, axis=0) <= GROWN * length).all():
+                raise Outside
+            progress.update(BLOCK)
+            yield block

@@ -7,6 +7,7 @@ has a negative phase.
 from dataclasses import dataclass
 
 import numpy as np
+from tqdm import tqdm
 
 from .. import units
 from ..errors import finite, not_negative, positive
@@ -98,7 +99,7 @@ def resolvents(atoms, omega, damping):
     not_negative('damping', float(gamma.min()), '1/ms')
     free, M, rate = system.free.power(2).T, system.masses, np.broadcast_to(gamma, n)
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
-    for w in omega:
+    for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
         inertia = free @ np.repeat((-(w**2) + 1j * w * rate) * M, system.dim)
         try:
             solve = splu(sparse.csc_array(system.stiffness + sparse.diags_array(inertia))).solve
@@ -158,7 +159,7 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
         u[..., : system.dim] = _by_modes(system, s, omega, gamma, particles)
         return u
     try:
-        if _series_length(system.K, omega, gamma, tolerance) > FACTORISATION * len(omega):
+        if _series_length(_inner(_scaled(system.K, omega, gamma)[1]), tolerance) > FACTORISATION * len(omega):
             _refuse_growing(system.K)
             return harmonic_response(system, force, omega, gamma)[:, particles]
         u[..., : system.dim] = series_response(system, s, omega, gamma, particles, tolerance)[0]
@@ -214,9 +215,10 @@ def _scaled(K, omega, gamma):
     return interval, (omega**2 - 1j * gamma * omega - interval.centre) / interval.radius
 
 
-def _series_length(K, omega, gamma, tolerance):
-    """About how many terms the longest series has."""
-    return np.log(tolerance) / np.log(abs(_inner(_scaled(K, omega, gamma)[1])).max()) if gamma else np.inf
+def _series_length(w, tolerance):
+    """About how many terms the longest series in powers of `w` has; without end where damping is too weak to be seen."""
+    largest = abs(w).max()
+    return np.log(tolerance) / np.log(largest) if largest < 1 - np.finfo(float).eps else np.inf
 
 
 def series_response(system, s, omega, gamma, particles, tolerance):
@@ -248,7 +250,7 @@ def series_response(system, s, omega, gamma, particles, tolerance):
     root = z - w
     length, size = np.linalg.norm(s), sizes(shapes)
     y, open_ = np.zeros((len(z), len(rows)), complex), np.ones(len(z), bool)
-    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows)):
+    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows, np.ceil(_series_length(w, tolerance)))):
         powers = 2 * w[open_, None] ** (n * BLOCK + np.arange(BLOCK))
         if n == 0:
             powers[:, 0] = 1

@@ -236,7 +236,7 @@ def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, 
         weight = (abs(c) / np.array([1.0, rate])[:, None, None]).max(axis=(0, 1)) * np.linalg.norm(s, axis=0)[:, None]
         left = np.cumsum(weight.sum(axis=0)[::-1])[::-1] * size.max(initial=0.0)
         left = np.append(left, np.zeros(BLOCK))
-        for n, block in enumerate(chebyshev_blocks(K, interval, s, rows if last else slice(None))):
+        for n, block in enumerate(chebyshev_blocks(K, interval, s, rows if last else slice(None), c.shape[-1])):
             used = (n + 1) * BLOCK
             own = c[..., used - BLOCK : used]
             block = block[: own.shape[-1]].swapaxes(1, 2)  # terms, columns, rows

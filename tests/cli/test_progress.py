@@ -1,0 +1,102 @@
+"""Work that passes two seconds shows a bar on a terminal, and an interrupt in the middle of it loses nothing."""
+
+import sys
+from io import StringIO
+
+import pytest
+from tqdm import tqdm
+
+from magphonon.bands import bloch, force_constants
+from magphonon.cli import uncertainty
+from magphonon.cli.main import main
+from magphonon.response import chebyshev, frf
+from magphonon.scenes.scene import ready_scene
+
+PLACES = (bloch, force_constants, chebyshev, frf)
+"""Modules with a bar of their own; that of the samples is imported when it is used."""
+SMALL = {'side_m = 0.3 ': 'side_m = 0.14 ', 'points = 251 ': 'points = 60 ', 'points = 300': 'points = 40', 'at_m = [0.0, 0.1]':
+         'at_m = [0.0, 0.05]', 'carriers_Hz = [30, 40, 50, 60]': 'carriers_Hz = [60]', 'duration_s = 0.5': 'duration_s = 0.13',
+         'directions_deg = [90, 90, 90, 90]': 'directions_deg = [90]'}
+
+
+class Terminal(StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """With scenes in it; time does not matter: every bar shows at once, a small zone is computed in parts as a large one is."""
+    for name in ('prototype', 'tolerances'):
+        text = ready_scene(name).read_text()
+        for old, new in SMALL.items():
+            text = text.replace(old, new)
+        (tmp_path / f'{name}.toml').write_text(text)
+    monkeypatch.setattr(bloch, 'BATCH_BYTES', 2**10)
+    monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
+    return tmp_path
+
+
+def bars(monkeypatch, bar=tqdm):
+    """Give every place a bar that does not wait for two seconds, and return what it was asked for."""
+    asked = []
+
+    def at_once(*arguments, delay, **options):
+        asked.append((delay, options['disable']))
+        return bar(*arguments, **options)
+
+    for place in PLACES:
+        monkeypatch.setattr(place, 'tqdm', at_once)
+    monkeypatch.setattr('tqdm.tqdm', at_once)
+    return asked
+
+
+CASES = [('bands', 'prototype', ['wavevectors', 'displacements']), ('frf', 'prototype', ['products']),
+         ('uncertainty', 'tolerances', ['samples', 'wavevectors']), ('plan', 'prototype', ['products'])]
+
+
+@pytest.mark.parametrize(('command', 'scene', 'names'), CASES)
+def test_bars(command, scene, names, folder, monkeypatch):
+    """On a terminal each kind of long work has its bar; elsewhere there is none."""
+    asked = bars(monkeypatch)
+    arguments = [command, str(folder / f'{scene}.toml')] + ([] if command == 'plan' else ['-o', str(folder / 'out')])
+    for stream, shown in ((Terminal(), True), (StringIO(), False)):
+        monkeypatch.setattr(sys, 'stderr', stream)
+        assert main(arguments) == 0
+        assert [name in stream.getvalue() for name in names] == [shown for _ in names]
+        assert shown or stream.getvalue() == ''
+    assert {delay for delay, _ in asked} == {2}
+    assert {disable for _, disable in asked} <= {None, True}
+
+
+def test_factorised_responses_have_a_bar(folder, monkeypatch):
+    """Weak damping makes the series dearer than a factorisation at each frequency."""
+    file = folder / 'prototype.toml'
+    file.write_text(file.read_text().replace('damping_per_s = 4.0 ', 'damping_per_s = 1e-3 '))
+    bars(monkeypatch)
+    terminal = Terminal()
+    monkeypatch.setattr(sys, 'stderr', terminal)
+    assert main(['frf', str(file), '-o', str(folder / 'out')]) == 0
+    assert 'frequencies' in terminal.getvalue()
+
+
+@pytest.mark.parametrize(('command', 'scene', 'names'), CASES[:3])
+def test_an_interrupt_at_a_bar_loses_nothing(command, scene, names, folder, monkeypatch, capsys):
+    """The results of the run before stay as they are, and nothing of the interrupted one is left."""
+    arguments = [command, str(folder / f'{scene}.toml'), '-o', str(folder / 'out')]
+    assert main(arguments) == 0
+    before = {file.name: file.read_bytes() for file in (folder / 'out').iterdir()}
+
+    class Interrupted(tqdm):
+        def update(self, n=1):
+            raise KeyboardInterrupt
+
+        def __iter__(self):
+            yield next(iter(self.iterable))
+            raise KeyboardInterrupt
+
+    bars(monkeypatch, Interrupted)
+    capsys.readouterr()
+    assert main(arguments) == 130
+    assert capsys.readouterr().err.endswith('magphonon: interrupted\n')
+    assert {file.name: file.read_bytes() for file in (folder / 'out').iterdir()} == before
