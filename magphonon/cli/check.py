@@ -7,6 +7,8 @@ The exit status is 1 if anything is at fault, such as a lattice that buckles, an
 
 
 HELP = 'judge a scene before it runs: rest, stability, time step, supports, amplitude, supercell, cost'
+JUDGED = 20_000
+"""Particles up to which a patch is judged by itself, which takes some ten seconds and grows with the third power of its side."""
 
 
 def add_arguments(parser):
@@ -32,13 +34,16 @@ def run(options):
               'the three magnets.')
     supercell = scene.supercell() if scene.bands is not None else None
     verdicts = {'The oscillator' if scene.single else 'The lattice': verdict(atoms, supercell=supercell)}
-    if scene.patch is not None and not scene.single:
-        verdicts['The patch'] = verdict(scene.patch_atoms())
+    patch = scene.patch_atoms() if scene.patch is not None and not scene.single else None
+    if patch is not None and len(patch) <= JUDGED:
+        verdicts['The patch'] = verdict(patch)
     for name, judged in verdicts.items():
         print(f'\n{name}: {judged}')
     at_rest = not scene.single and not verdicts['The lattice'].residual
     if at_rest and (cutoff := cut_off(atoms)) is not None:
         print(f'\nIts foundation gives it a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest of long waves (Gamma).')
+    if patch is not None and 'The patch' not in verdicts:
+        print(_large(len(patch)))
     for line in neglected(scene):
         print(f'\n{line}')
     if expected:
@@ -46,3 +51,14 @@ def run(options):
     for fault in faults:
         print(f'Not as it stands: {fault}.')
     return 0 if all(judged.fine for judged in verdicts.values()) and not faults else 1
+
+
+def _large(particles):
+    """What is said of a patch that is not judged by itself.
+
+    The free particles of a patch have all their neighbours, so that its Hessian is a block of that of the lattice, and its
+    eigenvalues lie between the lowest and the highest one of the lattice (Cauchy).
+    """
+    return (f'\nThe patch: of {particles} particles, more than {JUDGED}, it is not judged by itself. Each particle inside its '
+            'rim has all of its neighbours: it holds if the lattice does, and at the same time steps. Its rim might hold it even '
+            'where the lattice buckles.')

@@ -5,8 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from magphonon import analytic_bands
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
+from magphonon.response.normal_modes import natural_frequencies
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.stiffness.all_neighbours import AllNeighbours
 
@@ -109,3 +111,34 @@ def test_lattices_of_all_neighbours_are_judged_too(capsys):
     """The screened crystal that its six neighbours alone cannot hold holds itself with all of them."""
     assert main(['check', str(ready_scene('dust'))]) == FINE
     assert 'holds itself in its plane' in capsys.readouterr().out
+
+
+def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
+    file = tmp_path / 'my.toml'
+    file.write_text(ready_scene('prototype').read_text().replace('side_m = 0.3 ', 'side_m = 1.3 '))
+    assert main(['check', str(file)]) == FINE
+    said = capsys.readouterr().out
+    assert 'The lattice: Fine.' in said
+    assert 'particles, more than 20000, it is not judged by itself' in said
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_patch_lies_within_the_spectrum_of_its_lattice(seed):
+    """Why a large patch need not be judged by itself, on drawn lattices, foundations and shapes, also on some that buckle."""
+    rng = np.random.default_rng(seed)
+    kind, size = rng.choice(['square', 'triangular', 'honeycomb', 'kagome']), rng.integers(5, 9, 2)
+    a, k = rng.uniform(1.5, 6), rng.uniform(0, 200)
+    law = InversePower(b=1e4, a=a)
+    cell = getattr(lattices, kind)(10.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, law, foundation=k * law.d2phi(10.0) / 100)
+    patch = lattices.parallelogram(cell, *map(int, size))
+    patch.calc = MagneticRepulsion(patch, law, foundation=cell.calc.parameters.foundation)
+    q = np.stack(np.meshgrid(*2 * [np.arange(48) / 48], [0.0]), axis=-1).reshape(-1, 3)
+    of_lattice, of_patch = bloch_modes(cell, q)[0], natural_frequencies(patch)
+    assert of_lattice.min() - 1e-9 < of_patch.min()
+    assert of_patch.max() < of_lattice.max() + 1e-9
+
+    masses = patch.get_masses()
+    masses[np.flatnonzero(patch.get_tags() == 0)[0]] /= 10  # control: a light particle sings above the bands
+    patch.set_masses(masses)
+    assert natural_frequencies(patch).max() > of_lattice.max() + 1e-9
