@@ -20,7 +20,7 @@ def add_arguments(parser):
 
 def run(options):
     from ..bands.bands import analytic_bands
-    from ..bands.force_constants import finite_displacements, phonopy_bands
+    from ..bands.force_constants import phonopy_bands
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
     from .results import results
@@ -29,7 +29,7 @@ def run(options):
     refuse_costly(scene, 'bands')
     with results(options, scene) as folder:
         atoms, path = scene.atoms(), scene.band_path()
-        phonon = finite_displacements(atoms, scene.supercell())
+        phonon = _phonon(scene, atoms)
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)
@@ -37,6 +37,16 @@ def run(options):
         report = _report(scene, atoms, bands, phonon)
     print(report)
     print(f'pictures and data are in {options.output}')
+
+
+def _phonon(scene, atoms):
+    """The force constants by phonopy, in the supercell of the scene."""
+    from ..bands.force_constants import finite_displacements
+
+    try:
+        return finite_displacements(atoms, scene.supercell())
+    except ValueError as error:
+        raise ValueError(f'bands.supercell = {list(scene.bands.supercell)}: {error}') from None
 
 
 def _save(folder, bands, phonon):
@@ -81,6 +91,15 @@ def _draw(folder, scene, bands):
         plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')
 
 
+def _in_words(value):
+    """A number for the terminal; speeds of sound may be infinite, where repulsion reaches too far, or not exist."""
+    from math import isinf, isnan
+
+    if isnan(value):
+        return 'none'
+    return f'{value:.7g}' if not isinf(value) else 'unbounded' if value > 0 else '-unbounded'
+
+
 def _report(scene, atoms, bands, phonon):
     """What the terminal shows: frequencies at the special points by each road, sound, foundation and stability."""
     import numpy as np
@@ -96,7 +115,7 @@ def _report(scene, atoms, bands, phonon):
 
     def rows(label, columns, highest):
         table = np.where(abs(np.transpose(columns)) < SHOWN * highest, 0.0, np.transpose(columns))
-        return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{value:>14.7g}' for value in row)
+        return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
                 for branch, row in enumerate(table)]
 
     path, lattice, cutoff = bands['complete'].path, scene.lattice, cut_off(atoms)
@@ -115,7 +134,9 @@ def _report(scene, atoms, bands, phonon):
         lines.append(f'cut-off frequency, the lowest at Gamma: {units.hertz(cutoff):.7g} Hz{but}')
     speeds = [sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models]
     lines += ['long-wave speeds along x with the foundation removed (m/s; negative: imaginary, the lattice alone would buckle)',
-              *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds)))]
+              *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds), initial=0))]
+    if np.isnan(speeds).any():
+        lines.append('  none: there a mode without stiffness mixes with sound')
 
     if 'conventional' not in bands:
         lines += ['', 'no conventional model: the sums of D0 and D* diverge each by itself, only together they converge']

@@ -28,10 +28,13 @@ def run(options):
                          'nothing keeps the offset from moving a measurement to where they overlap; for particles that are '
                          'points give --contact 0')
     contact = not_negative('--contact', options.contact or 0.0, 'm') * u.m
-    forces = read_forces(options.file, contact)
+    forces = read_forces(options.file, contact)  # its messages name the file
     middle = forces.r[len(forces.r) // 2]
     spacing = middle if options.spacing is None else positive('--spacing', options.spacing, 'm') * u.m
-    choice = fit_laws(forces, spacing, options.offset, contact)
+    try:
+        choice = fit_laws(forces, spacing, options.offset, contact)
+    except ValueError as error:
+        raise ValueError(f'{options.file}: {error}') from None
     if options.output is not None:
         _write(options, forces, choice.fits)
     print(_report(options.file, forces, choice))

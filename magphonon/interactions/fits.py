@@ -19,6 +19,8 @@ NORMAL = 1.959964
 """Half the width of that interval in standard deviations of a normal distribution."""
 LEAST_EXPONENT = 0.01
 """A force that falls more slowly than r^-0.01 is constant for a lattice, whose mechanics is that of a >= 1."""
+MOST_EXPONENT = 80.0
+"""A force that falls faster is that of a wall or an outlier; b in N m^a soon has no number."""
 
 
 @dataclass(frozen=True)
@@ -151,11 +153,13 @@ def fit_inverse_power(forces, spacing, space='force', offset=False, contact=0.0)
         with np.errstate(over='ignore'):  # a step too far, which is taken back or ends in a residual that is not finite
             p, covariance = curve_fit(model, r, y, [ln_f, -exponent, 0.0][:2 + offset], sigma, absolute_sigma=sigma is not None,
                                       bounds=bounds, method='trf', jac=jacobian, x_scale='jac', xtol=1e-12)
-    except (RuntimeError, ValueError) as error:
-        raise ValueError(f'the fit does not converge ({error}); fit it without the offset, or look for an outlier') from None
+    except (RuntimeError, ValueError):
+        raise ValueError('the fit does not converge; fit it without the offset, or look for an outlier') from None
     if not p[1] > max(LEAST_EXPONENT, 2 * np.sqrt(covariance[1, 1])):
         raise ValueError(f'the forces do not fall with the distance (a = {p[1]:.3g}); are the columns exchanged, or is all of it '
                          'noise?')
+    if p[1] > MOST_EXPONENT:
+        raise ValueError(f'the forces fall as r^-{p[1]:.3g}, and no repulsion does that; look for an outlier')
     if offset and most - p[2] < 1e-6 * r[0]:
         raise ValueError(f'the fit of the offset moves the first distance, {r[0] / u.m:g} m, down to contact at '
                          f'{contact / u.m:g} m: what bends this law is not the zero of the distances; leave --offset out')

@@ -18,6 +18,10 @@ MOST_BYTES = 100 * MEGABYTE
 """Of a table: two million lines, read in some ten seconds."""
 FAR = 1.0 * u.m
 """Where even the closest pair in a column r_m is farther apart than this, the column almost surely holds mm or um."""
+FORCES_N = 1e-30, 1e12
+"""Beyond these a unit or an exponent is wrong, and squares and powers soon leave the range of numbers."""
+DISTANCES_m = 1e-12, 1e6
+"""The same."""
 REACH = 1.2
 """Factor beyond the data up to which a law is asked for its force: farther out, nothing measured holds it."""
 
@@ -118,6 +122,7 @@ def read_forces(path, contact=0.0):
     units, columns = _parsed(path, text)
     try:
         forces = Forces(*(column * unit for column, unit in zip(columns, units, strict=True)))
+        _refuse_absurd(forces)
         if units[0] == u.m and forces.r[0] >= FAR:
             raise ValueError(f'the distances are {forces.r[0] / u.m:g} to {forces.r[-1] / u.m:g} under the header r_m; if they '
                              'are millimetres, head the column r_mm')
@@ -127,6 +132,16 @@ def read_forces(path, contact=0.0):
     except ValueError as error:
         raise ValueError(f'{path}: {error}') from None
     return forces
+
+
+def _refuse_absurd(forces):
+    for name, unit, (least, most), column in (('distance', 'm', DISTANCES_m, forces.r), ('force', 'N', FORCES_N, forces.f),
+                                              ('sigma', 'N', FORCES_N, forces.sigma)):
+        if column is not None:
+            values = column / getattr(u, unit)
+            for k in np.flatnonzero((values < least) | (values > most))[:1]:
+                raise ValueError(f'{name} {k + 1} is {values[k]:.3g} {unit}, and must lie between {least:g} and {most:g} {unit}; '
+                                 'check its unit and exponent')
 
 
 def _parsed(path, text):

@@ -1,6 +1,6 @@
 """The table [design] of a scene: which frequencies the lattice shall have, in SI, and the tables that give them."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -23,6 +23,7 @@ class EdgePlan(Table):
     branch: Count = Field(description='the branch, counted from 1 by frequency')
     frequency_Hz: Frequency = Field(description='the wanted frequency in Hz')
 
+    key: ClassVar = 'design.edge.frequency_Hz'
     name = property(lambda self: f'branch {self.branch} at {self.point}')
     wanted = property(lambda self: self.frequency_Hz * HERTZ)
 
@@ -41,6 +42,7 @@ class GapPlan(Table):
     above_branch: Count = Field(description='the branch below the gap, counted from 1 by frequency')
     width_Hz: Frequency = Field(description='the wanted width in Hz')
 
+    key: ClassVar = 'design.gap.width_Hz'
     name = property(lambda self: f'gap above branch {self.above_branch}')
     wanted = property(lambda self: self.width_Hz * HERTZ)
 
@@ -123,7 +125,7 @@ class DesignPlan(Table):
         if self.spacing_from is None:
             needed, _ = foundation_needed(build(present))
             if needed > k:
-                raise ValueError(f'a cut-off of {self.cut_off_Hz:g} Hz gives a foundation of {_si(k)}, but at the spacing of '
+                raise ValueError(f'design.cut_off_Hz = {self.cut_off_Hz:g} gives a foundation of {_si(k)}, but at the spacing of '
                                  f'{present / u.m:g} m the static forces ask for {_si(needed)}; raise the cut-off to '
                                  f'{self._cut_off(scene, needed):.6g} Hz or more, or the spacing')
             return k, [Design(present, self.cut_off_Hz * HERTZ, 0.0, needed)]
@@ -133,13 +135,14 @@ class DesignPlan(Table):
         except NoDesign as error:
             if not error.stable:
                 needed = min(foundation_needed(build(spacing))[0] for spacing in (low, high))
-                raise ValueError(f'the lattice buckles at every spacing from {low / u.m:g} to {high / u.m:g} m on a foundation '
-                                 f'of {_si(k)}; the static forces ask for at least {_si(needed)}, a cut-off of '
+                raise ValueError(f'design.spacings_m: the lattice buckles at every spacing from {low / u.m:g} to {high / u.m:g} '
+                                 f'm on a foundation of {_si(k)}; the static forces ask for at least {_si(needed)}, a cut-off of '
                                  f'{self._cut_off(scene, needed):.6g} Hz') from None
             stable = ' and '.join(f'from {a / u.m:.6g} to {b / u.m:.6g} m' for a, b in error.stable)
             least, most = (value / HERTZ for value in error.reach)
-            raise ValueError(f'{self.spacing_from.name}: no spacing gives {self.spacing_from.wanted / HERTZ:g} Hz; where the '
-                             f'lattice is stable, {stable}, it reaches {least:.6g} to {most:.6g} Hz') from None
+            raise ValueError(f'{self.spacing_from.key}, {self.spacing_from.name}: no spacing gives '
+                             f'{self.spacing_from.wanted / HERTZ:g} Hz; where the lattice is stable, {stable}, it reaches '
+                             f'{least:.6g} to {most:.6g} Hz') from None
 
     def _cut_off(self, scene, k):
         return np.sqrt(k / scene.atoms().get_masses()[0]) / HERTZ

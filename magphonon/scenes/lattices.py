@@ -21,6 +21,11 @@ MOST_CELLS = 10**6
 class PatchTable(Table):
     """What every shape does."""
 
+    @property
+    def sizes(self):
+        """Its keys and values, for a message."""
+        return ', '.join(f'patch.{key} = {value!r}' for key, value in self if key != 'kind')
+
     def cells(self, cell):
         """How many cells it has, about; none of a lattice without a plane."""
         return self.area(cell) / np.linalg.norm(np.cross(*cell.cell.array[:2])) if cell.pbc[1] else 0

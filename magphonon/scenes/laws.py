@@ -105,7 +105,20 @@ class Datasheet(Table):
         return magnet_law(self.magnet())
 
 
-class InversePowerLaw(Table):
+class ClosedForm(Table):
+    """A law given by a few numbers."""
+
+    @model_validator(mode='after')
+    def _within_range(self):
+        try:
+            self.potential()
+        except ValueError as error:
+            given = ', '.join(f'law.{key} = {value!r}' for key, value in self if isinstance(value, float))
+            raise ValueError(f': {error}; check units and exponents of {given}') from None
+        return self
+
+
+class InversePowerLaw(ClosedForm):
     """Force `b r^-a`."""
 
     kind: Literal['inverse_power']
@@ -117,7 +130,7 @@ class InversePowerLaw(Table):
         return InversePower(self.b_N_m_a * u.N * u.m**self.a, self.a)
 
 
-class DipoleLaw(Table):
+class DipoleLaw(ClosedForm):
     """Point dipoles normal to the plane."""
 
     kind: Literal['dipoles']
@@ -128,7 +141,7 @@ class DipoleLaw(Table):
         return InversePower.dipoles(self.moment_A_m2 * u.A * u.m**2)
 
 
-class CoulombLaw(Table):
+class CoulombLaw(ClosedForm):
     """Equal point charges."""
 
     kind: Literal['coulomb']
@@ -139,7 +152,7 @@ class CoulombLaw(Table):
         return InversePower.coulomb(self.charge_C * u.A * u.s)
 
 
-class YukawaLaw(Table):
+class YukawaLaw(ClosedForm):
     """Energy `strength/r exp(-r/screening length)`."""
 
     kind: Literal['yukawa']
@@ -151,7 +164,7 @@ class YukawaLaw(Table):
         return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
 
 
-class HertzLaw(Table):
+class HertzLaw(ClosedForm):
     """Contacts of elastic spheres, compressed where the spacing of the lattice is less than their diameter."""
 
     kind: Literal['hertz']

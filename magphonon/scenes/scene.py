@@ -227,7 +227,11 @@ class Scene(Table):
         ValueError
             If the scene has no patch, or one that cannot be cut, or particles that repel beyond their nearest neighbours.
         """
-        patch = self.wanted('patch').cut(self.cell())
+        table = self.wanted('patch')
+        try:
+            patch = table.cut(self.cell())
+        except ValueError as error:
+            raise ValueError(f'{table.sizes}, lattice.spacing_m = {self.lattice.spacing_m!r}: {error}') from None
         if self.law.shells != 1:
             raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
                              'forces between nearest neighbours only; take shells = 1, or in Python magphonon.relaxed(patch)')

@@ -158,7 +158,9 @@ def _columns(path):
                                  f'the first line must name {", ".join(COLUMNS)}, separated by commas')
             at = [header.index(name) for name in COLUMNS]
             values = [_sample(path, n, row, header, at) for n, row in rows]
-        except (UnicodeDecodeError, csv.Error) as error:
+        except UnicodeDecodeError:
+            raise ValueError(f'{path} is not a text file; export it as CSV') from None
+        except csv.Error as error:
             raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from error
     if not values:
         raise ValueError(f'{path} holds no samples below its header')

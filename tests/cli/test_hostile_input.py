@@ -300,6 +300,64 @@ def test_displacements_that_no_lattice_makes(u, fine, tmp_path):
         read_displacements(file)
 
 
+# --- refusals that name what to change -----------------------------------------------------------------------------
+
+@pytest.mark.parametrize(('command', 'changes', 'scene', 'words'), [
+    ('check', {'side_m = 0.3 ': 'side_m = 0.005 '}, 'prototype',
+     'patch.side_m = 0.005, lattice.spacing_m = 0.01: the patch holds 1 particles, none of them inside its rim; make it larger'),
+    ('frf', {'spacing_m = 0.01 ': 'spacing_m = 0.012 ', 'side_m = 0.3 ': 'side_m = 0.006 '}, 'prototype',
+     'patch.side_m = 0.006, lattice.spacing_m = 0.012: the patch holds 1 particles'),
+    ('burst', {'cells_1 = 60 ': 'cells_1 = 2 ', 'cells_2 = 60 ': 'cells_2 = 2 '}, 'ideal',
+     'patch.cells_1 = 2, patch.cells_2 = 2, lattice.spacing_m = 1.0: the patch holds 4 particles'),
+    ('check', {'side_m = 0.3 ': 'side_m = 300.0 '}, 'prototype',
+     'patch.side_m = 300.0, lattice.spacing_m = 0.01: the patch of 1.4e+09 cells is too large'),
+    ('bands', {'supercell = [3, 3]': 'supercell = [2, 2]'}, 'prototype',
+     'bands.supercell = [2, 2]: the supercell (2, 2, 1) repeats every 20 mm'),
+    ('design', {'frequency_Hz = 58.2326897819 ': 'frequency_Hz = 500.0 '}, 'design',
+     'design.edge.frequency_Hz, branch 1 at M: no spacing gives 500 Hz; where the lattice is stable'),
+    ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e300'}, 'prototype',
+     'law: b must be a positive number in N mm^a, not inf; check units and exponents of law.b_N_m_a = 1.6209e+300, law.a = 4.58'),
+    ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e90'}, 'prototype',
+     'law, foundation and lattice.mass_kg give frequencies of some 6e+51 Hz; check their units and exponents (law.b_N_m_a = ')])
+def test_refusals_name_the_keys(command, changes, scene, words, scene_file, tmp_path, capsys):
+    arguments = [command, str(scene_file(changes, scene))]
+    assert main(arguments + ([] if command in ('check', 'design') else ['-o', str(tmp_path / 'out')])) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize(('table', 'words'), [
+    ('r_m,f_N\n0.008,0.3\n0.009,0.2\n', 'an inverse power takes at least 3 points, not 2; measure more'),
+    ('r_m,f_N\n0.008,0.3e300\n0.009,0.2e300\n0.01,0.1e300\n', 'force 1 is 3e+299 N, and must lie between 1e-30 and 1e+12 N'),
+    ('r_m,f_N,sigma_N\n0.008,0.3,1e-300\n0.009,0.2,1\n0.01,0.1,1\n', 'sigma 1 is 1e-300 N, and must lie between'),
+    ('r_m,f_N\n1e-300,0.3\n0.009,0.2\n0.01,0.1\n', 'distance 1 is 1e-300 m, and must lie between 1e-12 and 1e+06 m'),
+    ('r_m,f_N\n0.008,5e8\n0.009,0.2\n0.01,0.1\n0.011,0.08\n', 'the forces fall as r^-'),
+    ('r_m,f_N\n0.008,0.1\n0.009,0.2\n0.01,0.3\n', 'the forces do not fall with the distance'),
+    ('r_m,f_N\n0.008,"0.1\n2"\n0.01,0.3\n', "line 2: '0.008,\"0.1' is not 2 numbers"),
+    ('r_m,f_N\n0.008,' + 140_000 * '1' + '\n0.01,0.3\n', 'is not 2 numbers')], ids=range(8))
+def test_refusals_name_the_table(table, words, tmp_path, capsys):
+    file = tmp_path / 'forces.csv'
+    file.write_text(table)
+    assert main(['fit', str(file)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f'magphonon: {file}')
+    assert words in said
+    assert len(said) < 400
+
+
+def test_speeds_that_are_no_numbers_have_words(tmp_path, capsys):
+    """Of electrons w/k grows without end in long waves; a kagome lattice of D0 alone has a mode without stiffness."""
+    for name, word in (('wigner', 'unbounded'), ('kagome', 'none')):
+        text = ready_scene('wigner').read_text() if name == 'wigner' else ready_scene('ideal').read_text().replace(
+            'kind = "triangular"', 'kind = "kagome"')
+        file = tmp_path / f'{name}.toml'
+        file.write_text(text.replace('points = 300', 'points = 3'))
+        assert main(['bands', str(file), '-o', str(tmp_path / name)]) == 0
+        said = capsys.readouterr().out
+        assert word in said.partition('long-wave speeds')[2]
+        assert not {'nan', 'inf'} & set(said.split())
+
+
 # --- streams ---------------------------------------------------------------------------------------------------------
 
 def test_closed_streams_cost_nothing(tmp_path):
