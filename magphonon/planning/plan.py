@@ -136,6 +136,8 @@ class Plan:
 
 def percent(share):
     """A relative error in words."""
+    if share == float('inf'):
+        return 'unbounded'
     return f'{100 * share:.2g} %' if share < 1 else f'{100 * share:.0f} %'
 
 

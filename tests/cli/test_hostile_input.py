@@ -358,6 +358,15 @@ def test_speeds_that_are_no_numbers_have_words(tmp_path, capsys):
         assert not {'nan', 'inf'} & set(said.split())
 
 
+def test_an_error_without_bound_has_a_word(scene_file, capsys):
+    """So strong a force that no periodic vibration answers it: linear models are off by whatever it is."""
+    file = scene_file({'spacing_m = 1.0 ': 'spacing_m = 1.2 ', 'damping_per_s = 12.0 ': 'damping_per_s = 0.1 '}, 'oscillator')
+    assert main(['plan', str(file)]) == 0
+    said = capsys.readouterr().out
+    assert 'complete linear     unbounded' in said
+    assert 'inf' not in said.split()
+
+
 # --- streams ---------------------------------------------------------------------------------------------------------
 
 def test_closed_streams_cost_nothing(tmp_path):
