@@ -28,7 +28,11 @@ def run(options):
     cell, source = scene.atoms(), scene.wanted('burst').source
     row = site(cell, scene.patch_atoms(), source).row
     with results(options, scene, options.table) as folder:
-        found = waves(read_displacements(options.table, row), cell, source)
+        record = read_displacements(options.table, row)  # its messages name the table
+        try:
+            found = waves(record, cell, source)
+        except ValueError as error:
+            raise ValueError(f'{options.table}: {error}') from None
         name = Path(options.table).stem
         own = f'spectrum_{name}'  # beside the results of `burst`, and of other tables
         for wave in found:

@@ -98,8 +98,9 @@ class Scene(Table):
         try:
             MathTextParser('path').parse(self.title)
         except ValueError as error:
-            raise ValueError(f'title is no mathematics that can be drawn: {str(error).splitlines()[-1]}; mend what stands '
-                             'between the $, or write \\$ for a dollar') from None
+            fault = str(error).splitlines()[-1].partition(': ')[2]  # behind the name of matplotlib's exception
+            raise ValueError(f'title is no mathematics that can be drawn: {fault}; mend what stands between the $, or write '
+                             '\\$ for a dollar') from None
 
     def _check_mass(self):
         if not isinstance(self.law, MagnetsLaw):
