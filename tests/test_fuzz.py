@@ -24,7 +24,7 @@ from magphonon.waves.wave_source import site
 
 pytestmark = pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='the limit of memory needs to know what is used')
 
-COMMANDS = {'check': 365, 'design': 15, 'bands': 35, 'plan': 35, 'frf': 25, 'uncertainty': 15, 'burst': 10}
+COMMANDS = {'check': 382, 'design': 8, 'bands': 25, 'plan': 35, 'frf': 25, 'uncertainty': 15, 'burst': 10}
 """How many scenes each command gets, 500 in all: most of them those that answer in a moment."""
 GENTLE = {'check': 0.1, 'design': 0.5}
 """Probability that a mutation is a small one, 0.7 for commands that do not stand here: most of their scenes shall be answered."""
