@@ -5,9 +5,8 @@ from scipy import sparse
 
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.linear_system import LinearSystem
+from ..stiffness.lowest import DENSE
 
-DENSE = 200
-"""Matrices up to this size are diagonalised whole."""
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue: near it others crowd, so the fine one takes long and is sought only at the limit."""
 

@@ -7,9 +7,9 @@ import numpy as np
 from scipy import sparse
 
 from .. import units
-from ..dynamics.timestep import DENSE
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.linear_system import LinearSystem
+from ..stiffness.lowest import DENSE
 
 ROUND_OFF = 1e-12
 """Of the highest squared frequency: what remains of a zero one."""

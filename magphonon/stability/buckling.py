@@ -11,10 +11,10 @@ import numpy as np
 from ase import Atoms
 from scipy import sparse
 
-from ..dynamics.timestep import DENSE
 from ..errors import whole
 from ..stiffness.bond import model_stiffness
 from ..stiffness.linear_system import LinearSystem
+from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, settled
@@ -22,8 +22,6 @@ from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12
 """Of the largest eigenvalue: what remains of a zero one."""
-SHIFT = 1e-4
-"""Of the largest eigenvalue: how far below the lowest one, as roughly known, a large structure is inverted first."""
 SPACINGS = np.geomspace(0.1, 10, 21)
 """Multiples of the present spacing among which a stable one is looked for."""
 
@@ -82,7 +80,8 @@ def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0
     if masses is not None:
         free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1]))) @ free
     if not any(pbc) or free.shape[1] > DENSE:
-        return _softest_of_structure(free.T @ hessian(bonds, K, foundation) @ free)
+        lowest, highest, _ = lowest_mode(free.T @ hessian(bonds, K, foundation) @ free)
+        return Softest(lowest, highest, np.zeros(3))
     P = free.toarray()
     return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, cell, pbc, bonds.particles, steps)
 
@@ -90,38 +89,6 @@ def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0
 def _over_zone(matrix, cell, pbc, particles, steps):
     steps = whole('steps', steps) if steps is not None else 6 * int(np.ceil((4 if np.all(pbc) else 8) / np.sqrt(particles)))
     return Softest(*softest_wave(matrix, cell, pbc, steps))
-
-
-def _softest_of_structure(D):
-    if D.shape[0] <= DENSE:
-        spectrum = np.linalg.eigvalsh(D.toarray())
-        lowest, highest = (spectrum[0], spectrum[-1]) if len(spectrum) else (0.0, 0.0)
-    else:
-        highest = abs(D).sum(axis=1).max()  # Gershgorin
-        lowest = _lowest_of_large(D, highest)
-    return Softest(float(lowest), float(highest), np.zeros(3))
-
-
-def _lowest_of_large(D, highest):
-    """Lowest eigenvalue of a large sparse symmetric matrix, by Lanczos iterations on the inverse of D - shift.
-
-    Lanczos on D itself stops short: near the lowest eigenvalue of a patch others crowd.  The shift lies below all of them;
-    the signs of the pivots of D - shift, which are those of its eigenvalues, prove that.
-    """
-    if not highest:
-        return 0.0
-    start = np.random.default_rng(0).normal(size=D.shape[0])  # the same verdict every time
-    # not below the lowest eigenvalue, and close above it
-    near = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=1e-3, return_eigenvectors=False)[0]
-    below = SHIFT * highest
-    while True:
-        shifted = (D - (near - below) * sparse.eye_array(D.shape[0])).tocsc()
-        factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
-        if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c):
-            break
-        below *= 4
-    inverse = sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
-    return sparse.linalg.eigsh(D, k=1, sigma=near - below, OPinv=inverse, v0=start, return_eigenvectors=False)[0]
 
 
 def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, weighted=False, steps=None):

@@ -10,10 +10,11 @@ from ..bands.bloch import cell_of_free_particles
 from ..bands.force_constants import checked_supercell, default_distance
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
-from ..dynamics.timestep import DENSE, highest_frequency
+from ..dynamics.timestep import highest_frequency
 from ..errors import positive
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
 from ..stiffness.linear_system import LinearSystem
+from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts

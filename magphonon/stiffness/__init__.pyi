@@ -23,6 +23,9 @@ from .ewald import (
 from .linear_system import (
     LinearSystem as LinearSystem,
 )
+from .lowest import (
+    lowest_mode as lowest_mode,
+)
 from .matrices import (
     bloch_gradient as bloch_gradient,
     bloch_matrix as bloch_matrix,
@@ -34,7 +37,6 @@ from .matrices import (
 )
 from .relaxation import (
     Relaxation as Relaxation,
-    lowest_mode as lowest_mode,
     relaxed as relaxed,
 )
 from .repulsion import (

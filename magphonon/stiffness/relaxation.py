@@ -19,6 +19,7 @@ from ..errors import positive, whole
 from ..lattices.bonds import Bonds, pairs_within
 from .bond import model_stiffness
 from .constraints import free_motion
+from .lowest import lowest_mode
 from .matrices import hessian
 from .repulsion import repulsion_of
 from .rest import at_rest
@@ -41,10 +42,6 @@ SADDLES = 20
 STRETCHED = 3.0
 """Beyond so many times its length a bond is none between neighbours any more."""
 MEND = 'hold its rim or give it a foundation (magphonon.foundation_needed)'
-DENSE = 300
-"""Matrices up to this size are diagonalised whole."""
-ROUGH = 1e-5
-"""Of the largest eigenvalue: accuracy of the first look at the lowest one, from below which it is then found to round-off."""
 
 
 @dataclass(frozen=True)
@@ -239,17 +236,3 @@ def _pairs(bonds):
     i, j = np.where(backward, bonds.j, bonds.i), np.where(backward, bonds.i, bonds.j)
     shift = np.where(backward[:, None], -bonds.shift, bonds.shift)
     return set(zip(i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True))
-
-
-def lowest_mode(K):
-    """Lowest eigenvalue of a symmetric sparse matrix to round-off, a bound of the highest, and the eigenvector of the lowest."""
-    highest, size = float(abs(K).sum(axis=1).max()), K.shape[0]  # Gershgorin
-    if size <= DENSE or not highest:
-        values, vectors = np.linalg.eigh(K.toarray())
-        return float(values[0]), highest, vectors[:, 0]
-    start = np.random.default_rng(0).normal(size=size)  # the same answer every time
-    # Lanczos closes in from above, as slowly as the lowest ones crowd; factorised a little below them, at once
-    mirrored = highest * sparse.eye_array(size) - K
-    rough = highest - sparse.linalg.eigsh(mirrored, k=1, which='LA', v0=start, tol=ROUGH, return_eigenvectors=False)[0]
-    values, vectors = sparse.linalg.eigsh(sparse.csc_array(K), k=1, sigma=rough - 2 * ROUGH * highest, v0=start)
-    return float(values[0]), highest, vectors[:, 0]

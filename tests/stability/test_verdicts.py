@@ -95,7 +95,7 @@ def test_patch_by_lanczos_and_whole(n, monkeypatch):
     patch.calc = MagneticRepulsion(patch, InversePower(1.0, 2.0))
     needed = []
     for dense in (10_000, 10):
-        monkeypatch.setattr('magphonon.stability.buckling.DENSE', dense)
+        monkeypatch.setattr('magphonon.stiffness.lowest.DENSE', dense)
         needed.append(foundation_needed(patch)[0])
     assert needed[1] == pytest.approx(needed[0], rel=1e-6)
     assert 1.0 < needed[0] < 2.0

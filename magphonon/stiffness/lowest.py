@@ -1,0 +1,57 @@
+"""The lowest eigenvalue of a stiffness matrix, or of squared frequencies, and its mode: what decides whether a rest is stable."""
+
+import numpy as np
+from scipy import sparse
+
+DENSE = 200
+"""Matrices up to this size are diagonalised whole."""
+ROUGH = 1e-3
+"""Of the lowest eigenvalue: accuracy of the first look at it."""
+SHIFT = 1e-4
+"""Of the largest eigenvalue: how far below the lowest one, as roughly known, a large matrix is inverted first."""
+
+
+def lowest_mode(D):
+    """The ends of the spectrum of a symmetric matrix, the lower one to round-off.
+
+    Parameters
+    ----------
+    D : sparse array, shape (n, n)
+
+    Returns
+    -------
+    lowest, highest : float
+        Of a large matrix `highest` is an upper bound; both are zero where nothing is free.
+    mode : ndarray, shape (n,)
+        Eigenvector of the lowest one, of norm one.
+    """
+    size = D.shape[0]
+    if not size:
+        return 0.0, 0.0, np.zeros(0)
+    if size <= DENSE:
+        values, vectors = np.linalg.eigh(D.toarray())
+        return float(values[0]), float(values[-1]), vectors[:, 0]
+    highest = float(abs(D).sum(axis=1).max())  # Gershgorin
+    if not highest:
+        return 0.0, 0.0, np.eye(1, size)[0]
+    start = np.random.default_rng(0).normal(size=size)  # the same answer every time
+    shift, inverse = _inverse_below(D, highest, start)
+    values, vectors = sparse.linalg.eigsh(D, k=1, sigma=shift, OPinv=inverse, v0=start)
+    return float(values[0]), highest, vectors[:, 0]
+
+
+def _inverse_below(D, highest, start):
+    """A shift below all eigenvalues, and the inverse of D - shift.
+
+    Lanczos iterations on D itself stop short: near the lowest eigenvalue of a patch others crowd.  What they find is not below
+    it and close above it.  That the shift is below it the signs of the pivots of D - shift prove, which are those of its
+    eigenvalues.
+    """
+    near = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=ROUGH, return_eigenvectors=False)[0]
+    below = SHIFT * highest
+    while True:
+        shifted = (D - (near - below) * sparse.eye_array(D.shape[0])).tocsc()
+        factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
+        if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c):
+            return near - below, sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
+        below *= 4
