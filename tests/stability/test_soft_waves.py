@@ -1,6 +1,6 @@
 """Lattices drawn at random, a thousandth on either side of where they begin to buckle, against sums over pairs of their own.
 
-    python -m pytest tests/test_softwaves.py -m long     # 200 of them, five minutes
+    python -m pytest -n 0 -m long tests/stability/test_soft_waves.py     # 200 of them, eight minutes
 
 Spacing and mass are about 1 (mm, g), f = r^-a (N, mm).
 """
@@ -126,7 +126,7 @@ def test_drawn_lattices_beside_their_limits(seed):
 @pytest.mark.long
 @pytest.mark.parametrize('seed', range(200))
 def test_two_hundred_lattices_beside_their_limits(seed):
-    """python -m pytest tests/test_softwaves.py -m long"""
+    """`python -m pytest -n 0 -m long tests/stability/test_soft_waves.py`"""
     assert not misjudged(seed)
 
 
