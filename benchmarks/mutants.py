@@ -5,7 +5,7 @@
 
 Works on a copy of the tree.  The tests of a room first run unmutated, and must pass.  Then each mutant of the room's modules
 meets them, those of its own file first and the quick before the slow, until one fails; what survives may meet those of `--more`
-also.  Killed is also what needs much more time or memory than the unmutated package, as endless loops do.  Edits that change
+also.  Killed is also what takes much more time or memory than the unmutated package, as endless loops do.  Edits that change
 numbers are drawn: operators, comparisons, constants, indices, dropped terms, swapped arguments, lost `abs`; no words, no types,
 no errors.  A survivor is not always a gap: some edits change only the speed, or a tolerance that nothing comes near.
 
@@ -26,7 +26,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 from pathlib import Path
 from py_compile import PycInvalidationMode
 
@@ -138,6 +137,10 @@ class Watch:
     def pytest_collection_modifyitems(self, items):
         items.sort(key=lambda item: (item.path.name != self.own, self.seconds.get(item.nodeid, 0)))
 
+    def pytest_runtest_logstart(self, nodeid):
+        if nodeid in self.seconds:  # or the signal ends the process; compiling takes a minute
+            signal.setitimer(signal.ITIMER_PROF, 10 * self.seconds[nodeid] + 60)
+
     def pytest_runtest_logreport(self, report):
         self.took[report.nodeid] = self.took.get(report.nodeid, 0) + report.duration
         if report.failed and self.failed is None:
@@ -151,7 +154,7 @@ class Watch:
             self.failed = f'{report.nodeid} (collecting)'
 
 
-def trial(tree, tests, own='', seconds=None, limit=None):
+def trial(tree, tests, own='', seconds=None):
     """Run tests in a process of its own until one fails.
 
     Parameters
@@ -162,9 +165,7 @@ def trial(tree, tests, own='', seconds=None, limit=None):
     own : str
         Name of the file whose tests come first.
     seconds : dict of str to float, optional
-        How long each took before: the quick come first.
-    limit : float, optional
-        Seconds of processor time.
+        How long each took before: the quick come first, and none may take much longer.
 
     Returns
     -------
@@ -175,26 +176,24 @@ def trial(tree, tests, own='', seconds=None, limit=None):
         Whether it failed by a comparison, not by an error of the mutant.
     """
     receiver, sender = FORK.Pipe(duplex=False)
-    child = FORK.Process(target=_run, args=(sender, tree, tests, Watch(own, seconds or {}), limit))
+    child = FORK.Process(target=_run, args=(sender, tree, tests, Watch(own, seconds or {})))
     child.start()
     sender.close()
     try:
-        if receiver.poll(limit and 10 * limit + 60):  # a process that waits for ever needs no processor time
+        if receiver.poll(seconds and 10 * sum(seconds.values()) + 600):  # who waits for ever needs no processor time
             return receiver.recv()
         return {}, 'it waits for ever', False
     except EOFError:
-        return {}, f'ended by itself or by the limit of {limit:.0f} s' if limit else 'ended by itself', False
+        return {}, 'a crash, or a test that takes much longer', False
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(child.pid, signal.SIGKILL)
         child.join()
 
 
-def _run(sender, tree, tests, watch, limit):
+def _run(sender, tree, tests, watch):
     os.setsid()  # what the tests start ends with them
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    if limit:
-        resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 2))
     log = os.open(tree.parent / 'log', os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
     for stream in (0, 1, 2):
         os.dup2(log, stream)
@@ -220,7 +219,7 @@ class Unmutated:
         self.tree, self.known = tree, {}
 
     def __call__(self, tests):
-        """Seconds of each test, and the limit for a mutant that meets them.
+        """Seconds that each test takes.
 
         Raises
         ------
@@ -229,19 +228,17 @@ class Unmutated:
         """
         key = tuple(tests)
         if key not in self.known:
-            start = time.perf_counter()
             took, failed, _ = trial(self.tree, tests)
             if failed or not took:
                 log = (self.tree.parent / 'log').read_text(encoding='utf-8')[-5000:]
                 raise SystemExit(f'without a mutant: {failed or "no test was found in " + ", ".join(tests)}\n{log}')
-            self.known[key] = took, 3 * (time.perf_counter() - start) + 20
+            self.known[key] = took
         return self.known[key]
 
 
 def killed_by(tree, tests, own, unmutated):
     """The test that fails in the mutated tree and whether it does by a comparison, or None."""
-    took, limit = unmutated(tests)
-    _, failed, checked = trial(tree, tests, own, took, limit)
+    _, failed, checked = trial(tree, tests, own, unmutated(tests))
     return (failed, checked) if failed else None
 
 
