@@ -6,6 +6,7 @@ masses do not matter for that.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from ase import Atoms
@@ -51,8 +52,8 @@ class Softest:
 def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
     """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
 
-    Of a periodic cell of more than 200 freedoms only motion that repeats from cell to cell is seen, q = 0: waves that do not
-    fit into the cell may be softer.
+    Of a periodic cell of more than 200 freedoms only waves that fit into one or two cells along each vector are seen, q = 0 or
+    1/2: another one may be softer.
 
     Parameters
     ----------
@@ -80,8 +81,10 @@ def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0
     if masses is not None:
         free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1]))) @ free
     if not any(pbc) or free.shape[1] > DENSE:
-        lowest, highest, _ = lowest_mode(free.T @ hessian(bonds, K, foundation) @ free)
-        return Softest(lowest, highest, np.zeros(3))
+        edges = np.array(list(product(*((0.0, 0.5) if along else (0.0,) for along in pbc))))
+        found = [lowest_mode(free.T @ hessian(bonds, K, foundation, q) @ free) for q in edges]
+        softest = min(range(len(found)), key=lambda n: found[n][0])
+        return Softest(found[softest][0], max(highest for _, highest, _ in found), edges[softest])
     P = free.toarray()
     return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, cell, pbc, bonds.particles, steps)
 
@@ -128,7 +131,7 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
 def foundation_needed(atoms, model='complete', steps=None):
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
-    A periodic cell of more than 200 freedoms stands for motion that repeats from cell to cell only, see `softest`.
+    A periodic cell of more than 200 freedoms stands for waves that fit into one or two of it only, see `softest`.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class Verdict:
     softest : ndarray, shape (3,)
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     repeated : bool
-        Whether only motion that repeats from cell to cell is judged, as of periodic cells of more than 200 freedoms.
+        Whether only waves that fit into one or two cells are judged, as of periodic cells of more than 200 freedoms.
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
     unguided : float or None
@@ -159,8 +159,8 @@ class Verdict:
         if self.stable:
             said.append(self._margin())
         if self.repeated:
-            said.append('Of so large a periodic cell only motion that repeats from cell to cell was judged; a wave that does not '
-                        'fit into the cell may be softer. Judge a smaller cell of the same lattice, or other repeats of it.')
+            said.append('Of so large a periodic cell only waves that fit into one or two of it were judged; another one '
+                        'may be softer. Judge a smaller cell of the same lattice, or other repeats of it.')
         if self.unguided is not None and self.stable and self.unguided > self.foundation:
             said.append('Only its guide keeps it: freed sideways it would run away, unless a foundation of '
                         f'{_stiffness(self.unguided)} held it.')
@@ -227,7 +227,7 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     """Judge a structure before it runs.
 
     A periodic cell is judged as the lattice that it stands for, by its whole zone; one of more than 200 freedoms only by
-    motion that repeats from cell to cell, which its notes say; a finite structure as it is.  Of more
+    waves that fit into one or two cells along each vector, which its notes say; a finite structure as it is.  Of more
     than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and the way into
     contact are not judged.
 
@@ -319,7 +319,7 @@ def _unguided(atoms):
 
 
 def _omega_max(structure, calc, zone):
-    """Highest frequency of the structure, or in the whole zone of a cell."""
+    """Highest frequency of the structure, of a large cell as it would move in a run, or in the whole zone of a cell."""
     if not zone:
         return float(highest_frequency(structure))
     ends = softest_of(structure, calc.linear_model, foundation=calc.foundation, weighted=True)

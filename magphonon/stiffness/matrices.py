@@ -11,8 +11,8 @@ import numpy as np
 from scipy import sparse
 
 
-def hessian(bonds, K, foundation=0.0):
-    """Hessian `C^T K C + k` of a structure.
+def hessian(bonds, K, foundation=0.0, q=(0.0, 0.0, 0.0)):
+    """Hessian `C^T K C + k` of a structure, or of the waves that swing alike or oppositely in neighbouring cells.
 
     Parameters
     ----------
@@ -21,6 +21,9 @@ def hessian(bonds, K, foundation=0.0):
         Stiffness of each bond in N/mm.
     foundation : float
         Stiffness k of the spring that ties each particle to its rest position, in N/mm.
+    q : three numbers
+        Multiples of 1/2: of a periodic structure, the wavevector in fractions of the reciprocal vectors.  There all phases are
+        signs, so that the Bloch matrix is real.
 
     Returns
     -------
@@ -28,7 +31,8 @@ def hessian(bonds, K, foundation=0.0):
         In N/mm.
     """
     b, dim, _ = K.shape
-    C = sparse.kron(bonds.incidence, sparse.eye_array(dim), format='csr')
+    incidence = bonds.incidence_at(q).real if np.any(q) else bonds.incidence
+    C = sparse.kron(incidence, sparse.eye_array(dim), format='csr')
     K = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
     k = foundation * sparse.eye_array(bonds.particles * dim)
     return sparse.csr_array(C.T @ K @ C + k)

@@ -5,10 +5,12 @@ import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
+from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
 from magphonon import Constant, InversePower, MagneticRepulsion, analytic_bands, foundation_needed, lattices, verdict
 from magphonon.stability import spacing_held, support_needed
+from magphonon.stiffness.matrices import hessian
 
 
 @pytest.mark.parametrize(('lattice', 'a', 'needed'), [
@@ -185,17 +187,50 @@ def test_a_softest_wave_between_the_points_of_the_mesh_is_found(steps):
                for G in np.ndindex(2, 2, 1)) < 1e-3  # flat there, as the square root of what is left of the minimum
 
 
-@pytest.mark.parametrize(('repeats', 'needed'), [(1, 4.0), (11, 4 * np.sin(5 * np.pi / 11) ** 2)])
-def test_a_large_periodic_cell_says_that_only_repeated_motion_is_judged(repeats, needed):
-    """The square lattice buckles at q = (1/2, 0) and (0, 1/2), waves that fit into no odd number of cells.
+@pytest.mark.parametrize(('name', 'repeats', 'needed'), [
+    ('square', 1, 4.0), ('square', 11, 4.0), ('triangular', 1, None), ('triangular', 11, None), ('triangular', 12, None)])
+def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed):
+    """The square lattice buckles at q = (1/2, 0) and (0, 1/2), the edge of its zone, which is that of 11 x 11 cells too.
 
-    Of one cell the zone is judged and they are found.  Of 11 x 11 particles, 242 freedoms, only motion that repeats is
-    judged; its softest wave has q = 5/11 and needs less, 4 sin^2(5 pi/11) f/L = 3.92 f/L.
+    Their own motion, q = 0, contains 5/11 at most, which needs 4 sin^2(5 pi/11) f/L = 3.92 f/L.  In the triangular lattice
+    of a soft law the edge is met likewise, at M; of 12 x 12 cells it is at q = 0.
     """
-    atoms = lattices.square(1.0, 1.0).repeat((repeats, repeats, 1))
-    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=3.95)
+    atoms = getattr(lattices, name)(1.0, 1.0)
+    a = 4.0 if name == 'square' else 2.0
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a))
+    needed = needed or foundation_needed(atoms)[0]
+    atoms = atoms.repeat((repeats, repeats, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=0.999 * needed)
     found = verdict(atoms)
     assert_allclose(found.needed, needed, rtol=1e-9)  # round-off
-    assert found.stable == found.repeated == ('only motion that repeats' in str(found)) == (repeats == 11)
-    # along the same wave a bond resists stretching with a f/L: the highest frequency of what is judged
-    assert_allclose(found.omega_max, np.sqrt(4 * needed + 3.95), rtol=1e-6)
+    assert not found.stable
+    assert found.repeated == ('fit into one or two' in str(found)) == (repeats > 1)
+    assert found.softest.any() == (repeats != 12)
+    H = hessian(atoms.calc.bonds, atoms.calc.rest_stiffness(), 0.0)
+    alone = -np.linalg.eigvalsh(H.toarray())[0]  # the control: q = 0 of the large cell
+    assert (alone < 0.99 * needed) == (repeats != 12)
+    if repeats == 11:
+        # what a run of such a cell does repeats from cell to cell
+        assert found.omega_max == pytest.approx(np.sqrt(np.linalg.eigvalsh(H.toarray())[-1] + 0.999 * needed), rel=1e-6)
+    if name == 'square' and repeats == 11:
+        assert alone == pytest.approx(4 * np.sin(5 * np.pi / 11) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize(('name', 'repeats'), [('square', (11, 11, 1)), ('kagome', (7, 5, 1)), ('fcc', (5, 5, 3))])
+def test_half_waves_of_a_scattered_cell_against_its_bloch_matrices(name, repeats):
+    cell = lattice(name, 10.0)
+    perfect, law = cell.repeat(repeats), InversePower(2e3, 4.0)
+    dim = 3 if name == 'fcc' else 2
+    atoms = perfect.copy()
+    atoms.positions[:, :dim] += np.random.default_rng(0).uniform(-0.4, 0.4, (len(atoms), dim))
+    atoms.calc = MagneticRepulsion(perfect, law, cutoff=12.0).about(atoms).balanced(range(len(atoms)))
+    q = np.array(list(np.ndindex(2, 2, 2 if dim == 3 else 1))) / 2
+    D = Pairs(perfect, law, 12.0).bloch(atoms.positions, q)
+    for wave, expected in zip(q, D, strict=True):
+        H = hessian(atoms.calc.bonds, atoms.calc.rest_stiffness(), q=wave).toarray()
+        assert_allclose(H, expected, rtol=0, atol=1e-10 * abs(D).max())
+    lowest = np.linalg.eigvalsh(D)[:, 0]
+    needed, at = foundation_needed(atoms)
+    assert needed == pytest.approx(-lowest.min(), rel=1e-10)
+    assert_allclose(at, q[lowest.argmin()])
+    assert np.diff(np.sort(lowest)).min() > 1e-5 * needed  # the control: another wave needs another foundation
