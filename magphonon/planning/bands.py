@@ -7,7 +7,8 @@ medium at rest, of rho particles per area,
 
     sum over r > R of (phi'' + phi'/r)/2  ->  pi rho integral of (r phi')'  =  pi rho R f(R)
 
-The reach doubles until a method with half of it meets the tolerance.
+What the reference itself still lacks is estimated by its change from half the reach to all of it, which is more than
+remains if doubling the reach halves the error or better.  The reach doubles until this is a small part of the tolerance.
 """
 
 from dataclasses import dataclass
@@ -33,6 +34,8 @@ EWALD = 1800
 """Bonds of a particle whose sum takes as long as the exact one over all of its neighbours, measured."""
 ROUND_OFF = 1e-6
 """Of the highest frequency: the root of the round-off in a square."""
+SETTLED = 0.25
+"""Share of the tolerance that the reference itself may lack."""
 DOUBT = 0.25
 """The error may be larger by this share between the wavevectors looked at."""
 DOUBT_AT_EDGE = 0.05
@@ -86,8 +89,8 @@ def plan_bands(atoms, path, tolerance, edge=None):
         plan = _plan_within(atoms, path, tolerance, edge, q, reach, spent)
         spent = plan.cost
         summed = [method for method in plan.methods if method.settings.shells != ALL]
-        good = [method.settings.shells for method in summed if method.meets(tolerance)]
-        if good and 3 * good[0] <= summed[-1].settings.shells:  # half the reach holds a quarter of the shells or more
+        good = any(method.meets(tolerance) for method in summed)
+        if good and summed[-1].error <= SETTLED * tolerance:  # the error of the richest sum is that of the reference
             break
         if plan.methods[-1].cost < summed[-1].cost:  # the exact sum is cheaper than to look farther
             break
@@ -100,7 +103,9 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     shells = neighbour_shells(atoms, reach)
     counts = np.unique(np.floor(STEP ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(STEP)))).astype(int))
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
-    errors = _errors(atoms, q, edge, shells, counts, continuum)
+    near = _within_half(shells)
+    beyond = {len(shells): continuum, near: _continuum(atoms, shells[near - 1].lengths.mean(), q)}
+    errors = _errors(atoms, q, edge, shells, counts, beyond)
 
     waves, doubt = (len(path.kpts), DOUBT) if edge is None else (1, DOUBT_AT_EDGE)
     at = f'at {waves} wavevectors' if waves > 1 else 'at its wavevector'
@@ -121,21 +126,31 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     return Plan(*what, tolerance, tuple(methods), (evidence,), spent + cost)
 
 
-def _errors(atoms, q, edge, shells, counts, continuum):
-    """Error of the conventional model with one shell, then of the complete one with each number of shells in `counts`."""
+def _within_half(shells):
+    """Number of shells within half the distance of the farthest, at least one."""
+    return max(1, sum(shell.lengths.mean() <= shells[-1].lengths.mean() / 2 for shell in shells))
+
+
+def _errors(atoms, q, edge, shells, counts, continua):
+    """Error of the conventional model with one shell, then of the complete one with each number of shells in `counts`.
+
+    `continua` are those beyond all shells and beyond the nearer half, by the number of shells summed: the two references.
+    """
     calc = atoms.calc
     parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.potential) for shell in shells]
     D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
                  for k in (0, 1))
-    richest = D0[-1] + Dstar[-1] + continuum
-    D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], richest[None]]) + calc.foundation * np.eye(D0.shape[-1])
+    references = [D0[n - 1] + Dstar[n - 1] + continua[n] for n in sorted(continua)]
+    D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], references]) + calc.foundation * np.eye(D0.shape[-1])
     *omega, exact = signed_root(np.linalg.eigvalsh(mass_weighted(D, atoms.get_masses())))
     if edge is None:
-        return abs(omega - exact).max(axis=(1, 2)) / exact.max()
+        *errors, lacking = abs(omega - exact).max(axis=(1, 2)) / exact.max()
+        return np.array(errors) + lacking
     wanted = exact[0, edge.branch]
     if not wanted > ROUND_OFF * abs(exact).max():
         raise ValueError(f'{edge.name} is zero or imaginary, and has no relative error; choose another edge, or all bands')
-    return abs(omega - exact)[:, 0, edge.branch] / wanted
+    *errors, lacking = abs(omega - exact)[:, 0, edge.branch] / wanted
+    return np.array(errors) + lacking
 
 
 def _neighbours(shells):

@@ -338,7 +338,8 @@ def test_the_plan_of_an_edge_is_that_of_its_frequency():
     scene = read_scene(ready_scene('prototype'))
     plan = next(iter(scene_plans(scene, 1e-2))).plan
     nearest = next(method for method in plan.methods if method.settings == Settings('complete', 1))
-    assert nearest.error == pytest.approx(1 - 58.2326897819 / 67.4, abs=1e-3)  # 67.4 has three digits
+    true = 1 - 58.2326897819 / 67.4525  # of docs and README, from the exact sums
+    assert true <= nearest.error <= true + 0.25e-2  # a quarter of the tolerance may be lacking in the reference
 
 
 @pytest.mark.parametrize(('name', 'extra', 'files'), [

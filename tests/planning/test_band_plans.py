@@ -1,0 +1,72 @@
+"""Plans for bands over lattices, laws and tolerances: no method is worse than told, by the exact sums over all neighbours."""
+
+import numpy as np
+import pytest
+
+from magphonon import InversePower, Yukawa
+from magphonon.planning import bands as planner
+from workflows.situations import EDGES, Bands
+
+LAWS = {'2': InversePower(1.0, 2.0), '3': InversePower(1.0, 3.0), '4.58': InversePower(1.0, 4.58), 'Yukawa': Yukawa(1.0, 1.0)}
+FOUNDATIONS = {'chain': 8.0, 'square': 30.0, 'triangular': 1.0, 'honeycomb': 16.0, 'kagome': 16.0}
+"""About as large as hold these lattices, so that the softest frequencies show every error."""
+TOLERANCES = 1e-1, 1e-3
+ROUND_OFF = 1e-9
+"""Of the highest frequency: what is left where truth and estimate are the same sum."""
+
+
+def situations():
+    for kind, k in FOUNDATIONS.items():
+        for law in ('2', 'Yukawa'):
+            yield Bands(kind, LAWS[law], k)
+    for kind, points in EDGES.items():
+        for law in ('3', '4.58'):
+            for point in points:
+                yield Bands(kind, LAWS[law], FOUNDATIONS[kind], point)
+
+
+def understated(found):
+    """The methods of the plans whose true error is larger than they say, and how many methods there are."""
+    wrong, count = [], 0
+    for situation in found:
+        for tolerance in TOLERANCES:
+            plan = situation.plan(tolerance)
+            count += len(plan.methods)
+            wrong += [(situation, m.name, situation.truth(m), m.at_most) for m in plan.methods
+                      if situation.truth(m) > m.at_most + ROUND_OFF]
+    return wrong, count
+
+
+def test_no_method_is_worse_than_told():
+    wrong, count = understated(situations())
+    assert wrong == []
+    assert count > 600
+
+
+def hardly_nearer(shells):
+    return max(1, len(shells) - 1)
+
+
+@pytest.mark.parametrize(('name', 'without', 'shown_by'), [
+    ('DOUBT', 0.0, Bands('square', LAWS['2'], 30.0)),
+    ('DOUBT_AT_EDGE', 0.0, Bands('kagome', LAWS['2'], 16.0, 'K')),
+    ('FRACTIONS', (0,), Bands('square', LAWS['Yukawa'], 30.0)),
+    ('_within_half', hardly_nearer, Bands('chain', LAWS['2'], 8.0)),
+])
+def test_control_each_part_of_the_estimate_is_needed(monkeypatch, name, without, shown_by):
+    assert understated([shown_by])[0] == []
+    monkeypatch.setattr(planner, name, without)
+    assert understated([shown_by])[0]
+
+
+def test_the_continuum_is_the_sum_over_what_lies_beyond():
+    """Against a sum far beyond the reach, as far as that goes itself: it falls as R f(R), which leaves 1 in 40^2."""
+    cell, law, R, far = Bands('triangular', LAWS['3'], 0.0)._with(1), LAWS['3'], 6.3, 250.0
+    i, j = np.mgrid[-400:401, -400:401]
+    r = np.hypot(i + j / 2, j * np.sqrt(3) / 2)
+    r = r[(r > R) & (r < far)]
+    summed = np.sum(law.d2phi(r) + law.dphi(r) / r) / 2
+    spring = planner._continuum(cell, R, np.array([[0.31, 0.17, 0]]))[0]
+    # the sum has an edge of whole particles, which lie within half a spacing of R: 1/(2 R) of it at the most
+    np.testing.assert_allclose(spring, summed * np.eye(2), rtol=0.5 / R, atol=1e-12)
+    np.testing.assert_allclose(planner._continuum(cell, R, np.zeros((1, 3)))[0], 0, atol=1e-12)
