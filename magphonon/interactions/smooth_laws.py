@@ -11,10 +11,11 @@ is (s) and at which force c it begins to grow,
 
     sigma = s (f + c)
 
-with c large for the resolution of a load cell alone, c = 0 for errors of the distance alone.  So the answer is an average
-over all of these, each with its probability by the data.  That average is a mixture of normal distributions, and the
-interval of 95 % is taken from it.  Few points say too much about c by chance: what they say about it counts as a square
-root, and what they say about s is one half of a degree of freedom less.
+with c large for the resolution of a load cell alone, c = 0 for errors of the distance alone; these two and both together
+are equally likely beforehand.  So the answer is an average over all of these, each with its probability by the data.  That
+average is a mixture of normal distributions, and the interval of 95 % is taken from it.  Few points say too much about c by
+chance: what they say about it counts as a square root, and what they say about s is one half of a degree of freedom less.
+How often the intervals hold the truth is in docs/coverage.md.
 """
 
 from itertools import product
@@ -29,6 +30,8 @@ BENDS = 0.5, 1.0, 2.0, 4.0
 """Values of tau: an inverse power in the noise, up to the tail of a screened force (5 screening lengths apart: 4)."""
 CROSSINGS = np.array([0.75, 0.5, 0.25])
 """Values of c between none and all: from the smallest (0) to the largest force (1), in the logarithm."""
+LIKELY = np.array([len(CROSSINGS), *np.ones_like(CROSSINGS), len(CROSSINGS)]) / (3 * len(CROSSINGS))
+"""Probabilities, beforehand, of c = infinity, of these, and of c = 0: a third for each kind of noise."""
 SCALES = np.exp(np.arange(-1.0, 3.3, 0.3))
 """Values of s, in units of what a quadratic through the logarithms leaves: with two degrees of freedom the tail is long."""
 NODES = 12
@@ -66,8 +69,8 @@ def fit_spline(forces, spacing):
     enough(forces.r, 4, 'a smooth curve')
     forces.check_reach(spacing)
     points, counts = forces.binned(MOST_POINTS)
-    x = np.log(points.r / spacing)
-    nodes = np.linspace(min(x[0], 0.0), max(x[-1], 0.0), NODES)
+    x, ends = np.log(points.r / spacing), np.log(forces.r[[0, -1]] / spacing)
+    nodes = np.linspace(min(ends[0], 0.0), max(ends[1], 0.0), NODES)
     departures, sizes = np.linalg.svd(np.exp(-(np.subtract.outer(nodes, nodes) ** 2) / 2))[:2]
     many = sizes > 1e-9 * sizes[0]
     values = np.column_stack([np.ones(NODES), nodes, departures[:, many] * np.sqrt(sizes[many])])  # of ln f at the nodes
@@ -127,7 +130,7 @@ def _average(points, counts, design, start):
         s = scale * np.maximum(np.sqrt(np.sum(left**2, axis=1) / freedom), 1e-9 * points.f.max())
         p, hessian, probability, sigma = _fitted(points.f, s[:, None] * shape, bend, design, start, prior=np.sqrt(scale))
         share = np.array([probability[kind == one].sum() for one in kinds])
-        probability = probability / np.sqrt(np.maximum(share, 1e-300))[kind]
+        probability *= (LIKELY / np.sqrt(np.maximum(share, 1e-300)))[kind]
         probability /= probability.sum()
         smooth = np.exp(design @ (probability @ p))
     return p, hessian, probability, sigma

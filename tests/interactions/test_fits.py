@@ -1,6 +1,7 @@
 """Laws from data: estimates against their covariance over many synthetic draws, the command, and what it refuses."""
 
 import tomllib
+from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -26,6 +27,7 @@ DRAWS = 400
 SYNTHETIC = files('magphonon.data') / 'synthetic_force.csv'
 
 
+@cache
 def rings():
     return read_scene(ready_scene('rings')).law.potential()
 
@@ -42,9 +44,14 @@ def draws():
     return [synthetic_forces(LAW, R, NOISE, seed) for seed in range(DRAWS)]
 
 
+@pytest.fixture(scope='module')
+def powers(draws):
+    return {space: [fit_inverse_power(forces, L0, space) for forces in draws] for space in ('force', 'log')}
+
+
 @pytest.mark.parametrize('space', ['force', 'log'])
-def test_estimates_scatter_as_their_covariance_says(draws, space):
-    fits = [fit_inverse_power(forces, L0, space) for forces in draws]
+def test_estimates_scatter_as_their_covariance_says(powers, space):
+    fits = powers[space]
     off = np.array([fit.at_spacing - TRUE for fit in fits])
     distances = [d @ np.linalg.solve(fit.covariance, d) for d, fit in zip(off, fits, strict=True)]
     # The seeds are fixed: these are no random failures.  A right covariance falls below in one set of 1000.
@@ -115,11 +122,10 @@ def test_an_exact_power_law_is_recovered(space):
     assert exact.law.a == pytest.approx(A, rel=1e-6)
 
 
-def test_b_and_a_are_correlated_where_force_and_slope_are_known(draws):
-    fit = fit_inverse_power(draws[0], L0)
-    var = fit.strength_covariance
+def test_b_and_a_are_correlated_where_force_and_slope_are_known(powers):
+    fits = powers['force']
+    fit, var = fits[0], fits[0].strength_covariance
     # the same from many draws, for which b and a are computed one by one
-    fits = [fit_inverse_power(forces, L0) for forces in draws]
     scatter = np.cov([[np.log(f.law.b / (u.N * u.m**f.law.a)), f.law.a] for f in fits], rowvar=False)
     assert var[0, 1] / np.sqrt(var[0, 0] * var[1, 1]) < -0.999
     np.testing.assert_allclose(np.sqrt(np.diag(var)), np.sqrt(np.diag(scatter)), rtol=0.15)  # 400 draws: 4 %, three times
@@ -385,6 +391,17 @@ def test_many_points_are_averaged_and_answer_as_all_of_them(known):
     truth = np.array([repulsion(rings(), L0), -rings().d2phi(L0)])
     assert (abs(fit.at_spacing - truth) < 1.5 * fit.half_width).all()  # one seed: three standard uncertainties
     assert (fit.half_width < 1e-3 * abs(truth)).all()  # 200 times less than one point says
+
+
+def test_the_law_of_averaged_points_reaches_from_the_first_force_to_the_last(tmp_path, capsys):
+    """Averages lie inside the data: a table that ended at the outermost of them could not be drawn over all of it."""
+    r = np.linspace(8, 15, 3000)
+    forces = synthetic_forces(rings(), r, 5e-3, 1)
+    law = fit_spline(forces, L0).law
+    assert (law.r[0], law.r[-1]) == pytest.approx((r[0], r[-1]), rel=1e-12)
+    assert forces.binned(500)[0].r[0] > r[0] * (1 + 1e-4)  # the control
+    assert main(['fit', write(tmp_path, table_of(r / 1e3, forces.f)), '--spacing', '0.01', '-o', str(tmp_path / 'out')]) == 0
+    assert 'forces from 0.008 to 0.015 m' in capsys.readouterr().out
 
 
 def test_entry_carries_the_uncertainty_of_the_fit_to_the_bands():
