@@ -37,6 +37,8 @@ ROUND_OFF = 1e-8
 Forces that do not cancel at rest are differences of large numbers over a displacement of 1e-5 bonds, and leave up to 1e-11; of
 particles in space the share is of the order of one.
 """
+SAME_PLACE = 1e-6
+"""Of the shortest bond: particles nearer than that are one for phonopy, which by itself takes 1e-5 of any unit of length."""
 STEEPEST = 20.0
 """Of laws that change within less than 1/20 of a bond, such as spheres in contact, that length counts as the bond."""
 
@@ -85,7 +87,8 @@ def finite_displacements(atoms, supercell=None, distance=None):
 
     cell = PhonopyAtoms(symbols=atoms.get_chemical_symbols(), masses=atoms.get_masses(), cell=rest.cell.array,
                         positions=rest.positions)
-    phonon = Phonopy(cell, np.diag(supercell), primitive_matrix='P', is_symmetry=False)
+    phonon = Phonopy(cell, np.diag(supercell), primitive_matrix='P', is_symmetry=False,
+                     symprec=SAME_PLACE * calc.bonds.lengths.min())
     phonon.unit_conversion_factor = TO_HZ
     phonon.generate_displacements(distance, is_plusminus=True, is_diagonal=False)
 

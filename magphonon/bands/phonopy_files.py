@@ -6,12 +6,17 @@ Lengths are in mm, masses in g, forces in N, frequencies in Hz; phonopy and the 
 
 import re
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from ase.dft.kpoints import parse_path_string
 
 from ..files import whole_file
 from .force_constants import force_constants_of, path_on
+
+KEY = re.compile(r'[ -]*(\w+):')
+DECIMALS = re.compile(r'-?\d+\.\d{6,}')
+"""A number as phonopy writes it, with six to sixteen decimals: enough for Angstrom, u and eV."""
 
 
 def write_band_yaml(phonon, path, file):
@@ -45,6 +50,9 @@ def write_band_yaml(phonon, path, file):
                'supercell_matrix': phonon.supercell_matrix.tolist()}
     with whole_file(file) as partial:
         bands.write_yaml(comment, partial.name)
+        text = Path(partial.name).read_text()
+        partial.truncate(0)
+        partial.write(_with_all_digits(text, {'mass': phonon.primitive.masses, 'lattice': phonon.primitive.cell}))
 
 
 def _pieces(path):
@@ -89,6 +97,9 @@ def write_phonopy_params(phonon, file):
 
         phonopy --no-sym-fc --nosym --nonac --factor 159.15494309189535 --band "0 0 0  1/2 0 0" phonopy_params.yaml
 
+    In lattices of less than 1e-4 mm particles are nearer than phonopy's tolerance of 1e-5: give `symprec=`, of the command
+    `--tolerance`, the value `phonon.symmetry.tolerance`.
+
     phonopy refuses a file that names units which it does not know, so that these cannot stand where a program would find
     them: for thermal properties, Euphonic and others save `in_phonopy_units(phonon)` instead.
 
@@ -107,13 +118,27 @@ def write_phonopy_params(phonon, file):
         If the file cannot be written.
     """
     force_constants_of(phonon)
-    text = str(phonon.to_phonopy_yaml(settings={'force_constants': True}))
-    # phonopy writes masses with six decimals, made for u, which would cost the bands nine digits
     cells = phonon.primitive, phonon.unitcell, phonon.supercell
-    masses = iter(np.concatenate([cell.masses for cell in cells]))
-    text = re.sub(r'(?<=mass: )\S+', lambda _: f'{next(masses):.17f}', text)
+    exact = {'mass': np.concatenate([cell.masses for cell in cells]), 'lattice': [cell.cell for cell in cells],
+             'elements': phonon.force_constants}
+    if displaced := (phonon.dataset or {}).get('first_atoms'):
+        exact |= {key: [one[key] for one in displaced] for key in ('displacement', 'forces')}
+    text = _with_all_digits(str(phonon.to_phonopy_yaml(settings={'force_constants': True})), exact)
     with whole_file(file) as out:
         out.write('# lengths in mm, masses in g, forces in N, force constants in N/mm: frequencies in Hz need the factor\n'
                   '# 159.15494309189535, and the foundation survives only without symmetrisation (phonopy --no-sym-fc);\n'
                   '# for thermal properties and programs that expect Angstrom, AMU and eV see magphonon.in_phonopy_units\n')
         out.write(text)
+
+
+def _with_all_digits(text, exact):
+    """The text with all digits of the numbers below some of its keys, a dict of arrays in the order of the text."""
+    exact = {key: iter(np.ravel(numbers)) for key, numbers in exact.items()}
+    lines, key = [], None
+    for line in text.splitlines(keepends=True):
+        found = KEY.match(line)
+        key = found[1] if found else key
+        if key in exact:
+            line = DECIMALS.sub(lambda _, numbers=exact[key]: f'{next(numbers):.16e}', line)
+        lines.append(line)
+    return ''.join(lines)

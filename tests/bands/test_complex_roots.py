@@ -23,10 +23,13 @@ EXACT = 1e-11
 
 
 class Cell:
-    """A cell of one to eight particles in the plane or in space, scattered, with a direction and three frequencies."""
+    """A cell of one to eight particles in the plane or in space, scattered, with a direction and three frequencies.
 
-    def __init__(self, seed):
-        rng = np.random.default_rng(seed)
+    `rate` multiplies all frequencies: it stands for another unit of time.
+    """
+
+    def __init__(self, seed, rate=1.0):
+        rng, law = np.random.default_rng(seed), InversePower(b=LAW.b * rate**2, a=LAW.a)
         dim, n, apart = (2 if rng.random() < 0.7 else 3), int(rng.integers(1, 9)), 6.5
         side, cell = 10 * n ** (1 / dim), 20 * np.eye(3)
         cell[:dim, :dim] = side * (np.diag(rng.uniform(0.8, 1.25, dim)) + np.tril(rng.uniform(-0.3, 0.3, (dim, dim)), -1))
@@ -39,10 +42,10 @@ class Cell:
         self.atoms = Atoms(['Nd'] * n, places, cell=cell, pbc=np.arange(3) < dim, masses=rng.uniform(0.5, 1.5, n))
         lengths = np.sort([0, 13, *(np.linalg.norm(v) for *_, v in neighbour_vectors(self.atoms, 17)), 17])
         lengths = lengths[lengths >= 13]
-        widest, k = np.diff(lengths).argmax(), float(rng.choice([0, 0.3]))
+        widest, k = np.diff(lengths).argmax(), float(rng.choice([0, 0.3])) * rate**2
         reach = lengths[widest : widest + 2].mean()
-        self.pairs = Pairs(self.atoms, LAW, reach)
-        self.atoms.calc = MagneticRepulsion(self.atoms, LAW, foundation=k, cutoff=reach).balanced(np.arange(n))
+        self.pairs = Pairs(self.atoms, law, reach)
+        self.atoms.calc = MagneticRepulsion(self.atoms, law, foundation=k, cutoff=reach).balanced(np.arange(n))
         self.direction = np.array(DIRECTIONS[rng.integers(len(DIRECTIONS))], float)
         self.direction[2] = dim == 3 and rng.random() < 0.5
         self.k, self.m = k, np.repeat(self.atoms.get_masses(), dim)
@@ -107,6 +110,14 @@ def what_is_left(cell):
 def test_no_wave_is_missing_and_none_is_false(seeds):
     for seed in seeds:
         cell = Cell(seed)
+        assert not wrong_counts(cell), seed
+        assert what_is_left(cell) < EXACT, seed
+
+
+@pytest.mark.parametrize('rate', [1e-4, 1e8])
+def test_waves_do_not_depend_on_the_unit_of_time(rate):
+    for seed in range(4):
+        cell = Cell(seed, rate)
         assert not wrong_counts(cell), seed
         assert what_is_left(cell) < EXACT, seed
 

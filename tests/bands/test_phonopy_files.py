@@ -11,6 +11,7 @@ import pytest
 import yaml
 from ase.dft.kpoints import BandPath
 from numpy.testing import assert_allclose
+from oracles import Pairs, lattice
 from phonopy.phonon.band_structure import BandStructure
 
 from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, phonopy_bands, units as u
@@ -73,6 +74,40 @@ def test_phonopy_load_turns_the_file_back_into_the_same_bands(phonon, path, tmp_
     expected = phonopy_bands(phonon, path)
     assert_allclose(phonopy_bands(loaded, path).omega, expected.omega, rtol=1e-11)
     assert_allclose(loaded.run_qpoints(path.kpts).frequencies[:, 2:], expected.frequencies_Hz, rtol=1e-11)
+
+
+def of_any_size(seed):
+    """A lattice of spheres of 0.1 um to one of boulders; its squared frequencies at some wavevectors, by complex steps of phi."""
+    rng = np.random.default_rng(seed)
+    spacing, mass = 10 ** rng.uniform(-7, 4), 10 ** rng.uniform(-21, 6)
+    cell = lattice(rng.choice(['square', 'triangular', 'honeycomb', 'kagome']), spacing, mass)
+    cell.set_masses(mass * rng.uniform(0.5, 2, len(cell)))
+    law = InversePower(b=0.2 * mass * spacing * spacing**4.6, a=4.6)
+    cell.calc = MagneticRepulsion(cell, law, foundation=0.5 * mass)
+    q = rng.uniform(-0.5, 0.5, (5, 3)) * [1, 1, 0]
+    m = np.repeat(cell.get_masses(), 2)
+    D = Pairs(cell, law, 1.2 * spacing).bloch(cell.positions, q) + 0.5 * mass * np.eye(len(m))
+    return cell, q, np.linalg.eigvalsh(D / np.sqrt(m * m[:, None]))
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_files_keep_the_digits_of_lattices_of_any_size(seed, tmp_path):
+    cell, q, squares = of_any_size(seed)
+    phonon = finite_displacements(cell)
+    write_phonopy_params(phonon, tmp_path / 'params.yaml')
+    loaded = phonopy.load(tmp_path / 'params.yaml', symmetrize_fc=False, is_symmetry=False, is_nac=False,
+                          symprec=phonon.symmetry.tolerance)
+    loaded.unit_conversion_factor = FACTOR
+    for one in phonon, loaded:
+        omega = phonopy_bands(one, BandPath(cell.cell, q)).omega
+        assert_allclose(omega * abs(omega), squares, rtol=0, atol=1e-8 * squares.max())  # finite differences, 1e-9 of a frequency
+    assert_allclose(loaded.forces, phonon.forces, rtol=1e-12, atol=0)
+    assert_allclose(loaded.displacements, phonon.displacements, rtol=1e-12, atol=0)
+    ends = {'G': np.zeros(3), 'X': np.array([0.5, 0, 0])}  # ASE recognises no lattice of less than 1e-6 mm
+    write_band_yaml(phonon, BandPath(cell.cell, list(ends.values()), ends, 'GX'), tmp_path / 'band.yaml')
+    data = yaml.load((tmp_path / 'band.yaml').read_text(), yaml.CSafeLoader)
+    assert_allclose([point['mass'] for point in data['points']], cell.get_masses(), rtol=1e-15)
+    assert_allclose(data['lattice'], cell.cell.array, rtol=1e-15)
 
 
 def test_phonopys_own_save_would_cost_the_masses_their_digits(phonon, path, tmp_path):
