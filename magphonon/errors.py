@@ -16,7 +16,7 @@ LONGEST = 200
 def shown(value):
     """`repr(value)` for a message, cut where it is long."""
     try:
-        text = repr(value)
+        text = repr(value.item() if isinstance(value, np.generic) else value)
     except ValueError:  # Python does not print whole numbers of more than 4300 digits
         return 'a number of thousands of digits'
     return text if len(text) <= LONGEST else f'{text[:LONGEST]}... ({len(text)} characters)'

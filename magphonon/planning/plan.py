@@ -16,6 +16,8 @@ Costs are counted in multiplications, because these are the same on every machin
 
 from dataclasses import dataclass
 
+from ..errors import positive
+
 ALL = 'all'
 """Number of shells of a method that sums over all neighbours."""
 LAW = 16
@@ -93,6 +95,11 @@ class Plan:
         Sentences that say where the estimates come from.
     cost : float
         Of the estimate itself, in multiplications.
+
+    Raises
+    ------
+    ValueError
+        If the tolerance is not a positive number.
     """
 
     quantity: str
@@ -101,6 +108,9 @@ class Plan:
     methods: tuple
     evidence: tuple
     cost: float
+
+    def __post_init__(self):
+        positive('tolerance', self.tolerance)
 
     @property
     def choice(self):

@@ -14,6 +14,7 @@ from magphonon.bands.zone import ZoneMap
 from magphonon.cli.main import main
 from magphonon.errors import finite, not_negative, number, positive, whole
 from magphonon.files import write_columns
+from magphonon.planning.plan import Plan
 from magphonon.response.frf import FrequencyResponse
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.waves.vibrometer import read_displacements
@@ -72,6 +73,18 @@ def test_whole_numbers_end_where_floats_skip_some():
     for value in (2**53 + 2, 1e300):
         with pytest.raises(ValueError, match='n must be a whole number of at least 1 and at most 9007199254740992, not'):
             whole('n', value)
+
+
+def test_numbers_of_numpy_are_shown_as_numbers():
+    for value in (np.float64(-2.5), np.float32(-2.5), np.int64(-3)):
+        with pytest.raises(ValueError, match=f'b must be a positive number, not {value.item()}$'):
+            positive('b', value)
+
+
+@pytest.mark.parametrize('tolerance', [np.nan, 0.0, -1.0, np.inf])
+def test_a_plan_has_a_tolerance(tolerance):
+    with pytest.raises(ValueError, match='tolerance must be a positive number'):
+        Plan('bands', 'the highest', tolerance, (), (), 0.0)
 
 
 def test_laws_take_large_whole_numbers():
