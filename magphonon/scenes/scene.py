@@ -316,7 +316,9 @@ def read_scene(path):
     try:
         text = text_of(path, MOST_BYTES)
     except OSError as error:
-        raise type(error)(f'{path} cannot be read ({error.strerror}); "magphonon scene" lists scenes to start from') from None
+        mend = (f'"magphonon scene {path} > {path}.toml" writes the ready scene of this name' if str(path) in ready_scenes()
+                else '"magphonon scene" lists scenes to start from')
+        raise type(error)(f'{path} cannot be read ({error.strerror}); {mend}') from None
     except UnicodeDecodeError as error:
         raise ValueError(f'{path} is not TOML, which is text in UTF-8: byte {error.start + 1} is none; '
                          '"magphonon scene prototype" prints a scene to start from') from None
