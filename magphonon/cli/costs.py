@@ -1,9 +1,8 @@
 """What a command will take, told before it starts: memory, time and files, and the key that they grow with.
 
-The estimates count the largest arrays and the innermost loops.  Those of `bands`, and of a response by factorisation, rest on
-peaks of resident memory and processor time of a few runs on the prototype's scene, on one core; those of bursts, of the series
-of a response and of uncertainties are counted from the arrays and the loops alone.  That is enough to tell a slip of the pen,
-such as 1e12 points, from work that is merely long, and for no more.
+The estimates count the largest arrays and the innermost loops.  The numbers below are fitted to peaks of resident memory and to
+processor time of the commands, one core, at two to four sizes each (`tests/cli/test_costs.py` lists them); what is counted only,
+and was not measured, says so.  That is enough to tell a slip of the pen, such as 1e12 points, from work that is merely long.
 """
 
 import os
@@ -24,22 +23,31 @@ SHARE = 0.5
 GIGABYTE = 2**30
 PICTURES_bytes, PICTURES_s = 60e6, 2.0
 """Of every command: fonts, figures and what is imported."""
-POINT_bytes, POINT_s = 2300, 1.5e-4
-"""Of bands: a wavevector of a cell of one particle, by both models and phonopy; memory goes with the square of the particles."""
+POINT_bytes, POINT_s = 1800, 6e-5
+"""Of bands: a wavevector of a cell of one particle, by both models and phonopy; memory goes with the square of the particles,
+time with their number."""
 PHASE_bytes = 33
-"""Of bands: the phase of a bond at a wavevector."""
-IMAGE_bytes, IMAGE_s = 10e3, 5e-4
-"""Of phonopy: a particle of the supercell, for each particle of the cell."""
-DENSE = 3000
-"""Free directions up to which all natural frequencies are computed, as in the command."""
+"""Of bands: the phase of a bond at a wavevector; counted."""
+PAIR_bytes, PAIR_s = 20, 9e-7
+"""Of phonopy: a pair of particles of the supercell, whose distances it keeps."""
+DENSE, DENSE_s = 3000, 2e-10
+"""Free directions up to which all natural frequencies are computed, as in the command, by both models; time over their cube."""
 TERM_s = 5e-8
-"""Of a response: a term of the series at a frequency."""
-PRODUCT_s = 2.4e-7
-"""Of a response: a product with the matrix of a patch, for each particle; a factorisation is worth `FACTORISATION` of them."""
-STEP_s = 1e-7
+"""Of a response: a term of the series at a frequency; counted."""
+PRODUCT_s = 4e-8
+"""Of a response: a product with the matrix of a patch, for each particle."""
+SERIES_bytes = 3000
+"""Of a response: a particle of a patch with its bonds."""
+FACTOR_bytes, FACTOR_s = 17e3, 2e-5
+"""Of a response: a factorisation of its matrix at a frequency, for each particle."""
+START_s = 0.3
+"""Of a burst: its patch and its maps."""
+STEP_s = 2e-7
 """Of a burst: a step of a particle, without the compiled engine."""
-SAMPLE_bytes, SAMPLE_s = 400, 6e-6
+SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
 """Of a burst: a particle of the row at a time, with its map and its line of text."""
+DRAWN_s = 3.0
+"""Of uncertainties: the lattices drawn at random."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +100,10 @@ def duration(seconds):
 def bands_cost(scene):
     """Of `magphonon bands`."""
     points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.atoms().calc.bonds)
-    images = particles**2 * float(np.prod(scene.supercell(), dtype=float))
+    pairs = (particles * np.prod(scene.supercell(), dtype=float)) ** 2
     memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes * particles**2 + PHASE_bytes * bonds),
-              'bands.supercell': IMAGE_bytes * images}
-    return Cost('bands', memory, PICTURES_s + POINT_s * particles**2 * points + IMAGE_s * images, 8)
+              'bands.supercell': PAIR_bytes * pairs}
+    return Cost('bands', memory, PICTURES_s + POINT_s * particles * points + PAIR_s * pairs, 8)
 
 
 def frf_cost(scene):
@@ -105,26 +113,27 @@ def frf_cost(scene):
     if size <= SMALL:
         return Cost('frf', {'frf.points': PICTURES_bytes + 48.0 * plan.points * size},
                     PICTURES_s + 2e-8 * plan.points * size + 1e-9 * size**3, 4)
-    terms, factorised = _series(scene, particles)
-    dense = size**2 * 20.0 if size <= DENSE else 0.0  # all natural frequencies
+    terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
+    factorised = terms > FACTORISATION * plan.points
+    dense = size if size <= DENSE else 0  # all natural frequencies
     memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
-              scene.patch.size_key: dense + 1000.0 * particles}
-    work = FACTORISATION * PRODUCT_s * particles if factorised else TERM_s * terms
-    return Cost('frf', memory, PICTURES_s + 2 * plan.points * work + 5e-11 * dense**1.5 / 90, 4)
+              scene.patch.size_key: 20.0 * dense**2 + (FACTOR_bytes if factorised else SERIES_bytes) * particles}
+    work = plan.points * FACTOR_s * particles if factorised else terms * (plan.points * TERM_s + PRODUCT_s * particles)
+    return Cost('frf', memory, PICTURES_s + len(MODELS) * work + DENSE_s * dense**3, 4)
 
 
 def uncertainty_cost(scene):
     """Of `magphonon uncertainty`."""
-    memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s + 2, 0
+    memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s, 0
     parameters = len(scene.uncertainty.model_fields_set)
     if scene.bands is not None:
         bonds = len(scene.atoms().calc.bonds)
         memory['bands.points'] = scene.bands.points * len(scene.cell()) ** 2 * (POINT_bytes + PHASE_bytes * bonds * parameters)
-        seconds, files = seconds + POINT_s * scene.bands.points, files + 4
+        seconds, files = seconds + DRAWN_s + POINT_s * len(scene.cell()) * scene.bands.points, files + 4
     if scene.frf is not None:
         particles = _particles(scene)
-        memory['frf.points'] = 72.0 * scene.frf.points * particles * (2 + parameters)
-        seconds += scene.frf.points * (1e-3 + FACTORISATION * PRODUCT_s * particles)
+        memory['frf.points'] = 72.0 * scene.frf.points * particles * (2 + parameters) + FACTOR_bytes * particles
+        seconds += scene.frf.points * (1e-3 + FACTOR_s * particles)
         files += 3
     return Cost('uncertainty', memory, seconds, files)
 
@@ -140,13 +149,13 @@ def burst_cost(scene):
     steps = length * top / (2 * STEP)
     frames = length * max(plan.carriers_Hz) * u.Hz * SAMPLES
     memory = {'burst.duration_s': PICTURES_bytes + SAMPLE_bytes * frames * row,
-              scene.patch.size_key: particles * (SNAPSHOTS * 16 * 6 + 1000.0)}
+              scene.patch.size_key: particles * (SNAPSHOTS * 16 * 6 + SERIES_bytes)}
     if scene.vibrometer is not None:
         frames = plan.duration_s * scene.vibrometer.sampling_rate_Hz
         memory['vibrometer.sampling_rate_Hz'] = SAMPLE_bytes * frames * row
     runs = len(MODELS) * len(plan.carriers_Hz)
-    return Cost('burst', memory, PICTURES_s + runs * (1 + STEP_s * steps * particles + SAMPLE_s * frames * row), 8 * len(
-        plan.carriers_Hz) + 3)
+    seconds = PICTURES_s + runs * (START_s + STEP_s * steps * particles + SAMPLE_s * frames * row)
+    return Cost('burst', memory, seconds, 8 * len(plan.carriers_Hz) + 3)
 
 
 def _particles(scene):
@@ -162,13 +171,6 @@ def _top(scene):
     q = np.stack(np.meshgrid(*3 * [np.arange(6) / 6]), axis=-1).reshape(-1, 3)
     atoms = scene.atoms()
     return max(abs(bloch_modes(atoms, np.where(atoms.pbc, q, 0), model)[0]).max() for model in MODELS)
-
-
-def _series(scene, particles):
-    """Terms of the longest series of a response, and whether factorising the matrix at each frequency is cheaper."""
-    omega = 2 * np.pi * scene.frf.from_Hz * u.Hz
-    terms = 21 * _top(scene) ** 2 / (2 * scene.frf.damping * omega)  # 21 = -log(1e-9)
-    return terms, terms > FACTORISATION * scene.frf.points
 
 
 COSTS = {'bands': bands_cost, 'frf': frf_cost, 'burst': burst_cost, 'uncertainty': uncertainty_cost}

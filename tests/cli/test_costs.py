@@ -101,3 +101,32 @@ def test_estimates_of_memory_are_near(command, small, large, scene_file, tmp_pat
         assert done.returncode == 0, done.stderr
         took.append(int(done.stderr.split()[-1]))
     assert 1 / 3 < (told[1] - told[0]) / (took[1] - took[0]) < 3
+
+
+ONE = {'burst__carriers_Hz': '[60]', 'burst__directions_deg': '[90]'}
+MEASURED = [  # command, changes of the prototype's scene, megabytes beyond what is imported, seconds without the imports
+    ('bands', {}, 43, 0.8), ('bands', {'bands__points': 20000}, 80, 2.0),
+    ('bands', {'bands__supercell': '[20, 20]'}, 46, 0.9), ('bands', {'bands__supercell': '[40, 40]'}, 86, 3.1),
+    ('bands', {'bands__supercell': '[60, 60]'}, 337, 13.4),
+    ('frf', {'patch__side_m': 0.15}, 33, 1.6), ('frf', {'patch__side_m': 0.3}, 132, 5.2),
+    ('frf', {'patch__side_m': 0.4}, 36, 2.1), ('frf', {'patch__side_m': 1.0}, 77, 7.0),
+    ('frf', {'patch__side_m': 0.2, 'frf__damping_per_s': 1e-4, 'frf__points': 20}, 49, 1.2),
+    ('frf', {'patch__side_m': 0.5, 'frf__damping_per_s': 1e-4, 'frf__points': 20}, 97, 4.0),
+    ('burst', ONE | {'patch__side_m': 0.2, 'burst__duration_s': 0.3}, 70, 2.1),
+    ('burst', ONE | {'patch__side_m': 0.5, 'burst__duration_s': 0.3}, 90, 3.9),
+    ('burst', ONE | {'patch__side_m': 0.2, 'burst__duration_s': 5}, 285, 12.5)]
+
+
+@pytest.mark.parametrize(('command', 'changes', 'megabytes', 'seconds'), MEASURED)
+def test_estimates_of_what_was_measured(command, changes, megabytes, seconds, scene_file):
+    """Within a factor of 2.5, and imports, some 1.2 s and 20 MB: an estimate only has to tell seconds from minutes from days."""
+    cost = next(cost for cost in costs.costs(read_scene(scene_file(**changes))) if cost.table == command)
+    assert megabytes / 2.5 < cost.bytes / 1e6 < 2.5 * (megabytes + 20)
+    assert seconds / 2.5 < cost.seconds < 2.5 * (seconds + 1.2)
+
+
+def test_time_grows_with_the_patch(scene_file):
+    """A series takes a product with the matrix of the patch for each of its terms."""
+    told = [next(cost.seconds for cost in costs.costs(read_scene(scene_file(patch__side_m=side))) if cost.table == 'frf')
+            for side in (2.5, 5.0)]
+    assert told[1] / told[0] == pytest.approx(4, rel=0.05)
