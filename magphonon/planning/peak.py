@@ -1,8 +1,11 @@
 """The plan for the peak of a frequency response: does its frequency need D*, and does it depend on the amplitude?
 
-In a mode e of frequency w, normalised to sum m e^2 = 1, D* has the share e D* e of w^2: without it the peak stands
-higher by about half of that over w^2.  A force F cos(W t) drives the mode to the amplitude e.F/(gamma W), which moves
-the peak along its backbone (`magphonon.stability.amplitude_shifts`).
+Without D* modes mix and change their order, so a small structure is diagonalised once more.  Of a large one only the
+pattern e is known in which it swings at its peak, of the frequency w and normalised to sum m e^2 = 1: D* has the share
+e D* e of w^2, and if the pattern stays, the peak stands higher by about half of that over w^2 without it.
+
+A force F cos(W t) drives a mode to the amplitude e.F/(gamma W), which moves the peak along its backbone
+(`magphonon.stability.amplitude_shifts`).
 """
 
 from dataclasses import dataclass
@@ -11,6 +14,7 @@ import numpy as np
 
 from .. import units
 from ..dynamics.timestep import highest_frequency
+from ..errors import positive
 from ..response.frf import frequency_response, harmonic_response
 from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
 from ..response.stepped import HEADSTART, STEADY
@@ -23,14 +27,14 @@ LONGEST_STEP = 0.5
 """Time step of a run, at most, as a share of the limit 2/omega_max."""
 SHARE = 0.6
 """Of the tolerance that time steps may use up."""
-SHARPNESS = 0.5
-"""Modes whose peaks reach this share of the highest must agree that D* does not matter: it may exchange them."""
+RIVAL = 0.9
+"""Of the highest peak: modes whose peaks reach this share may be the highest too, as peaks add up a little."""
+ROUND_OFF = 1e-12
+"""Of a frequency: what is left of no difference."""
 LARGE = 1000
 """Degrees of freedom above which a structure is not diagonalised, some 0.3 s."""
 DOUBT_ALONE = 10.0
-"""Of the shift of a pattern that swings alone, without the others that follow it: right in its order of magnitude."""
-DOUBT_FIRST_ORDER = 1.0
-"""Of the error without D*: first-order perturbation theory is right to a factor of two."""
+"""Of the shifts of a pattern that swings alone, without the others that follow it or mix: right in their order of magnitude."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class Peak:
     mode : int
         The mode that resonates.
     rivals : ndarray of int
-        Modes with nearly as high a peak, itself among them.
+        Modes whose peaks may be as high, itself among them.
     force : float
         The force on the mode for a unit force, g^-1/2.
     """
@@ -76,9 +80,9 @@ def highest_peak(atoms, source, answer, omega, damping):
     Raises
     ------
     ValueError
-        If the structure is unstable or does not resonate in the range.
+        If the structure is unstable or does not resonate in the range, or nothing damps it: its peaks are infinite.
     """
-    system = LinearSystem.of(atoms)
+    system, damping = LinearSystem.of(atoms), positive('damping', damping, '1/ms')
     if system.free.shape[1] > LARGE:
         return _peak_of_field(system, source, answer, omega, damping)
     linear = modes(system)
@@ -86,11 +90,14 @@ def highest_peak(atoms, source, answer, omega, damping):
     refuse_growing(w[0] * abs(w[0]), w[-1] ** 2)
     linear = _turned(linear, source)
     push, seen = (place.seen(linear.shapes) for place in (source, answer))
-    height = np.where((w >= omega[0]) & (w <= omega[-1]) & (w > 0), abs(push * seen), 0) / np.maximum(w, omega[0])
+    resonant = (w >= omega[0]) & (w <= omega[-1]) & (w > 0) & (push * seen != 0)
+    # the whole response at each of the frequencies: modes that lie close together add up
+    height = np.zeros(len(w))
+    height[resonant] = [abs((push * seen / (w * abs(w) - W**2 + 1j * damping * W)).sum()) for W in w[resonant]]
     if not height.any():
         raise ValueError('no mode resonates between the lowest and the highest frequency; widen the range of [frf]')
     mode = int(height.argmax())
-    return Peak(linear, mode, np.flatnonzero(height >= SHARPNESS * height[mode]), float(abs(push[mode])))
+    return Peak(linear, mode, np.flatnonzero(height >= RIVAL * height[mode]), float(abs(push[mode])))
 
 
 def _peak_of_field(system, source, answer, omega, damping):
@@ -137,10 +144,9 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     system = LinearSystem.of(atoms)
     calc, peak = system.calc, highest_peak(system, source, answer, omega, damping)
     w = peak.omega
-    stiffening = turning(calc, peak)
-    frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
+    frozen, most = _without_dstar(system, peak, source, answer, omega, damping)
     where = f'the peak stands at {units.hertz(w):.6g} Hz'
-    evidence = [f'{where}; D* moves it by {percent(frozen)}, to first order' if frozen else
+    evidence = [f'{where}; D* moves it by {percent(frozen)}' if frozen else
                 f'{where}; nothing turns a bond there, so D* has no part in it']
     shift, evaluations = 0.0, 0
     if force:
@@ -161,8 +167,9 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
         products = np.log(1e9) * top**2 / (2 * damping * omega[0])
         algorithm = f'a Chebyshev series of some {products:.0f} products with the stiffness'
         cost = products * system.K.nnz
-    methods = [Method('conventional linear', algorithm, cost, frozen + shift, DOUBT_FIRST_ORDER if frozen else shift_doubt,
-                      Settings('conventional')),
+    off = frozen + shift
+    doubt = (most + shift * (1 + shift_doubt)) / off - 1 if 0 < off < np.inf else 0.0
+    methods = [Method('conventional linear', algorithm, cost, off, doubt, Settings('conventional')),
                Method('complete linear', algorithm, cost, shift, shift_doubt, Settings('complete'))]
     if force:
         dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
@@ -171,7 +178,25 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
                               points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
                               Settings('complete', dt=float(dt))))
     return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(methods), tuple(evidence),
-                cost + evaluations * nearest * force_cost(calc.dim))
+                cost + evaluations * nearest * force_cost(calc.dim) + (EIGENSOLVE * free**3 if free <= LARGE else 0))
+
+
+def _without_dstar(system, peak, source, answer, omega, damping):
+    """How far off the peak stands without D*, relatively, and at most."""
+    stiffening = turning(system.calc, peak)
+    if system.free.shape[1] > LARGE:
+        frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
+        return frozen, (1 + DOUBT_ALONE) * frozen
+    other = LinearSystem.about(system.calc.about(system.atoms, model='conventional'), system.atoms)
+    try:
+        there = highest_peak(other, source, answer, omega, damping)
+    except ValueError:  # it has left the range
+        return np.inf, np.inf
+    frozen = float(abs(there.omega / peak.omega - 1))
+    if frozen < ROUND_OFF and not stiffening.any():
+        return 0.0, 0.0
+    between = there.linear.omega[there.rivals] / peak.linear.omega[peak.rivals][:, None]
+    return frozen, float(abs(between - 1).max())
 
 
 def turning(calc, peak):
