@@ -122,7 +122,7 @@ def _error_of_shells(scene, shells):
     """Error of the complete bands with no more than so many shells of neighbours, relative as that of `plan_bands`."""
     from .bands import plan_bands
 
-    methods = plan_bands(_cell(scene), scene.lattice.path(None, 60), tolerance=1.0).methods
+    methods = plan_bands(_cell(scene), scene.lattice.path(None, 60), NOTHING).methods
     summed = [method for method in methods if method.settings.model == 'complete' and method.settings.shells != ALL]
     return [method for method in summed if method.settings.shells <= shells][-1].error
 
