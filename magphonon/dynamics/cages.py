@@ -9,6 +9,9 @@ In the first case particles have collided, or have left each other so far that o
 repulsion as large as any at rest would be missing.  A particle that leaves its cage passes through one of the two.
 """
 
+from dataclasses import replace
+from functools import cached_property
+
 import numpy as np
 
 from ..lattices.bonds import bonds_within
@@ -20,7 +23,7 @@ FLOWN = 3.0
 """Bonded particles farther apart than this multiple of their rest distance have left: two others fit in line between them, and
 the repulsion of magnets has fallen below a hundredth."""
 STILL = 0.05
-"""Of the shortest bond: displacements up to here bring no pair together, and are not looked at."""
+"""Of the shortest bond: displacements up to here bring no pair together, whatever the structure, and are not looked at."""
 SURVEYED = 2.5
 """Of the shortest bond: pairs up to here are listed; farther ones must first come nearer by as much as a bond is long."""
 APART = 1.1
@@ -66,16 +69,28 @@ class Cages:
         except ValueError:  # a constraint that it does not know
             self.mobile = np.ones(len(atoms), bool)
         self.nearest = bonds.lengths.min(initial=np.inf)
-        self._origin = self._margin = None
+
+    @cached_property
+    def clearance(self):
+        """Displacement in mm up to which every bond holds and no other pair meets, however the particles are displaced."""
+        self._survey(np.zeros((len(self.mobile), self.calc.dim)))
+        self._judged = (self._distance >= APART * self.nearest).all()
+        return min((1 - CONTACT) / 2 * self.nearest, self._margin.min() if self._judged else np.inf)
 
     def still(self, largest):
         """Whether displacements of at most `largest` (mm) need no look; False for one that is no number."""
-        return largest <= STILL * self.nearest
+        return largest <= STILL * self.nearest or largest <= self.clearance
 
-    def steps_between_looks(self, speed, dt, most):
-        """How many steps of `dt` (ms) the fastest particle may go at `speed` (mm/ms) from one look to the next."""
-        stride = STRIDE * self.nearest
-        return most if speed * dt * most <= stride else max(1, int(stride / (speed * dt)))
+    def steps_between_looks(self, speed, largest, dt, most):
+        """How many steps of `dt` (ms) the fastest particle may go at `speed` (mm/ms) from one look to the next.
+
+        It may go farther where nobody is displaced by more than `largest` (mm), as far as is clear: to be out and back again
+        unseen it would have to gain twice the speed.
+        """
+        way = STRIDE * self.nearest
+        if speed * dt * most > way and largest < self.clearance:
+            way = max(way, self.clearance - largest)
+        return most if speed * dt * most <= way else max(1, int(way / (speed * dt)))
 
     def look(self, u, time, bonded=True):
         """Raise Diverged if the displacements `u` in mm, shape (particles, dim), are not finite or no cages any more.
@@ -85,9 +100,11 @@ class Cages:
         lost = np.flatnonzero(~np.isfinite(u).all(axis=1))
         if len(lost):
             raise Diverged(lost[0], time, 'has left for infinity')
+        if self.still(np.sqrt(np.einsum('ix,ix->i', u, u).max(initial=0.0))):
+            return
         if bonded:
             self._look_at_bonds(u, time)
-        if not self.still(np.sqrt(np.einsum('ix,ix->i', u, u).max(initial=0.0))):
+        if self._judged:
             self._look_at_others(u, time)
 
     def _look_at_bonds(self, u, time):
@@ -102,11 +119,6 @@ class Cages:
 
     def _look_at_others(self, u, time):
         """A pair d apart at the survey can be nearer than `nearest` only if an end has moved by (d - nearest)/2 since."""
-        if self._origin is None:
-            self._survey(np.zeros_like(u))
-            self._judged = (self._distance >= APART * self.nearest).all()
-        if not self._judged:
-            return
         moved = np.linalg.norm(u - self._origin, axis=1)
         if moved.max() >= (SURVEYED - 1) / 2 * self.nearest:
             self._survey(u)
@@ -130,19 +142,35 @@ class Cages:
         atoms.positions[:, : self.calc.dim] += u
         self._origin = u.copy()
         try:
-            near = bonds_within(atoms, SURVEYED * self.nearest)
+            near = pairs_without_bond(bonds, atoms, SURVEYED * self.nearest)
         except ValueError:  # two particles coincide
             self._i = self._j = np.zeros(1, int)
             self._vectors, self._distance, self._margin = np.zeros((1, self.calc.dim)), np.zeros(1), np.zeros(len(u))
             return
-        other = ~np.isin(_keys(near, near.i, near.j, near.shift), np.concatenate(
-            [_keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift)]))
-        other &= self.mobile[near.i] | self.mobile[near.j]
+        other = self.mobile[near.i] | self.mobile[near.j]
         self._i, self._j, self._vectors = near.i[other], near.j[other], near.vectors[other, : self.calc.dim]
         self._distance = np.linalg.norm(self._vectors, axis=1)
         self._margin = np.full(len(u), (SURVEYED - 1) / 2 * self.nearest)
         for ends in (self._i, self._j):
             np.minimum.at(self._margin, ends, (self._distance - self.nearest) / 2)
+
+
+def pairs_without_bond(bonds, atoms, cutoff):
+    """Pairs of particles within `cutoff` (mm) that no bond of the list joins.
+
+    Returns
+    -------
+    Bonds
+
+    Raises
+    ------
+    ValueError
+        If two particles coincide.
+    """
+    near = bonds_within(atoms, cutoff)
+    known = [_keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift)]
+    other = ~np.isin(_keys(near, near.i, near.j, near.shift), np.concatenate(known))
+    return replace(near, i=near.i[other], j=near.j[other], shift=near.shift[other], vectors=near.vectors[other])
 
 
 def _keys(near, i, j, shift):

@@ -81,8 +81,8 @@ class Blocks:
 
     def steps_to_next_look(self, most):
         """How many steps the next block may have, `most` at most; fewer where particles are fast."""
-        v = self._state[1]
-        return self.cages.steps_between_looks(np.sqrt(2) * max(v.max(), -v.min()), self.dt, most)
+        largest, speed = (np.sqrt(2) * max(x.max(), -x.min()) for x in self._state[:2])
+        return self.cages.steps_between_looks(speed, largest, self.dt, most)
 
     def use(self, engine):
         """Choose the kernel: 'numpy' or 'compiled'."""
@@ -134,7 +134,7 @@ class Blocks:
                 self._fit(self._level + 1)
                 self._stale = True
         u = self._spare[0]
-        if self._exact or not self.cages.still(np.sqrt(2) * max(u.max(), -u.min())):
+        if not self.cages.still(np.sqrt(2) * max(u.max(), -u.min())):
             u = np.where(self._mobile, self.layout.gather(u).T, self.displacements)  # a held one has any force, and stays
             self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare = self._spare, self._state

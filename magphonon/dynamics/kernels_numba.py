@@ -191,6 +191,22 @@ def _move_grid(ux, uy, vx, vy, bx, by, s, e, offsets, pad, stride, carry, push, 
 
 
 @jit
+def _clear(b, s, e):  # a loop: numba takes three seconds to compile the words with which a slice refuses another shape
+    for x in range(2):
+        for n in range(b.shape[1]):
+            for i in range(s, e):
+                b[x, n, i] = 0.0
+
+
+@jit
+def _bring_down(b, s, count):
+    for x in range(2):
+        for n in range(b.shape[1]):
+            for i in range(count):
+                b[x, n, i] = b[x, n, s + i]
+
+
+@jit
 def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
     b, pad, runs, offsets, R, strength, q, t, g, r2, laws, pattern = bonds
     ux, uy, vx, vy, bx, by = u[0], u[1], v[0], v[1], b[0].ravel(), b[1].ravel()
@@ -198,14 +214,14 @@ def _steps_grid(u, v, forces, carry, push, dt, k, corrected, bonds):
     strain = 0.0
     for step in range(len(forces)):
         base = np.uint64(0)  # b is a window on the bonds: those of slot i stand at i + pad - base of their group
-        b[:, :, :pad] = 0
+        _clear(b, np.uint64(0), pad)
         for r in range(len(runs)):
             s, e = runs[r, 0], runs[r, 1]
             if e - base > stride - pad:
-                b[:, :, :pad] = b[:, :, s - base : s - base + pad]
+                _bring_down(b, s - base, pad)
                 base = s
             if runs[r, 2] == EMPTY:
-                b[:, :, s + pad - base : e + pad - base] = 0
+                _clear(b, s + pad - base, e + pad - base)
                 continue
             for n in range(len(offsets)):
                 law = _law(laws, n, pattern)

@@ -227,7 +227,7 @@ class DrivenVerlet(VelocityVerlet):
         if self._cages is None:
             return self.nsteps % BLOCK == 0
         speed = np.linalg.norm(self.atoms.arrays['momenta'] / self.masses, axis=1).max(initial=0.0)
-        self._unseen += 1 / self._cages.steps_between_looks(speed, self.dt, BLOCK) if np.isfinite(speed) else 1
+        self._unseen += 1 / self._cages.steps_between_looks(speed, np.inf, self.dt, BLOCK) if np.isfinite(speed) else 1
         if self._unseen < 1 - 1e-9:  # 32 times 1/32
             return False
         self._unseen = 0.0
