@@ -169,11 +169,11 @@ def roofline():
     """Bandwidth of memory and rate of multiply-adds of one core."""
     from numba import njit
 
-    from magphonon.dynamics.kernels_numba import _vectorise
+    from magphonon.dynamics.compiled_steps import vectorise
 
     @njit(fastmath={'contract'}, error_model='numpy')
     def multiply_add(x, rounds):
-        _vectorise()
+        vectorise()
         for _ in range(rounds):
             for k in range(len(x)):
                 a = b = c = d = x[k]

@@ -1,7 +1,7 @@
 """Will it stay: buckling, the range of linear motion, and the verdict on a structure before it runs.
 
 `buckling` finds the softest mode and the foundation or the spacing that holds it, `amplitude_shifts` how frequencies move with
-amplitude, `verdicts` says it all in words.
+amplitude, `escapes` which impact takes a particle out of its cage, `verdicts` says it all in words.
 """
 
 import lazy_loader

@@ -13,6 +13,10 @@ from .buckling import (
     spacing_held as spacing_held,
     support_needed as support_needed,
 )
+from .escapes import (
+    Escape as Escape,
+    escape_speeds as escape_speeds,
+)
 from .soft_waves import (
     softest_wave as softest_wave,
 )

@@ -19,6 +19,7 @@ from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
 from .buckling import softest_of, spacing_held, support_needed
+from .escapes import escape_speeds
 
 CENTRAL = Yukawa, Hertz
 """Laws of particles that are no magnets."""
@@ -73,9 +74,9 @@ class Verdict:
         softest wave fits in no two cells.
     closest : float
         The present shortest distance of bonded particles as a share of that in the reference.
-    speed : float or None
-        With which a particle comes within a tenth of the distance of a neighbour that is held, the two by themselves, mm/ms;
-        None where the law ends before.  Through the gap between two neighbours it may leave its cage at less.
+    safe, leaves : float or None
+        Speed of an impact on one particle below which no bond is lost, and at which a particle that is shot loses its cage,
+        mm/ms; None where that is not judged or was not found (`magphonon.stability.escapes`).
     displacements : tuple of float
         Between which finite differences are safe, mm.
     distance : float
@@ -105,7 +106,8 @@ class Verdict:
     central: float | None
     amplitude: float | None
     closest: float
-    speed: float | None
+    safe: float | None
+    leaves: float | None
     displacements: tuple
     distance: float
     supercell: str | None
@@ -175,10 +177,7 @@ class Verdict:
                            'central.'))
         if self.amplitude is not None and np.isfinite(self.amplitude):
             said.append(self._linear())
-        if self.speed is not None:
-            said.append(f'Two neighbours by themselves come within a tenth of their distance at an impact speed of '
-                        f'{self.speed / (u.m / u.s):.3g} m/s; between its neighbours a particle may leave its place at less, and '
-                        'a run ends there.')
+        said += self._impacts()
         return tuple(said)
 
     @property
@@ -201,6 +200,15 @@ class Verdict:
         return (f'Its foundation of {_stiffness(self.foundation)} holds it{self._where}, {more} the {_stiffness(self.needed)} '
                 f'that it needs{room}.')
 
+    def _impacts(self):
+        """One speed rounded down, the other one up."""
+        if self.safe is not None:
+            yield (f'A particle that is hit keeps its neighbours at any speed below {_three_digits(self.safe, np.floor):g} m/s: '
+                   'it has not the energy to leave them.')
+        if self.leaves is not None:
+            yield (f'Shot at {_three_digits(self.leaves, np.ceil):g} m/s in some direction a particle leaves its cage, and a run '
+                   'ends there.')
+
     def _linear(self):
         share = self.amplitude / self.spacing
         if share > LARGE:
@@ -219,6 +227,13 @@ class Verdict:
         return '\n'.join([head, *(f'  ! {text}' for text in self.faults), *(f'  - {text}' for text in self.notes)])
 
 
+def _three_digits(speed, rounded):
+    """A speed in m/s, rounded down or up to three digits."""
+    speed = speed / (u.m / u.s)
+    digit = 10.0 ** (np.floor(np.log10(speed)) - 2)
+    return float(f'{rounded(speed / digit) * digit:.3g}')
+
+
 def _stiffness(k):
     return f'{k / (u.N / u.m):.4g} N/m'
 
@@ -228,8 +243,8 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
 
     A periodic cell is judged as the lattice that it stands for, by its whole zone; one of more than 200 freedoms only by
     waves that fit into one or two cells along each vector, which its notes say; a finite structure as it is.  Of more
-    than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and the way into
-    contact are not judged.
+    than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and impacts are not
+    judged.
 
     It is judged at rest: about the reference of its calculator, or about its present positions if it has found another rest
     there; what is at rest nowhere has the fault `residual`, and is judged where less is left.
@@ -275,6 +290,7 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     held = spacing_held(structure) if settled and small and not touching else None
     # whether the softest wave is among those of `frequency_shifts`
     shifted = not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q))
+    escape = escape_speeds(atoms) if settled and stable and small and not touching else None
     apart = settled and small and calc.dim == 2  # out of the plane
     magnets = apart and not isinstance(calc.potential, CENTRAL)
     wave, alone = support_needed(structure) if magnets else (None, None)
@@ -300,7 +316,8 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         central=support_needed(structure, magnets=False)[0] if apart else None,
         amplitude=frequency_shifts(structure).amplitude(LINEAR_ERROR) if settled and small and stable and shifted else None,
         closest=closest,
-        speed=_contact_speed(calc, shortest, atoms.get_masses().min()) if small and not touching else None,
+        safe=escape.safe if escape else None,
+        leaves=escape.leaves if escape else None,
         displacements=_safe_displacements(calc, shortest),
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),
@@ -330,14 +347,6 @@ def _closest(calc, atoms):
     """Shortest present distance of bonded particles as a share of that in the reference."""
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     return float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
-
-
-def _contact_speed(calc, r, mass):
-    try:
-        climbed = calc.potential.phi(CONTACT * r) - calc.potential.phi(r)
-    except ValueError:  # the law does not reach that far
-        return None
-    return float(np.sqrt(2 * climbed / mass)) if np.isfinite(climbed) and climbed > 0 else None
 
 
 def _safe_displacements(calc, r):

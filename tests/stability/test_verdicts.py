@@ -66,14 +66,6 @@ def test_each_fault_is_found_and_its_neighbour_is_not(options, word):
         assert any(word in fault for fault in found.faults)
 
 
-def test_the_speed_of_contact_is_that_of_all_energy_spent_on_the_way():
-    """Charges, phi = 1/r: one of 2 g flies at one that is held and turns at a tenth of the distance, v^2 = 2 (10 - 1)/m."""
-    pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]], masses=[2.0, 2.0])
-    pair.set_constraint(FixAtoms([0]))
-    pair.calc = MagneticRepulsion(pair, InversePower(1.0, 2.0))
-    assert verdict(pair).speed == pytest.approx(3.0)
-
-
 def test_contact_is_seen_in_the_present_positions():
     pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]])
     pair.set_constraint(FixAtoms([0, 1]))

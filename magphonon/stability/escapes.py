@@ -1,0 +1,353 @@
+"""How hard a particle may be hit before the bonds, a list made at rest, are no longer true (`magphonon.dynamics.cages`).
+
+Two speeds enclose the one that is asked for:
+
+    safe      Energy is conserved, so no bond is lost before the energy of the impact is that of the cheapest way to where one
+              would be: two particles without a bond as near as the shortest bond, or a bond at CONTACT or FLOWN of its
+              length.  Two particles are dragged there slowly, while all others yield; that no other way is cheaper is not
+              proved.
+    leaves    The least speed at which a particle that was shot does lose its cage.  Shots in many directions are run; the
+              neighbours of one yield only in part, so this is larger.
+
+Particles farther away are held, as what happens there comes too late.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from ase.constraints import FixAtoms
+
+from ..dynamics.cages import APART, CONTACT, FLOWN, SURVEYED, Diverged, pairs_without_bond
+from ..dynamics.verlet import DrivenVerlet
+from ..lattices.bonds import Bonds
+from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.constraints import free_directions, freedom
+
+YIELDING, WATCHED = 4.0, {2: 3.0, 3: 2.5}
+"""Of the shortest bond: particles up to here around one can move, in the search for the least energy and, in a plane and in
+space, in a shot."""
+TRIED = 8
+"""Places that are looked at closely: those that cost the least on a straight line."""
+SIDEWAYS = 0.01
+"""Of the shortest bond: how far particles are put aside at each stage, as by symmetry the straight way may be a ridge."""
+STAGES = 8
+"""Distances on the way to a place."""
+STIFF = 10.0
+"""Stiffness that keeps a distance, in that of a bond of this length."""
+SHOTS = {2: 13, 3: 5}
+"""Directions of shots of one particle in a plane and in space, where there is more to move; prime numbers, so that no two are
+alike by the symmetry of a lattice."""
+GOLDEN = (np.sqrt(5) - 1) / 2
+PASSAGE = 4.0
+"""Shortest bonds that a free particle would pass while a shot is watched."""
+STEP = 0.3
+"""Time step times the frequency at the shortest distance that the energy allows."""
+FINE = 1.05
+"""Ratio of two speeds between which it is not asked any more where shots begin to leave."""
+FACTOR = 1.3
+"""Ratio of two speeds that are tried one after the other as long as no shot leaves."""
+FASTEST = 40.0
+"""Of the safe speed: where nothing has left by then, nothing will."""
+
+
+@dataclass(frozen=True)
+class Escape:
+    """Speeds in mm/ms of one particle that is hit at rest.
+
+    Attributes
+    ----------
+    safe : float
+        Below it no bond is lost, whatever particle is hit, in whatever direction.
+    leaves : float or None
+        At which the `particle` loses its cage, shot in the `direction`; None where no shot did.
+    particle : int
+    direction : ndarray, shape (dim,)
+    """
+
+    safe: float
+    leaves: float | None
+    particle: int
+    direction: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A way to lose a bond: the particles i and j, `vector` apart at rest, come to be `distance` apart, in mm."""
+
+    i: int
+    j: int
+    vector: np.ndarray
+    distance: float
+
+
+def escape_speeds(atoms):
+    """Enclose the speed of an impact that takes a particle out of its cage.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At a stable rest, which is the reference of their MagneticRepulsion.
+
+    Returns
+    -------
+    Escape or None
+        None where the force has no energy, constraints are not known, nothing can move, or the law ends before.
+    """
+    try:
+        mobile = freedom(atoms)[0]
+    except ValueError:
+        return None
+    if atoms.calc.parameters.model == 'literal':
+        return None
+    with np.errstate(all='ignore'):  # of a search that goes astray
+        cheapest, least = None, np.inf
+        for place in _places(atoms):
+            energy = _Drag(surroundings(atoms, place.i, YIELDING), place).dearest(least)
+            if energy < least:
+                cheapest, least = place, energy
+        if cheapest is None:
+            return None
+        heaviest = int((atoms.get_masses() * mobile).argmax())
+        safe = float(np.sqrt(2 * least / atoms.get_masses()[heaviest]))
+        shot = [particle for particle in dict.fromkeys((cheapest.i, cheapest.j, heaviest)) if mobile[particle]]
+        left = _first_to_leave(atoms, shot, safe)
+        return Escape(safe, *left) if left else Escape(safe, None, cheapest.i, np.zeros(atoms.calc.dim))
+
+
+def surroundings(atoms, particle, radius):
+    """Particles within `radius` shortest bonds of one, and those bonded to them, which are held; the one itself comes first.
+
+    Returns
+    -------
+    Atoms
+        With their calculator, in a wide cell; the array 'origin' tells which particles they were.
+    """
+    calc, nearest = atoms.calc, atoms.calc.bonds.lengths.min()
+    reach = radius * nearest * (1 + 1e-9)
+    spans = np.linalg.norm(np.linalg.pinv(atoms.cell.array[atoms.pbc]), axis=0) if atoms.pbc.any() else []
+    repeats, half = np.ones(3, int), reach + calc.bonds.lengths.max()
+    repeats[atoms.pbc] = 2 * np.ceil(half * np.asarray(spans)).astype(int) + 1
+    big = atoms.repeat(repeats)
+    big.calc = calc.on(big) if atoms.pbc.any() else calc
+    middle = len(atoms) * np.ravel_multi_index(repeats // 2, repeats) + particle
+    away = np.linalg.norm(big.positions - big.positions[middle], axis=1)
+    bonds, inner = big.calc.bonds, away <= reach
+    inside = ~bonds.shift.any(axis=1) & (inner[bonds.i] | inner[bonds.j])
+    members = np.unique([middle, *np.flatnonzero(inner), *bonds.i[inside], *bonds.j[inside]])
+    members = np.append(middle, members[members != middle])
+    place = np.full(len(big), -1)
+    place[members] = np.arange(len(members))
+    near = big[members]
+    near.set_array('origin', members % len(atoms))
+    near.set_constraint([*near.constraints, FixAtoms(np.flatnonzero(~inner[members]))])
+    near.set_cell(np.full(3, 10 * (half + np.ptp(near.positions))))
+    near.pbc = calc.dim == 3
+    listed = Bonds(place[bonds.i[inside]], place[bonds.j[inside]], 0 * bonds.shift[inside], bonds.vectors[inside], len(near))
+    load = np.zeros((len(near), 3))
+    load[:, : calc.dim] = big.calc.offset[members]  # of slack springs, which move with the particles
+    near.calc = MagneticRepulsion(near, calc.potential, bonds=listed, load=load, **calc.parameters)
+    return near
+
+
+def _places(atoms):
+    """Ways to lose a bond, the cheapest ones on a straight line, each once if they are alike by symmetry."""
+    calc, bonds, mobile = atoms.calc, atoms.calc.bonds, freedom(atoms)[0]
+    nearest, lengths = bonds.lengths.min(), bonds.lengths
+    other = pairs_without_bond(bonds, calc.reference, SURVEYED * nearest)
+    ways = [(bonds, b, CONTACT * lengths[b]) for b in range(len(bonds))]
+    ways += [(bonds, b, FLOWN * lengths[b]) for b in range(len(bonds))]
+    if (other.lengths >= APART * nearest).all():
+        ways += [(other, b, nearest) for b in range(len(other))]
+    places = {}
+    for listed, b, distance in ways:
+        i, j, vector = listed.i[b], listed.j[b], listed.vectors[b]
+        if not mobile[i]:
+            i, j, vector = j, i, -vector
+        if mobile[i]:
+            cost = _straight(atoms, i, j, vector, distance, bonded=listed is bonds)
+            places.setdefault(float(f'{cost:.6g}'), Place(int(i), int(j), vector[: calc.dim], float(distance)))
+    return [places[cost] for cost in sorted(places) if 0 < cost < np.inf][:TRIED]
+
+
+def _straight(atoms, i, j, vector, distance, bonded):
+    """Energy in mJ of two particles that go straight at each other to a distance, all others at rest."""
+    calc, dim = atoms.calc, atoms.calc.dim
+    bonds, mobile = calc.bonds, freedom(atoms)[0]
+    way = vector * (1 - distance / np.linalg.norm(vector))
+    share = 0.5 if mobile[j] else 1.0
+    total = 0.0
+    try:
+        for end, u in ((i, share * way), (j, (share - 1) * way)):
+            R = np.concatenate([bonds.vectors[bonds.i == end], -bonds.vectors[bonds.j == end]])
+            R = R[np.linalg.norm(R - (vector if end == i else -vector), axis=1) > 1e-9 * distance] if bonded else R
+            total += (calc.potential.phi(np.linalg.norm(R - u, axis=1)) - calc.potential.phi(np.linalg.norm(R, axis=1))).sum()
+            total += calc.parameters.foundation * u @ u / 2 - calc.offset[end] @ u[:dim]
+        if bonded:
+            total += calc.potential.phi(distance) - calc.potential.phi(np.linalg.norm(vector))
+    except ValueError:  # the law does not reach so far
+        return np.inf
+    return total
+
+
+class _Drag:
+    """Two particles are brought to a place slowly, all particles around them yielding: what it costs on the way.
+
+    At each of a number of distances d' the energy E is least under the constraint d = d', by an augmented Lagrangian,
+    `E + F (d - d') + K (d - d')^2/2` with the force F between the two, which is carried on from one distance to the next.  All
+    other pairs without a bond repel as soon as one would be lost, so that the way stays where bonds hold.
+    """
+
+    def __init__(self, near, place):
+        self.calc, self.place = near.calc, place
+        self.P = free_directions(near)
+        self.R = near.calc.bonds.vectors[:, : near.calc.dim]
+        self.r0 = near.calc.bonds.lengths
+        self.length = self.r0.min()
+        apart = near.positions[:, : near.calc.dim] - near.positions[0, : near.calc.dim]
+        self.other = int(np.linalg.norm(apart - place.vector, axis=1).argmin())
+        others = pairs_without_bond(near.calc.bonds, near, YIELDING * self.length)
+        free = freedom(near)[0]
+        keep = (others.lengths >= APART * self.length) & (free[others.i] | free[others.j])
+        keep &= ~((np.minimum(others.i, others.j) == 0) & (np.maximum(others.i, others.j) == self.other))
+        self.i, self.j, self.vectors = others.i[keep], others.j[keep], others.vectors[keep, : near.calc.dim]
+        self.stiffness = 10 * abs(near.calc.potential.d2phi(self.length))
+
+    def energy(self, u):
+        """In mJ, and its gradient in N, at the displacements u."""
+        calc, bonds = self.calc, self.calc.bonds
+        bond = self.R + u[bonds.j] - u[bonds.i]
+        r = np.sqrt(np.einsum('bx,bx->b', bond, bond))
+        n = bond / r[:, None]
+        if calc.parameters.model == 'conventional':
+            n = self.R / self.r0[:, None]
+            r = np.einsum('bx,bx->b', bond, n)
+        k, h = calc.parameters.foundation, calc.offset
+        total = (calc.potential.phi(r) - self.at_rest).sum() + ((k / 2 * u - h) * u).sum()
+        gradient = k * u - h + bonds.incidence.T @ (calc.potential.dphi(r)[:, None] * n)
+        meet = self.vectors + u[self.j] - u[self.i]
+        d = np.sqrt(np.einsum('bx,bx->b', meet, meet))
+        for b in np.flatnonzero(d < self.length):
+            total += self.stiffness * (d[b] - self.length) ** 2 / 2
+            push = self.stiffness * (d[b] - self.length) * meet[b] / d[b]
+            gradient[self.j[b]] += push
+            gradient[self.i[b]] -= push
+        return total, gradient
+
+    def distance(self, u):
+        """In mm, and its gradient."""
+        apart = self.place.vector + u[self.other] - u[0]
+        d = np.linalg.norm(apart)
+        gradient = np.zeros_like(u)
+        gradient[self.other], gradient[0] = apart / d, -apart / d
+        return d, gradient
+
+    def dearest(self, most):
+        """The largest energy on the way in mJ, or one above `most`; inf where the law ends before."""
+        from scipy.optimize import minimize
+
+        law, shape, rng = self.calc.potential, (len(self.calc.reference), self.calc.dim), np.random.default_rng(0)
+        start, end = np.linalg.norm(self.place.vector), self.place.distance
+        force, highest, y = 0.0, 0.0, np.zeros(self.P.shape[1])
+
+        def objective(y):
+            u = self.length * (self.P @ y).reshape(shape)
+            (E, slope), (d, along) = self.energy(u), self.distance(u)
+            off = d - wanted
+            value, gradient = E + force * off + K * off**2 / 2, slope + (force + K * off) * along
+            return value / unit, self.length / unit * (self.P.T @ gradient.ravel())
+
+        try:
+            self.at_rest = law.phi(self.r0)
+            unit = self.stiffness * self.length**2
+            for wanted in [*np.linspace(start, end, STAGES + 1)[1:], end, end]:
+                K = self.stiffness + STIFF * abs(law.d2phi(min(wanted, self.length))) + STIFF * self.calc.parameters.foundation
+                y = y + SIDEWAYS * rng.normal(size=len(y))
+                y = minimize(objective, y, jac=True, method='L-BFGS-B', options={'maxiter': 60}).x
+                u = self.length * (self.P @ y).reshape(shape)
+                force += K * (self.distance(u)[0] - wanted)
+                highest = max(highest, float(self.energy(u)[0]))
+                if highest > most:
+                    break
+        except ValueError:  # the law does not reach so far
+            return np.inf
+        return highest
+
+
+def _first_to_leave(atoms, shot, held):
+    """Where shots begin to lose their cage: the speed, the particle and the direction; None if none of them does.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    shot : list of int
+        The particles that are shot.
+    held : float
+        A speed in mm/ms at which none does.
+    """
+    dim, left = atoms.calc.dim, None
+    volleys = {particle: _Volley(surroundings(atoms, particle, WATCHED[dim]), SHOTS[dim]) for particle in shot}
+    speed, fastest = 1.5 * held, FASTEST * held
+    while speed < fastest and not (left and left[0] <= FINE * held):
+        gone = next(((particle, direction) for particle, volley in volleys.items()
+                     if (direction := volley.leaving(speed)) is not None), None)
+        if gone is None:
+            held = speed
+        else:
+            left = speed, *gone
+        speed = np.sqrt(held * left[0]) if left else FACTOR * held
+    return (float(left[0]), *left[1:]) if left else None
+
+
+class _Volley:
+    """Many copies of one particle in its surroundings, each shot in its own direction, in one run."""
+
+    def __init__(self, near, count):
+        self.near, n = near, len(near)
+        P = free_directions(near).toarray().reshape(n, near.calc.dim, -1)[0]
+        self.directions = _directions(P[:, P.any(axis=0)], count)
+        self.all = near.repeat((1, len(self.directions), 1))
+        self.all.calc = near.calc.on(self.all)
+        self.first = n * np.arange(len(self.directions))
+
+    def leaving(self, speed):
+        """The direction of a shot that loses its cage at this speed; None if none does."""
+        atoms = self.all.copy()
+        atoms.calc = self.all.calc
+        v = np.zeros((len(atoms), 3))
+        v[self.first, : atoms.calc.dim] = speed * self.directions
+        atoms.set_momenta(atoms.get_masses()[:, None] * v)
+        dt = self._step(speed)
+        engine = 'numpy' if atoms.calc.dim == 2 else 'ase'
+        run = DrivenVerlet(atoms, dt, engine=engine, allow_unstable=True)
+        try:
+            run.run(int(PASSAGE * atoms.calc.bonds.lengths.min() / speed / dt))
+        except Diverged as error:
+            return self.directions[error.particle // len(self.near)]
+        return None
+
+    def _step(self, speed):
+        """In ms: short beside the vibration at the distance at which all energy of the impact is spent on one bond."""
+        calc, masses = self.near.calc, self.near.get_masses()
+        r0 = calc.bonds.lengths.min()
+        r = r0 * np.linspace(1, CONTACT, 181)
+        try:
+            spent = calc.potential.phi(r) - calc.potential.phi(r0)
+        except ValueError:
+            spent = np.zeros(1)
+        turn = r[np.flatnonzero(spent <= masses[0] * speed**2 / 2)[-1]] if len(spent) > 1 else r0
+        stiffness = 2 * abs(calc.potential.d2phi(turn)) + calc.parameters.foundation
+        return min(STEP / np.sqrt(2 * stiffness / masses.min()), 0.03 * r0 / speed)
+
+
+def _directions(axes, count):
+    """Unit vectors spread over the space of some axes, shape (count, dim); two of a line."""
+    if axes.shape[1] == 1:
+        return np.array([axes[:, 0], -axes[:, 0]])
+    n = np.arange(count) + 0.5
+    angle = 2 * np.pi * (n / count if axes.shape[1] == 2 else GOLDEN * n)
+    if axes.shape[1] == 2:
+        angle += 0.1  # along no axis of symmetry
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1) @ axes.T
+    height = 1 - 2 * n / count
+    flat = np.sqrt(1 - height**2)
+    return np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1) @ axes.T
