@@ -180,6 +180,18 @@ class Blocks:
         self._state = tuple(self.layout.scatter(x) for x in (u, v, 0 * v))
         self._spare = tuple(self.layout.scatter(0 * x) for x in (u, u, u))
         self._anchors, self._stale = anchors, True
+        level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
+        if level > self._level:
+            self._level = level
+            if self._kernel is not None:
+                self._fit(level)
+
+    def _strain(self):
+        """The largest increment |e| of the present state."""
+        layout, u = self.layout, self._state[0]
+        du, R = u[:, layout.j] - u[:, layout.i], layout.R.T
+        e = ((2 * R + self._increments.q * du) * du).sum(axis=0) / (R**2).sum(axis=0)
+        return abs(e).max(initial=0.0)
 
     def adopt(self, old):
         """Take over the state of other blocks on the same particles, to more digits than the positions have."""

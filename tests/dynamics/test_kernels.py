@@ -120,7 +120,7 @@ def structures():
             yield f'{name} {shape}', patch
     yield 'free edges', vacancies(lattices.parallelogram(cells()['triangular'], 6, 6), share=0, free=True)
     yield 'free vacancies on a grid', vacancies(lattices.hexagon(cells()['triangular'], 50.0), free=True)
-    table = vacancies(lattices.parallelogram(cells()['kagome'], 6, 6), free=True)
+    table = vacancies(lattices.parallelogram(cells()['triangular'], 10, 9), free=True)
     table.set_array('site', None)
     yield 'table', table
     yield 'periodic', cells()['honeycomb'].repeat((3, 4, 1))
@@ -132,9 +132,9 @@ def structures():
 
 
 STRUCTURES = dict(structures())
-# compiling for every number of offsets takes its time
-FEW = ['triangular hexagon', 'kagome half hexagon', 'free edges', 'free vacancies on a grid', 'table', 'many runs on a grid',
-       'many runs of a table']
+# numba compiles anew, two seconds each, for every number of bond groups, with or without bonds that may not be there, and for
+# every length of polynomials, which goes with the amplitude, or of the longest row of a table: the compiled tests share a few
+FEW = ['triangular hexagon', 'free edges', 'free vacancies on a grid', 'table', 'many runs on a grid', 'many runs of a table']
 
 
 def blocks_of(atoms, model, engine, amplitude, law=LAW, **bonds):
@@ -162,7 +162,7 @@ def test_kernels_compute_the_calculators_forces(name, engine):
     atoms = STRUCTURES[name]
     models = MODELS if len(atoms) < 1000 else MODELS[:1]
     for model in models:
-        for amplitude in (0.002, 0.2) if engine == 'numpy' else (0.02,):
+        for amplitude in (0.002, 0.2) if engine == 'numpy' else (0.002,):
             moved, blocks = blocks_of(atoms, model, engine, amplitude)
             a = accelerations(blocks)
             blocks.write()
@@ -182,7 +182,7 @@ def test_shells_of_neighbours_have_their_own_laws(engine):
             if not atoms.info['site']:
                 atoms.set_array('site', None)
                 atoms = atoms[np.random.default_rng(0).permutation(81)]
-            moved, blocks = blocks_of(atoms, 'complete', engine, 0.02, law, shells=3)
+            moved, blocks = blocks_of(atoms, 'complete', engine, 0.02 if engine == 'numpy' else 0.002, law, shells=3)
             a = accelerations(blocks)
             blocks.write()
             expected = moved.get_forces()[:, :2] / 0.7
@@ -190,15 +190,15 @@ def test_shells_of_neighbours_have_their_own_laws(engine):
             assert abs(a - expected).max() < 1e-10 * abs(expected).max()
 
 
-@pytest.mark.parametrize('model', MODELS)
-@pytest.mark.parametrize('name', ['triangular hexagon', 'free edges', 'table', 'kagome half hexagon'])
+@pytest.mark.parametrize(('name', 'model'), [('kagome half hexagon', 'complete'), *(
+    (name, model) for name in ('triangular hexagon', 'free edges', 'table') for model in MODELS)])
 def test_numpy_and_compiled_blocks_agree(name, model):
     pytest.importorskip('numba')
     atoms = STRUCTURES[name]
 
     def run(engine, amplitude=0.01):
         moving = atoms.copy()
-        moving.calc = MagneticRepulsion(moving, LAW, foundation=2.0, model=model)  # stiff: vacancies shall not collapse
+        moving.calc = MagneticRepulsion(moving, LAW, foundation=40.0, model=model)  # stiff: edges hardly move
         inner = np.flatnonzero(moving.get_tags() == 0)[:2]
         drives = [Harmonic(inner, (1, 2), amplitude, 0.5)]
         dyn = DrivenVerlet(moving, 0.1, drives, np.linspace(0, 0.01, len(moving)), engine)
@@ -220,11 +220,11 @@ def test_a_held_particle_stays_and_an_empty_slot_does_nothing():
     for engine in ('numpy', 'compiled'):
         moving = patch.copy()
         moving.calc = patch.calc
-        dyn = DrivenVerlet(moving, 0.1, [Harmonic([20, 21], (1, 0), 0.1, 0.5)], engine=engine)
+        dyn = DrivenVerlet(moving, 0.1, [Harmonic([20, 21], (1, 0), 0.005, 0.5)], engine=engine)
         dyn.run(200)
         held = np.append(np.flatnonzero(patch.get_tags() == lattices.RIM), 20)
         assert np.array_equal(moving.positions[held], patch.positions[held])
-        assert abs(dyn.displacements[21]).max() > 1e-3
+        assert abs(dyn.displacements[21]).max() > 1e-4
         empty = np.setdiff1d(np.arange(dyn._blocks.layout.length), dyn._blocks.layout.slot)
         assert len(empty)
         assert not any(x[:, empty].any() for x in dyn._blocks._state)
@@ -278,6 +278,7 @@ def test_far_from_rest_the_compiled_engine_is_as_exact_and_still_compiled():
     def run(engine, exact=False):
         atoms = lattices.parallelogram(cells()['triangular'], 9, 9)
         atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.02)
+        atoms.positions[40] += (-2.6, -0.4, 0)  # a strain over 1/2 at once: polynomials are not even made
         atoms.set_momenta(np.outer(np.arange(81) == 40, [0.7 * 2.0, 0.3, 0]))
         dyn = DrivenVerlet(atoms, 0.05, engine=engine)
         dyn.run(0)
