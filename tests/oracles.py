@@ -271,17 +271,18 @@ def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', da
     atoms : ase.Atoms
         At rest; its positions are the anchors.
     bonds : tuple of i, j and R
-        Each pair once, R the vector from i to j at rest, shape (bonds, 2).
+        Each pair once, R the vector from i to j at rest, shape (bonds, dim).
     drive : callable, optional
-        From the time to forces, shape (particles, 2).
-    velocities : ndarray, shape (particles, 2)
+        From the time to forces, shape (particles, dim).
+    velocities : ndarray, shape (particles, dim)
     """
     i, j, R = bonds
     r0 = np.linalg.norm(R, axis=1)
     n0 = R / r0[:, None]
     mass = atoms.get_masses()[:, None]
     decay = np.exp(-np.broadcast_to(damping, len(atoms)) * dt / 2)[:, None]
-    allowed = allowed_motion(atoms, 2)
+    dim = R.shape[1]
+    allowed = allowed_motion(atoms, dim)
 
     def project(v):
         return np.einsum('ixy,iy->ix', allowed, v)
@@ -291,11 +292,11 @@ def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', da
         r = np.linalg.norm(bond, axis=1) if model != 'conventional' else r0 + ((u[j] - u[i]) * n0).sum(axis=1)
         pull = -law.dphi(r)[:, None] * (bond / r[:, None] if model == 'complete' else n0)
         f = -foundation * u
-        for x in range(2):
+        for x in range(dim):
             f[:, x] += np.bincount(j, pull[:, x], len(u)) - np.bincount(i, pull[:, x], len(u))
         return f + (0 if drive is None else drive(t))
 
-    u = np.zeros((len(atoms), 2))
+    u = np.zeros((len(atoms), dim))
     v = project(np.array(velocities, float))
     for step in range(steps):
         v = decay * v + project(dt / 2 * force(u, step * dt) / mass)

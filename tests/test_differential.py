@@ -11,7 +11,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
 
-from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, lattices
+from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, lattices, relaxed
 from magphonon.dynamics.memory_layout import LINE, arrange
 
 LAW = InversePower(b=8900.0, a=4.5)
@@ -27,7 +27,10 @@ ENGINES = {'numpy': 'numpy', 'ase': 'ase', 'compiled grid': 'compiled', 'compile
 
 @dataclass
 class Case:
-    """A patch at rest and what moves it."""
+    """A structure and what moves it.
+
+    The `atoms` stand at their anchors; `shift` from there, shape (particles, dim), is the rest from which they start.
+    """
 
     atoms: Atoms
     reach: float
@@ -37,34 +40,54 @@ class Case:
     damping: np.ndarray
     pushed: np.ndarray
     velocities: np.ndarray
+    shift: np.ndarray | float = 0.0
+    load: np.ndarray | float = 0.0
 
-    def drive(self, t):
-        forces = np.zeros((len(self.atoms), 2))
-        forces[self.pushed] = 0.02 * np.sin(0.5 * t + 0.3) * np.array([0.6, 0.8])
+    @property
+    def dim(self):
+        return self.velocities.shape[1]
+
+    def forces(self, t):
+        """Of the drive, the dead load, and the foundation at rest."""
+        forces = np.zeros_like(self.velocities) + self.load - self.foundation * self.shift
+        forces[self.pushed, :2] += 0.02 * np.sin(0.5 * t + 0.3) * np.array([0.6, 0.8])
         return forces
 
     def expected(self):
-        pairs = [(i, j, v[:2]) for i, j, _, v in neighbour_vectors(self.atoms, self.reach) if i < j]
-        bonds = np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs]), np.array([p[2] for p in pairs])
-        return verlet(self.atoms, LAW, DT, STEPS, bonds=bonds, foundation=self.foundation, model=self.model,
-                      damping=self.damping, drive=self.drive, velocities=self.velocities)[0]
+        i, j, R = (np.array(x) for x in zip(*((i, j, v[: self.dim]) for i, j, _, v in neighbour_vectors(self.atoms, self.reach)
+                                              if i < j), strict=True))
+        shift = np.zeros_like(self.velocities) + self.shift
+        return verlet(self.atoms, LAW, DT, STEPS, bonds=(i, j, R + shift[j] - shift[i]), foundation=self.foundation,
+                      model=self.model, damping=self.damping, drive=self.forces, velocities=self.velocities)[0]
+
+    def at_rest(self, order):
+        """The atoms in an order, at rest, with their calculator."""
+        def in_space(x):
+            return np.pad(np.zeros_like(self.velocities) + x, ((0, 0), (0, 3 - self.dim)))[order]
+
+        anchors = self.atoms[order]
+        calc = MagneticRepulsion(anchors, LAW, foundation=self.foundation, model=self.model, shells=self.shells,
+                                 load=in_space(self.load))
+        atoms = anchors.copy()
+        atoms.positions += in_space(self.shift)
+        atoms.calc = calc.about(atoms)
+        atoms.set_momenta(atoms.get_masses()[:, None] * in_space(self.velocities))
+        return atoms
 
     def run(self, name):
         """Displacements at the end by an engine; a shuffled patch without places on a grid goes into a table."""
         order = np.arange(len(self.atoms))
-        atoms = self.atoms.copy()
         if name == 'compiled table':
             order = np.random.default_rng(0).permutation(order)
-            atoms = atoms[order]
-            atoms.set_array('site', None)
-        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=self.foundation, model=self.model, shells=self.shells)
-        atoms.set_momenta(atoms.get_masses()[:, None] * np.pad(self.velocities[order], ((0, 0), (0, 1))))
+        atoms = self.at_rest(order)
+        if name == 'compiled table':
+            atoms.calc.reference.set_array('site', None)
         drive = Harmonic(np.flatnonzero(np.isin(order, self.pushed)), (0.6, 0.8), 0.02, 0.5, 0.3)
         dyn = DrivenVerlet(atoms, DT, [drive], self.damping[order], ENGINES[name])
         dyn.run(STEPS)
         assert dyn.engine == ENGINES[name]
         assert 'compiled' not in name or (dyn._blocks.layout.offset is None) == (name == 'compiled table')
-        u = np.empty((len(atoms), 2))
+        u = np.empty_like(self.velocities)
         u[order] = dyn.displacements
         return u
 
@@ -106,17 +129,56 @@ def drawn(seed, kinds=tuple(REACHES), most=2000, shells=3, models=('complete', '
                 10 ** rng.uniform(-2, -0.3) * rng.uniform(-1, 1, (len(patch), 2)))
 
 
+def strained(seed, **limits):
+    """A drawn patch with anchors apart from rest and dead loads: relaxed, so that all bonds differ, or shifted as a whole."""
+    case, rng = drawn(seed, **limits), np.random.default_rng([seed, 1])
+    load = 0.05 * rng.normal(size=case.velocities.shape) * (rng.random((len(case.atoms), 1)) < 0.2)
+    if rng.random() < 0.3:
+        return replace(case, load=load, shift=np.zeros_like(load) + 0.03 * L0 * rng.uniform(-1, 1, 2))
+    rest = relaxed(replace(case, load=load).at_rest(np.arange(len(load)))).atoms.positions
+    return replace(case, load=load, shift=(rest - case.atoms.positions)[:, :2])
+
+
+def chain(seed):
+    """A chain in its line, held at its ends, with a hole, loads and springs that are not slack."""
+    rng = np.random.default_rng([seed, 2])
+    atoms = lattices.chain(L0, 0.7).repeat((int(rng.integers(12, 30)), 1, 1))
+    atoms.pbc = False
+    atoms.set_masses(0.7 * rng.uniform(0.5, 2, len(atoms)))
+    atoms.set_constraint([FixAtoms([0, len(atoms) - 1]), FixedLine(range(1, len(atoms) - 1), (1, 0, 0))])
+    hole = rng.integers(3, len(atoms) - 3)
+    return _prestressed(atoms[np.arange(len(atoms)) != hole], rng, int(rng.integers(1, 3)), (1.5, 2.5), np.array([1.0, 0.0]))
+
+
+def crystal(seed):
+    """A simple cubic crystal, periodic, with holes, loads and springs that are not slack."""
+    rng = np.random.default_rng([seed, 3])
+    atoms = Atoms('Nd', cell=L0 * np.eye(3), pbc=True, masses=[0.7]).repeat((4, 3, 5))
+    atoms.set_masses(0.7 * rng.uniform(0.5, 2, len(atoms)))
+    atoms = atoms[np.sort(rng.permutation(len(atoms))[:54])]
+    atoms.set_constraint(FixAtoms(rng.permutation(54)[:5]))
+    return _prestressed(atoms, rng, 1, (1.2, 1.5), np.ones(3))
+
+
+def _prestressed(atoms, rng, shells, reaches, free):
+    shape = len(atoms), len(free)
+    case = Case(atoms, reaches[shells - 1] * L0, shells, str(rng.choice(('complete', 'conventional', 'literal'))),
+                rng.uniform(0.5, 2.0), 0.05 * rng.random(shape[0]), rng.permutation(np.arange(1, shape[0] - 1))[:3],
+                10 ** rng.uniform(-2, -0.3) * rng.uniform(-1, 1, shape))
+    return replace(case, load=0.05 * rng.normal(size=shape), shift=0.02 * L0 * rng.normal(size=shape) * free)
+
+
 def misfit(u, expected):
     return abs(u - expected).max() / abs(expected).max()
 
 
-def compare(seeds, engines, **limits):
+def compare(seeds, engines, draw=drawn, **limits):
     for seed in seeds:
-        case = drawn(seed, **limits)
+        case = draw(seed, **limits)
         expected = case.expected()
         for name in engines:
             off = misfit(case.run(name), expected)
-            assert off < EXACT, f'drawn({seed}, **{limits}): {name} is off by {off:.2g} of the largest displacement'
+            assert off < EXACT, f'{draw.__name__}({seed}, **{limits}): {name} is off by {off:.2g} of the largest displacement'
 
 
 @pytest.mark.parametrize('part', range(4))
@@ -146,6 +208,39 @@ def test_another_model_foundation_or_bond_list_is_noticed(change):
         case = drawn(seed, kinds=('triangular',), shells=1, models=('complete',), most=100)
         other = replace(case, **change)
         assert misfit(case.run('numpy'), other.expected()) > 1e3 * EXACT
+
+
+# --- prestressed: loads, and anchors that are not where particles rest ----------------------------------------------------
+
+
+def test_relaxed_and_loaded_patches_move_as_they_should():
+    compare(range(400, 410), ('numpy', 'ase'), strained, most=120)
+
+
+def test_compiled_too():
+    pytest.importorskip('numba')
+    compare(range(410, 416), ['compiled table'], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
+
+
+def test_chains_and_crystals_move_as_they_should():
+    compare(range(4), ('numpy', 'ase'), chain)
+    compare(range(4), ['ase'], crystal)
+
+
+@pytest.mark.parametrize('change', [{'load': 0.0}, {'shift': 0.0}])
+@pytest.mark.parametrize('draw', [strained, chain, crystal])
+def test_what_is_not_loaded_or_stands_at_its_anchors_is_noticed(draw, change):
+    case = draw(1, most=60) if draw is strained else draw(1)
+    assert misfit(case.run('ase'), replace(case, **change).expected()) > 1e3 * EXACT
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('twenty', range(10))
+def test_two_hundred_prestressed_structures(twenty):
+    seeds = range(20 * twenty, 20 * (twenty + 1))
+    compare(seeds, ('numpy', 'ase'), strained, most=500)
+    compare(seeds, ('numpy', 'ase'), chain)
+    compare(seeds, ['ase'], crystal)
 
 
 @pytest.mark.long

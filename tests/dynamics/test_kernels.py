@@ -1,5 +1,8 @@
 """The increment law against extended precision, the layouts, and every kernel against the calculator."""
 
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
@@ -308,3 +311,32 @@ def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
     dyn.run(64)
     assert dyn._blocks._level > PIECES
     assert dyn.engine == 'numpy'
+
+
+# --- what numba keeps -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('kind', ['nbi', 'nbc'])
+def test_a_damaged_file_of_what_numba_has_compiled_is_written_anew(tmp_path, kind):
+    numba = pytest.importorskip('numba')
+    from magphonon.dynamics.compiled_steps import OPTIONS, jit
+
+    source = tmp_path / 'doubling.py'
+    source.write_text('def double(x):\n    return 2 * x\n', encoding='utf-8')
+
+    def double():
+        """As a new process would find it."""
+        module = module_from_spec(spec_from_file_location('doubling', source))
+        module.__spec__.loader.exec_module(module)
+        return module.double
+
+    kept = jit(double())
+    assert kept(2) == 4
+    (file,) = Path(kept.stats.cache_path).glob(f'*.{kind}')
+    file.write_bytes(np.random.default_rng(0).bytes(100))
+    with pytest.raises(Exception, match=r'pickle|unpack|load|codec|opcode|byte'):  # the control: numba itself ends there
+        numba.njit(cache=True, **OPTIONS)(double())(2)
+    assert jit(double())(2) == 4
+    clean = jit(double())
+    assert clean(2) == 4
+    assert sum(clean.stats.cache_hits.values()) == 1
