@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from magphonon import (
     AllNeighbours,
+    Diverged,
     DrivenVerlet,
     Harmonic,
     InversePower,
@@ -149,6 +150,22 @@ def test_a_plane_is_judged_alike_in_all_units(units):
         else:
             with pytest.raises(ValueError, match='planar particles must share one z'):
                 MagneticRepulsion(atoms, law(L, s))
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_a_particle_that_leaves_its_cage_ends_the_run_alike_in_all_units(engine):
+    # the weak square lattice: along the diagonal nothing is in the way but the second neighbour
+    ends = []
+    for L, s, m in [(1.0, 1.0, 1.0), *UNITS]:
+        atoms = lattices.hexagon(lattices.square(10.0 * L, 0.7 * m), 30.0 * L)
+        atoms.calc = MagneticRepulsion(atoms, InversePower(b=1000.0 * s * L ** (POWER + 1), a=float(POWER)))
+        middle, tau = np.linalg.norm(atoms.positions, axis=1).argmin(), np.sqrt(m / s)
+        velocity = 3.0 * L / tau
+        atoms.set_momenta(0.7 * m * velocity * np.outer(np.arange(len(atoms)) == middle, np.array([0.6, 0.8, 0])))
+        with pytest.raises(Diverged) as caught:
+            DrivenVerlet(atoms, 0.05 * tau, engine=engine).run(200)
+        ends.append((caught.value.particle, caught.value.time / tau, caught.value.last_good / tau))
+    assert_allclose(ends, np.tile(ends[0], (len(ends), 1)), rtol=1e-9)  # the same step, up to round-off
 
 
 def test_a_wrong_unit_is_noticed():

@@ -3,6 +3,7 @@
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from ase.units import kB
 from motion import L0, LAW, MASS, patch
 
 from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, lattices
+from magphonon.dynamics.cages import Cages
 
 ENGINES = ['ase', 'numpy', 'compiled']
 
@@ -82,6 +84,21 @@ def test_bonds_end_at_a_tenth_and_at_three_times_their_length(engine, speed, rea
     before = L0 + speed * caught.value.last_good
     assert (at < reached * L0 < before) if speed < 0 else (before < reached * L0 < at)
     assert abs(at - before) < 2.1  # between two looks: a block of 32 steps, or 0.1 of the spacing and one step
+
+
+@pytest.mark.parametrize(('model', 'measure'), [('complete', 'length'), ('literal', 'length'), ('conventional', 'projection')])
+def test_bonds_are_measured_as_the_model_measures_them(model, measure):
+    """At right angles to the bond and along it, on either side of a tenth and of three times its length."""
+    atoms = pair(0.0, InversePower(b=1e-9, a=1.0))
+    atoms.calc.set(model=model)
+    for along, across in product((0.05, 0.15, 1.0, 2.9, 3.1), (0.0, 2.7, 2.95, 4.0)):
+        size = np.hypot(along, across) if measure == 'length' else along
+        u = L0 * np.array([[0, 0], [along - 1, across]])
+        if 0.1 < size < 3:
+            Cages(atoms).look(u, 0.0)
+        else:
+            with pytest.raises(Diverged, match='mm from its neighbour 1 instead of 10 mm'):
+                Cages(atoms).look(u, 0.0)
 
 
 def test_replicas_that_stand_in_each_other_are_not_judged():
