@@ -91,7 +91,7 @@ def escape_speeds(atoms):
     Returns
     -------
     Escape or None
-        None where the force has no energy, constraints are not known, nothing can move, or the law ends before.
+        None where the force has no energy, constraints are not known, nothing can move, or the law ends too near.
     """
     try:
         mobile = freedom(atoms)[0]
@@ -105,12 +105,15 @@ def escape_speeds(atoms):
             energy = _Drag(surroundings(atoms, place.i, YIELDING), place).dearest(least)
             if energy < least:
                 cheapest, least = place, energy
-        if cheapest is None:
+        if not 0 < least < np.inf:
             return None
         heaviest = int((atoms.get_masses() * mobile).argmax())
         safe = float(np.sqrt(2 * least / atoms.get_masses()[heaviest]))
         shot = [particle for particle in dict.fromkeys((cheapest.i, cheapest.j, heaviest)) if mobile[particle]]
-        left = _first_to_leave(atoms, shot, safe)
+        try:
+            left = _first_to_leave(atoms, shot, safe)
+        except ValueError:  # the law ends before
+            left = None
         return Escape(safe, *left) if left else Escape(safe, None, cheapest.i, np.zeros(atoms.calc.dim))
 
 
@@ -120,7 +123,7 @@ def surroundings(atoms, particle, radius):
     Returns
     -------
     Atoms
-        With their calculator, in a wide cell; the array 'origin' tells which particles they were.
+        With their calculator, in a wide cell.
     """
     calc, nearest = atoms.calc, atoms.calc.bonds.lengths.min()
     reach = radius * nearest * (1 + 1e-9)
@@ -138,7 +141,6 @@ def surroundings(atoms, particle, radius):
     place = np.full(len(big), -1)
     place[members] = np.arange(len(members))
     near = big[members]
-    near.set_array('origin', members % len(atoms))
     near.set_constraint([*near.constraints, FixAtoms(np.flatnonzero(~inner[members]))])
     near.set_cell(np.full(3, 10 * (half + np.ptp(near.positions))))
     near.pbc = calc.dim == 3
@@ -164,29 +166,27 @@ def _places(atoms):
         if not mobile[i]:
             i, j, vector = j, i, -vector
         if mobile[i]:
-            cost = _straight(atoms, i, j, vector, distance, bonded=listed is bonds)
-            places.setdefault(float(f'{cost:.6g}'), Place(int(i), int(j), vector[: calc.dim], float(distance)))
+            place = Place(int(i), int(j), vector[: calc.dim], float(distance))
+            cost = _straight(calc, place, 0.5 if mobile[j] else 1.0, bonded=listed is bonds)
+            places.setdefault(float(f'{cost:.6g}'), place)
     return [places[cost] for cost in sorted(places) if 0 < cost < np.inf][:TRIED]
 
 
-def _straight(atoms, i, j, vector, distance, bonded):
-    """Energy in mJ of two particles that go straight at each other to a distance, all others at rest."""
-    calc, dim = atoms.calc, atoms.calc.dim
-    bonds, mobile = calc.bonds, freedom(atoms)[0]
-    way = vector * (1 - distance / np.linalg.norm(vector))
-    share = 0.5 if mobile[j] else 1.0
+def _straight(calc, place, share, bonded):
+    """Energy in mJ of a place if i goes straight for j, a `share` of the way, j the rest, and all others stay."""
+    law, dim, bonds = calc.potential, calc.dim, calc.bonds
+    apart = np.linalg.norm(place.vector)
+    way = place.vector * (1 - place.distance / apart)
     total = 0.0
     try:
-        for end, u in ((i, share * way), (j, (share - 1) * way)):
-            R = np.concatenate([bonds.vectors[bonds.i == end], -bonds.vectors[bonds.j == end]])
-            R = R[np.linalg.norm(R - (vector if end == i else -vector), axis=1) > 1e-9 * distance] if bonded else R
-            total += (calc.potential.phi(np.linalg.norm(R - u, axis=1)) - calc.potential.phi(np.linalg.norm(R, axis=1))).sum()
-            total += calc.parameters.foundation * u @ u / 2 - calc.offset[end] @ u[:dim]
-        if bonded:
-            total += calc.potential.phi(distance) - calc.potential.phi(np.linalg.norm(vector))
+        for end, other, u in ((place.i, place.vector, share * way), (place.j, -place.vector, (share - 1) * way)):
+            R = np.concatenate([bonds.vectors[bonds.i == end], -bonds.vectors[bonds.j == end]])[:, :dim]
+            R = R[np.linalg.norm(R - other, axis=1) > 1e-9 * apart]  # but for the bond of the two, if they have one
+            total += (law.phi(np.linalg.norm(R - u, axis=1)) - law.phi(np.linalg.norm(R, axis=1))).sum()
+            total += calc.parameters.foundation * u @ u / 2 - calc.offset[end] @ u
+        return total + (law.phi(place.distance) - law.phi(apart) if bonded else 0.0)
     except ValueError:  # the law does not reach so far
         return np.inf
-    return total
 
 
 class _Drag:
@@ -242,7 +242,7 @@ class _Drag:
         return d, gradient
 
     def dearest(self, most):
-        """The largest energy on the way in mJ, or one above `most`; inf where the law ends before."""
+        """The largest energy on the way in mJ, up to where the law ends; or one above `most`."""
         from scipy.optimize import minimize
 
         law, shape, rng = self.calc.potential, (len(self.calc.reference), self.calc.dim), np.random.default_rng(0)
@@ -269,7 +269,7 @@ class _Drag:
                 if highest > most:
                     break
         except ValueError:  # the law does not reach so far
-            return np.inf
+            pass
         return highest
 
 

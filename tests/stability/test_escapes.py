@@ -9,7 +9,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine
 from motion import L0, LAW, MASS
 
-from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, foundation_needed, lattices, verdict
+from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, Tabulated, foundation_needed, lattices, verdict
 from magphonon.stability import escape_speeds
 
 
@@ -98,8 +98,11 @@ def test_one_particle_on_a_line_spends_all_its_energy_on_the_way(foundation, ene
     assert f'below {np.floor(judged.safe * 100) / 100:g} m/s' in str(judged)
 
 
-def test_what_has_no_energy_is_not_judged():
+def test_what_has_no_energy_or_a_law_that_ends_near_is_not_judged():
     cell = prototype()
     cell.calc.set(model='literal')
     assert escape_speeds(cell) is None
     assert verdict(cell).safe is None
+    r = np.linspace(0.7, 4, 100) * L0  # on the way through the gap two neighbours are at 0.58
+    cell.calc = MagneticRepulsion(cell, Tabulated(r, -LAW.dphi(r)), foundation=0.0196757)
+    assert escape_speeds(cell) is None
