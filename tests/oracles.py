@@ -260,7 +260,8 @@ class Pairs:
         return self.bloch(x).real
 
 
-def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', damping=0.0, drive=None, velocities=None):
+def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', damping=0.0, drive=None, velocities=None,
+           displacements=0.0):
     """Displacements and velocities after velocity Verlet with textbook pair forces: the oracle of every engine.
 
     One step is half the decay, half the kick of the drive, velocity Verlet, half a kick, half a decay, each spelled out in the
@@ -274,7 +275,8 @@ def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', da
         Each pair once, R the vector from i to j at rest, shape (bonds, dim).
     drive : callable, optional
         From the time to forces, shape (particles, dim).
-    velocities : ndarray, shape (particles, dim)
+    velocities, displacements : ndarray, shape (particles, dim)
+        At the start; displacements from `atoms`, none by default.
     """
     i, j, R = bonds
     r0 = np.linalg.norm(R, axis=1)
@@ -296,7 +298,7 @@ def verlet(atoms, law, dt, steps, *, bonds, foundation=0.0, model='complete', da
             f[:, x] += np.bincount(j, pull[:, x], len(u)) - np.bincount(i, pull[:, x], len(u))
         return f + (0 if drive is None else drive(t))
 
-    u = np.zeros((len(atoms), dim))
+    u = np.zeros((len(atoms), dim)) + displacements
     v = project(np.array(velocities, float))
     for step in range(steps):
         v = decay * v + project(dt / 2 * force(u, step * dt) / mass)

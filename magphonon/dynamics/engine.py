@@ -172,11 +172,12 @@ class Blocks:
 
     def _read(self):
         """Take the state from the atoms."""
-        u, v = self.calc.displacements(self.atoms), self._mobile * self.atoms.get_momenta()[:, :2] / self._masses[:, None]
-        v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
+        u, v = self.calc.displacements(self.atoms), self.atoms.get_momenta()[:, :2] / self._masses[:, None]
         self._take(u, v, (self.atoms.positions[:, :2] - u).T.copy())
 
     def _take(self, u, v, anchors):
+        v = self._mobile * v
+        v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
         self._state = tuple(self.layout.scatter(x) for x in (u, v, 0 * v))
         self._spare = tuple(self.layout.scatter(0 * x) for x in (u, u, u))
         self._anchors, self._stale = anchors, True
@@ -194,8 +195,15 @@ class Blocks:
         return abs(e).max(initial=0.0)
 
     def adopt(self, old):
-        """Take over the state of other blocks on the same particles, to more digits than the positions have."""
-        self._take(old.displacements, old.velocities * self._mobile, old._anchors)
+        """Take over the state of other blocks on the same particles, to more digits than the positions have.
+
+        Particles keep their momenta.  Blocks about another reference count other displacements: their state is not taken,
+        that of the atoms is.
+        """
+        if not _same_place(self.calc.reference, old.calc.reference):
+            return
+        self._take(old.displacements, old.velocities * (old._masses / self._masses)[:, None], old._anchors)
+        self.write()
 
     def state(self):
         """Arrays from which `restore` continues to the same bits."""
@@ -207,3 +215,9 @@ class Blocks:
         for mine, name in zip(self._state, 'uva', strict=True):
             mine[:] = state[name]
         self._stale = bool(state['stale'])
+
+
+def _same_place(one, other):
+    """Whether displacements count from the same positions, in the same periods."""
+    return (np.array_equal(one.positions, other.positions) and np.array_equal(one.cell.array, other.cell.array)
+            and np.array_equal(one.pbc, other.pbc))

@@ -82,11 +82,7 @@ class DrivenVerlet(VelocityVerlet):
         self.asked_engine = one_of('engine', engine, ENGINES)
         self._drive_list = list(drives)
         self.drives = Drives(self._drive_list, len(atoms))
-        damping = finite('damping', damping)
-        if damping.shape not in ((), (len(atoms),)) or (damping < 0).any():
-            raise ValueError(f'damping must be zero or positive, one number or one for each of the {len(atoms)} particles, '
-                             f'not {damping}')
-        self.damping = np.broadcast_to(damping, len(atoms))
+        self._damping = _damping_of(damping, len(atoms))
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
         refuse_held_drives(self._drive_list, atoms)
@@ -108,6 +104,15 @@ class DrivenVerlet(VelocityVerlet):
         self.engine = 'ase' if engine == 'auto' and refusal(atoms) else engine
 
     @property
+    def damping(self):
+        """Force per momentum in 1/ms, shape (particles,); may be set between runs, to one number or one for each particle."""
+        return self._damping
+
+    @damping.setter
+    def damping(self, damping):
+        self._damping = _damping_of(damping, len(self.atoms))
+
+    @property
     def displacements(self):
         """Displacements from rest in mm, shape (particles, dim); exact in the block engines.
 
@@ -124,7 +129,7 @@ class DrivenVerlet(VelocityVerlet):
         """In mm/ms, shape (particles, dim); exact in the block engines."""
         if self.engine != 'ase' and self._blocks is not None:
             return self._blocks.velocities
-        return (self.atoms.get_momenta() / self.masses)[:, : getattr(self.atoms.calc, 'dim', 3)]
+        return self.atoms.get_velocities()[:, : getattr(self.atoms.calc, 'dim', 3)]
 
     def step(self, forces=None):
         t, t_next = self.nsteps * self.dt, (self.nsteps + 1) * self.dt
@@ -210,23 +215,24 @@ class DrivenVerlet(VelocityVerlet):
             if self._cages is None and isinstance(self.atoms.calc, MagneticRepulsion):
                 self._cages = Cages(self.atoms)
         else:
-            if self._blocks is None:
+            fresh = self._blocks is None
+            if fresh:
                 self._blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping)
-                if old is not None and old.current:
-                    self._blocks.adopt(old)
             self._blocks.use(self.engine)
+            if fresh and old is not None and old.current:
+                self._blocks.adopt(old)
             self.engine = self._blocks.engine
 
     def _current_setting(self):
-        calc, constraints = self.atoms.calc, self.atoms.constraints
-        return (calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in constraints],
-                self.atoms.get_masses().tobytes(), self.damping.tobytes())
+        atoms, calc = self.atoms, self.atoms.calc
+        return (calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in atoms.constraints],
+                *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
 
     def _time_to_look(self):
         """Whether the fastest particle may have gone far since the last look, or many steps have passed."""
         if self._cages is None:
             return self.nsteps % BLOCK == 0
-        speed = np.linalg.norm(self.atoms.arrays['momenta'] / self.masses, axis=1).max(initial=0.0)
+        speed = np.linalg.norm(self.atoms.get_velocities(), axis=1).max(initial=0.0)
         self._unseen += 1 / self._cages.steps_between_looks(speed, np.inf, self.dt, BLOCK) if np.isfinite(speed) else 1
         if self._unseen < 1 - 1e-9:  # 32 times 1/32
             return False
@@ -325,3 +331,12 @@ class DrivenVerlet(VelocityVerlet):
     def _traj_write_image(self, description):
         self._refresh_properties()  # blocks of steps leave no forces behind
         super()._traj_write_image(description)
+
+
+def _damping_of(damping, count):
+    """The damping of each of `count` particles, as an array that nobody else can change."""
+    damping = finite('damping', damping)
+    if damping.shape not in ((), (count,)) or (damping < 0).any():
+        raise ValueError(f'damping must be zero or positive, one number or one for each of the {count} particles, '
+                         f'not {damping}')
+    return np.broadcast_to(damping.copy(), count)
