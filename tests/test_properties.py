@@ -22,6 +22,9 @@ fractions = st.floats(-1.5, 1.5)
 wavevectors = st.tuples(fractions, fractions)
 few = settings(max_examples=40, deadline=None)
 
+# Drawn laws may be so soft or stiff that the package asks whether units were forgotten.
+pytestmark = pytest.mark.filterwarnings('ignore:.*multiply those in SI by their units:UserWarning')
+
 # Round-off: of squared frequencies against the highest, of forces against that of a bond.
 EXACT = 1e-12
 
