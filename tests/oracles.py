@@ -172,8 +172,8 @@ def allowed_motion(atoms, dim):
     for constraint in atoms.constraints:
         d = getattr(constraint, 'dir', np.zeros(3))[:dim]
         along = np.outer(d, d)
-        allowed[constraint.index] = {'FixAtoms': 0 * along, 'FixedLine': along, 'FixedPlane': np.eye(dim) - along}[
-            type(constraint).__name__]
+        own = {'FixAtoms': 0 * along, 'FixedLine': along, 'FixedPlane': np.eye(dim) - along}[type(constraint).__name__]
+        allowed[constraint.index] = own @ allowed[constraint.index]
     return allowed
 
 

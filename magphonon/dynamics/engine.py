@@ -4,6 +4,7 @@ import numpy as np
 
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import freedom
+from ..stiffness.positions import out_of_plane
 from ..stiffness.rest import components, static_forces
 from .bond_increments import RANGES, Increments
 from .cages import CONTACT, FLOWN, Cages
@@ -22,7 +23,7 @@ def refusal(atoms):
         return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
     if atoms.calc.dim != 2:
         return 'the structure is not planar'
-    if atoms.get_momenta()[:, 2].any():
+    if out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:
         freedom(atoms)

@@ -12,6 +12,7 @@ from ..lattices.bonds import bonds_within
 from .bond import MODELS
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
+from .positions import from_reference, refuse_motion_out_of_the_plane
 from .scale import warn_of_units
 
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
@@ -90,16 +91,23 @@ class AllNeighbours(Calculator):
         return AllNeighbours(supercell, self.potential, foundation=self.foundation, split=self.sums.split)
 
     def displacements(self, atoms):
-        """Displacements from rest in mm, shape (particles, dim), by minimum image."""
-        if len(atoms) != len(self.reference) or not np.array_equal(atoms.cell.array, self.reference.cell.array):
-            raise ValueError(f'the calculator was made for another cell, of {len(self.reference)} particles; '
-                             'make one for this cell')
-        return find_mic(atoms.positions - self.reference.positions, atoms.cell, atoms.pbc)[0][:, : self.dim]
+        """Displacements from rest in mm, shape (particles, dim), by minimum image.
+
+        Raises
+        ------
+        ValueError
+            If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
+        """
+        return find_mic(from_reference(self, atoms), atoms.cell, atoms.pbc)[0][:, : self.dim]
 
     def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
         super().calculate(atoms, properties, system_changes)
         k, u, n = self.foundation, self.displacements(self.atoms), len(self.atoms)
-        bonds = bonds_within(self.atoms, self.sums.radius)
+        if self.dim == 2:
+            refuse_motion_out_of_the_plane(self, self.atoms)
+        flat = self.atoms.copy()
+        flat.positions[:, self.dim :] = self.reference.positions[:, self.dim :]  # nothing acts along z, whatever the split
+        bonds = bonds_within(flat, self.sums.radius)
         x = bonds.vectors[:, : self.dim]
         phi, slope = self.sums.near_energy(bonds.lengths)
         pull = slope[:, None] * x  # grad phi, the force on i, and its opposite on j

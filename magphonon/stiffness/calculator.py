@@ -12,12 +12,11 @@ from ..errors import finite, not_negative, one_of
 from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
 from .bond import MODELS, bond_stiffness, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
+from .positions import from_reference, refuse_motion_out_of_the_plane
 from .repulsion import masses_of
 from .scale import warn_of_units
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
-OUT_OF_PLANE = 0.1
-"""Of the shortest bond: the largest displacement of a finite difference; what is farther out was not meant."""
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 NO_ENERGY = "the literal conventional force does work around a closed loop: it has no energy or Hessian; use model='conventional'"
 
@@ -223,7 +222,7 @@ class MagneticRepulsion(Calculator):
         super().calculate(atoms, properties, system_changes)
         u = self.displacements(self.atoms)
         if self.dim == 2:
-            self._refuse_motion_out_of_the_plane(self.atoms)
+            refuse_motion_out_of_the_plane(self, self.atoms)
         self.results = {'forces': np.zeros((len(u), 3))}
         self.results['forces'][:, : self.dim] = self._forces(u)
         if self.model != 'literal':
@@ -238,16 +237,7 @@ class MagneticRepulsion(Calculator):
         ValueError
             If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
         """
-        if len(atoms) != len(self.reference):
-            raise ValueError(f'the calculator was made for {len(self.reference)} particles, not {len(atoms)}; '
-                             'make one for this structure, or use calculator.on(supercell)')
-        if not (np.array_equal(atoms.cell.array, self.reference.cell.array) and np.array_equal(atoms.pbc, self.reference.pbc)):
-            raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; '
-                             'make a calculator for this cell')
-        u = atoms.positions - self.reference.positions
-        if not np.isfinite(u).all():
-            raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
-        return self._minimum_image(u)[:, : self.dim]
+        return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
 
     def _minimum_image(self, u):
         if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
@@ -255,17 +245,6 @@ class MagneticRepulsion(Calculator):
 
             u = find_mic(u, self.reference.cell, self.reference.pbc)[0]
         return u
-
-    def _refuse_motion_out_of_the_plane(self, atoms):
-        """Nothing acts along z: what rattles or heats particles in space would let them drift, and take a third of the heat."""
-        height = abs(atoms.positions[:, 2] - self.reference.positions[:, 2])
-        away = height > OUT_OF_PLANE * self.bonds.lengths.min()
-        moving = atoms.arrays['momenta'][:, 2] != 0 if 'momenta' in atoms.arrays else np.zeros(len(atoms), bool)
-        for k in np.flatnonzero(away | moving)[:1]:
-            what = f'is {height[k]:g} mm out of the plane' if away[k] else 'moves out of the plane'
-            raise ValueError(f'particle {k} {what}, but the structure is planar: nothing acts along z. Hold it there with '
-                             'atoms.set_constraint([*atoms.constraints, FixedPlane(range(len(atoms)), (0, 0, 1))]), '
-                             'before it is rattled or given velocities')
 
     @cached_property
     def _shortest_period(self):

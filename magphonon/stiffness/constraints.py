@@ -4,6 +4,8 @@ import numpy as np
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from scipy import sparse
 
+TILT = 1e-12
+"""Of a direction: a component that round-off leaves when it is turned within the plane, or about the normal."""
 HELD = 1e-12
 """Of a force: what the round-off of a direction leaves of one that is held."""
 
@@ -35,12 +37,14 @@ def freedom(atoms):
             continue
         if getattr(atoms.calc, 'dim', 2) == 3:
             raise ValueError(f'{constraint!r} guides a particle of a lattice in three dimensions; there only FixAtoms is known')
-        d = constraint.dir[:2]
-        if isinstance(constraint, FixedLine) and not d.any():
-            mobile[constraint.index] = False
+        d = np.where(abs(constraint.dir) > TILT, constraint.dir, 0.0)
+        if not d[:2].any():  # it bars nothing in the plane, or all of it
+            if isinstance(constraint, FixedLine):
+                mobile[constraint.index] = False
             continue
-        if (d.any() and constraint.dir[2]) or set(constraint.index) & set(barred):
+        if d[2] or set(constraint.index) & set(barred):
             raise ValueError(f'{constraint!r} guides a particle out of the plane, or one that is guided already')
+        d = d[:2]
         dd = np.outer(d, d)
         barred |= dict.fromkeys(constraint.index.tolist(), np.eye(2) - dd if isinstance(constraint, FixedLine) else dd)
     guided = np.array([k for k in sorted(barred) if mobile[k] and barred[k].any()], int)

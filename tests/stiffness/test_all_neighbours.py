@@ -1,12 +1,16 @@
 """Lattices in which all particles repel each other: published crystals, direct sums, and phonopy where it is exact."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from ase import Atoms
+from ase.constraints import FixedPlane
 from numpy.testing import assert_allclose
 
 from magphonon import (
     AllNeighbours,
+    DrivenVerlet,
     InversePower,
     MagneticRepulsion,
     Yukawa,
@@ -274,3 +278,44 @@ def test_foundation_that_all_neighbours_ask_for():
     assert_allclose(bloch_modes(square, [softest])[0].min() ** 2, needed - 0.1, rtol=1e-12)
     assert needed > 0.3
     assert foundation_needed(triangular, steps=12)[0] == 0
+
+
+# --- what is not the lattice of the calculator -------------------------------------------------------------------------
+
+def planar(seed):
+    rng = np.random.default_rng(seed)
+    cell = np.diag([*rng.uniform(8, 14, 2), 20.0])
+    cell[1, 0] = rng.uniform(-3, 3)
+    pbc = [(True, True, False), (True, False, False)][seed % 2]
+    atoms = Atoms('Nd2', [[0, 0, 1.5], [*rng.uniform(0.3, 0.7, 2) @ cell[:2, :2], 1.5]], masses=[1, 1.5], cell=cell, pbc=pbc)
+    return with_all(atoms, InversePower(b=3e3, a=rng.uniform(3, 6)), split=rng.uniform(0.6, 1.6)), rng
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_another_periodicity_is_refused(seed):
+    atoms, rng = planar(seed)
+    atoms.get_potential_energy()
+    others = [pbc for pbc in product((True, False), repeat=3) if pbc != tuple(atoms.pbc)]
+    atoms.pbc = others[rng.integers(len(others))]
+    with pytest.raises(ValueError, match='cell or its periodicity differs'):
+        atoms.get_potential_energy()
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_particles_that_leave_the_plane_are_refused_and_nothing_acts_along_z(seed):
+    atoms, rng = planar(seed)
+    forces, energy = atoms.get_forces(), atoms.get_potential_energy()
+    atoms.positions[1, 2] += 1e-3 * rng.uniform(0.1, 1)  # as by finite differences: neither force nor energy knows z
+    assert_allclose(atoms.get_forces(), forces, rtol=0, atol=1e-14 * abs(forces).max())
+    assert atoms.get_potential_energy() == pytest.approx(energy, rel=1e-14)
+    atoms.positions[1, 2] += 2
+    with pytest.raises(ValueError, match=r'particle 1 is 2\.00\d* mm out of the plane'):
+        atoms.get_forces()
+    atoms.positions[1, 2] = 1.5
+    atoms.set_velocities(rng.normal(size=(2, 3)))
+    with pytest.raises(ValueError, match='moves out of the plane'):
+        DrivenVerlet(atoms, 0.01).run(3)
+    atoms.set_constraint(FixedPlane(range(2), (0, 0, 1)))
+    atoms.set_velocities(rng.normal(size=(2, 3)))
+    DrivenVerlet(atoms, 0.01).run(3)
+    assert np.ptp(atoms.positions[:, 2]) == 0

@@ -1,0 +1,51 @@
+"""Atoms as a calculator is given them: whether they are the particles of its reference, and stay in its plane."""
+
+import numpy as np
+
+OUT_OF_PLANE = 0.1
+"""Of the shortest bond: the largest displacement of a finite difference; what is farther out was not meant."""
+ROUND_OFF = 1e-12
+"""Of the largest momentum: what a guide along a direction of the plane, turned by hand, leaves along z."""
+
+
+def from_reference(calc, atoms):
+    """Vectors from the reference of a calculator to the positions of `atoms`, whatever the image, in mm, shape (particles, 3).
+
+    Raises
+    ------
+    ValueError
+        If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
+    """
+    reference = calc.reference
+    if len(atoms) != len(reference):
+        raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; '
+                         'make one for this structure, or use calculator.on(supercell)')
+    if not (np.array_equal(atoms.cell.array, reference.cell.array) and np.array_equal(atoms.pbc, reference.pbc)):
+        raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; '
+                         'make a calculator for this cell')
+    u = atoms.positions - reference.positions
+    if not np.isfinite(u).all():
+        raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
+    return u
+
+
+def out_of_plane(atoms):
+    """Which particles move along z, shape (particles,)."""
+    if 'momenta' not in atoms.arrays:
+        return np.zeros(len(atoms), bool)
+    momenta = abs(atoms.arrays['momenta'])
+    return ~(momenta[:, 2] <= ROUND_OFF * momenta.max(initial=0.0))
+
+
+def refuse_motion_out_of_the_plane(calc, atoms):
+    """Refuse particles of a planar structure that leave its plane.
+
+    Nothing acts along z: what rattles or heats particles in space would let them drift, and take a third of the heat.
+    """
+    height = abs(atoms.positions[:, 2] - calc.reference.positions[:, 2])
+    away, moving = height > OUT_OF_PLANE * calc.bonds.lengths.min(initial=np.inf), out_of_plane(atoms)
+    for k in np.flatnonzero(away | moving)[:1]:
+        what = f'is {height[k]:g} mm out of the plane' if away[k] else 'moves out of the plane'
+        raise ValueError(f'particle {k} {what}, but the structure is planar: nothing acts along z. Hold it there with '
+                         'atoms.set_constraint([*atoms.constraints, FixedPlane(range(len(atoms)), (0, 0, 1))]), '
+                         'before it is rattled or given velocities')
