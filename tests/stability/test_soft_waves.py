@@ -6,6 +6,7 @@ Spacing and mass are about 1 (mm, g), f = r^-a (N, mm).
 """
 
 from functools import cache
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -139,9 +140,52 @@ def test_rhombic_dipoles_buckle_in_long_waves():
     k = (2 * np.pi * np.linalg.pinv(waves.periods).T).T @ q[:2]
     assert needed == pytest.approx(depth(waves, k), rel=1e-5)  # the oracle's splines and its soft edge
     assert not verdict(atoms).stable
-    mesh = np.stack(np.meshgrid(*[np.arange(24) / 24] * 2), axis=-1).reshape(-1, 2)
+    mesh = np.stack(np.meshgrid(*[np.arange(16) / 24] * 2), axis=-1).reshape(-1, 2)
     lowest = np.linalg.eigvalsh(atoms.calc.bloch_matrix(np.pad(mesh, ((0, 0), (0, 1)))))[:, 0]
     assert lowest.min() > -1e-12
+
+
+# --- saddles: wavevectors with 2 q whole, where every slope is zero by symmetry ---------------------------------------------
+
+def skewed(seed):
+    """A lattice in space or, of every third seed, in the plane; its bonds, and its stiffness by a plain sum over them."""
+    rng = np.random.default_rng(seed)
+    dim = 2 if seed % 3 == 0 else 3
+    while True:
+        a, cell = rng.uniform(2, 6), 20 * np.eye(3)
+        cell[:dim, :dim] = np.diag(rng.uniform(8, 13, dim)) + rng.normal(0, 2, (dim, dim))
+        shifts = np.array(list(product(range(-5, 6), repeat=dim)))
+        R = shifts @ cell[:dim, :dim]
+        r = np.linalg.norm(R, axis=1)
+        cutoff = rng.uniform(12, 18)
+        near = (r > 0) & (r < cutoff)
+        if near.any() and r[near].min() > 5 and abs(r - cutoff).min() > 0.01:
+            break
+    n, f = R[near] / r[near, None], r[near] ** -a
+    nn = n[:, :, None] * n[:, None]
+    K = (f / r[near])[:, None, None] * ((a + 1) * nn - np.eye(dim))
+    atoms = Atoms('Nd', cell=cell, pbc=np.arange(3) < dim, masses=[1.0])
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), cutoff=cutoff)
+    return atoms, dim, lambda q: np.linalg.eigvalsh(np.tensordot(1 - np.cos(2 * np.pi * q @ shifts[near].T), K, 1))
+
+
+def missed(seed):
+    """How far off the foundation needed is, as a share of itself."""
+    atoms, dim, spectrum = skewed(seed)
+    q = mesh(dim, 25 if dim == 3 else 61)  # odd, so that no point but 0 is stationary
+    values = spectrum(q)[:, 0]
+    settings = {'xatol': 1e-7, 'fatol': 1e-14 * values.max()}
+    least = min(minimize(lambda q: spectrum(q)[0], start, method='Nelder-Mead', options=settings).fun
+                for start in q[np.argsort(values)[:6:2]])
+    needed = foundation_needed(atoms)[0]
+    return abs(least + needed) / -least if least < -1e-12 * values.max() else needed
+
+
+@pytest.mark.parametrize('seeds', [range(16), pytest.param(range(1000), marks=pytest.mark.long)], ids=['few', 'many'])
+def test_a_search_that_starts_on_a_saddle_leaves_it(seeds):
+    """python -m pytest tests/stability/test_soft_waves.py -k saddle -m long     # a thousand, a minute"""
+    for seed in seeds:
+        assert missed(seed) < 1e-9, seed  # round-off of the largest eigenvalue, and where the simplex ends
 
 
 # --- the search itself -----------------------------------------------------------------------------------------------
