@@ -228,7 +228,7 @@ def pull(R, a):
 def test_too_large_a_displacement_makes_a_stable_lattice_look_unstable(d, stable, monkeypatch):
     # the shear stiffness at M, truly 2 (a - 3) = 2, crosses zero at a displacement of 0.28343 spacings
     monkeypatch.setattr(force_constants, '_checked_distance', lambda distance, shortest: distance)  # which refuses all above 0.1
-    monkeypatch.setattr('magphonon.stiffness.calculator.OUT_OF_PLANE', 1.0)  # phonopy displaces along z too
+    monkeypatch.setattr('magphonon.stiffness.positions.OUT_OF_PLANE', 1.0)  # phonopy displaces along z too
     cell = cell_of('triangular', InversePower(1.0, 4.0))
     phonon = finite_displacements(cell, distance=d)
     lowest = shear_at_m(phonon, cell)
