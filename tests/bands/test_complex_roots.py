@@ -49,7 +49,7 @@ class Cell:
         self.direction = np.array(DIRECTIONS[rng.integers(len(DIRECTIONS))], float)
         self.direction[2] = dim == 3 and rng.random() < 0.5
         self.k, self.m = k, np.repeat(self.atoms.get_masses(), dim)
-        top = np.linalg.eigvalsh(self.stiffness(np.pi) / np.sqrt(self.m * self.m[:, None]))[-1]
+        top = np.linalg.eigvalsh(self.stiffness(1.0) / np.sqrt(self.m * self.m[:, None]))[-1]
         self.omega = np.sqrt(top) * rng.uniform(0.05, 1.2, 3)
 
     def stiffness(self, xi):
