@@ -125,7 +125,8 @@ class Plan:
         if not good:
             best = min(self.methods, key=lambda method: method.error)
             raise ValueError(f'no model here gives {self.quantity} to {percent(self.tolerance)}: '
-                             f'the best, {best.name}, is off by {percent(best.error)}; allow more')
+                             f'the best, {best.name}, is off by {percent(best.error)}; allow more '
+                             '(--tolerance on the command line)')
         return min(good, key=lambda method: method.cost)
 
     def report(self):
