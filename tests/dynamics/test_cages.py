@@ -101,6 +101,21 @@ def test_bonds_are_measured_as_the_model_measures_them(model, measure):
                 Cages(atoms).look(u, 0.0)
 
 
+@pytest.mark.parametrize(('name', 'clearance'), [
+    # two that come straight at each other need not be looked at before each has gone half the way: second neighbours to the
+    # distance of a bond, or, in a honeycomb with its two shells bonded, neighbours to a tenth of it
+    ('triangular', (np.sqrt(3) - 1) / 2), ('square', (np.sqrt(2) - 1) / 2), ('honeycomb', 0.45)])
+def test_nobody_looks_before_two_can_have_met(name, clearance):
+    atoms = getattr(lattices, name)(L0, MASS)
+    atoms.calc = MagneticRepulsion(atoms, LAW, shells=2 if name == 'honeycomb' else 1)
+    cages = Cages(atoms)
+    assert cages.clearance == pytest.approx(clearance * L0)
+    assert cages.still(0.999 * clearance * L0)
+    assert not cages.still(1.001 * clearance * L0)
+    assert cages.steps_between_looks(speed=1.0, largest=0.0, dt=0.01, most=1000) == int(clearance * L0 / 0.01)
+    assert cages.steps_between_looks(speed=1.0, largest=clearance * L0, dt=0.01, most=1000) == 100  # a tenth of a spacing
+
+
 def test_replicas_that_stand_in_each_other_are_not_judged():
     atoms = Atoms('Nd4', positions=[[0, 0, 0], [L0, 0, 0], [0, 0, 0], [L0, 0, 0]], masses=[MASS] * 4)
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=1e-3, a=1.0), bonds=[(0, 1), (2, 3)])
