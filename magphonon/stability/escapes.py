@@ -105,7 +105,7 @@ def escape_speeds(atoms):
             energy = _Drag(surroundings(atoms, place.i, YIELDING), place).dearest(least)
             if energy < least:
                 cheapest, least = place, energy
-        if not 0 < least < np.inf:
+        if cheapest is None or not least:
             return None
         heaviest = int((atoms.get_masses() * mobile).argmax())
         safe = float(np.sqrt(2 * least / atoms.get_masses()[heaviest]))
