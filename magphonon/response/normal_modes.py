@@ -18,13 +18,16 @@ from .. import units
 from ..errors import whole
 from ..files import Saved
 from ..stiffness.linear_system import LinearSystem
+from ..stiffness.lowest import inverse_below
 from ..stiffness.matrices import signed_root
-from .chebyshev import whole_interval
+from .chebyshev import stable_interval
 
 SMALL = 300
 """Degrees of freedom up to which a structure is diagonalised; above, products with its matrix are cheaper."""
 ROUND_OFF = 1e-12
 """Of the highest squared frequency: what is left of one that is zero."""
+SHIFT = 1e-6
+"""Of the highest squared frequency: how far below zero a large stable structure is inverted to find its lowest modes."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,8 @@ def modes(atoms, count=None):
     if size <= SMALL or count > size // 10:
         squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
-        below = whole_interval(system.K)
-        squares, vectors = sparse.linalg.eigsh(system.K, k=count, sigma=below.lowest - 1e-6 * below.highest,
+        shift, inverse = inverse_below(system.K, 0.0, SHIFT * stable_interval(system.K).highest)
+        squares, vectors = sparse.linalg.eigsh(system.K, k=count, sigma=shift, OPinv=inverse,
                                                v0=np.random.default_rng(0).normal(size=size))
     order = np.argsort(squares)[:count]
     shapes = (system.shapes @ vectors[:, order]).T.reshape(count, len(system), system.dim)

@@ -24,6 +24,7 @@ from .linear_system import (
     LinearSystem as LinearSystem,
 )
 from .lowest import (
+    inverse_below as inverse_below,
     lowest_mode as lowest_mode,
 )
 from .matrices import (

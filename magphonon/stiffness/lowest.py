@@ -35,20 +35,20 @@ def lowest_mode(D):
     if not highest:
         return 0.0, 0.0, np.eye(1, size)[0]
     start = np.random.default_rng(0).normal(size=size)  # the same answer every time
-    shift, inverse = _inverse_below(D, highest, start)
+    # Lanczos iterations on D itself stop short, as near the lowest eigenvalue of a patch others crowd; what they find is
+    # not below it and close above it
+    near = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=ROUGH, return_eigenvectors=False)[0]
+    shift, inverse = inverse_below(D, near, SHIFT * highest)
     values, vectors = sparse.linalg.eigsh(D, k=1, sigma=shift, OPinv=inverse, v0=start)
     return float(values[0]), highest, vectors[:, 0]
 
 
-def _inverse_below(D, highest, start):
-    """A shift below all eigenvalues, and the inverse of D - shift.
+def inverse_below(D, near, below):
+    """A shift below all eigenvalues of a symmetric sparse matrix, and the inverse of D - shift.
 
-    Lanczos iterations on D itself stop short: near the lowest eigenvalue of a patch others crowd.  What they find is not below
-    it and close above it.  That the shift is below it the signs of the pivots of D - shift prove, which are those of its
-    eigenvalues.
+    The shift is `near - below`, or farther down.  That it is below them the signs of the pivots of D - shift prove, which are
+    those of its eigenvalues.
     """
-    near = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=ROUGH, return_eigenvectors=False)[0]
-    below = SHIFT * highest
     while True:
         shifted = (D - (near - below) * sparse.eye_array(D.shape[0])).tocsc()
         factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})

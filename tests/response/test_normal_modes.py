@@ -58,6 +58,16 @@ def test_the_lowest_modes_of_a_long_chain_without_diagonalising(foundation):
     np.testing.assert_allclose(overlap, np.eye(wanted), atol=1e-9)
 
 
+def test_the_lowest_modes_are_the_lowest_of_many_that_are_nearly_zero():
+    """Sideways nothing but the foundation resists in the conventional model: each particle moves alone, the heaviest slowest."""
+    count, wanted, foundation = 200, 5, 3e-7 * SPRING
+    atoms = chain(count, foundation, 'conventional')
+    masses = np.random.default_rng(5).permutation(np.linspace(1, 3, count + 2)) * MASS
+    atoms.set_masses(masses)
+    expected = np.sqrt(foundation / np.sort(masses[1:-1])[::-1][:wanted])
+    np.testing.assert_allclose(modes(atoms, wanted).omega, expected, rtol=1e-7)  # round-off of the highest square, 4e6 as large
+
+
 def test_modes_are_within_the_constraints():
     atoms = oscillator(np.pi / 4)
     np.testing.assert_allclose(modes(atoms).omega, np.sqrt([20000, 70000]) / u.s, rtol=1e-12)
