@@ -41,7 +41,7 @@ def cheap(monkeypatch):
     monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
 
 
-def verdict(command, files, folder):
+def verdict(command, files, folder, output=True):
     """The judge's verdict on a command that reads files of these contents, a dict of name to bytes, the scene last."""
     desk = Path(folder) / 'desk'
     shutil.rmtree(desk, ignore_errors=True)
@@ -50,7 +50,7 @@ def verdict(command, files, folder):
         (desk / name).write_bytes(content)
     inputs, out = [desk / name for name in files], desk / 'out'
     arguments = [command, *map(str, inputs)]
-    if command not in ('check', 'design'):
+    if output and command not in ('check', 'design'):
         arguments += ['-o', str(out)]
     if command == 'plan':
         arguments.append('--run')
@@ -79,7 +79,7 @@ def scene_verdict(seed, command, folder):
 def table_verdict(seed, row, folder):
     rng = random.Random(f'table {seed}')  # noqa: S311, nothing secret
     if rng.random() < 0.8:
-        return verdict('fit', {'forces.csv': fuzzing.force_table(rng)}, folder)
+        return verdict('fit', {'forces.csv': fuzzing.force_table(rng)}, folder, output=seed % 3 == 0)  # pictures take long
     files = {'scan.csv': fuzzing.displacement_table(rng, row), 'my.toml': small_patch()}
     return verdict('spectrum', files, folder)
 
@@ -136,7 +136,7 @@ def test_control_of_numbers(tmp_path, monkeypatch):
         return np.isfinite(value)
 
     monkeypatch.setattr(errors, 'isfinite', of_numpy)
-    found = faults({seed: scene_verdict(seed, 'check', tmp_path) for seed in range(40)})
+    found = faults({seed: scene_verdict(seed, 'check', tmp_path) for seed in range(30)})
     assert any(one.startswith('traceback: TypeError') for of_one in found.values() for one in of_one)
 
 
