@@ -12,6 +12,7 @@ from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRe
 from magphonon.response import propagation
 from magphonon.response.chebyshev import Interval, Outside
 from magphonon.response.propagation import Transient, _resolved, propagate
+from magphonon.stiffness.linear_system import LinearSystem
 
 FREE_KICK = 1e-3  # mm/ms
 K_YY, MASS = 20000 * u.N / u.m, 1 * u.kg  # Sec. III of the paper, theta0 = 0, vertical
@@ -186,6 +187,19 @@ def test_the_tolerance_is_met(tolerance, duration, gamma, frames, driven):
     assert error <= tolerance * largest + exact.error  # what round-off spoils, exact.error tells
     assert error <= found.error + exact.error
     assert found.products <= exact.products
+
+
+def test_the_estimate_of_the_error_holds_round_off_too():
+    """Far below what floating numbers can do, after hundreds of periods, against the modes of the dense matrix."""
+    atoms, times = patch(speed=0.05), np.array([700.0, 900.0])
+    squares, vectors = np.linalg.eigh(LinearSystem.of(atoms).K.toarray())
+    shapes = LinearSystem.of(atoms).shapes
+    start = vectors.T @ (shapes.T @ atoms.get_momenta()[:, :2].ravel())
+    omega = np.sqrt(squares)
+    expected = np.array([shapes @ (vectors @ (np.sin(omega * t) / omega * start)) for t in times]).reshape(2, -1, 2)
+    found = propagate(atoms, times, tolerance=1e-15)
+    off, largest = abs(found.displacements - expected).max(), abs(expected).max()
+    assert 1e-15 * largest < off < found.error < 1e-9 * largest  # off by more than the series was asked for
 
 
 def test_a_coarser_tolerance_costs_fewer_products():
