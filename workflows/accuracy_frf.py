@@ -131,7 +131,7 @@ def series(shaken, tolerance, cost):
     """What frequency_response chooses for patches."""
     scene = LinearSystem.of(shaken.atoms)
     s = scene.shapes.T @ shaken.push[:, :2].ravel()
-    u, products = series_response(scene, s, shaken.omega, shaken.gamma, np.array([shaken.particle]), tolerance)
+    u, _, products = series_response(scene, s, shaken.omega, shaken.gamma, np.array([shaken.particle]), tolerance)
     cost['products'] = products
     return u[:, 0, 1]
 

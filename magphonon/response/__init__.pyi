@@ -12,6 +12,7 @@ from .normal_modes import (
     natural_frequencies as natural_frequencies,
     recorded as recorded,
     refuse_growing as refuse_growing,
+    refuse_unstable as refuse_unstable,
     sizes as sizes,
 )
 from .place import (

@@ -14,8 +14,9 @@ from ..errors import finite, not_negative, positive
 from ..files import Saved
 from ..stiffness.constraints import refuse_held
 from ..stiffness.linear_system import LinearSystem
-from .chebyshev import BLOCK, Outside, chebyshev_blocks, stable_interval, whole_interval
-from .normal_modes import ROUND_OFF, SMALL, recorded, refuse_growing, sizes
+from ..stiffness.lowest import ROUND_OFF
+from .chebyshev import BLOCK, chebyshev_blocks, stable_interval
+from .normal_modes import SMALL, recorded, refuse_growing, refuse_unstable, sizes
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,8 @@ def harmonic_response(atoms, force, omega, damping):
     ------
     ValueError
         For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, an
-        undamped resonance, a structure that is not at rest, a force on held particles only.
+        undamped resonance, a structure that is not at rest, one that is unstable and has no steady state, a force on held
+        particles only.
     """
     system = LinearSystem.of(atoms)
     n = len(system)
@@ -97,6 +99,7 @@ def resolvents(atoms, omega, damping):
     if gamma.shape not in ((), (n,)):
         raise ValueError(f'damping must be one number or one for each of the {n} particles, not {gamma.shape}')
     not_negative('damping', float(gamma.min()), '1/ms')
+    refuse_unstable(system)
     free, M, rate = system.free.power(2).T, system.masses, np.broadcast_to(gamma, n)
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
     for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
@@ -109,6 +112,7 @@ def resolvents(atoms, omega, damping):
         yield lambda F, solve=solve: in_space @ solve(in_space.T @ F)
 
 
+EPS = np.finfo(float).eps
 FACTORISATION = 500
 """Products that take as long as one sparse factorisation: measured on patches of 1000 to 10 000 particles."""
 
@@ -117,7 +121,9 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     """Steady displacements under a harmonic force at many frequencies: what `frf.harmonic_response` solves one by one.
 
     A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
-    about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer.
+    about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer.  So also where the wave
+    has died out at all of the `particles`: there modes and series leave round-off of the motion at the source, while a direct
+    solution keeps its digits.
 
     Parameters
     ----------
@@ -132,7 +138,7 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     particles : array_like of int, optional
         Where the response is wanted; everywhere if not given.
     tolerance : float
-        At each frequency, of the largest displacement there.
+        At each frequency, of the largest displacement of the `particles`.
 
     Returns
     -------
@@ -156,21 +162,16 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     s = s if s.imag.any() else s.real
     u = np.zeros((len(omega), len(particles), 3), complex)
     if system.K.shape[0] <= SMALL:
-        u[..., : system.dim] = _by_modes(system, s, omega, gamma, particles)
-        return u
-    try:
-        if _series_length(_inner(_scaled(system.K, omega, gamma)[1]), tolerance) > FACTORISATION * len(omega):
-            _refuse_growing(system.K)
-            return harmonic_response(system, force, omega, gamma)[:, particles]
-        u[..., : system.dim] = series_response(system, s, omega, gamma, particles, tolerance)[0]
-    except Outside:
-        _refuse_growing(system.K)
+        u[..., : system.dim], error = _by_modes(system, s, omega, gamma, particles)
+    elif _series_length(_inner(_scaled(system.K, omega, gamma)[1]), tolerance) > FACTORISATION * len(omega):
+        error = np.full(len(omega), np.inf)
+    else:
+        refuse_unstable(system)
+        u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance)
+    lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
+    if lost.any():
+        u[lost] = harmonic_response(system, force, omega[lost], gamma)[:, particles]
     return u
-
-
-def _refuse_growing(K):
-    spectrum = whole_interval(K)
-    refuse_growing(spectrum.lowest, spectrum.highest)
 
 
 def receptance(atoms, source, answer, omega, damping):
@@ -194,14 +195,17 @@ def receptance(atoms, source, answer, omega, damping):
 
 
 def _by_modes(system, s, omega, gamma, particles):
+    """Displacements, and at each frequency the round-off that they may have: that of K, which its modes spread everywhere."""
     squares, vectors = np.linalg.eigh(system.K.toarray())
     refuse_growing(squares[0], squares[-1])
     dynamic = squares - omega[:, None] ** 2 + 1j * gamma * omega[:, None]
     for w in omega[abs(dynamic).min(axis=1) <= ROUND_OFF * squares[-1]]:
         raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; damp it or move the frequency')
     rows, shapes = system.rows(particles)
-    y = (vectors.T @ s / dynamic) @ vectors[rows].T
-    return (shapes @ y.T).T.reshape(len(omega), len(particles), system.dim)
+    amplitudes = vectors.T @ s / dynamic
+    round_off = EPS * len(squares) * (1 + squares[-1] / abs(dynamic).min(axis=1))
+    error = round_off * np.linalg.norm(amplitudes, axis=1) * sizes(shapes).max(initial=0.0)
+    return (shapes @ (amplitudes @ vectors[rows].T).T).T.reshape(len(omega), len(particles), system.dim), error
 
 
 def _inner(z):
@@ -218,7 +222,7 @@ def _scaled(K, omega, gamma):
 def _series_length(w, tolerance):
     """About how many terms the longest series in powers of `w` has; without end where damping is too weak to be seen."""
     largest = abs(w).max()
-    return np.log(tolerance) / np.log(largest) if largest < 1 - np.finfo(float).eps else np.inf
+    return np.log(tolerance) / np.log(largest) if largest < 1 - EPS else np.inf
 
 
 def series_response(system, s, omega, gamma, particles, tolerance):
@@ -236,29 +240,33 @@ def series_response(system, s, omega, gamma, particles, tolerance):
     -------
     u : ndarray of complex, shape (frequencies, particles, dim)
         In mm.
+    error : ndarray, shape (frequencies,)
+        Estimate of the error of any displacement by the end of the series and by round-off, mm.
     products : int
         Matrix-vector products taken.
 
     Raises
     ------
     Outside
-        If the structure is unstable.
+        If the structure is unstable, and the vectors grow.
     """
     interval, z = _scaled(system.K, omega, gamma)
     rows, shapes = system.rows(particles)
     w = _inner(z)
     root = z - w
-    length, size = np.linalg.norm(s), sizes(shapes)
+    length = np.linalg.norm(s) * sizes(shapes).max(initial=0.0)
+    size, round_off = sizes(shapes), EPS * (1 + abs(w)) / (1 - abs(w))  # of the sum of all terms
     y, open_ = np.zeros((len(z), len(rows)), complex), np.ones(len(z), bool)
-    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows, np.ceil(_series_length(w, tolerance)))):
+    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows)):
         powers = 2 * w[open_, None] ** (n * BLOCK + np.arange(BLOCK))
         if n == 0:
             powers[:, 0] = 1
         y[open_] += powers @ block
         left = 2 * abs(w) ** ((n + 1) * BLOCK) / (1 - abs(w))
         largest = (abs(y) * size).max(axis=1, initial=0.0)
-        open_ = (left * length * size.max(initial=0.0) > tolerance * largest) & (left > np.finfo(float).eps)
+        open_ = (left * length > tolerance * largest) & (left > round_off)
         if not open_.any():
             break
-    y /= -root[:, None] * interval.radius
-    return (shapes @ y.T).T.reshape(len(z), len(particles), system.dim), (n + 1) * BLOCK
+    scale = -root * interval.radius
+    u = (shapes @ (y / scale[:, None]).T).T.reshape(len(z), len(particles), system.dim)
+    return u, (left + round_off) * length / abs(scale), (n + 1) * BLOCK

@@ -18,14 +18,12 @@ from .. import units
 from ..errors import whole
 from ..files import Saved
 from ..stiffness.linear_system import LinearSystem
-from ..stiffness.lowest import inverse_below
+from ..stiffness.lowest import ROUND_OFF, inverse_below, lowest_mode
 from ..stiffness.matrices import signed_root
 from .chebyshev import stable_interval
 
 SMALL = 300
 """Degrees of freedom up to which a structure is diagonalised; above, products with its matrix are cheaper."""
-ROUND_OFF = 1e-12
-"""Of the highest squared frequency: what is left of one that is zero."""
 SHIFT = 1e-6
 """Of the highest squared frequency: how far below zero a large stable structure is inverted to find its lowest modes."""
 
@@ -86,6 +84,12 @@ def modes(atoms, count=None):
 def natural_frequencies(atoms):
     """Frequencies of all `modes` without their shapes, in a third of the time; ascending, in rad/ms, shape (modes,)."""
     return signed_root(np.linalg.eigvalsh(LinearSystem.of(atoms).moving().K.toarray()))
+
+
+def refuse_unstable(system):
+    """`refuse_growing` for a structure of any size, without its spectrum if it is stable."""
+    if not system.stable:
+        refuse_growing(*lowest_mode(system.K)[:2])
 
 
 def refuse_growing(lowest, highest):

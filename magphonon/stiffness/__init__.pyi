@@ -26,6 +26,7 @@ from .linear_system import (
 from .lowest import (
     inverse_below as inverse_below,
     lowest_mode as lowest_mode,
+    none_negative as none_negative,
 )
 from .matrices import (
     bloch_gradient as bloch_gradient,

@@ -21,6 +21,7 @@ from scipy import sparse
 
 from .calculator import MagneticRepulsion
 from .constraints import free_directions
+from .lowest import none_negative
 from .repulsion import masses_of
 from .rest import at_rest, nearest_rest, placed
 
@@ -101,6 +102,11 @@ class LinearSystem:
     def K(self) -> sparse.csr_array:
         """Matrix of squared frequencies, `S^T H S`, in rad^2/ms^2, shape (free, free)."""
         return sparse.csr_array(self.shapes.T @ self.hessian @ self.shapes)
+
+    @cached_property
+    def stable(self) -> bool:
+        """Whether no mode grows: no squared frequency is negative, but for the round-off of one that is zero."""
+        return none_negative(self.K)
 
     def moving(self) -> Self:
         """The same system, if something is free.

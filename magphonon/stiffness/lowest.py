@@ -7,6 +7,8 @@ DENSE = 200
 """Matrices up to this size are diagonalised whole."""
 ROUGH = 1e-3
 """Of the lowest eigenvalue: accuracy of the first look at it."""
+ROUND_OFF = 1e-12
+"""Of the highest eigenvalue: what is left of one that is zero."""
 SHIFT = 1e-4
 """Of the largest eigenvalue: how far below the lowest one, as roughly known, a large matrix is inverted first."""
 
@@ -46,12 +48,24 @@ def lowest_mode(D):
 def inverse_below(D, near, below):
     """A shift below all eigenvalues of a symmetric sparse matrix, and the inverse of D - shift.
 
-    The shift is `near - below`, or farther down.  That it is below them the signs of the pivots of D - shift prove, which are
-    those of its eigenvalues.
+    The shift is `near - below`, or farther down.  That it is below them the signs of the pivots prove.
     """
-    while True:
-        shifted = (D - (near - below) * sparse.eye_array(D.shape[0])).tocsc()
-        factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
-        if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c):
-            return near - below, sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
+    while (factors := _positive_factors(D, below - near)) is None:
         below *= 4
+    return near - below, sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
+
+
+def none_negative(D):
+    """Whether a symmetric sparse matrix has no negative eigenvalue, but for round-off: proven by one factorisation."""
+    highest = float(abs(D).sum(axis=1).max(initial=0.0))
+    return not highest or _positive_factors(D, ROUND_OFF * highest) is not None
+
+
+def _positive_factors(D, shift):
+    """Factors of D + shift if all its eigenvalues are positive, as the pivots prove, whose signs are theirs; otherwise None."""
+    shifted = (D + shift * sparse.eye_array(D.shape[0])).tocsc()
+    try:
+        factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
+    except RuntimeError:  # a pivot is zero
+        return None
+    return factors if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c) else None

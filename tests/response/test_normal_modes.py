@@ -194,7 +194,7 @@ def test_a_series_ends_where_its_tolerance_is_met(monkeypatch, tolerance):
     atoms, omega = patch(12), 0.7
     system, force = LinearSystem.of(atoms), pushed(atoms, 65)
     s = system.shapes.T @ force[:, :2].real.ravel()
-    _, products = frf.series_response(system, s, np.array([omega]), GAMMA, np.arange(len(atoms)), tolerance)
+    *_, products = frf.series_response(system, s, np.array([omega]), GAMMA, np.arange(len(atoms)), tolerance)
     assert products == sum(taken)
     # what n terms of 1/(z - x) leave: 2 |w|^n/(1 - |w|)/|z - w| with w + 1/w = 2 z, on every particle at most
     interval = stable_interval(system.K)
