@@ -46,8 +46,9 @@ class Cell:
         reach = lengths[widest : widest + 2].mean()
         self.pairs = Pairs(self.atoms, law, reach)
         self.atoms.calc = MagneticRepulsion(self.atoms, law, foundation=k, cutoff=reach).balanced(np.arange(n))
-        self.direction = np.array(DIRECTIONS[rng.integers(len(DIRECTIONS))], float)
-        self.direction[2] = dim == 3 and rng.random() < 0.5
+        self.direction, upwards = np.zeros(3), dim == 3 and rng.random() < 0.5
+        while not (self.pairs.cell @ self.direction).any():  # a row of large cells may have no bonds across
+            self.direction = np.array([*DIRECTIONS[rng.integers(len(DIRECTIONS))][:2], upwards], float)
         self.k, self.m = k, np.repeat(self.atoms.get_masses(), dim)
         top = np.linalg.eigvalsh(self.stiffness(1.0) / np.sqrt(self.m * self.m[:, None]))[-1]
         self.omega = np.sqrt(top) * rng.uniform(0.05, 1.2, 3)
