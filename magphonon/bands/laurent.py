@@ -10,8 +10,8 @@ import numpy as np
 from scipy import linalg
 
 LINK = 1e-11
-"""Of the largest coefficient: a singular value below it is a link of a chain.  In 150 random cells of up to eight particles, three
-frequencies each, those of links were at most 2e-12, all others at least 4e-11."""
+"""Of the largest coefficient: a singular value below it is a link of a chain.  In 150 random cells of up to eight particles, at
+three frequencies each, those of links were at most 2e-12, all others at least 4e-11."""
 POLISHES = 3
 NEAR = 0.1
 """Of log mu: a longer step of Newton's leads to another root."""
