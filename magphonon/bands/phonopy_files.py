@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from ase.dft.kpoints import parse_path_string
 
-from ..files import whole_file
+from ..files import refuse_overflow, whole_file
 from .force_constants import force_constants_of, path_on
 
 KEY = re.compile(r'[ -]*(\w+):')
@@ -38,10 +38,12 @@ def write_band_yaml(phonon, path, file):
     ------
     ValueError
         For a phonon without force constants, or a path of another cell or without named points.
+    FloatingPointError
+        If force constants are NaN or infinite.
     OSError
         If the file cannot be written.
     """
-    force_constants_of(phonon)
+    refuse_overflow(file, {'force constants': force_constants_of(phonon)})
     pieces, names, connected = _pieces(path_on(phonon, path))
     labels = [r'$\Gamma$' if name == 'G' else name for name in names]
     bands = phonon.run_band_structure(pieces, with_eigenvectors=True, path_connections=connected, labels=labels)
@@ -114,10 +116,12 @@ def write_phonopy_params(phonon, file):
     ------
     ValueError
         For a phonon without force constants.
+    FloatingPointError
+        If force constants are NaN or infinite.
     OSError
         If the file cannot be written.
     """
-    force_constants_of(phonon)
+    refuse_overflow(file, {'force constants': force_constants_of(phonon)})
     cells = phonon.primitive, phonon.unitcell, phonon.supercell
     exact = {'mass': np.concatenate([cell.masses for cell in cells]), 'lattice': [cell.cell for cell in cells],
              'elements': phonon.force_constants}

@@ -228,3 +228,15 @@ def test_an_interrupted_write_leaves_the_file_before(phonon, path, tmp_path, mon
     with pytest.raises(KeyboardInterrupt):
         write_band_yaml(phonon, path, tmp_path / 'band.yaml')
     assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [('band.yaml', 'before')]
+
+
+@pytest.mark.parametrize('number', [np.nan, np.inf])
+def test_numbers_that_are_none_are_not_written(number, cell, path, tmp_path):
+    phonon = finite_displacements(cell)
+    constants = phonon.force_constants.copy()
+    constants[0, 1, 0, 0] = number
+    phonon.force_constants = constants
+    for write in (lambda file: write_band_yaml(phonon, path, file), lambda file: write_phonopy_params(phonon, file)):
+        with pytest.raises(FloatingPointError, match=f'force constants would be {number} in 1 of .* entries of x.yaml'):
+            write(tmp_path / 'x.yaml')
+    assert not list(tmp_path.iterdir())
