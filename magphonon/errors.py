@@ -1,11 +1,20 @@
 """Checks at the border: each error says what is wrong, with which value, and how to mend it."""
 
+from __future__ import annotations
+
 from math import inf, isfinite, nan
 from numbers import Real
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import Any
+
+    from numpy.typing import NDArray
 
 MOST = 2**53
 """Counts beyond it are no longer told apart by floating-point numbers; a wrong unit or exponent."""
@@ -13,7 +22,7 @@ LONGEST = 200
 """Characters of a value that a message shows."""
 
 
-def shown(value):
+def shown(value: object) -> str:
     """`repr(value)` for a message, cut where it is long."""
     try:
         text = repr(value.item() if isinstance(value, np.generic) else value)
@@ -22,7 +31,7 @@ def shown(value):
     return text if len(text) <= LONGEST else f'{text[:LONGEST]}... ({len(text)} characters)'
 
 
-def number(name, value, unit='', kind='finite', holds=isfinite):
+def number(name: str, value: object, unit: str = '', kind: str = 'finite', holds: Callable[[float], bool] = isfinite) -> float:
     """Return `value` as a float, or raise ValueError unless it is a finite number of the `kind` that `holds` tests."""
     try:
         found = float(value) if isinstance(value, Real) and not isinstance(value, bool) else nan
@@ -33,17 +42,17 @@ def number(name, value, unit='', kind='finite', holds=isfinite):
     return found
 
 
-def positive(name, value, unit=''):
+def positive(name: str, value: object, unit: str = '') -> float:
     """Return `value` as a float, or raise ValueError unless it is a finite number above zero."""
     return number(name, value, unit, 'positive', lambda x: x > 0)
 
 
-def not_negative(name, value, unit=''):
+def not_negative(name: str, value: object, unit: str = '') -> float:
     """Return `value` as a float, or raise ValueError unless it is a finite number, zero or above."""
     return number(name, value, unit, 'zero or positive', lambda x: x >= 0)
 
 
-def whole(name, value, least=1):
+def whole(name: str, value: object, least: int = 1) -> int:
     """Return `value` as an int, or raise ValueError unless it is a whole number from `least` to 2**53."""
     try:
         found = number(name, value)
@@ -55,7 +64,7 @@ def whole(name, value, least=1):
     return int(found)
 
 
-def one_of(name, value, choices):
+def one_of(name: str, value: object, choices: Sequence[Any]) -> Any:
     """Return `value`, or raise ValueError unless it is one of `choices`."""
     if value not in choices:
         raise ValueError(f'{name} must be one of {", ".join(map(repr, choices))}, not {shown(value)}'
@@ -63,7 +72,7 @@ def one_of(name, value, choices):
     return value
 
 
-def finite(name, values, shape=None):
+def finite(name: str, values: object, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
     """Return `values` as a float array, or raise ValueError if an entry is NaN or infinite or the shape is another."""
     try:
         array = np.asarray(values, dtype=float)

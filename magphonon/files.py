@@ -1,5 +1,7 @@
 """Writing files whole: under a temporary name first, renamed when complete."""
 
+from __future__ import annotations
+
 import errno
 import json
 import os
@@ -7,8 +9,14 @@ import re
 from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from os import PathLike
+    from typing import Any, ClassVar, Self
 
 try:
     import fcntl
@@ -17,7 +25,7 @@ except ImportError:  # a system without them: what killed processes leave is not
 
 
 @contextmanager
-def room_for(path):
+def room_for(path: str | PathLike[str]) -> Iterator[None]:
     """Where the disk turns out to be full: raise OSError with the name of the file and what to do."""
     try:
         yield
@@ -27,7 +35,7 @@ def room_for(path):
         raise OSError(errno.ENOSPC, 'no space left; make room or choose another place', str(path)) from None
 
 
-def lock(file, wait=False):
+def lock(file: Any, wait: bool = False) -> bool:
     """Take the lock of an open file or directory, which is free again when it is closed or its process ends in any way.
 
     Parameters
@@ -50,7 +58,7 @@ def lock(file, wait=False):
     return True
 
 
-def still_there(file, path):
+def still_there(file: Any, path: str | PathLike[str]) -> bool:
     """Whether the open `file` is what `path` names: another process may have taken it for a leftover before it was locked."""
     try:
         return os.path.samestat(os.fstat(file), os.stat(path))
@@ -59,7 +67,7 @@ def still_there(file, path):
 
 
 @contextmanager
-def whole_file(path, mode='w'):
+def whole_file(path: str | PathLike[str], mode: str = 'w') -> Iterator[Any]:
     """Open `path` for writing so that it appears only when it is complete.
 
     What a killed process left of the same file is removed; it lies beside it as `.NAME.PID.partial`, and whoever writes it
@@ -107,7 +115,7 @@ def _collect(path):
                         left.unlink()
 
 
-def refuse_overflow(path, arrays, missing=()):
+def refuse_overflow(path: str | PathLike[str], arrays: Mapping[str, Any], missing: Collection[str] = ()) -> None:
     """Raise FloatingPointError if results hold NaN or infinity, which nobody should take for an answer.
 
     Parameters
@@ -128,7 +136,7 @@ def refuse_overflow(path, arrays, missing=()):
                                      f'{Path(path).name}, so it is not written: numbers became too large or too small')
 
 
-def write_columns(path, names, columns, missing=()):
+def write_columns(path: str | PathLike[str], names: Sequence[str], columns: Sequence[Any], missing: Collection[str] = ()) -> None:
     """Write columns of numbers to a CSV file with their names in its first line, whole or not at all.
 
     NaN and infinity raise FloatingPointError, but NaN in the columns named in `missing`, see `refuse_overflow`.
@@ -138,7 +146,8 @@ def write_columns(path, names, columns, missing=()):
         np.savetxt(file, np.transpose(columns), fmt='%.15g', delimiter=',', header=','.join(names), comments='')
 
 
-def save_arrays(path, arrays, units, missing=()):
+def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Mapping[str, tuple[str, ...]],
+                missing: Collection[str] = ()) -> None:
     """Write arrays to a .npz file, whole or not at all.
 
     Parameters
@@ -162,7 +171,7 @@ def save_arrays(path, arrays, units, missing=()):
 
 
 @contextmanager
-def saved_arrays(path, kind):
+def saved_arrays(path: str | PathLike[str], kind: str) -> Iterator[dict[str, Any]]:
     """The arrays of a .npz file of `kind`, such as 'bands', for reading.
 
     Raises
@@ -194,10 +203,15 @@ class Saved:
         Fields in which NaN stands for no value; it is an error in the others, and infinity everywhere.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    _kind: ClassVar[str]
+    _units: ClassVar[Mapping[str, tuple[str, ...]]]
+    _missing: ClassVar[Collection[str]]
+
     def __init_subclass__(cls, kind, units, missing=()):
         cls._kind, cls._units, cls._missing = kind, units, missing
 
-    def save(self, path):
+    def save(self, path: str | PathLike[str]) -> None:
         """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON.
 
         Raises
@@ -205,10 +219,10 @@ class Saved:
         FloatingPointError
             If a field holds NaN or infinity that has no meaning there.
         """
-        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)}, self._units, self._missing)
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(type(self))}, self._units, self._missing)
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: str | PathLike[str]) -> Self:
         """Read what `save` wrote.
 
         Raises
@@ -226,4 +240,4 @@ def _restored(array, kind):
     """The number or the tuple that numpy has made an array of, or the array."""
     if array.ndim == 0:
         return array.item()
-    return tuple(array.tolist()) if kind is tuple else array
+    return tuple(array.tolist()) if 'tuple' in str(kind) else array

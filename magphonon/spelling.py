@@ -1,9 +1,16 @@
 """What was probably meant by a word that is not in a list: for misspelt keys, kinds and commands."""
 
+from __future__ import annotations
+
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
 
 
-def nearest(word, choices):
+def nearest(word: object, choices: Sequence[Any]) -> str | None:
     """The choice that was probably meant, or None: one that begins with `word`, as 'b_N_m_a' with 'b', or one much like it."""
     choices = [choice for choice in choices if isinstance(choice, str)]
     if not isinstance(word, str):
@@ -13,7 +20,7 @@ def nearest(word, choices):
     return begun[0] if begun else next((choice for choice in choices if choice.lower() in near), None)
 
 
-def did_you_mean(word, choices):
+def did_you_mean(word: object, choices: Sequence[Any]) -> str:
     """The end of a message: "; did you mean 'bands'?", or nothing where no choice is near."""
     near = nearest(word, choices)
     return f'; did you mean {near!r}?' if near else ''

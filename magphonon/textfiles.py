@@ -1,14 +1,20 @@
 """Reading text that people wrote: of bounded size, with or without a byte order mark, and from files only."""
 
+from __future__ import annotations
+
 import errno
 import os
 from pathlib import Path
 from stat import S_ISREG
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from os import PathLike
 
 MEGABYTE = 2**20
 
 
-def text_of(path, most):
+def text_of(path: str | PathLike[str], most: int) -> str:
     """The text of a file in UTF-8.
 
     Parameters
@@ -28,7 +34,7 @@ def text_of(path, most):
     return Path(path).read_text(encoding='utf-8-sig')
 
 
-def refuse_endless(path, most):
+def refuse_endless(path: str | PathLike[str], most: int) -> None:
     """Raise ValueError for a pipe or a device, and for a file of more than `most` bytes."""
     if '\0' in str(path):
         raise ValueError(f'{str(path)!r} is no name of a file, as it holds the character 0')

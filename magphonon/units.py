@@ -9,7 +9,10 @@ formula carries a factor.  Multiply on the way in, divide on the way out::
 Angular frequencies are in rad/ms, frequencies in kHz = 1/ms, speeds in mm/ms = m/s.
 """
 
+from __future__ import annotations
+
 from math import pi
+from typing import Any
 
 mm = g = ms = rad = A = 1.0
 m = kg = s = 1e3
@@ -28,7 +31,7 @@ c = 299792458 * m / s
 """Speed of light."""
 
 
-def hertz(omega):
+def hertz(omega: Any) -> Any:
     """Frequency in Hz of an angular frequency in rad/ms."""
     return omega / (2 * pi) / Hz
 
@@ -36,7 +39,9 @@ def hertz(omega):
 class InHertz:
     """What every result with angular frequencies `omega` has: the same frequencies in Hz."""
 
+    omega: Any
+
     @property
-    def frequencies_Hz(self):
+    def frequencies_Hz(self) -> Any:
         """Frequencies in Hz, in the shape of `omega`."""
         return hertz(self.omega)

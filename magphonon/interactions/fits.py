@@ -5,13 +5,24 @@ what they say together, the force and its slope at a working spacing r0, is know
 parameters are f(r0) and a, and the covariance of anything else follows from theirs.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
 from ..errors import one_of, positive
 from .pair_laws import InversePower, repulsion
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from .force_tables import Forces
+    from .pair_laws import PairLaw
 
 COVERED = 0.95
 """Probability with which an interval holds the truth."""
@@ -53,7 +64,7 @@ class Fit:
         Zero of the distance scale in mm, 0 where it was not fitted.
     """
 
-    law: object
+    law: PairLaw
     name: str
     spacing: float
     at_spacing: np.ndarray
@@ -68,17 +79,17 @@ class Fit:
     offset_sigma: float = 0.0
 
     @property
-    def sigma(self):
+    def sigma(self) -> NDArray[np.float64]:
         """Standard uncertainties of force and slope at the spacing."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def exponent_half_width(self):
+    def exponent_half_width(self) -> float:
         """Half the width of the interval of 95 % of the exponent, as many standard uncertainties as that of the slope."""
         return NORMAL * self.exponent_sigma * (self.half_width[1] / (NORMAL * self.sigma[1]) if self.sigma[1] > 0 else 1.0)
 
     @property
-    def strength_covariance(self):
+    def strength_covariance(self) -> NDArray[np.float64]:
         """Covariance of ln b, with b in N m^a, and a, shape (2, 2): of the inverse power that touches the law at r0.
 
         Taken as normal, it gives the intervals of 95 % of the fit.
@@ -91,7 +102,7 @@ class Fit:
         return turn @ (self.covariance * np.outer(wider, wider)) @ turn.T
 
     @property
-    def touching(self):
+    def touching(self) -> Fit:
         """The fit with the inverse power that has its force and slope at the spacing, and their uncertainties.
 
         For a lattice whose neighbours stand at that spacing the two laws are the same.
@@ -102,7 +113,7 @@ class Fit:
                        name=f'inverse power that touches the {self.name}')
 
 
-def fit_inverse_power(forces, spacing, space='force', offset=False, contact=0.0):
+def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offset: bool = False, contact: float = 0.0) -> Fit:
     """Least squares of `f = b (r - c)^-a`, with c = 0 unless `offset`.
 
     Parameters
@@ -184,7 +195,7 @@ def _power_fit(forces, spacing, space, p, covariance, residuals, sigma):
                float(c), float(np.sqrt(covariance[2, 2])) if len(p) == 3 else 0.0)
 
 
-def scene_entry(fit):
+def scene_entry(fit: Fit) -> str:
     """The table [law] of a scene file, TOML in SI units with all digits: b makes sense only with the a beside it.
 
     An inverse power comes with the table [uncertainty], in which b, a and their correlation make sense only together.
@@ -198,7 +209,8 @@ def scene_entry(fit):
         lines += ['# all digits: b makes sense only with the a beside it', 'kind = "inverse_power"',
                   f'b_N_m_a = {fit.law.b / (u.N * u.m**fit.law.a)!r}', f'a = {fit.law.a!r}']
     else:
-        lines += ['kind = "table"', f'distances_m = {(fit.law.r / u.m).tolist()}', f'forces_N = {(fit.law.f / u.N).tolist()}']
+        table: Any = fit.law  # the other law of a fit is a table
+        lines += ['kind = "table"', f'distances_m = {(table.r / u.m).tolist()}', f'forces_N = {(table.f / u.N).tolist()}']
     lines.append('shells = 1   # the number of shells of neighbours that interact')
     (b, both), (_, a) = fit.strength_covariance if fit.sigma.all() else np.zeros((2, 2))
     if isinstance(fit.law, InversePower) and b * a > both**2:
@@ -207,13 +219,13 @@ def scene_entry(fit):
     return '\n'.join([*lines, ''])
 
 
-def enough(r, least, what):
+def enough(r: NDArray[np.float64], least: int, what: str) -> None:
     """Raise ValueError unless there are at least so many points for `what`."""
     if len(r) < least:
         raise ValueError(f'{what} takes at least {least} points, not {len(r)}; measure more')
 
 
-def curvature(forces):
+def curvature(forces: Forces) -> float:
     """Change of the local exponent with ln r over its uncertainty: beyond some 3 in size, no inverse power holds.
 
     From the quadratic term of log f over log r.  Its sign is that of the change: negative when the exponent falls.

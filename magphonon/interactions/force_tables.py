@@ -1,8 +1,11 @@
 """Measured forces of repulsion: points (r, f), perhaps with uncertainties, and the tables that hold them."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from math import isfinite
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +13,14 @@ from .. import units as u
 from ..errors import finite
 from ..textfiles import MEGABYTE, text_of
 from .pair_laws import repulsion
+
+if TYPE_CHECKING:
+    from os import PathLike
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from .pair_laws import PairLaw
 
 LENGTHS = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm}
 FORCES = {'N': u.N, 'mN': 1e-3 * u.N, 'uN': 1e-6 * u.N}
@@ -47,7 +58,7 @@ class Forces:
     f: np.ndarray
     sigma: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         columns = [('distance', 'm', self.r), ('force', 'N', self.f), ('sigma', 'N', self.sigma)]
         for name, unit, column in columns:
             if column is None:
@@ -65,7 +76,7 @@ class Forces:
             what = 'stands there twice; average its forces' if steps[k] == 0 else 'comes after a larger one; sort the points'
             raise ValueError(f'distance {k + 2} ({self.r[k + 1] / u.m:g} m) {what}')
 
-    def check_reach(self, spacing):
+    def check_reach(self, spacing: float) -> None:
         """Raise ValueError where the `spacing` (mm) lies more than a factor REACH beyond these distances."""
         first, last = self.r[[0, -1]]
         beyond = max(first / spacing, spacing / last)
@@ -78,7 +89,7 @@ class Forces:
                 raise ValueError(f'{message}; did you mean {factor * spacing / u.m:g} m?')
         raise ValueError(f'{message}; measure there')
 
-    def binned(self, most):
+    def binned(self, most: int) -> tuple[Forces, NDArray[Any]]:
         """Averages over at most `most` intervals of equal width in ln r, and how many points each of them holds.
 
         Returns
@@ -96,7 +107,7 @@ class Forces:
         return Forces(r, f, None if self.sigma is None else total**-0.5), counts
 
 
-def read_forces(path, contact=0.0):
+def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     """Forces from a table of text with a header such as r_m,f_N or r_mm,f_mN,sigma_mN.
 
     Columns stand apart by commas, semicolons, tabs or spaces; lines that begin with # are comments, of which the header may
@@ -190,7 +201,7 @@ def _units(line):
     return [LENGTHS[r], *(FORCES[name] for name in forces)]
 
 
-def synthetic_forces(law, r, sigma, seed):
+def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:
     """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): an invented measurement, to try a fit on."""
     noise = np.random.default_rng(seed).normal(scale=sigma, size=np.shape(r))
     return Forces(r, repulsion(law, r) + noise, np.broadcast_to(sigma, np.shape(r)))

@@ -28,27 +28,27 @@ class LawChoice:
         intervals of both allow.
     """
 
-    fits: dict
+    fits: dict[str, Fit]
     bend: float
-    apart: tuple
+    apart: tuple[str, ...]
 
     @property
-    def is_power(self):
+    def is_power(self) -> bool:
         """Whether the data leave an inverse power possible."""
         return not (abs(self.bend) > BENT or self.apart)
 
     @property
-    def advised(self):
+    def advised(self) -> str:
         """Name of the fit to take: it follows the points at the spacing, and its interval holds the truth of any smooth law."""
         return 'force' if 'curve' not in self.fits else 'touch' if self.is_power else 'curve'
 
     @property
-    def scatter_explained(self):
+    def scatter_explained(self) -> bool:
         """Whether the given uncertainties explain how the points scatter about the curve."""
         return 'curve' not in self.fits or explained(self.fits['curve'])
 
 
-def fit_laws(forces, spacing, offset=False, contact=0.0):
+def fit_laws(forces: Forces, spacing: float, offset: bool = False, contact: float = 0.0) -> LawChoice:
     """All laws for the forces.
 
     Parameters
@@ -71,7 +71,7 @@ def fit_laws(forces, spacing, offset=False, contact=0.0):
     ValueError
         As `fit_inverse_power` and `fit_spline`.
     """
-    fits = {space: fit_inverse_power(forces, spacing, space, offset, contact) for space in ('force', 'log')}
+    fits: dict[str, Fit] = {space: fit_inverse_power(forces, spacing, space, offset, contact) for space in ('force', 'log')}
     if len(forces.r) < 4:
         return LawChoice(fits, np.nan, ())
     power = fits['force']

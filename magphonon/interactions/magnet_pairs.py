@@ -1,7 +1,10 @@
 """Energy, force and pair law of two magnets, from the charges on their faces."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -11,6 +14,13 @@ from .. import units
 from ..errors import finite, positive
 from .magnets import Sphere, _side_by_side, moment
 from .pair_laws import InversePower, repulsion
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from .magnets import Cuboid, Ring
 
 CLEARANCE = 0.1
 """Gap between prisms, as a fraction of their width, at which their laws start: closer, the kink at contact spoils the series."""
@@ -22,7 +32,7 @@ ENOUGH = 1e-10
 """The same where a series has become long: more terms would cost more than they give."""
 
 
-def pair_energy(magnet, r):
+def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
     """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
     if not r > magnet.contact:
         raise ValueError(f'two of {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm apart')
@@ -47,7 +57,7 @@ def _face(points, normals, n):
     return (ray[:, None, None] * points).reshape(-1, 2), np.outer(ray * weight / 2, np.sum(points * normals, axis=1)).ravel()
 
 
-def pair_force(first, second, offset, n=96):
+def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n: int = 96) -> NDArray[np.float64]:
     """Force on a prism whose centre is displaced by `offset` from that of another; the magnets stay parallel.
 
     Parameters
@@ -141,15 +151,15 @@ class MagnetLaw:
     def _t(self, r):
         return (self.nearest / _apart(r, self.nearest)) ** 2
 
-    def phi(self, r):
+    def phi(self, r: Any) -> Any:
         """Energy in mJ, zero at infinity."""
         return self.strength * r**-3.0 * self._factors[0](self._t(r))
 
-    def dphi(self, r):
+    def dphi(self, r: Any) -> Any:
         """Slope of the energy in N."""
         return -self.strength * r**-4.0 * self._factors[1](self._t(r))
 
-    def d2phi(self, r):
+    def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm."""
         return self.strength * r**-5.0 * self._factors[2](self._t(r))
 
@@ -160,15 +170,15 @@ class SphereLaw(InversePower):
 
     contact: float
 
-    def phi(self, r):
+    def phi(self, r: Any) -> Any:
         """Energy in mJ, zero at infinity."""
         return super().phi(_apart(r, self.contact))
 
-    def dphi(self, r):
+    def dphi(self, r: Any) -> Any:
         """Slope of the energy in N."""
         return super().dphi(_apart(r, self.contact))
 
-    def d2phi(self, r):
+    def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm."""
         return super().d2phi(_apart(r, self.contact))
 
@@ -182,7 +192,7 @@ def _apart(r, nearest):
 
 
 @lru_cache
-def magnet_law(magnet):
+def magnet_law(magnet: Ring | Cuboid | Sphere) -> MagnetLaw | SphereLaw:
     """Law of repulsion of two equal magnets side by side, magnetised normal to the plane.
 
     Parameters
@@ -224,7 +234,7 @@ def _series(magnet, nearest):
                      'take an inverse power with a = 2')
 
 
-def calibrated(magnet, r, f):
+def calibrated(magnet: Cuboid | Ring | Sphere, r: Any, f: float) -> Cuboid | Ring | Sphere:
     """The magnet with the remanence that gives the measured force `f` (N) at the distance `r` (mm)."""
     positive('r', r, 'mm')
     positive('f', f, 'N')

@@ -19,19 +19,29 @@ Rims of any prism are summed by rules that converge exponentially with their poi
 Gauss's along an edge.  A sphere is, outside itself, exactly a point dipole.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units
 from ..errors import not_negative, one_of, positive
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from .pair_laws import PairLaw
+
 GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38': (1.21, 1.25), 'N40': (1.25, 1.28),
             'N42': (1.28, 1.32), 'N45': (1.32, 1.38), 'N48': (1.37, 1.42), 'N50': (1.39, 1.45), 'N52': (1.42, 1.48)}
 """Remanence of sintered NdFeB at 20 C, least and most in T: the widest of the ranges that makers' tables give."""
 
 
-def grade_remanence(grade):
+def grade_remanence(grade: str) -> float:
     """Middle of the range of remanence of an NdFeB grade such as 'N42', in units of the package.
 
     Raises
@@ -39,7 +49,7 @@ def grade_remanence(grade):
     ValueError
         For an unknown grade.
     """
-    return np.mean(GRADES_T[one_of('grade', grade, tuple(GRADES_T))]) * units.T
+    return float(np.mean(GRADES_T[one_of('grade', grade, tuple(GRADES_T))])) * units.T
 
 
 @dataclass(frozen=True)
@@ -59,27 +69,27 @@ class Ring:
     height: float
     remanence: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_lengths(self, 'outer', 'height')
         if not_negative('inner', self.inner, 'mm') >= self.outer:
             raise ValueError(f'inner must be less than outer = {self.outer:g} mm, not {self.inner:g}; both are diameters')
 
     @property
-    def contact(self):
+    def contact(self) -> float:
         """Distance of the centres of two that touch, mm."""
         return self.outer
 
     @property
-    def width(self):
+    def width(self) -> float:
         """Across the line that joins the centres, mm."""
         return self.outer
 
     @property
-    def volume(self):
+    def volume(self) -> float:
         """In mm^3."""
         return np.pi * (self.outer**2 - self.inner**2) / 4 * self.height
 
-    def rim(self, n):
+    def rim(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Points on the rim of a face, shape (m, 2), and its outward normals times the length dl, in mm."""
         angle = 2 * np.pi * np.arange(n) / n
         normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -108,26 +118,27 @@ class Cuboid:
     height: float
     remanence: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_lengths(self, 'length', 'width', 'height')
 
     @property
-    def contact(self):
+    def contact(self) -> float:
         """Distance of the centres of two that touch, mm."""
         return self.length
 
     @property
-    def volume(self):
+    def volume(self) -> float:
         """In mm^3."""
         return self.length * self.width * self.height
 
-    def rim(self, n):
+    def rim(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Points on the rim of a face, shape (4 n, 2), and its outward normals times the length dl, in mm."""
         node, weight = np.polynomial.legendre.leggauss(n)
         a, b, one = self.length / 2, self.width / 2, np.ones(n)
         points = [(a * one, b * node), (-a * one, b * node), (a * node, b * one), (a * node, -b * one)]
         normals = [(b * weight, 0 * one), (-b * weight, 0 * one), (0 * one, a * weight), (0 * one, -a * weight)]
-        return tuple(np.concatenate([np.stack(side, axis=-1) for side in sides]) for sides in (points, normals))
+        points, normals = (np.concatenate([np.stack(side, axis=-1) for side in sides]) for sides in (points, normals))
+        return points, normals
 
 
 @dataclass(frozen=True)
@@ -137,16 +148,16 @@ class Sphere:
     diameter: float
     remanence: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_lengths(self, 'diameter')
 
     @property
-    def contact(self):
+    def contact(self) -> float:
         """Distance of the centres of two that touch, mm."""
         return self.diameter
 
     @property
-    def volume(self):
+    def volume(self) -> float:
         """In mm^3."""
         return np.pi * self.diameter**3 / 6
 
@@ -157,7 +168,7 @@ def _check_lengths(magnet, *names):
     positive('remanence', magnet.remanence, 'N/(A mm)')
 
 
-def moment(magnet):
+def moment(magnet: Cuboid | Ring | Sphere) -> float:
     """Magnetic moment M V in A mm^2."""
     return magnet.remanence / units.mu0 * magnet.volume
 
@@ -177,7 +188,7 @@ def _side_by_side(first, second, offset):
     return (abs(offset) > sides + np.array([first.length, first.width]) / 2).any()
 
 
-def out_of_plane_stiffness(potential, r):
+def out_of_plane_stiffness(potential: PairLaw, r: Any) -> Any:
     """Stiffness in N/mm of a bond of round magnets against motion out of the plane, negative: they tip out of it.
 
     The energy of two magnets is harmonic in their displacement (Earnshaw), so that

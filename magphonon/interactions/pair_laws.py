@@ -5,14 +5,19 @@
 stiffness is `phi'' nn + (phi'/r)(I - nn)`.)
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from math import lgamma
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
 from .. import units
 from ..errors import finite, positive
+
+if TYPE_CHECKING:
+    from typing import Any, Self
 
 
 @runtime_checkable
@@ -49,14 +54,17 @@ class PairLaw(Protocol):
     A law that is `GaussianMixture` besides can be summed over all neighbours of an infinite lattice.
     """
 
-    def phi(self, r):
+    def phi(self, r: Any) -> Any:
         """Energy in mJ of two particles at the distances `r` in mm."""
+        ...
 
-    def dphi(self, r):
+    def dphi(self, r: Any) -> Any:
         """Slope of the energy in N, the negative of the force with which the particles repel each other."""
+        ...
 
-    def d2phi(self, r):
+    def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm, the stiffness D0 of a bond."""
+        ...
 
 
 @runtime_checkable
@@ -67,22 +75,26 @@ class GaussianMixture(PairLaw, Protocol):
     r^-s, or it falls as `exp(-kappa r)` at large distances; `decay` and `screening` say which.
     """
 
-    def gaussians(self, t):
+    def gaussians(self, t: Any) -> Any:
         """Density rho of the mixture at `t` in 1/mm^2, mJ mm^2."""
+        ...
 
-    def gaussian_moment(self, t):
+    def gaussian_moment(self, t: Any) -> Any:
         """Integral of `t rho(t)` from zero to `t`, mJ/mm^2."""
+        ...
 
     @property
-    def decay(self):
+    def decay(self) -> float:
         """Exponent s of a law that falls as r^-s at large distances; infinite for a screened one."""
+        ...
 
     @property
-    def screening(self):
+    def screening(self) -> float:
         """Inverse screening length kappa in 1/mm; zero for a law that falls as a power."""
+        ...
 
 
-def repulsion(potential, r):
+def repulsion(potential: PairLaw, r: Any) -> Any:
     """Repulsive force `f(r) = -phi'(r)` in N at the distances `r` in mm."""
     return -potential.dphi(r)
 
@@ -107,51 +119,51 @@ class InversePower:
     b: float
     a: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         positive('b', self.b, 'N mm^a')
         positive('a', self.a)
 
     @classmethod
-    def dipoles(cls, moment):
+    def dipoles(cls, moment: float) -> Self:
         """Point dipoles `moment` (A mm^2), normal to the plane: `f = b r^-4`, `b = 3 mu0 m^2/(4 pi)`."""
         positive('moment', moment, 'A mm^2')
         return cls(b=3 * units.mu0 * moment**2 / (4 * np.pi), a=4.0)
 
     @classmethod
-    def coulomb(cls, charge):
+    def coulomb(cls, charge: float) -> Self:
         """Point charges, each `charge` (A ms): `f = b r^-2`, `b = mu0 c^2 Q^2/(4 pi)`."""
         positive('charge', charge, 'A ms')
         return cls(b=units.mu0 * units.c**2 * charge**2 / (4 * np.pi), a=2.0)
 
-    def phi(self, r):
+    def phi(self, r: Any) -> Any:
         """Energy in mJ, zero at infinity, or at 1 mm where a = 1."""
         if self.a == 1:
             return -self.b * np.log(r)
         return self.b * r ** (1 - self.a) / (self.a - 1)
 
-    def dphi(self, r):
+    def dphi(self, r: Any) -> Any:
         """Slope of the energy in N."""
         return -self.b * r**-self.a
 
-    def d2phi(self, r):
+    def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm."""
         return self.a * self.b * r ** (-self.a - 1)
 
-    def gaussians(self, t):
+    def gaussians(self, t: Any) -> Any:
         """Density rho of the Gaussians `exp(-t r^2)`."""
         return self.b * np.exp((self.a - 3) / 2 * np.log(t) - lgamma((self.a + 1) / 2)) / 2
 
-    def gaussian_moment(self, t):
+    def gaussian_moment(self, t: Any) -> Any:
         """Integral of `t rho` from zero."""
         return t**2 * self.gaussians(t) * 2 / (self.a + 1)
 
     @property
-    def decay(self):
+    def decay(self) -> float:
         """Exponent s = a - 1 of the energy."""
         return self.a - 1
 
     @property
-    def screening(self):
+    def screening(self) -> float:
         """Zero."""
         return 0.0
 
@@ -176,27 +188,27 @@ class Yukawa:
     c: float
     kappa: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         positive('c', self.c, 'mJ mm')
         positive('kappa', self.kappa, '1/mm')
 
-    def phi(self, r):
+    def phi(self, r: Any) -> Any:
         """Energy in mJ, zero at infinity."""
         return self.c * np.exp(-self.kappa * r) / r
 
-    def dphi(self, r):
+    def dphi(self, r: Any) -> Any:
         """Slope of the energy in N."""
         return -self.phi(r) * (self.kappa + 1 / r)
 
-    def d2phi(self, r):
+    def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm."""
         return self.phi(r) * (self.kappa**2 + 2 * self.kappa / r + 2 / r**2)
 
-    def gaussians(self, t):
+    def gaussians(self, t: Any) -> Any:
         """Density rho of the Gaussians `exp(-t r^2)`."""
         return self.c / np.sqrt(np.pi * t) * np.exp(-(self.kappa**2) / (4 * t))
 
-    def gaussian_moment(self, t):
+    def gaussian_moment(self, t: Any) -> Any:
         """Integral of `t rho` from zero."""
         from scipy.special import erfcx
 
@@ -204,12 +216,12 @@ class Yukawa:
         return 2 / 3 * t**2 * self.gaussians(t) * (1 - 2 * z**2 * (1 - np.sqrt(np.pi) * z * erfcx(z)))
 
     @property
-    def decay(self):
+    def decay(self) -> float:
         """Infinite: it falls faster than every power."""
         return np.inf
 
     @property
-    def screening(self):
+    def screening(self) -> float:
         """Inverse screening length kappa in 1/mm."""
         return self.kappa
 
@@ -234,12 +246,12 @@ class Hertz:
     stiffness: float
     diameter: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         positive('stiffness', self.stiffness, 'N mm^-3/2')
         positive('diameter', self.diameter, 'mm')
 
     @classmethod
-    def spheres(cls, diameter, youngs_modulus, poisson_ratio):
+    def spheres(cls, diameter: float, youngs_modulus: float, poisson_ratio: float) -> Self:
         """Equal spheres of one material: `A = E sqrt(d)/(3 (1 - nu^2))`; diameter in mm, modulus in N/mm^2."""
         positive('diameter', diameter, 'mm')
         positive('youngs_modulus', youngs_modulus, 'N/mm^2')
@@ -248,15 +260,15 @@ class Hertz:
     def _overlap(self, r):
         return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
 
-    def phi(self, r):
+    def phi(self, r: Any) -> Any:
         """Energy in mJ, zero out of contact."""
         return 2 / 5 * self.stiffness * self._overlap(r) ** 2.5
 
-    def dphi(self, r):
+    def dphi(self, r: Any) -> Any:
         """Slope of the energy in N."""
         return -self.stiffness * self._overlap(r) ** 1.5
 
-    def d2phi(self, r):
+    def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm."""
         return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
 
@@ -292,7 +304,7 @@ class Tabulated:
     _slopes: np.ndarray = field(init=False, repr=False, compare=False)
     _energies: np.ndarray = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         from scipy.interpolate import CubicSpline
 
         r, f = finite('r', self.r).copy(), finite('f', self.f).copy()
@@ -330,16 +342,16 @@ class Tabulated:
         span = r - start
         return span * sum(w * self._force(k, start + node * span)[0] for node, w in zip(_NODES, _WEIGHTS, strict=True))
 
-    def phi(self, r):
+    def phi(self, r: Any) -> Any:
         """Energy in mJ, zero at the last point of the table."""
         k = self._interval(r)
         return self._energies[k] - self._force_integral(k, r)
 
-    def dphi(self, r):
+    def dphi(self, r: Any) -> Any:
         """Slope of the energy in N."""
         return -self._force(self._interval(r), r)[0]
 
-    def d2phi(self, r):
+    def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm."""
         f, slope = self._force(self._interval(r), r)
         return -f * slope / r
@@ -351,7 +363,7 @@ RADIUS, STEEPEST = 1e-2, 20.0
 of 20 f/f' where the law is steeper, such as that of spheres in contact."""
 
 
-def higher_derivatives(potential, r):
+def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:
     """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula."""
     f, slope = abs(potential.dphi(r)), abs(potential.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
@@ -359,6 +371,6 @@ def higher_derivatives(potential, r):
     return tuple(n * (around * CIRCLE**-n).mean(axis=0).real / radius**n for n in (1, 2))
 
 
-def local_exponent(potential, r):
+def local_exponent(potential: PairLaw, r: Any) -> Any:
     """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`."""
     return -r * potential.d2phi(r) / potential.dphi(r)

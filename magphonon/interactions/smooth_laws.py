@@ -18,13 +18,21 @@ chance: what they say about it counts as a square root, and what they say about 
 How often the intervals hold the truth is in docs/coverage.md.
 """
 
+from __future__ import annotations
+
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import positive
 from .fits import COVERED, Fit, enough
 from .pair_laws import Tabulated
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from .force_tables import Forces
 
 BENDS = 0.5, 1.0, 2.0, 4.0
 """Values of tau: an inverse power in the noise, up to the tail of a screened force (5 screening lengths apart: 4)."""
@@ -41,7 +49,7 @@ UNLIKELY = 0.01
 """Probability of a chi2 below which the given uncertainties are too small, and are enlarged."""
 
 
-def fit_spline(forces, spacing):
+def fit_spline(forces: Forces, spacing: float) -> Fit:
     """Smooth law through the data: an inverse power and a smooth departure, as a cubic spline of `log f` over `log r`.
 
     Parameters
@@ -143,7 +151,7 @@ def _noises(f):
     return shapes / np.exp(np.log(shapes).mean(axis=1, keepdims=True))
 
 
-def _fitted(f, sigma, bend, design, start, prior=1.0):
+def _fitted(f, sigma, bend, design, start, prior: Any = 1.0):
     """Gauss-Newton least squares with the prior of the departures, for all `sigma` (fits, n) and `bend` (fits,) at once."""
     k = design.shape[1]
     precision = np.append([0.0, 0.0], np.ones(k - 2)) / bend[:, None] ** 2
@@ -175,7 +183,7 @@ def _half_width(probability, off, sigma):
     return brentq(beyond, 0.0, np.max(abs(off) + 10 * sigma))
 
 
-def explained(curve):
+def explained(curve: Fit) -> bool:
     """Whether the uncertainties given to a curve explain its scatter; without any they do."""
     from scipy.stats import chi2
 

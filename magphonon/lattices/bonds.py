@@ -7,15 +7,26 @@ e^{2 pi i q.shift} at j,
     forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
 """
 
+from __future__ import annotations
+
 import operator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+    from scipy import sparse
 
 SHELL_WIDTH = 1e-4
 """Distances that follow each other within this fraction belong to one shell of neighbours.
@@ -65,20 +76,20 @@ class Bonds:
     particles: int
     cutoff: float | None = None
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.i)
 
     @property
-    def lengths(self):
+    def lengths(self) -> NDArray[np.float64]:
         """Bond lengths at rest in mm, shape (bonds,)."""
         return np.linalg.norm(self.vectors, axis=1)
 
     @property
-    def coordination(self):
+    def coordination(self) -> NDArray[np.int_]:
         """Number of bonds that end at each particle, shape (particles,)."""
         return np.bincount(np.concatenate([self.i, self.j]), minlength=self.particles)
 
-    def at(self, atoms):
+    def at(self, atoms: Atoms) -> Bonds:
         """The same pairs of particles with the vectors that they have in `atoms`, in whatever periodic image these stand."""
         vectors = atoms.positions[self.j] + self.shift @ atoms.cell.array - atoms.positions[self.i]
         if np.array_equal(vectors, self.vectors):
@@ -87,18 +98,18 @@ class Bonds:
         if atoms.pbc.any() and (np.linalg.norm(change, axis=1) > self.lengths / 2).any():
             from ase.geometry import find_mic
 
-            jump = change - find_mic(change, atoms.cell, atoms.pbc)[0]  # of particles that stand in another cell now
+            jump = change - find_mic(change, atoms.cell, atoms.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
             shift = shift - np.round(jump @ np.linalg.pinv(atoms.cell.array)).astype(int)
             vectors = vectors - jump
         same = np.allclose(vectors, self.vectors, rtol=0, atol=1e-9 * self.lengths.max(initial=0))
         return Bonds(self.i, self.j, shift, vectors, self.particles, self.cutoff if same else None)
 
     @cached_property
-    def incidence(self):
+    def incidence(self) -> sparse.csr_array:
         """Incidence matrix C at q = 0, sparse, shape (bonds, particles); a self-image bond has an empty row."""
         return self.incidence_at((0, 0, 0)).real
 
-    def incidence_at(self, q):
+    def incidence_at(self, q: ArrayLike) -> sparse.csr_array:
         """Incidence matrix C(q) at the wavevector `q` in fractions of the reciprocal vectors; sparse, complex."""
         from scipy.sparse import csr_array
 
@@ -111,7 +122,7 @@ class Bonds:
         return matrix
 
 
-def find_bonds(atoms, shells=1, cutoff=None):
+def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bonds:
     """Bonds between all particles up to the given shell of neighbours, or within `cutoff`.
 
     Parameters
@@ -139,8 +150,8 @@ def find_bonds(atoms, shells=1, cutoff=None):
         apart: the next one follows so closely that rounding may have split one shell in two, or positions scatter.
     """
     if cutoff is None:
-        cutoff = _shell_cutoff(atoms, whole('shells', shells))
-        bonds = _bonds(atoms, *_in_shells(atoms, *pairs_within(atoms, cutoff)), cutoff)
+        end = _shell_cutoff(atoms, whole('shells', shells))
+        bonds = _bonds(atoms, *_in_shells(atoms, *pairs_within(atoms, end)), end)
         _refuse_scatter(atoms, bonds)
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
@@ -154,7 +165,7 @@ def find_bonds(atoms, shells=1, cutoff=None):
     return bonds_within(atoms, cutoff)
 
 
-def bonds_within(atoms, cutoff):
+def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
     """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more."""
     return _bonds(atoms, *pairs_within(atoms, cutoff), cutoff)
 
@@ -200,13 +211,13 @@ def _in_shells(atoms, i, j, shift, lengths):
     return i[kept], j[kept], shift[kept], lengths[kept]
 
 
-def pairs_within(atoms, cutoff):
+def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:
     """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
 
     A k-d tree over the images near the cell: ASE 3.29's neighbour list puts all particles of a flat structure without
     periodic borders into one bin and asks for the square of their number in memory.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 
     if not np.isfinite(atoms.positions).all():
         k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
@@ -314,7 +325,7 @@ def _refuse_coincident(i, j, lengths, scale):
         raise ValueError(f'particles {i[k]} and {j[k]} coincide; move one of them, or list the bonds explicitly (bonds=)')
 
 
-def explicit_bonds(atoms, pairs):
+def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     """Bonds between the listed pairs of particles, for structures that no cutoff describes.
 
     Parameters
@@ -361,7 +372,7 @@ def explicit_bonds(atoms, pairs):
     return Bonds(i, j, shift, vectors, n)
 
 
-def repeat_bonds(bonds, atoms, supercell):
+def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
     """The same bonds in a supercell of `atoms`, whatever the order of its particles.
 
     Parameters
@@ -391,7 +402,7 @@ def repeat_bonds(bonds, atoms, supercell):
     return Bonds(i, j, shift, vectors, len(supercell), bonds.cutoff)
 
 
-def image_of(atoms, supercell):
+def image_of(atoms: Atoms, supercell: Atoms) -> NDArray[np.int_]:
     """The particle of the periodic cell `atoms` of which each particle of a supercell is an image, shape (particles,).
 
     Raises
@@ -404,7 +415,7 @@ def image_of(atoms, supercell):
 
 def _site_of(points, atoms):
     """The particle of `atoms` of which an image stands at each of the points."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 
     inverse = np.linalg.inv(atoms.cell.array)
     tree = cKDTree(np.mod(atoms.positions @ inverse, 1.0) % 1.0, boxsize=1.0)  # twice: mod of -1e-17 is 1.0

@@ -18,38 +18,38 @@ OSCILLATOR_BONDS = ((0, 3), (1, 3), (2, 3))
 """The bonds of `oscillator`, between its fixed magnets and the free one; the calculator finds them by itself."""
 
 
-def chain(spacing, mass):
+def chain(spacing: float, mass: float) -> Atoms:
     """Straight chain along x; one particle per cell."""
     return _cell(spacing, mass, [1, 0], [0, 2], [[0, 0]], pbc=(1, 0, 0))
 
 
-def square(spacing, mass):
+def square(spacing: float, mass: float) -> Atoms:
     """Square lattice; one particle per cell."""
     return _cell(spacing, mass, [1, 0], [0, 1], [[0, 0]])
 
 
-def triangular(spacing, mass):
+def triangular(spacing: float, mass: float) -> Atoms:
     """Triangular lattice in the paper's basis, R1 = (1, 0) L0 and R2 = (1/2, sqrt(3)/2) L0; one particle per cell."""
     return _cell(spacing, mass, [1, 0], [1 / 2, np.sqrt(3) / 2], [[0, 0]])
 
 
-def honeycomb(spacing, mass):
+def honeycomb(spacing: float, mass: float) -> Atoms:
     """Honeycomb lattice; two particles per cell, lattice constant `sqrt(3) * spacing`."""
     a = np.sqrt(3)
     return _cell(spacing, mass, [a, 0], [a / 2, 3 / 2], [[0, 0], [a / 2, 1 / 2]])
 
 
-def kagome(spacing, mass):
+def kagome(spacing: float, mass: float) -> Atoms:
     """Kagome lattice; three particles per cell, lattice constant `2 * spacing`."""
     return _cell(spacing, mass, [2, 0], [1, np.sqrt(3)], [[0, 0], [1, 0], [1 / 2, np.sqrt(3) / 2]])
 
 
-def fcc(spacing, mass):
+def fcc(spacing: float, mass: float) -> Atoms:
     """Face-centred cubic lattice, periodic in space; one particle per cell, lattice constant `sqrt(2) * spacing`."""
     return _crystal(spacing, mass, np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / np.sqrt(2))
 
 
-def bcc(spacing, mass):
+def bcc(spacing: float, mass: float) -> Atoms:
     """Body-centred cubic lattice, periodic in space; one particle per cell, lattice constant `2/sqrt(3) * spacing`."""
     return _crystal(spacing, mass, np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / np.sqrt(3))
 
@@ -70,7 +70,7 @@ def _cell(spacing, mass, a1, a2, positions, pbc=(1, 1, 0)):
     return Atoms([SYMBOL] * len(flat), positions=flat, masses=[mass] * len(flat), cell=cell, pbc=pbc)
 
 
-def oscillator(theta0, spacing, mass):
+def oscillator(theta0: float, spacing: float, mass: float) -> Atoms:
     """One free magnet on three fixed ones: the paper's single-particle oscillator (Sec. III, Fig. 1).
 
     The free particle, the paper's number 4, rests at the origin.  One fixed magnet stands `spacing` below it, two

@@ -1,16 +1,23 @@
 """Finite patches cut out of a lattice, with a held rim."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
 from .bonds import bonds_within, find_bonds
 
+if TYPE_CHECKING:
+    from ase import Atoms
+
 RIM = 1
 """Tag of the particles on the rim of a patch; those inside have the tag 0."""
 
 
-def parallelogram(cell, n1, n2):
+def parallelogram(cell: Atoms, n1: int, n2: int) -> Atoms:
     """Patch of `n1 x n2` cells of a planar lattice, its rim held fixed.
 
     Every patch is centred on the origin, carries the tag `RIM` on the particles that lack a nearest neighbour,
@@ -38,19 +45,19 @@ def parallelogram(cell, n1, n2):
     return _patch(cell, whole('n1', n1), whole('n2', n2), lambda x, y: np.zeros(x.shape))
 
 
-def rectangle(cell, width, height):
+def rectangle(cell: Atoms, width: float, height: float) -> Atoms:
     """Patch of the particles within a `width` x `height` (mm) rectangle; rim and errors as in `parallelogram`."""
     width, height = positive('width', width, 'mm'), positive('height', height, 'mm')
     return _cut(cell, np.hypot(width, height) / 2, lambda x, y: np.maximum(abs(x) - width / 2, abs(y) - height / 2))
 
 
-def hexagon(cell, side):
+def hexagon(cell: Atoms, side: float) -> Atoms:
     """Patch within a regular hexagon of `side` (mm), corners on the x axis; rim and errors as in `parallelogram`."""
     side = positive('side', side, 'mm')
     return _cut(cell, side, lambda x, y: _beyond_hexagon(x, y, side))
 
 
-def half_hexagon(cell, side):
+def half_hexagon(cell: Atoms, side: float) -> Atoms:
     """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; rim and errors as in `parallelogram`."""
     side = positive('side', side, 'mm')
     return _cut(cell, side, lambda x, y: np.maximum(_beyond_hexagon(x, y, side), -y))
@@ -81,7 +88,7 @@ def _patch(cell, n1, n2, beyond):
     coordination = np.tile(shell.coordination, n1 * n2)[inside]
     patch = patch[inside]
     patch.pbc, patch.cell = False, None
-    rim = bonds_within(patch, shell.cutoff).coordination < coordination if len(patch) else np.array([True])
+    rim = bonds_within(patch, shell.cutoff or 0.0).coordination < coordination if len(patch) else np.array([True])
     if rim.all():
         raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
     patch.set_tags(np.where(rim, RIM, 0))

@@ -1,6 +1,8 @@
 """ASE calculator of an infinite lattice in which every particle repels every other one."""
 
-from typing import ClassVar
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from ase.calculators.calculator import Calculator, all_changes
@@ -14,6 +16,12 @@ from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .scale import warn_of_units
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import NDArray
 
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
@@ -49,11 +57,13 @@ class AllNeighbours(Calculator):
         infinite sum is not known.
     """
 
-    implemented_properties: ClassVar = ['energy', 'free_energy', 'forces']
+    implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'forces']
     pairwise = False
+    atoms: Any  # of ASE, which declares them as None
+    parameters: Any
     model = linear_model = 'complete'
 
-    def __init__(self, reference, potential, *, foundation=0.0, split=1.0):
+    def __init__(self, reference: Atoms, potential: GaussianMixture, *, foundation: float = 0.0, split: float = 1.0) -> None:
         if not isinstance(potential, GaussianMixture):
             raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
                              f'not for {type(potential).__name__}; choose a number of shells')
@@ -77,20 +87,20 @@ class AllNeighbours(Calculator):
         warn_of_units(self)
 
     @property
-    def foundation(self):
+    def foundation(self) -> float:
         """Stiffness of the spring between each particle and its anchor, N/mm."""
         return self.parameters.foundation
 
     @property
-    def bloch_models(self):
+    def bloch_models(self) -> tuple[str, ...]:
         """Models of which there is a Bloch matrix: in Coulomb crystals in space the sums of D0 and D* diverge each by itself."""
         return MODELS if self.sums.splits else MODELS[:1]
 
-    def on(self, supercell):
+    def on(self, supercell: Atoms) -> AllNeighbours:
         """The same calculator on a supercell of its reference."""
         return AllNeighbours(supercell, self.potential, foundation=self.foundation, split=self.sums.split)
 
-    def displacements(self, atoms):
+    def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image.
 
         Raises
@@ -98,9 +108,10 @@ class AllNeighbours(Calculator):
         ValueError
             If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
         """
-        return find_mic(from_reference(self, atoms), atoms.cell, atoms.pbc)[0][:, : self.dim]
+        u = find_mic(from_reference(self, atoms), atoms.cell, atoms.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
+        return u[:, : self.dim]
 
-    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+    def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         super().calculate(atoms, properties, system_changes)
         k, u, n = self.foundation, self.displacements(self.atoms), len(self.atoms)
         if self.dim == 2:
@@ -138,7 +149,7 @@ class AllNeighbours(Calculator):
         at_zero = self.sums.far_stiffness(self.sums.waves(np.zeros((1, self.sums.d))), self._offsets(), part)
         return at_zero.reshape(len(self.reference), -1, self.dim, self.dim).sum(axis=1)
 
-    def bloch_matrix(self, q, model='complete'):
+    def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Bloch matrix with the foundation, as `stiffness.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
 
         At k = 0 itself the lattice moves with its background.
@@ -152,7 +163,8 @@ class AllNeighbours(Calculator):
             D[few] += self._assembled(T, onsite)
         return D
 
-    def bloch_series(self, along, model='complete'):
+    def bloch_series(self, along: NDArray[np.float64],
+                     model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """Bloch matrix to second order in k `along`, as `stiffness.bloch_series`, without what `singular` tells."""
         part, x = PART[one_of('model', model, MODELS)], self.bonds.vectors[:, : self.dim]
         near = bloch_series(self.bonds, self.sums.near_stiffness(x, part), x @ along)
@@ -160,11 +172,11 @@ class AllNeighbours(Calculator):
         far = self.sums.far_series(along, self._offsets(), part)
         return tuple(near[k] + self._assembled(far[k], onsite * (k == 0))[0] for k in range(3))
 
-    def singular(self, along, model='complete'):
+    def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
         """What outgrows k^2 in long waves; see `EwaldSums.singular`."""
         return self.sums.singular(along, PART[one_of('model', model, MODELS)])
 
-    def onsite(self, part='all'):
+    def onsite(self, part: str = 'all') -> NDArray[np.float64]:
         """Sum of the stiffness of all bonds of each particle, without the foundation.
 
         Parameters

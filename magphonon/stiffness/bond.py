@@ -1,13 +1,22 @@
 """Stiffness of one bond, D0 + D* (Eq. 4): what stretching and what turning it costs, and the two models."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..errors import one_of
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..interactions.pair_laws import PairLaw
+
 MODELS = ('complete', 'conventional')
 
 
-def bond_stiffness(vectors, potential):
+def bond_stiffness(vectors: NDArray[np.float64], potential: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Stiffness of each bond, split as in Eq. 4 of the paper.
 
     Parameters
@@ -41,7 +50,7 @@ def _lengths_and_axes(vectors):
     return r, n[:, :, None] * n[:, None, :]
 
 
-def model_stiffness(vectors, potential, model='complete'):
+def model_stiffness(vectors: NDArray[np.float64], potential: PairLaw, model: str = 'complete') -> NDArray[np.float64]:
     """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`."""
     if one_of('model', model, MODELS) == 'conventional':
         r, nn = _lengths_and_axes(vectors)

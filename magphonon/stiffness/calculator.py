@@ -1,8 +1,10 @@
 """ASE calculator of particles that repel each other and stand on an elastic foundation."""
 
+from __future__ import annotations
+
 from functools import cached_property
 from threading import RLock
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
@@ -15,6 +17,15 @@ from .matrices import bloch_matrix, bloch_series, hessian
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .repulsion import masses_of
 from .scale import warn_of_units
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..interactions.pair_laws import PairLaw
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
@@ -76,13 +87,16 @@ class MagneticRepulsion(Calculator):
         on a shell of neighbours, an unknown model; for Bonds that belong to other positions.
     """
 
-    implemented_properties = ('energy', 'free_energy', 'energies', 'forces', 'hessian')
+    implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'hessian']
     default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
     pairwise = True
+    atoms: Any  # of ASE, which declares them as None
+    parameters: Any
     bloch_models = MODELS
 
-    def __init__(self, reference, potential, *, foundation=0.0, model='complete', shells=1, cutoff=None, bonds=None,
-                 anchors=None, load=None):
+    def __init__(self, reference: Atoms, potential: PairLaw, *, foundation: float = 0.0, model: str = 'complete', shells: int = 1,
+                 cutoff: float | None = None, bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
+                 load: ArrayLike | None = None) -> None:
         missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(potential, name, None))]
         if missing:
             raise ValueError(f'the potential {potential!r} lacks the method {missing[0]}(r); '
@@ -123,26 +137,26 @@ class MagneticRepulsion(Calculator):
             warn_of_units(self)
 
     @property
-    def foundation(self):
+    def foundation(self) -> float:
         """Stiffness of the spring between each particle and its anchor, N/mm."""
         return self.parameters.foundation
 
     @property
-    def model(self):
+    def model(self) -> str:
         """Model of the forces: 'complete', 'conventional' or 'literal'."""
         return self.parameters.model
 
     @property
-    def linear_model(self):
+    def linear_model(self) -> str:
         """Model of the stiffness at rest: there the literal forces change as the conventional ones."""
         return 'complete' if self.model == 'complete' else 'conventional'
 
     @property
-    def bond_vectors(self):
+    def bond_vectors(self) -> NDArray[np.float64]:
         """Vectors of the bonds at rest in mm, shape (bonds, dim)."""
         return self.bonds.vectors[:, : self.dim]
 
-    def set(self, **parameters):
+    def set(self, **parameters: Any) -> dict[str, Any]:
         """Change `foundation` or `model`; whatever was computed before is forgotten.
 
         Raises
@@ -160,14 +174,14 @@ class MagneticRepulsion(Calculator):
         self.reset()
         return changed
 
-    def on(self, supercell):
+    def on(self, supercell: Atoms) -> MagneticRepulsion:
         """The same calculator on a supercell of its reference, whatever the order of the particles there."""
         bonds = repeat_bonds(self.bonds, self.reference, supercell)
         image = image_of(self.reference, supercell)
         return MagneticRepulsion(supercell, self.potential, bonds=bonds, load=self.load[image],
                                  anchors=supercell.positions - self._slack[image], **self.parameters)
 
-    def about(self, atoms, load=None, **parameters):
+    def about(self, atoms: Atoms, load: ArrayLike | None = None, **parameters: Any) -> MagneticRepulsion:
         """The same calculator with the present positions of `atoms` as its rest; `load` and `parameters` may change, too.
 
         The pairs of particles stay, their vectors are taken anew; anchors and load stay.  Nothing is required of the forces
@@ -178,14 +192,14 @@ class MagneticRepulsion(Calculator):
         return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors,
                                  load=self.load if load is None else load, **self.parameters | parameters)
 
-    def balanced(self, particles):
+    def balanced(self, particles: NDArray[Any] | Sequence[int]) -> MagneticRepulsion:
         """The same calculator with the dead load that balances all other forces on some particles at rest."""
         load = self.load.copy()
         load[particles, : self.dim] -= self._forces(np.zeros((len(load), self.dim)))[particles]
         return self.about(self.reference, load)
 
     # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.
-    def check_state(self, atoms, tol=0.0):
+    def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:
         if self.atoms is None:
             return all_changes
         changes = []
@@ -207,7 +221,7 @@ class MagneticRepulsion(Calculator):
         return {name: value for name, value in vars(self).items() if name != '_lock'}  # no copy shares it
 
     # Threads may share a calculator: nobody else calculates between a calculation and the copy of its results.
-    def get_property(self, name, atoms=None, allow_calculation=True):
+    def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
         with self._lock:
             return self._get_property(name, atoms, allow_calculation)
 
@@ -218,7 +232,7 @@ class MagneticRepulsion(Calculator):
             raise PropertyNotImplementedError(NO_ENERGY)
         return super().get_property(name, atoms, allow_calculation)
 
-    def calculate(self, atoms=None, properties=('energy',), system_changes=all_changes):
+    def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         super().calculate(atoms, properties, system_changes)
         u = self.displacements(self.atoms)
         if self.dim == 2:
@@ -229,7 +243,7 @@ class MagneticRepulsion(Calculator):
             energies = self._energies(u)
             self.results.update(energies=energies, energy=energies.sum(), free_energy=energies.sum())
 
-    def displacements(self, atoms):
+    def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions.
 
         Raises
@@ -243,7 +257,7 @@ class MagneticRepulsion(Calculator):
         if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
             from ase.geometry import find_mic
 
-            u = find_mic(u, self.reference.cell, self.reference.pbc)[0]
+            u = find_mic(u, self.reference.cell, self.reference.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
         return u
 
     @cached_property
@@ -252,7 +266,8 @@ class MagneticRepulsion(Calculator):
         from ase.geometry import minkowski_reduce
 
         periodic = self.reference.pbc
-        return np.linalg.norm(minkowski_reduce(self.reference.cell, periodic)[0][periodic], axis=1).min(initial=np.inf)
+        reduced = minkowski_reduce(self.reference.cell.array, periodic)[0]  # pyright: ignore[reportArgumentType]  three pbc
+        return np.linalg.norm(np.asarray(reduced)[periodic], axis=1).min(initial=np.inf)
 
     @cached_property
     def _rest(self):
@@ -267,7 +282,7 @@ class MagneticRepulsion(Calculator):
         return self._minimum_image(self.reference.positions - self.anchors)
 
     @property
-    def offset(self):
+    def offset(self) -> NDArray[np.float64]:
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
         return (self.load - self.foundation * self._slack)[:, : self.dim]
 
@@ -299,28 +314,29 @@ class MagneticRepulsion(Calculator):
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
         return bonds + np.einsum('ix,ix->i', 0.5 * self.foundation * u - self.offset, u)
 
-    def rest_stiffness(self, model='complete'):
+    def rest_stiffness(self, model: str = 'complete') -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
         return model_stiffness(self.bond_vectors, self.potential, model)
 
-    def rest_hessian(self, model='complete'):
+    def rest_hessian(self, model: str = 'complete') -> sparse.csr_array:
         """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
         return hessian(self.bonds, self.rest_stiffness(model), self.foundation)
 
-    def bloch_matrix(self, q, model='complete'):
+    def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
         return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.foundation)
 
-    def bloch_series(self, along, model='complete'):
+    def bloch_series(self, along: NDArray[np.float64],
+                     model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """The same without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
         R = (self.bonds.shift @ self.reference.cell.array)[:, : self.dim]
         return bloch_series(self.bonds, self.rest_stiffness(model), R @ along)
 
-    def singular(self, along, model='complete'):
+    def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
         """Zero, shape (dim, dim): with a finite number of neighbours nothing outgrows the second order in long waves."""
         return np.zeros((self.dim, self.dim))
 
-    def get_hessian(self, atoms, part='all'):
+    def get_hessian(self, atoms: Atoms, part: str = 'all') -> sparse.csr_array:
         """Second derivatives of the energy at the present positions, or one part of them.
 
         Parameters

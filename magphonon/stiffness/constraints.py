@@ -1,8 +1,18 @@
 """Which directions the constraints leave free: once, for time steps, modes and limits."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from scipy import sparse
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import NDArray
 
 TILT = 1e-12
 """Of a direction: a component that round-off leaves when it is turned within the plane, or about the normal."""
@@ -10,7 +20,7 @@ HELD = 1e-12
 """Of a force: what the round-off of a direction leaves of one that is held."""
 
 
-def freedom(atoms):
+def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[np.float64]]:
     """What the constraints leave free in the plane.
 
     Returns
@@ -51,7 +61,7 @@ def freedom(atoms):
     return mobile, guided, np.array([barred[k] for k in guided]).reshape(-1, 2, 2)
 
 
-def free_directions(atoms):
+def free_directions(atoms: Atoms) -> sparse.csr_array:
     """Orthonormal directions in which the constraints let particles move.
 
     Returns
@@ -74,7 +84,7 @@ def free_directions(atoms):
     return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
 
-def free_motion(atoms):
+def free_motion(atoms: Atoms) -> sparse.csr_array:
     """The `free_directions`, if all constraints are known and something is free.
 
     Raises
@@ -89,7 +99,7 @@ def free_motion(atoms):
     return B
 
 
-def refuse_held(forces, atoms, what):
+def refuse_held(forces: NDArray[Any], atoms: Atoms, what: str) -> None:
     """Refuse forces on particles, shape (particles, 3), if FixAtoms, FixedLine and FixedPlane leave nothing of them.
 
     What they hold takes up its share of a force in silence, as the rim does; only a push without any effect is a mistake.

@@ -21,15 +21,26 @@ Where the sum over all neighbours diverges (r^-s in d <= s dimensions), a unifor
 p = 0 is continued analytically, and left out at k = 0.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
 
 from ..errors import finite, one_of, positive
 from ..interactions.pair_laws import GaussianMixture, InversePower
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..interactions.pair_laws import PairLaw
 
 PARTS = ('all', 'D0', 'Dstar')
 REACH = 42.0
@@ -38,7 +49,8 @@ _X, _W = np.polynomial.legendre.leggauss(16)
 _PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is integrated to round-off, without a power of t
 
 
-def lattice_sum(lattice, law, offset=None, q=None, split=1.0):
+def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayLike | None = None, q: ArrayLike | None = None,
+                split: float = 1.0) -> float | complex:
     """`sum_R phi(|R + offset|) exp(2 pi i q.R)` over all lattice vectors R, without the one where R + offset = 0.
 
     Parameters
@@ -77,7 +89,7 @@ def _potential(law):
     return law if isinstance(law, GaussianMixture) else InversePower(b=positive('s', law), a=law + 1)
 
 
-def particle_sums(atoms, law, split=1.0):
+def particle_sums(atoms: Atoms, law: PairLaw, split: float = 1.0) -> NDArray[np.float64]:
     """`sum phi(|r|)` over all other particles of an infinite structure, as seen from each; shape (particles,).
 
     Parameters and errors as in `lattice_sum`, from which it differs by the sum over the particles of the cell.
@@ -104,7 +116,7 @@ class EwaldSums:
     law: GaussianMixture
     split: float = 1.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         periods = finite('lattice', self.periods)
         if periods.ndim != 2 or not 1 <= len(periods) <= periods.shape[1] or np.linalg.matrix_rank(periods) < len(periods):
             raise ValueError(f'a lattice has one to three independent vectors in rows, not {periods.tolist()}')
@@ -112,48 +124,48 @@ class EwaldSums:
         positive('split', self.split)
 
     @property
-    def d(self):
+    def d(self) -> int:
         """Number of periodic directions."""
         return len(self.periods)
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Number of components of a vector."""
         return self.periods.shape[1]
 
     @cached_property
-    def volume(self):
+    def volume(self) -> float:
         """Length, area or volume of a cell in mm^d."""
         return np.sqrt(np.linalg.det(self.periods @ self.periods.T))
 
     @cached_property
-    def eta2(self):
+    def eta2(self) -> float:
         """The t at which the Gaussians are divided, 1/mm^2."""
         return self.split**2 * np.pi / self.volume ** (2 / self.d)
 
     @cached_property
-    def across(self):
+    def across(self) -> NDArray[np.float64]:
         """Projector on the directions that are not periodic, shape (dim, dim)."""
         if self.d == self.dim:  # then exactly
             return np.zeros((self.dim, self.dim))
         return np.eye(self.dim) - np.linalg.pinv(self.periods) @ self.periods
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """Distance in mm beyond which narrow Gaussians contribute nothing."""
         return np.sqrt(REACH / self.eta2)
 
     @property
-    def decay(self):
+    def decay(self) -> float:
         """Exponent s of a law with an algebraic tail, infinite for a screened one."""
         return self.law.decay
 
     @property
-    def splits(self):
+    def splits(self) -> bool:
         """Whether the sums of D0 and of D* converge each by itself, not only together."""
         return self.decay + 2 > self.d
 
-    def mixture(self, part):
+    def mixture(self, part: str) -> tuple[Callable[..., Any] | None, Callable[..., Any]]:
         """The functions alpha(t), or None where it is zero, and beta(t) of a part of the stiffness."""
         rho, W = self.law.gaussians, self.law.gaussian_moment
         alpha, beta = {
@@ -168,14 +180,14 @@ class EwaldSums:
 
     # --- narrow Gaussians, over the lattice --------------------------------------------------------------------------
 
-    def near_energy(self, r):
+    def near_energy(self, r: Any) -> NDArray[np.float64]:
         """What the narrow Gaussians leave of phi and of phi'/r at the distances `r` in mm, shape (2, distances)."""
         t, w = self._narrow(r)
         onto = (w * self.law.gaussians(t))[:, None] * np.stack([np.ones_like(t), -2 * t], axis=1)
         few = np.array_split(r, max(1, len(r) // 4096))  # large supercells have many bonds
         return np.concatenate([np.exp(-np.multiply.outer(part**2, t)) @ onto for part in few]).T
 
-    def near_stiffness(self, x, part='all'):
+    def near_stiffness(self, x: NDArray[np.float64], part: str = 'all') -> NDArray[np.float64]:
         """What they leave of the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
         t, w = self._narrow(np.linalg.norm(x, axis=1))
         alpha, beta = (f(t) * w if f else 0 * w for f in self.mixture(part))
@@ -192,19 +204,19 @@ class EwaldSums:
 
     # --- wide Gaussians, over the reciprocal lattice -----------------------------------------------------------------
 
-    def waves(self, q):
+    def waves(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """The vectors p = G - k that matter for each of the wavevectors `q`, shape (wavevectors, G, dim), in rad/mm."""
         reciprocal = 2 * np.pi * np.linalg.pinv(self.periods).T
         k = (q - np.round(q)) @ reciprocal
         reach = 2 * np.sqrt(self.eta2 * REACH) + np.linalg.norm(k, axis=1).max(initial=0)
         return points_within(reciprocal, np.zeros(self.dim), reach) - k[:, None]
 
-    def far_scalar(self, p, offset):
+    def far_scalar(self, p: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Their part of `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
         wide = _Wide(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
         return (wide.moment(self.law.gaussians, 0) * np.exp(1j * p @ offset)).sum(axis=1)
 
-    def far_energy(self, offsets):
+    def far_energy(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Their part of `sum_R phi(R + offset)` and of its gradient, shapes (offsets,) and (offsets, dim)."""
         p, rho = self.waves(np.zeros((1, self.d)))[0], self.law.gaussians
         phi, gradient = np.empty(len(offsets)), np.empty(offsets.shape)
@@ -217,7 +229,7 @@ class EwaldSums:
                 gradient[these] -= 2 * x * (wide.moment(lambda t: t * rho(t), 1) @ phase).real[:, None]
         return phi, gradient
 
-    def far_stiffness(self, p, offsets, part='all'):
+    def far_stiffness(self, p: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
         """Their part of `sum_R K(R + offset) e^{ik.R}`, shape (wavevectors, offsets, dim, dim)."""
         alpha, beta = self.mixture(part)
         total = np.empty((len(p), len(offsets), self.dim, self.dim), dtype=complex)
@@ -240,7 +252,7 @@ class EwaldSums:
 
     # --- both --------------------------------------------------------------------------------------------------------
 
-    def scalar(self, q, offset):
+    def scalar(self, q: NDArray[np.float64], offset: NDArray[np.float64]) -> complex:
         """`sum_R phi(R + offset) e^{2 pi i q.R}` at one wavevector, without R + offset = 0."""
         if abs(self.decay - self.d) < 1e-12 and not (q % 1).any():
             raise ValueError(f'the sum of r^-{self.decay:g} over {self.d} dimensions diverges with the logarithm of the size, '
@@ -254,7 +266,7 @@ class EwaldSums:
         itself = np.exp(2j * np.pi * R[~here] @ np.linalg.pinv(self.periods) @ q).sum()
         return total - itself * self.wide_at_zero()
 
-    def wide_at_zero(self, part=None):
+    def wide_at_zero(self, part: str | None = None) -> float:
         """What the wide Gaussians make of phi(0), a particle with itself, or the factor of I in that `part` of its stiffness."""
         def total(f, m):  # of f, which falls like rho t^m towards t = 0
             if np.isfinite(self.decay):
@@ -267,7 +279,7 @@ class EwaldSums:
         alpha, beta = self.mixture(part)
         return (total(alpha, 1) if alpha else 0.0) - 2 * total(lambda t: t * beta(t), 1)
 
-    def singular(self, along, part='all'):
+    def singular(self, along: NDArray[np.float64], part: str = 'all') -> NDArray[np.float64]:
         """Signs of the stiffness that outgrows k^2 in long waves, where the law decays no faster than r^-d.
 
         There D(k) begins with |k|^(s-d+2) times a tensor with the signs of this one: towards its eigenvectors a speed of
@@ -290,7 +302,7 @@ class EwaldSums:
         next_order = 1 / (4 - 2 * (self.d - self.decay)) if alpha or self.d < self.dim else 0.0
         return beta * np.outer(along, along) + next_order * (alpha * np.eye(self.dim) - 2 * beta * self.across)
 
-    def far_series(self, along, offsets, part='all'):
+    def far_series(self, along: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
         """Far stiffness to second order in the wavevector k `along`, with the phase of each particle, e^{ik.(R + offset)}.
 
         Terms that outgrow k^2 (see `singular`) are left out.
@@ -366,7 +378,7 @@ class _Wide:
         return result + np.where(self.uniform, closed, 0.0)
 
 
-def _nodes(low, high, power=0):
+def _nodes(low, high, power: float = 0):
     """Gauss-Legendre nodes and weights of an integral over t, on panels of equal ratio, narrower for a high power of t."""
     if low >= high:  # so strong a screening that wide Gaussians are absent
         return np.array([high]), np.zeros(1)
@@ -377,7 +389,7 @@ def _nodes(low, high, power=0):
     return t.ravel(), (half * _W * t).ravel()
 
 
-def points_within(vectors, centre, radius):
+def points_within(vectors: NDArray[np.float64], centre: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
     """Points of the lattice of `vectors` (rows) closer than `radius` to `centre`, shape (points, dim)."""
     along = np.linalg.pinv(vectors)
     middle = np.round(centre @ along).astype(int)

@@ -57,12 +57,12 @@ class LinearSystem:
             As `magphonon.stiffness.rest.at_rest`: for another calculator, a constraint other than FixAtoms, FixedLine and
             FixedPlane, or if the forces do not balance.
         """
-        return atoms if isinstance(atoms, cls) else cls.about(at_rest(atoms), atoms)
+        return atoms if isinstance(atoms, LinearSystem) else cls.about(at_rest(atoms), atoms)
 
     @classmethod
     def nearest(cls, atoms: 'Atoms | LinearSystem') -> 'LinearSystem':
         """About the rest that belongs to a moving structure, `magphonon.stiffness.rest.nearest_rest`; forces need not balance."""
-        return atoms if isinstance(atoms, cls) else cls.about(nearest_rest(atoms)[0], atoms)
+        return atoms if isinstance(atoms, LinearSystem) else cls.about(nearest_rest(atoms)[0], atoms)
 
     @classmethod
     def about(cls, calc: MagneticRepulsion, atoms: Atoms) -> Self:
@@ -76,7 +76,7 @@ class LinearSystem:
     @property
     def calc(self) -> MagneticRepulsion:
         """The calculator, whose reference is the rest."""
-        return self.atoms.calc
+        return self.atoms.calc  # pyright: ignore[reportReturnType]  which `about` has attached
 
     @property
     def dim(self) -> int:

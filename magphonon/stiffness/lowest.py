@@ -1,7 +1,14 @@
 """The lowest eigenvalue of a stiffness matrix, or of squared frequencies, and its mode: what decides whether a rest is stable."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy import sparse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 DENSE = 200
 """Matrices up to this size are diagonalised whole."""
@@ -13,7 +20,7 @@ SHIFT = 1e-4
 """Of the largest eigenvalue: how far below the lowest one, as roughly known, a large matrix is inverted first."""
 
 
-def lowest_mode(D):
+def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]:
     """The ends of the spectrum of a symmetric matrix, the lower one to round-off.
 
     Parameters

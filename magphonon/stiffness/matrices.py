@@ -7,11 +7,22 @@ Everything here takes arrays: bonds, their stiffness, wavevectors.  A matrix act
 particle by particle, `dim` components each (2 in the plane, 3 in space).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy import sparse
 
+if TYPE_CHECKING:
+    from typing import Any
 
-def hessian(bonds, K, foundation=0.0, q=(0.0, 0.0, 0.0)):
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..lattices.bonds import Bonds
+
+
+def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: float = 0.0, q: ArrayLike = (0.0, 0.0, 0.0)) -> sparse.csr_array:
     """Hessian `C^T K C + k` of a structure, or of the waves that swing alike or oppositely in neighbouring cells.
 
     Parameters
@@ -33,12 +44,12 @@ def hessian(bonds, K, foundation=0.0, q=(0.0, 0.0, 0.0)):
     b, dim, _ = K.shape
     incidence = bonds.incidence_at(q).real if np.any(q) else bonds.incidence
     C = sparse.kron(incidence, sparse.eye_array(dim), format='csr')
-    K = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
+    D = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
     k = foundation * sparse.eye_array(bonds.particles * dim)
-    return sparse.csr_array(C.T @ K @ C + k)
+    return sparse.csr_array(C.T @ D @ C + k)
 
 
-def condense(H, free):
+def condense(H: sparse.csr_array, free: NDArray[np.bool_]) -> sparse.csr_array:
     """Hessian of the free particles alone, the others held at rest.
 
     Parameters
@@ -50,7 +61,7 @@ def condense(H, free):
     return H[keep][:, keep]
 
 
-def bloch_matrix(bonds, K, q, foundation=0.0):
+def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64], foundation: float = 0.0) -> NDArray[np.complex128]:
     """Bloch matrix `C(q)^+ K C(q) + k`, Eq. 18 of the paper for any number of particles per cell.
 
     Parameters
@@ -74,7 +85,7 @@ def bloch_matrix(bonds, K, q, foundation=0.0):
     return D
 
 
-def bloch_gradient(bonds, K, q, cell):
+def bloch_gradient(bonds: Bonds, K: NDArray[np.float64], q: ArrayLike, cell: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Derivative of the Bloch matrix by the Cartesian wavevector, `dD/dk`.
 
     Parameters
@@ -94,7 +105,8 @@ def bloch_gradient(bonds, K, q, cell):
     return np.array([_scatter(bonds, K, 1j * R[:, axis] * phase, onsite=0.0) for axis in range(K.shape[1])])
 
 
-def bloch_series(bonds, K, R):
+def bloch_series(bonds: Bonds, K: NDArray[np.float64],
+                 R: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
     """Bloch matrix to second order in the wavevector, `D(k) = A + k B + k^2 C`.
 
     Parameters
@@ -132,12 +144,12 @@ def _scatter(bonds, K, phase, onsite):
     return D.reshape(len(phase), n * dim, n * dim)
 
 
-def mass_weighted(D, masses):
+def mass_weighted(D: NDArray[Any], masses: NDArray[np.float64]) -> NDArray[Any]:
     """`M^-1/2 D M^-1/2` with one mass (g) per particle; the last two axes of `D` are matrix axes."""
     root = np.repeat(np.sqrt(masses), D.shape[-1] // len(masses))
     return D / (root[:, None] * root)
 
 
-def signed_root(squares):
+def signed_root(squares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency."""
     return np.sign(squares) * np.sqrt(np.abs(squares))

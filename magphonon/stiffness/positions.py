@@ -1,6 +1,16 @@
 """Atoms as a calculator is given them: whether they are the particles of its reference, and stay in its plane."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from .repulsion import Repulsion
 
 OUT_OF_PLANE = 0.1
 """Of the shortest bond: the largest displacement of a finite difference; what is farther out was not meant."""
@@ -8,7 +18,7 @@ ROUND_OFF = 1e-12
 """Of the largest momentum: what a guide along a direction of the plane, turned by hand, leaves along z."""
 
 
-def from_reference(calc, atoms):
+def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
     """Vectors from the reference of a calculator to the positions of `atoms`, whatever the image, in mm, shape (particles, 3).
 
     Raises
@@ -29,7 +39,7 @@ def from_reference(calc, atoms):
     return u
 
 
-def out_of_plane(atoms):
+def out_of_plane(atoms: Atoms) -> NDArray[np.bool_]:
     """Which particles move along z, shape (particles,)."""
     if 'momenta' not in atoms.arrays:
         return np.zeros(len(atoms), bool)
@@ -37,7 +47,7 @@ def out_of_plane(atoms):
     return ~(momenta[:, 2] <= ROUND_OFF * momenta.max(initial=0.0))
 
 
-def refuse_motion_out_of_the_plane(calc, atoms):
+def refuse_motion_out_of_the_plane(calc: Repulsion, atoms: Atoms) -> None:
     """Refuse particles of a planar structure that leave its plane.
 
     Nothing acts along z: what rattles or heats particles in space would let them drift, and take a third of the heat.

@@ -75,18 +75,18 @@ class Relaxation:
     lowest: float
 
     @property
-    def needed(self):
+    def needed(self) -> float:
         """Whether the structure was out of balance, or at an unstable rest."""
         return self.steps > 0
 
-    def __str__(self):
+    def __str__(self) -> str:
         moved = f'moved by up to {self.shift:.4g} mm in {self.steps} steps' if self.needed else 'was at rest already'
         off = f', off {self.saddles} saddles' if self.saddles else ''
         return (f'The structure {moved}{off}: {self.before:.3g} N were left on a particle, now {self.after:.3g} N; its lowest '
                 f'squared frequency is {self.lowest:.4g} rad^2/ms^2.')
 
 
-def relaxed(atoms, tolerance=RESIDUAL, steps=1000):
+def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Relaxation:
     """Let the free particles of a structure move to a stable place where no force is left.
 
     Parameters
@@ -111,7 +111,7 @@ def relaxed(atoms, tolerance=RESIDUAL, steps=1000):
     calc, tolerance, steps = repulsion_of(atoms), positive('tolerance', tolerance), whole('steps', steps)
     descent = _Descent(atoms, calc)
     y, taken = np.zeros(descent.P.shape[1]), 0
-    before = descent.residual(y)
+    before, lowest = descent.residual(y), 0.0
     for saddles in range(SADDLES + 1):
         if descent.residual(y) > RESIDUAL * descent.force:
             y, used = descent.to_rest(y, steps)

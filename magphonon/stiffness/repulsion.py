@@ -1,6 +1,8 @@
 """`Repulsion`: what both calculators answer, and the one way to ask atoms for theirs."""
 
-from typing import Protocol, runtime_checkable
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from ase import Atoms
@@ -9,6 +11,11 @@ from numpy.typing import NDArray
 from ..errors import positive
 from ..interactions.pair_laws import PairLaw
 from ..lattices.bonds import Bonds
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from .calculator import MagneticRepulsion
 
 
 @runtime_checkable
@@ -38,45 +45,73 @@ class Repulsion(Protocol):
         The models of which there is a Bloch matrix.
     """
 
-    reference: Atoms
-    potential: PairLaw
-    bonds: Bonds
-    pairwise: bool
-    dim: int
+    @property
+    def reference(self) -> Atoms:
+        """Positions from which displacements are counted."""
+        ...
+
+    @property
+    def potential(self) -> PairLaw:
+        """The pair law."""
+        ...
+
+    @property
+    def bonds(self) -> Bonds:
+        """Pairs that repel each other."""
+        ...
+
+    @property
+    def pairwise(self) -> bool:
+        """Whether the bonds are all of the repulsion."""
+        ...
+
+    @property
+    def dim(self) -> int:
+        """Number of components of a displacement."""
+        ...
 
     @property
     def foundation(self) -> float:
         """Stiffness of the foundation in N/mm."""
+        ...
 
     @property
     def model(self) -> str:
         """Model of the forces."""
+        ...
 
     @property
     def linear_model(self) -> str:
         """Model of the stiffness at rest, 'complete' or 'conventional'."""
+        ...
 
     @property
     def bloch_models(self) -> tuple[str, ...]:
         """Models of which there is a Bloch matrix."""
+        ...
 
-    def on(self, supercell: Atoms) -> 'Repulsion':
+    def on(self, supercell: Atoms) -> Repulsion:
         """The same calculator on a supercell of its reference."""
+        ...
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from the reference in mm, shape (particles, dim)."""
+        ...
 
     def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Bloch matrix at the reference, foundation included, N/mm; `q` of shape (wavevectors, 3)."""
+        ...
 
     def bloch_series(self, along: NDArray[np.float64], model: str = 'complete') -> tuple[NDArray[np.complex128], ...]:
         """The Bloch matrix without foundation to second order in the wavevector `along`, a unit vector."""
+        ...
 
     def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
         """Signs of what outgrows the second order in long waves, shape (dim, dim); zero unless the repulsion reaches far."""
+        ...
 
 
-def repulsion_of(atoms):
+def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
     """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are looked at too.
 
     Returns
@@ -88,17 +123,18 @@ def repulsion_of(atoms):
     ValueError
         If there is none, it is AllNeighbours, or a mass is not a positive number.
     """
-    if not isinstance(atoms.calc, Repulsion):
-        raise ValueError(f'the atoms carry {atoms.calc!r} as calculator; '
+    calc: Any = atoms.calc
+    if not isinstance(calc, Repulsion):
+        raise ValueError(f'the atoms carry {calc!r} as calculator; '
                          'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
-    if not atoms.calc.pairwise:
-        raise ValueError(f'this needs the stiffness of each bond, which {type(atoms.calc).__name__} does not know; '
+    if not calc.pairwise:
+        raise ValueError(f'this needs the stiffness of each bond, which {type(calc).__name__} does not know; '
                          'attach atoms.calc = MagneticRepulsion(atoms, potential, ...) with a number of shells')
     masses_of(atoms)
-    return atoms.calc
+    return atoms.calc  # pyright: ignore[reportReturnType]  what is pairwise is a MagneticRepulsion or like one
 
 
-def masses_of(atoms):
+def masses_of(atoms: Atoms) -> NDArray[np.float64]:
     """Masses in g, shape (particles,).
 
     Raises

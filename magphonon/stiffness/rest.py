@@ -10,10 +10,22 @@ about a place where nothing pushes, so every linear answer asks this module for 
 Statically all models are alike: the force of a bond is that of its present length, along its present direction.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .constraints import free_directions, freedom
 from .repulsion import Repulsion, masses_of, repulsion_of
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from .calculator import MagneticRepulsion
 
 ROUND_OFF = 1e-11
 """A static force below this fraction of the forces that cancel in it is round-off."""
@@ -24,7 +36,7 @@ ELSEWHERE = 1e-3
 ones may merely be displaced by so little that their forces look balanced."""
 
 
-def static_forces(calc, push=0.0, u=0.0):
+def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDArray[np.float64]:
     """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
 
     Parameters
@@ -49,7 +61,7 @@ def static_forces(calc, push=0.0, u=0.0):
     return total
 
 
-def unbalanced(atoms, u=0.0):
+def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
     """What is left of the static forces along what is free, in N, shape (particles,); zero if it is less than BALANCED.
 
     Parameters
@@ -58,8 +70,8 @@ def unbalanced(atoms, u=0.0):
     u : ndarray, shape (particles, dim)
         Displacements from the reference at which it is asked.
     """
-    calc, P = atoms.calc, free_directions(atoms)
-    forces = static_forces(calc, u=u)
+    calc: Any = atoms.calc
+    P, forces = free_directions(atoms), static_forces(calc, u=u)
     left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
     return left * (left > BALANCED * _largest_force(calc, u))
 
@@ -69,14 +81,14 @@ def _largest_force(calc, u):
     return abs(calc.potential.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
 
 
-def components(forces, dim):
+def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:
     """Components of forces in the dimensions of the structure, shape (..., dim); a force out of its plane is refused."""
     if dim == 2 and forces[..., 2].any():
         raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
     return forces[..., :dim]
 
 
-def loaded(atoms, push):
+def loaded(atoms: Atoms, push: NDArray[np.float64]) -> Atoms:
     """A copy of the atoms with constant forces, in N, shape (particles, 3), added to the dead load of their calculator."""
     calc = repulsion_of(atoms)
     atoms = atoms.copy()
@@ -84,7 +96,7 @@ def loaded(atoms, push):
     return atoms
 
 
-def at_rest(atoms):
+def at_rest(atoms: Atoms) -> MagneticRepulsion:
     """The calculator about the present positions, where the forces balance.
 
     Parameters
@@ -112,7 +124,7 @@ def at_rest(atoms):
     return calc.about(atoms) if u.any() else calc
 
 
-def settled(atoms):
+def settled(atoms: Atoms) -> Atoms:
     """The atoms with the calculator about their present positions, where the forces balance; see `at_rest`, also for its errors.
 
     Of a cell with AllNeighbours, which knows one rest only, the atoms as they are, if they stand there and the forces balance.
@@ -124,7 +136,7 @@ def settled(atoms):
     return atoms if calc is atoms.calc else placed(atoms, calc)
 
 
-def placed(atoms, calc):
+def placed(atoms: Atoms, calc: MagneticRepulsion) -> Atoms:
     """A copy of the atoms at the reference of `calc`, with `calc`."""
     atoms = atoms.copy()
     atoms.positions[:, : calc.dim] = calc.reference.positions[:, : calc.dim]
@@ -132,7 +144,7 @@ def placed(atoms, calc):
     return atoms
 
 
-def nearest_rest(atoms):
+def nearest_rest(atoms: Atoms) -> tuple[MagneticRepulsion, NDArray[np.float64]]:
     """The calculator about the rest that belongs to a moving structure, whose positions are its state, and what is left there.
 
     The reference, where the forces balance; the present positions, if less is left there, or if they are another rest, well
@@ -154,7 +166,7 @@ def nearest_rest(atoms):
     return calc, at_reference
 
 
-def rest_of_motion(atoms, push):
+def rest_of_motion(atoms: Atoms, push: NDArray[np.float64]) -> MagneticRepulsion:
     """The calculator of `nearest_rest`; refused as by `at_rest` if the forces do not balance there.
 
     The constant forces `push` of drives, in N, shape (particles, 3), may help to balance, but need not: on a structure that is

@@ -1,22 +1,28 @@
 """The scale of frequencies that a law, a foundation and masses give, by which forgotten units are noticed."""
 
+from __future__ import annotations
+
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units
 
+if TYPE_CHECKING:
+    from .repulsion import Repulsion
+
 FREQUENCIES_Hz = 1e-4, 1e13
 """From a swing in three hours to the atoms of a solid; beyond these a unit or an exponent is wrong."""
 
 
-def frequency_scale(calc):
+def frequency_scale(calc: Repulsion) -> float:
     """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
     stiffest = abs(calc.potential.d2phi(calc.bonds.lengths)).max(initial=0.0)
     return units.hertz(np.sqrt((stiffest + calc.foundation) / calc.reference.get_masses().min()))
 
 
-def warn_of_units(calc):
+def warn_of_units(calc: Repulsion) -> None:
     """Warn of frequencies beyond FREQUENCIES_Hz; a law and springs without any stiffness have none."""
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
     if f and not least <= f <= most:

@@ -8,18 +8,26 @@ over all particles beyond R is less than an integral that begins one cell diamet
 with n particles per mm^d and S = 2, 2 pi, 4 pi in d = 1, 2, 3 dimensions.
 """
 
+from __future__ import annotations
+
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import positive
 from ..lattices.bonds import ON_SHELL, bonds_within
 
+if TYPE_CHECKING:
+    from ase import Atoms
+
+    from ..interactions.pair_laws import PairLaw
+
 MANY = 300_000
 """Bonds of one cell that are still summed."""
 
 
-def missing_stiffness(atoms, potential, cutoff):
+def missing_stiffness(atoms: Atoms, potential: PairLaw, cutoff: float) -> float:
     """Bound on the stiffness that neighbours beyond `cutoff` add to a particle.
 
     Parameters
@@ -62,7 +70,7 @@ def missing_stiffness(atoms, potential, cutoff):
     return len(atoms) / volume * {1: 2, 2: 2 * np.pi, 3: 4 * np.pi}[d] * total
 
 
-def reach(atoms, potential, tolerance=1e-5):
+def reach(atoms: Atoms, potential: PairLaw, tolerance: float = 1e-5) -> float:
     """Cutoff beyond which all neighbours together add less than `tolerance` of the stiffness of those within.
 
     Parameters
