@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
-from magphonon import Constant, InversePower, MagneticRepulsion, analytic_bands, foundation_needed, lattices, verdict
+from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analytic_bands, foundation_needed, lattices, verdict
 from magphonon.stability import spacing_held, support_needed
 from magphonon.stiffness.matrices import hessian
 
@@ -148,6 +148,12 @@ def test_supports_out_of_the_plane(lattice, wave, alone):
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0))
     assert_allclose(support_needed(atoms), (3 * wave, 3 * alone), rtol=1e-12)
     assert_allclose(support_needed(atoms, magnets=False), (wave, alone), rtol=1e-12)
+    found = verdict(atoms)
+    assert_allclose((found.support, found.alone, found.central), (3 * wave, 3 * alone, wave), rtol=1e-12)
+    atoms.calc = MagneticRepulsion(atoms, Yukawa(c=1.0, kappa=0.5))  # particles that are no magnets
+    found = verdict(atoms)
+    assert found.support is found.alone is None
+    assert_allclose(found.central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
 
 
 def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
