@@ -67,7 +67,7 @@ def _calculator(calc, atoms):
     """The class and settings of a calculator; of one that is not of this package, its forces at the start, too."""
     if isinstance(calc, MagneticRepulsion):  # law, bonds, anchors and the like are parts by themselves
         own = {name: value for name, value in vars(calc).items()
-               if not name.startswith('_') and name not in (*CHANGING, 'potential', 'bonds', 'parameters', 'anchors', 'load')}
+               if not name.startswith('_') and name not in (*CHANGING, 'bonds', 'parameters')}
         return type(calc), own
     return type(calc), dict(calc.parameters), calc.get_forces(atoms)
 

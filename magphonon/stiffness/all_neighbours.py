@@ -75,7 +75,7 @@ class AllNeighbours(Calculator):
         super().__init__()
         self.reference = reference.copy()
         self.reference.calc = None
-        self.potential = potential
+        self._potential = potential
         self.dim = 3 if reference.pbc.all() else 2
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
         if self.dim == 2 and z.any():
@@ -85,6 +85,11 @@ class AllNeighbours(Calculator):
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
         warn_of_units(self)
+
+    @property
+    def potential(self) -> GaussianMixture:
+        """The pair law; another one belongs to another calculator."""
+        return self._potential
 
     @property
     def foundation(self) -> float:

@@ -104,7 +104,7 @@ class MagneticRepulsion(Calculator):
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
-        self.potential = potential
+        self._potential = potential
         self.dim = 3 if reference.pbc.all() else 2
         first = not isinstance(bonds, Bonds)  # what is made of another calculator hands on its bonds
         if bonds is None:
@@ -121,8 +121,10 @@ class MagneticRepulsion(Calculator):
                              'a structure in space is periodic along three vectors')
         self.bonds = bonds
         shape = (len(reference), 3)
-        self.anchors = self.reference.get_positions() if anchors is None else finite('anchors', anchors, shape).copy()
-        self.load = np.zeros(shape) if load is None else finite('load', load, shape).copy()
+        self._anchors = self.reference.get_positions() if anchors is None else finite('anchors', anchors, shape).copy()
+        self._load = np.zeros(shape) if load is None else finite('load', load, shape).copy()
+        for fixed in self._anchors, self._load, self.reference.positions:  # forces are made of them once
+            fixed.flags.writeable = False
         if self.dim == 2 and self.load[:, 2].any():
             raise ValueError(f'the load pushes particle {np.flatnonzero(self.load[:, 2])[0]} along z, but the structure is '
                              'planar; give it a direction in the plane')
@@ -135,6 +137,21 @@ class MagneticRepulsion(Calculator):
         super().__init__(foundation=foundation, model=model)
         if first:
             warn_of_units(self)
+
+    @property
+    def potential(self) -> PairLaw:
+        """The pair law; another one belongs to another calculator."""
+        return self._potential
+
+    @property
+    def anchors(self) -> NDArray[np.float64]:
+        """Where the foundation springs are slack in mm, shape (particles, 3); read-only."""
+        return self._anchors
+
+    @property
+    def load(self) -> NDArray[np.float64]:
+        """Dead load in N, shape (particles, 3); read-only: `about(atoms, load)` makes a calculator with another one."""
+        return self._load
 
     @property
     def foundation(self) -> float:

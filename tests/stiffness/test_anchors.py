@@ -144,3 +144,24 @@ def test_a_law_without_stiffness_is_refused_like_one_without_force():
 
     with pytest.raises(ValueError, match='gives the stiffness nan N/mm at the distance 10 mm of the particles 0 and 0'):
         MagneticRepulsion(lattices.triangular(10.0, 0.7), Broken(b=1.0, a=4.0))
+
+
+@pytest.mark.parametrize('name', ['chain', 'kagome', 'fcc'])
+def test_what_the_forces_are_made_of_once_cannot_be_changed_beneath_them(name):
+    """A change would be seen by some answers and not by others; a calculator that is made anew sees all of it."""
+    rest, atoms, _, slack, load = drawn(name)
+    atoms.calc = calc = MagneticRepulsion(rest, LAW, foundation=K, anchors=rest.positions - slack, load=load)
+    forces = atoms.get_forces()
+    for array in calc.load, calc.anchors, calc.reference.positions:
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] += 0.1
+    for attribute in 'load', 'anchors', 'potential':
+        with pytest.raises(AttributeError, match=attribute):
+            setattr(calc, attribute, getattr(calc, attribute))
+    assert_array_equal(atoms.get_forces(), forces)
+    load[0, 0] += 0.1  # the caller's own array is his
+    assert_array_equal(atoms.get_forces(), forces)
+    atoms.calc = calc.about(rest, load=load)
+    expected = np.zeros((len(rest), 3))
+    expected[0, 0] = 0.1
+    assert_allclose(atoms.get_forces() - forces, expected, atol=1e-12)
