@@ -45,6 +45,11 @@ Narrow is `CLOSE` after the last shell wanted, where neighbours would be lost, a
 only their number is in doubt; crystals differ more (the two first distances in cobalt and magnesium by 3e-3).  In the usual
 lattices, where shells crowd at large distances, the ratio stays below 20 over the first three thousand shells.
 """
+DECIMALS = range(2, 8)
+"""Numbers of decimals with which positions are written on purpose; fewer are whole numbers of millimetres or their tenths."""
+UNITS = 2.0
+"""Of the last decimal of positions that have so few: where distances that differ by less follow each other, rounding may have
+split one shell as well, as two ends and a lattice vector are each off by half a unit."""
 ON_SHELL = 1e-6
 """A cutoff nearer to a shell than this fraction of itself falls on it: displacements of finite differences would cross it."""
 SCATTER = 0.1
@@ -289,7 +294,8 @@ def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
     beside = np.maximum(between[:-1], np.append(between[2:], 0)[: len(between) - 1])[:shells]
     between = between[1 : shells + 1]
     narrow = np.append(np.full(shells - 1, ROUNDED), CLOSE)
-    split = (between < narrow) & (CONTRAST * between < beside)
+    rounded = between * distances[last[:shells] + 1] < UNITS * _last_decimal(atoms)
+    split = ((between < narrow) | rounded) & (CONTRAST * between < beside)
     inside = gaps[:end][(gaps[:end] > EXACT) & (gaps[:end] <= SHELL_WIDTH)].max(initial=0)
     if not split.any() and between.min() >= CLEAR * inside:
         return
@@ -299,6 +305,15 @@ def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
                      f'distance is {distances[end + 1]:.9g} mm, {100 * gaps[end]:.2g} % longer; if rounded or measured positions '
                      'split one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
                      f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
+
+
+def _last_decimal(atoms):
+    """The unit in mm of the last decimal with which the positions are written; zero if they have all their digits."""
+    numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
+    for unit in 10.0 ** -np.array(DECIMALS):
+        if (abs(numbers - unit * np.rint(numbers / unit)) <= EXACT * np.maximum(abs(numbers), unit)).all():
+            return unit
+    return 0.0
 
 
 def _widest_gap(atoms, last):

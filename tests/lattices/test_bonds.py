@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 from ase.constraints import FixAtoms
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 from oracles import LATTICES, lattice, neighbour_vectors
 
 from magphonon import explicit_bonds, find_bonds
@@ -219,7 +219,7 @@ def test_positions_good_to_a_hundred_thousandth_keep_their_bonds(scatter):
 
 def ideal_bonds(name, shells):
     """Bonds in a cell of the ideal lattice, by brute force: its distances differ by much more than they are rounded here."""
-    lengths = np.sort(np.round([np.linalg.norm(v) for *_, v in neighbour_vectors(lattice(name), 32.0)], 6))
+    lengths = np.sort(np.round([np.linalg.norm(v) for *_, v in neighbour_vectors(lattice(name), 42.0)], 6))
     farthest = np.unique(lengths)[shells - 1]
     return int((lengths <= farthest).sum()) // 2
 
@@ -235,18 +235,23 @@ def written(atoms, decimals, turn):
 
 
 @settings(max_examples=150, deadline=None)
-@given(name=st.sampled_from(LATTICES), shells=st.integers(1, 3), decimals=st.integers(2, 8),
+@given(name=st.sampled_from(LATTICES), shells=st.integers(1, 4), decimals=st.integers(2, 8),
+       spacing=st.one_of(st.sampled_from([0.5, 1.0, 3.3, 7.07, 9.8027, 10.0]), st.floats(0.5, 25)), repeats=st.integers(1, 3),
        turn=st.one_of(st.just(0.0), st.floats(0, 360)))
-def test_rounded_structures_keep_their_bonds_or_are_refused(name, shells, decimals, turn):
-    """Spacing 10: two decimals move a vector by up to 7e-4 of it, four by 7e-6, and those must be understood."""
-    atoms = written(lattice(name), decimals, turn)
+@example(name='chain', shells=2, decimals=2, spacing=9.8027, repeats=2, turn=0.0)
+@example(name='fcc', shells=3, decimals=2, spacing=3.3, repeats=2, turn=0.0)
+def test_rounded_structures_keep_their_bonds_or_are_refused(name, shells, decimals, spacing, repeats, turn):
+    """Two decimals move a vector of 10 by up to 7e-4 of it, four by 7e-6, and the latter must be understood."""
+    atoms = lattice(name, spacing).repeat(np.where(lattice(name).pbc, [repeats, 1, 1], 1))
+    expected = ideal_bonds(name, shells) * repeats
+    assert len(find_bonds(atoms, shells=shells)) == expected  # as exact as it is, it is never refused
     try:
-        found = len(find_bonds(atoms, shells=shells))
+        found = len(find_bonds(written(atoms, decimals, turn), shells=shells))
     except ValueError as error:
-        if decimals >= 4 or 'shells of neighbours are not clear' not in str(error):
+        if 10.0**-decimals <= 1e-5 * spacing or 'shells of neighbours are not clear' not in str(error):
             raise
     else:
-        assert found == ideal_bonds(name, shells)
+        assert found == expected
 
 
 @pytest.mark.parametrize('height', [8.66, 8.6603, 8.66025])
