@@ -307,12 +307,12 @@ def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
                      f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
 
 
-def _last_decimal(atoms):
+def _last_decimal(atoms: Atoms) -> float:
     """The unit in mm of the last decimal with which the positions are written; zero if they have all their digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
     for unit in 10.0 ** -np.array(DECIMALS):
         if (abs(numbers - unit * np.rint(numbers / unit)) <= EXACT * np.maximum(abs(numbers), unit)).all():
-            return unit
+            return float(unit)
     return 0.0
 
 
