@@ -33,7 +33,8 @@ def plot_fits(forces, fits):
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
     points, _ = forces.binned(MOST_POINTS)
     r, error = points.r / u.m, None if points.sigma is None else points.sigma / u.N
-    upper.errorbar(r, points.f / u.N, error, fmt='o', color='k', markersize=4, fillstyle='none', label='measured', zorder=3)
+    upper.errorbar(r, points.f / u.N, error, fmt='o', color='k', markersize=4, fillstyle='none', zorder=3,
+                   label='measured' if len(r) == len(forces.r) else 'measured, averaged')
     line = np.geomspace(*forces.r[[0, -1]], 300)
     for fit, style, colour, shift in zip(fits, LINES, COLOURS, np.linspace(-1, 1, len(fits)), strict=False):
         inside = line[line - fit.offset > 0]
@@ -48,7 +49,8 @@ def plot_fits(forces, fits):
         lower.axhline(height, color='0.6' if height == 0 else '0.8', linewidth=0.8, zorder=0)
     upper.set(xscale='log', yscale='log', ylabel='force (N)')
     lower.set(xlabel='distance of the centres (m)', ylabel=f'measured - fitted ({"%" if points.sigma is None else "sigma"})')
-    ticks = [tick for tick in MaxNLocator(7).tick_values(*r[[0, -1]]) if r[0] <= tick <= r[-1]]
+    low, high = line[[0, -1]] / u.m * (1 - 1e-9, 1 + 1e-9)  # ends of the data are ticks
+    ticks = [tick for tick in MaxNLocator(7).tick_values(low, high) if low <= tick <= high]
     lower.set_xticks(ticks, [f'{tick:g}' for tick in ticks])
     lower.xaxis.set_minor_formatter(NullFormatter())
     legend_above(upper, ncols=1, fontsize=8)
