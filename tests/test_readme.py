@@ -1,5 +1,6 @@
 """The scripts in README run as they stand there and find what they say."""
 
+import json
 import os
 import re
 import subprocess
@@ -107,3 +108,32 @@ def test_the_lines_for_the_shell_find_m_and_k(shell, paper):
     np.testing.assert_allclose(sorted(M)[1:], [58.2326897819, 149.476338113], rtol=ROUNDED)
     np.testing.assert_allclose(sorted(K)[1:], [at_k, at_k], rtol=ROUNDED)
     assert abs(M[0]) < 1e-3  # out of the plane nothing acts
+
+
+FOREIGN = ('"bandpath"', '"SubFigure"')
+"""Complaints of which others are the cause: ASE takes an array for pbc, and matplotlib's figure of an axis can be saved."""
+
+
+def complaints(folder):
+    """What pyright says of the programs in a folder: each as the name of its file and the message."""
+    (folder / 'pyrightconfig.json').write_text(json.dumps({'extraPaths': [str(README.parent)], 'typeCheckingMode': 'basic'}))
+    done = subprocess.run([sys.executable, '-m', 'pyright', '--outputjson', '--pythonpath', sys.executable, '.'],
+                          cwd=folder, capture_output=True, text=True)
+    found = [(Path(one['file']).name, one['message']) for one in json.loads(done.stdout)['generalDiagnostics']]
+    return [(file, message) for file, message in found if not any(words in message for words in FOREIGN)]
+
+
+@pytest.mark.slow
+def test_a_type_checker_finds_nothing_in_the_programs_and_finds_mistakes_in_them(tmp_path):
+    pytest.importorskip('pyright')
+    mistakes = {'keyword': ('foundation=', 'fundation='), 'name': ('analytic_bands,', 'analytical_bands,'),
+                'attribute': ('linear.displacements)', 'linear.displacement)'), 'type': ('a=4.5824)', "a='4.5824')")}
+    programs = re.findall(r'```python\n(.*?)```', README.read_text(encoding='utf-8'), re.S)
+    for k, program in enumerate(programs):
+        (tmp_path / f'program_{k}.py').write_text(program, encoding='utf-8')
+        for name, (right, wrong) in mistakes.items():
+            if right in program:
+                (tmp_path / f'{name}_{k}.py').write_text(program.replace(right, wrong), encoding='utf-8')
+    found = complaints(tmp_path)
+    assert [message for file, message in found if file.startswith('program')] == []
+    assert {file.split('_')[0] for file, _ in found} == set(mistakes)  # the controls

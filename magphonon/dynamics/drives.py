@@ -8,6 +8,7 @@ A drive is called with the time t in ms and returns the force in N on each of it
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import finite, positive
 from ..stiffness.constraints import refuse_held
@@ -26,9 +27,9 @@ class Constant:
         In N.
     """
 
-    particles: np.ndarray
-    direction: np.ndarray
-    force: np.ndarray
+    particles: ArrayLike
+    direction: ArrayLike
+    force: ArrayLike
 
     def __post_init__(self):
         _prepare(self, 'force')
@@ -57,11 +58,11 @@ class Harmonic:
         In rad.
     """
 
-    particles: np.ndarray
-    direction: np.ndarray
-    amplitude: np.ndarray
-    omega: np.ndarray
-    phase: np.ndarray = 0.0
+    particles: ArrayLike
+    direction: ArrayLike
+    amplitude: ArrayLike
+    omega: ArrayLike
+    phase: ArrayLike = 0.0
 
     def __post_init__(self):
         _prepare(self, 'amplitude', 'omega', 'phase')
@@ -90,9 +91,9 @@ class ToneBurst:
         In ms.
     """
 
-    particles: np.ndarray
-    direction: np.ndarray
-    amplitude: np.ndarray
+    particles: ArrayLike
+    direction: ArrayLike
+    amplitude: ArrayLike
     omega: float
     cycles: float = 5
     start: float = 0.0
