@@ -9,6 +9,7 @@ from ..dynamics.recorder import Recorder
 from ..dynamics.timestep import highest_frequency
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, positive
+from ..stiffness.repulsion import repulsion_of
 from .vibrometer import Displacements
 
 STEP = 0.1
@@ -17,6 +18,10 @@ SAMPLES = 20
 """Frames of the record to a period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
 SNAPSHOTS = 24
 """Moments at which the whole patch is kept."""
+
+
+ROUND_OFF = 1e-9
+"""Of the shortest bond: a displacement below it is none."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +44,12 @@ class Passage:
 
 
 def send(patch, site, drive, damping, duration, engine='auto'):
-    """Send a burst through a patch at rest and record it.
+    """Send a burst through a copy of a patch at rest and record it.
 
     Parameters
     ----------
     patch : ase.Atoms
-        At rest, with its MagneticRepulsion.
+        At rest in the reference of its MagneticRepulsion; it stays there.
     site : Site
     drive : ToneBurst
         `site.burst(...)`.
@@ -62,9 +67,11 @@ def send(patch, site, drive, damping, duration, engine='auto'):
     Raises
     ------
     ValueError
-        For a carrier above all frequencies of the patch, or a duration that ends before the burst does.
+        For a carrier above all frequencies of the patch, a duration that ends before the burst does, or a patch that moves or
+        does not stand in its reference.
     """
     not_negative('damping', damping, '1/ms')
+    patch = _at_rest(patch)
     top = highest_frequency(patch)
     if drive.omega > top:
         model = patch.calc.parameters.model
@@ -83,3 +90,15 @@ def send(patch, site, drive, damping, duration, engine='auto'):
     largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))
     return Passage(*(Displacements(record.times, record.particles, record.displacements) for record in (row, field)),
                    float(largest))
+
+
+def _at_rest(patch):
+    """A copy of the patch with its calculator."""
+    away = np.linalg.norm(repulsion_of(patch).displacements(patch), axis=1)
+    for k in np.flatnonzero((away > ROUND_OFF * patch.calc.bonds.lengths.min()) | patch.get_momenta().any(axis=1))[:1]:
+        raise ValueError(f'a burst is sent through a patch at rest, but particle {k} stands {away[k]:.3g} mm away from the '
+                         'reference of the calculator or moves, as after a run; set atoms.positions = '
+                         'atoms.calc.reference.positions and atoms.set_momenta(0 * atoms.positions)')
+    copy = patch.copy()
+    copy.calc = patch.calc
+    return copy

@@ -18,6 +18,10 @@ NEAR = 0.1
 """Particles so near to a place, in lattice constants, belong there: also in a patch that a burst has left in motion."""
 
 
+STRAIGHT = 1e-6
+"""Of R1: how far it may lead up or down."""
+
+
 @dataclass(frozen=True)
 class Burst:
     """A tone burst, the damping of the patch that it crosses, and how long it is recorded.
@@ -99,8 +103,14 @@ def site(cell, patch, source):
     Returns
     -------
     Site
+
+    Raises
+    ------
+    ValueError
+        For a cell whose R1 does not lie along x or whose R2 does not point up, along y: then the lowest particles are no row.
     """
     one_of('source', source, SOURCES)
+    _refuse_turned(cell)
     x, y = patch.positions[:, :2].T
     inside = np.flatnonzero(patch.get_tags() != RIM)
     row = inside[y[inside] < y[inside].min() + NEAR * cell.cell.lengths()[0]]
@@ -112,6 +122,16 @@ def site(cell, patch, source):
     across = (x[row] - middle) / (np.ptp(x[row]) + 2 * cell.cell.lengths()[0])
     below = middle - np.ptp(y[inside]) / 2 * R2[0] / R2[1]
     return Site(row, np.cos(np.pi * across) ** 2, _row(patch, inside, row[abs(x[row] - below).argmin()], R2))
+
+
+def _refuse_turned(cell):
+    (x, y, _), R2 = cell.cell.array[:2]
+    if abs(y) > STRAIGHT * abs(x) or R2[1] <= 0:
+        mirrored = x * R2[1] - y * R2[0] < 0
+        turn = 180 * mirrored - np.degrees(np.arctan2(y, x))
+        raise ValueError('a burst enters along R1, at the lowest row, and is measured upwards along R2, but these are '
+                         f'({x:.6g}, {y:.6g}) and ({R2[0]:.6g}, {R2[1]:.6g}) mm; turn the cell with '
+                         f'cell.rotate({turn:.9g}, "z", rotate_cell=True), and cut the patch from it')
 
 
 def _row(patch, inside, start, R2):

@@ -68,6 +68,48 @@ def test_a_patch_in_motion_has_the_same_sites(ideal):
         assert_allclose(value, getattr(rest, name), atol=0.01)
 
 
+@pytest.mark.parametrize('seed', range(10))
+def test_turned_lattices_are_refused_and_turn_back_as_advised(seed):
+    """R1 along x and R2 upwards: in any other orientation the lowest particles are no row, or one that is measured itself."""
+    rng = np.random.default_rng(seed)
+    spacing, angle = 10 * rng.uniform(0.5, 2), rng.uniform(1, 359)
+    cell = [lattices.triangular, lattices.square, lattices.honeycomb, lattices.kagome][rng.integers(4)](spacing, 1.0)
+    if rng.random() < 0.5:  # left-handed
+        cell.set_cell(cell.cell.array * [-1, 1, 1], scale_atoms=True)
+    cell.rotate(angle, 'z', rotate_cell=True)
+    source = SOURCES[rng.integers(2)]
+    with pytest.raises(ValueError, match=r'lowest row.*turn the cell') as refusal:
+        site(cell, lattices.parallelogram(cell, 9, 9), source)
+    back = float(re.search(r'rotate\(([-\d.e]+),', str(refusal.value))[1])
+    cell.rotate(back, 'z', rotate_cell=True)
+    patch = lattices.parallelogram(cell, 9, 9)
+    where = site(cell, patch, source)
+    steps = np.diff(patch.positions[where.row], axis=0)
+    assert_allclose(steps, np.tile(cell.cell.array[1], (len(steps), 1)), atol=1e-6 * spacing)
+    assert len(where.row) >= 4
+    assert np.ptp(patch.positions[where.driven, 1]) < 1e-5 * spacing
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_patch_stays_at_rest_and_sends_the_same_record_again(seed, ideal):
+    rng = np.random.default_rng(seed)
+    patch = patch_of(ideal, 10)
+    where, rest = site(ideal, patch, SOURCES[seed % 2]), patch.positions.copy()
+    drive = where.burst(rng.normal(size=2), rng.uniform(0.1, 1), rng.uniform(0.08, 0.15), 2)
+    one, two = (send(patch, where, drive, 0.001, 300.0).row for _ in range(2))
+    assert abs(one.displacements).max() > 1e-3
+    np.testing.assert_array_equal(one.displacements, two.displacements)
+    np.testing.assert_array_equal(patch.positions, rest)
+    moving, displaced = patch.copy(), patch.copy()
+    k = rng.choice(np.flatnonzero(patch.get_tags() != RIM))
+    displaced.positions[k, :2] += 0.1
+    moving.set_momenta(np.where(np.arange(len(patch))[:, None] == k, [0.1, 0, 0], 0.0))
+    for other in moving, displaced:
+        other.calc = patch.calc
+        with pytest.raises(ValueError, match=f'patch at rest, but particle {k} '):
+            send(other, where, drive, 0.001, 300.0)
+
+
 def test_fronts_run_along_R1_or_across_R2(ideal):
     R1, R2 = ideal.cell.array[:2]
     for source, front in (('row', R1), ('point', np.array([-R2[1], R2[0], 0]))):
