@@ -78,7 +78,9 @@ def test_contact_is_seen_in_the_present_positions():
 def test_balanced_by_a_constant_force():
     atoms = lattices.oscillator(0.0, 1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), bonds=lattices.OSCILLATOR_BONDS)
-    assert verdict(atoms).residual == pytest.approx(1.0, rel=1e-12)  # the lower magnet alone: the outer two cancel
+    found = verdict(atoms)
+    assert (found.residual, found.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet alone: the outer two cancel
+    assert '1 times the force in a bond' in found.faults[0]
     assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
 
 
@@ -138,6 +140,14 @@ def test_spacing_that_a_foundation_holds():
         assert spacing_held(chain) == pytest.approx((4 / k) ** 0.2, rel=1e-8)
     chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0))
     assert spacing_held(chain) is None  # no spacing helps where there is no foundation
+
+
+def test_what_holds_itself_at_every_spacing_never_begins_to_buckle():
+    # an inverse power knows no length, so stable is stable at all spacings; translations have no stiffness, but for round-off
+    for a in (3.2, 4.1, 5.7, 8.3):
+        lattice = lattices.triangular(1.0, 1.0).repeat((2, 1, 1))
+        lattice.calc = MagneticRepulsion(lattice, InversePower(1.0, a))
+        assert spacing_held(lattice) is None
 
 
 @pytest.mark.parametrize(('lattice', 'wave', 'alone'), [
