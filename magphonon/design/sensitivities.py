@@ -180,7 +180,7 @@ def _refuse_moving(system, changes):
     calc, P = system.calc, system.free
     C, R = calc.bonds.incidence, calc.bond_vectors
     r = np.linalg.norm(R, axis=1)
-    springs = (calc.offset - calc.load[:, : calc.dim]) / (calc.foundation or 1.0)
+    springs = calc.spring_forces / (calc.foundation or 1.0)
     for change in changes:
         pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
         push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs

@@ -204,7 +204,7 @@ def _settled(atoms):
 
 def _leans(calc):
     """Whether the foundation carries static forces."""
-    pull = np.linalg.norm(calc.offset - calc.load[:, : calc.dim], axis=1)
+    pull = np.linalg.norm(calc.spring_forces, axis=1)
     return pull.max() > BALANCED * abs(calc.potential.dphi(calc.bonds.lengths)).max()
 
 

@@ -299,9 +299,14 @@ class MagneticRepulsion(Calculator):
         return self._minimum_image(self.reference.positions - self.anchors)
 
     @property
+    def spring_forces(self) -> NDArray[np.float64]:
+        """Forces of the foundation at rest, `-k (rest - anchor)`, in N, shape (particles, dim)."""
+        return -self.foundation * self._slack[:, : self.dim]
+
+    @property
     def offset(self) -> NDArray[np.float64]:
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
-        return (self.load - self.foundation * self._slack)[:, : self.dim]
+        return self.load[:, : self.dim] + self.spring_forces
 
     def _geometry(self, u):
         """Bond lengths that enter the law, and the directions along which the force acts."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .calculator import MagneticRepulsion
 
 ROUND_OFF = 1e-11
-"""A static force below this fraction of the forces that cancel in it is round-off."""
+"""What is left of forces that cancel, below this fraction of them, is round-off."""
 BALANCED = 1e-6
 """Of the largest bond force: what may be left at rest.  It shifts a linear answer by about the same share."""
 ELSEWHERE = 1e-3
@@ -36,8 +36,10 @@ ELSEWHERE = 1e-3
 ones may merely be displaced by so little that their forces look balanced."""
 
 
-def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDArray[np.float64]:
+def static_forces(calc, push=0.0, u=0.0):
     """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
+
+    What round-off leaves of forces that cancel is no force; a load or a push on what is in balance is one, however small.
 
     Parameters
     ----------
@@ -51,13 +53,18 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDA
     R = calc.bond_vectors + (bonds.incidence @ u if np.ndim(u) else 0.0)
     r = np.linalg.norm(R, axis=1)
     pull = -(calc.potential.dphi(r) / r)[:, None] * R
-    total, size = calc.offset - calc.foundation * u, abs(calc.offset)
-    total = total + (components(push, calc.dim) if np.ndim(push) else 0.0)
-    size = size.max(axis=1) + abs(total).max(axis=1)
+    total = calc.spring_forces - calc.foundation * u
+    size = abs(calc.spring_forces).max(axis=1) + abs(total).max(axis=1)
     for end, sign in ((bonds.j, 1), (bonds.i, -1)):
         total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)
         size += np.bincount(end, np.linalg.norm(pull, axis=1), bonds.particles)
-    total[abs(total) <= ROUND_OFF * size[:, None]] = 0
+    size = np.repeat(size[:, None], calc.dim, axis=1)
+    total[abs(total) <= ROUND_OFF * size] = 0
+    for given in (calc.load, push) if np.ndim(push) else (calc.load,):
+        given = components(given, calc.dim)
+        size = np.where(total, size, 0) + abs(given).max(axis=1, keepdims=True)  # what is in balance already cancels nothing
+        total = total + given
+        total[abs(total) <= ROUND_OFF * size] = 0
     return total
 
 
