@@ -13,12 +13,15 @@ import numpy as np
 from ..bands.bloch import bloch_modes
 from ..errors import finite, positive
 from ..stability.buckling import foundation_needed
+from ..stiffness.repulsion import masses_of
 from .sensitivities import Change, frequency_sensitivities, spacing_change
 
 SCAN = 49
 """Spacings looked at in the range; between two of them the wanted value is crossed at most once."""
 VERGE = 1e-9
 """Relative accuracy of the spacing at which the lattice begins to buckle."""
+EQUAL = 1e-12
+"""Masses that differ by less than this fraction are equal: round-off of their units."""
 MESH = 24
 """Wavevectors along each reciprocal vector among which the ends of a branch are looked for; meets M and K."""
 
@@ -78,7 +81,18 @@ def _spacing_of(atoms):
 
 
 def foundation_for(atoms, cut_off):
-    """Foundation stiffness in N/mm that gives uniform motion the frequency `cut_off` in rad/ms; all masses are equal."""
+    """Foundation stiffness in N/mm that gives uniform motion the frequency `cut_off` in rad/ms.
+
+    Raises
+    ------
+    ValueError
+        For a cut-off that is not positive, or particles of different masses: on a common foundation no motion is uniform.
+    """
+    masses = masses_of(atoms)
+    if np.ptp(masses) > EQUAL * masses.max():
+        raise ValueError(f'the masses range from {masses.min():g} to {masses.max():g} g: on a common foundation they swing at '
+                         'different frequencies, and no motion is uniform; give all particles one mass, or look for the '
+                         'foundation at which analytic_bands begin at the cut-off')
     return float(atoms.get_masses()[0] * positive('cut-off', cut_off, 'rad/ms') ** 2)
 
 

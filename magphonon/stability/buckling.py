@@ -124,8 +124,37 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
     calc = atoms.calc
     root = np.repeat(1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms)), calc.dim)
     weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.foundation)
-    steps = (24 if calc.dim == 2 else 8) if steps is None else steps  # as dear as they are
+    steps = _steps_of_sums(calc) if steps is None else steps
     return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.cell.array, atoms.pbc, len(atoms), steps)
+
+
+def highest_squared(atoms):
+    """Highest squared frequency over the zone of a periodic cell, of the calculator's model and with its foundation.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms or LinearSystem
+        An Atoms only with AllNeighbours.
+
+    Returns
+    -------
+    float
+        In rad^2/ms^2.
+    """
+    calc = atoms.calc
+    if isinstance(atoms, LinearSystem):
+        cell, S, steps = atoms.atoms, atoms.shapes.toarray(), None
+    else:
+        cell, S, steps = atoms, np.diag(np.repeat(1 / np.sqrt(atoms.get_masses()), calc.dim)), _steps_of_sums(calc)
+    # the search goes downhill, and knows saddles and what lies between the points of its mesh
+    def downwards(q):
+        return -(S.T @ calc.bloch_matrix(q, calc.linear_model) @ S)
+
+    return -_over_zone(downwards, cell.cell.array, cell.pbc, len(cell), steps).lowest
+
+
+def _steps_of_sums(calc):
+    return 24 if calc.dim == 2 else 8  # as dear as they are
 
 
 def foundation_needed(atoms, model='complete', steps=None):

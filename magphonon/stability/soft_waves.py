@@ -53,7 +53,7 @@ def softest_wave(matrix, cell, pbc, steps):
     """
     axes = np.eye(3)[np.asarray(pbc)]
     x, lowest, highest = _mesh(lambda x: np.linalg.eigvalsh(matrix(x @ axes)), len(axes), steps)
-    flat = FLAT * abs(highest)
+    flat = FLAT * max(abs(lowest).max(), abs(highest))
 
     def at(x):
         return np.linalg.eigvalsh(matrix(x.reshape(-1, len(axes)) @ axes))[:, 0].reshape(x.shape[:-1])

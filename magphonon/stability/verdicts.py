@@ -13,12 +13,13 @@ from ..dynamics.drives import constant_push
 from ..dynamics.timestep import highest_frequency
 from ..errors import positive
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
+from ..stiffness.constraints import freedom
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
-from .buckling import softest_of, spacing_held, support_needed
+from .buckling import highest_squared, softest_of, spacing_held, support_needed
 from .escapes import escape_speeds
 
 CENTRAL = Yukawa, Hertz
@@ -72,6 +73,8 @@ class Verdict:
     amplitude : float or None
         Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged, as where the
         softest wave fits in no two cells.
+    away : float
+        Largest present distance of a particle from its place at rest, mm.
     closest : float
         The present shortest distance of bonded particles as a share of that in the reference.
     safe, leaves : float or None
@@ -105,6 +108,7 @@ class Verdict:
     alone: float | None
     central: float | None
     amplitude: float | None
+    away: float
     closest: float
     safe: float | None
     leaves: float | None
@@ -143,6 +147,10 @@ class Verdict:
         if self.timestep is not None and self.timestep > self.timestep_limit:
             found.append(f'The time step of {self.timestep / u.s:.4g} s is over the limit 2/omega_max = '
                          f'{self.timestep_limit / u.s:.4g} s: the run would blow up. Take a tenth of the limit.')
+        if self.away > self.spacing:
+            found.append(f'Particles stand up to {self.away / u.m:.4g} m away from their places at rest, '
+                         f'{self.away / self.spacing:.3g} times the spacing: they have left them, or are listed in another order '
+                         'than in the calculator. Make a calculator for these positions.')
         if self.closest < CONTACT:
             found.append(f'Particles are in contact: two of them are at {self.closest:.3g} of their distance at rest. '
                          'Start farther out.')
@@ -269,17 +277,20 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
     Raises
     ------
     ValueError
-        For atoms with another calculator, or a time step or distance that is not positive.
+        For atoms with another calculator, constraints other than FixAtoms, FixedLine and FixedPlane, or a time step or
+        distance that is not positive.
     """
     near = not isinstance(atoms.calc, Repulsion) or atoms.calc.pairwise
     if near:  # judged where its rest is, or is nearest
         closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
+        freedom(atoms)  # refuses constraints of which it is not known what they hold
         calc, pushes = nearest_rest(atoms)
+        away = np.linalg.norm(calc.displacements(atoms), axis=1).max()
         atoms = placed(atoms, calc)
         structure = LinearSystem.about(calc, atoms) if pushes.any() else LinearSystem.of(atoms)
         dense = structure.free.shape[1] <= DENSE
     else:  # without an edge
-        calc, pushes, closest = cell_of_free_particles(atoms), np.zeros(1), 1.0
+        calc, pushes, closest, away = cell_of_free_particles(atoms), np.zeros(1), 1.0, 0.0
         structure, dense = atoms, True
     shortest, k = calc.bonds.lengths.min(), calc.foundation
     small = near and dense
@@ -309,12 +320,13 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         growth=0.0 if stable else float(np.sqrt(-softest_of(structure, foundation=k, weighted=True).lowest)),
         unguided=_unguided(atoms),
         held=held and float(held * shortest),
-        omega_max=_omega_max(structure, calc, zone=dense and atoms.pbc.any()),
+        omega_max=_omega_max(structure, zone=dense and atoms.pbc.any()),
         timestep=None if timestep is None else positive('timestep', timestep, 'ms'),
         support=wave,
         alone=alone,
         central=support_needed(structure, magnets=False)[0] if apart else None,
         amplitude=frequency_shifts(structure).amplitude(LINEAR_ERROR) if settled and small and stable and shifted else None,
+        away=float(away),
         closest=closest,
         safe=escape.safe if escape else None,
         leaves=escape.leaves if escape else None,
@@ -335,12 +347,11 @@ def _unguided(atoms):
     return softest_of(free).needed
 
 
-def _omega_max(structure, calc, zone):
+def _omega_max(structure, zone):
     """Highest frequency of the structure, of a large cell as it would move in a run, or in the whole zone of a cell."""
     if not zone:
         return float(highest_frequency(structure))
-    ends = softest_of(structure, calc.linear_model, foundation=calc.foundation, weighted=True)
-    return float(np.sqrt(max(ends.highest, 0.0)))
+    return float(np.sqrt(max(highest_squared(structure), 0.0)))
 
 
 def _closest(calc, atoms):

@@ -10,7 +10,7 @@ from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.bands import zone_map
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
-from magphonon.design.inverse import spacings_for
+from magphonon.design.inverse import foundation_for, spacings_for
 from magphonon.scenes.design import HERTZ
 from magphonon.scenes.scene import Scene, ready_scene, reference
 from magphonon.scenes.tolerances import varied
@@ -199,3 +199,15 @@ def test_cut_off_of_different_masses_is_refused():
 def test_scene_without_wishes_is_refused(tmp_path, capsys):
     assert main(['design', str(ready_scene('ideal'))]) == 2
     assert 'no table [design]' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_foundation_for_uniform_motion_asks_for_equal_masses(seed):
+    rng = np.random.default_rng(seed)
+    cell, cut_off = lattices.honeycomb(rng.uniform(5, 20), rng.uniform(0.1, 5)), rng.uniform(0.1, 2)
+    cell.calc = MagneticRepulsion(cell, InversePower(b=1e3, a=4.0), foundation=foundation_for(cell, cut_off))
+    cell.positions += 0.1, -0.2, 0  # all alike: they swing back at the cut-off
+    assert_allclose(cell.get_forces() / cell.get_masses()[:, None], np.tile([-0.1, 0.2, 0], (2, 1)) * cut_off**2, rtol=1e-9)
+    cell.set_masses(cell.get_masses() * [1, rng.uniform(1.01, 2)])
+    with pytest.raises(ValueError, match='no motion is uniform'):
+        foundation_for(cell, cut_off)

@@ -12,12 +12,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from ase import Atoms
+from oracles import Pairs
 from planewaves import PlaneWaves, depth, margin
 from scipy.optimize import brentq, minimize
 
 from magphonon import InversePower, MagneticRepulsion, foundation_needed, verdict
+from magphonon.stability.buckling import highest_squared
 from magphonon.stability.soft_waves import softest_wave
 from magphonon.stiffness.all_neighbours import AllNeighbours
+from magphonon.stiffness.linear_system import LinearSystem
 
 NEAR = 1e-3
 """Of the critical parameter: how far off the verdict is asked."""
@@ -186,6 +189,37 @@ def test_a_search_that_starts_on_a_saddle_leaves_it(seeds):
     """python -m pytest tests/stability/test_soft_waves.py -k saddle -m long     # a thousand, a minute"""
     for seed in seeds:
         assert missed(seed) < 1e-9, seed  # round-off of the largest eigenvalue, and where the simplex ends
+
+
+def pair_of_particles(seed):
+    """A planar cell of two particles, and its squared frequencies by complex steps of the energy."""
+    rng, law = np.random.default_rng(seed), InversePower(1.0, 4.6)
+    cell = np.diag([*rng.uniform(1.2, 1.8, 2), 3.0])
+    cell[1, 0] = rng.uniform(-0.5, 0.5)
+    atoms = Atoms('Nd2', [[0, 0, 0], np.append(rng.uniform(0.35, 0.65, 2), 0) @ cell], cell=cell, pbc=(True, True, False),
+                  masses=rng.uniform(0.5, 2, 2))
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=rng.uniform(0, 1), cutoff=2.1).balanced([0, 1])
+    pairs, root = Pairs(atoms, law, 2.1), np.repeat(atoms.get_masses(), 2) ** -0.5
+
+    def spectrum(q):
+        D = pairs.bloch(atoms.positions, np.pad(q, ((0, 0), (0, 1)))) + atoms.calc.foundation * np.eye(4)
+        return np.linalg.eigvalsh(D * root * root[:, None])
+    return atoms, spectrum
+
+
+def test_the_highest_frequency_is_that_of_the_whole_zone():
+    """Not that of a mesh, by which time steps would be judged too kindly: the control."""
+    short = []
+    for seed in range(4, 8):
+        atoms, spectrum = pair_of_particles(seed)
+        q = mesh(2, 31)
+        values = spectrum(q)[:, -1]
+        settings = {'xatol': 1e-7, 'fatol': 1e-14 * values.max()}
+        highest = -min(minimize(lambda q, f=spectrum: -f(q[None])[0, -1], start, method='Nelder-Mead', options=settings).fun
+                       for start in q[np.argsort(values)[-6::2]])
+        assert highest_squared(LinearSystem.of(atoms)) == pytest.approx(highest, rel=1e-9)
+        short.append(1 - spectrum(mesh(2, 36))[:, -1].max() / highest)
+    assert max(short) > 1e-5
 
 
 # --- the search itself -----------------------------------------------------------------------------------------------

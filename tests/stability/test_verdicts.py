@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from ase import Atoms
-from ase.constraints import FixAtoms
+from ase.constraints import FixAtoms, FixBondLength
 from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
@@ -242,3 +242,30 @@ def test_half_waves_of_a_scattered_cell_against_its_bloch_matrices(name, repeats
     assert needed == pytest.approx(-lowest.min(), rel=1e-10)
     assert_allclose(at, q[lowest.argmin()])
     assert np.diff(np.sort(lowest)).min() > 1e-5 * needed  # the control: another wave needs another foundation
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_atoms_in_another_order_than_their_calculator_are_a_fault(seed):
+    rng = np.random.default_rng(seed)
+    cell = lattices.triangular(rng.uniform(5, 15), 0.7)
+    patch = lattices.hexagon(cell, 2 * cell.cell.lengths()[0])
+    patch.calc = MagneticRepulsion(patch, InversePower(b=3e3, a=4.6), foundation=0.5)
+    moved = patch.copy()  # the control: a large amplitude is none
+    moved.calc = patch.calc
+    moved.positions[:, :2] += rng.uniform(-0.2, 0.2, (len(patch), 2)) * cell.cell.lengths()[0]
+    assert verdict(moved).fine
+    order = np.arange(len(patch))[::-1] if seed == 0 else rng.permutation(len(patch))
+    other = patch[order]
+    other.calc = patch.calc
+    found = verdict(other)
+    assert not found.fine
+    assert 'listed in another order' in str(found)
+    assert found.away == pytest.approx(np.linalg.norm(patch.positions[order] - patch.positions, axis=1).max())
+
+
+def test_constraints_of_which_nobody_knows_what_they_hold_are_refused():
+    patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
+    patch.calc = MagneticRepulsion(patch, InversePower(b=3e3, a=4.6), foundation=0.5)
+    patch.set_constraint([*patch.constraints, FixBondLength(17, 18)])
+    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are known'):
+        verdict(patch)
