@@ -5,10 +5,14 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 
 from ..dynamics.drives import Harmonic
+from ..dynamics.fingerprints import Unknowable, fingerprint
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
+from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.constraints import freedom
+from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import settled
 from .frf import FrequencyResponse
 
@@ -39,7 +43,7 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
     -------
     FrequencyResponse
     """
-    axis = int(abs(answer.direction).argmax())
+    axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
         raise ValueError(f'a response in time steps is seen along x or y, not along {answer.direction}; turn [frf.response]')
     many = replicas(len(omega) * [settled(atoms)])
@@ -52,31 +56,75 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
 
 
 def replicas(structures):
-    """Structures of one law and model in one Atoms, one after the other, which do not feel each other.
+    """Structures of one law, foundation and model in one Atoms, one after the other, which do not feel each other.
 
     Parameters
     ----------
     structures : sequence of ase.Atoms
         With their MagneticRepulsion, and no constraints but FixAtoms, FixedLine and FixedPlane.  They may stand at one place
-        and may be the same: only the bonds within each act.
+        and may be the same: only the bonds within each act.  Periodic ones have one cell.
 
     Returns
     -------
     ase.Atoms
+        With the places, momenta and rests of all of them.
+
+    Raises
+    ------
+    ValueError
+        If they differ in law, foundation, model, cell or periodicity, or have another calculator or constraint.
     """
-    first = np.cumsum([0, *(len(atoms) for atoms in structures)])
-    many = Atoms(np.concatenate([atoms.numbers for atoms in structures]), np.concatenate([a.positions for a in structures]),
-                 masses=np.concatenate([atoms.get_masses() for atoms in structures]))
-    held, bonds = {}, []
-    for shift, atoms in zip(first, structures, strict=False):
-        for c in atoms.constraints:
-            held.setdefault((type(c), () if isinstance(c, FixAtoms) else tuple(c.dir)), []).extend(c.index + shift)
-        bonds += zip((atoms.calc.bonds.i + shift).tolist(), (atoms.calc.bonds.j + shift).tolist(), strict=True)
-    many.set_constraint([kind(particles, *([direction] if direction else ())) for (kind, direction), particles in held.items()])
-    calc = structures[0].calc
-    anchors, load = (np.concatenate([getattr(atoms.calc, name) for atoms in structures]) for name in ('anchors', 'load'))
-    many.calc = MagneticRepulsion(many, calc.potential, bonds=bonds, anchors=anchors, load=load, **calc.parameters)
+    for which, atoms in enumerate(structures):
+        repulsion_of(atoms).displacements(atoms)  # refuses atoms that are not those of their calculator
+        freedom(atoms)
+        for what in _differing(structures[0], atoms):
+            raise ValueError(f'structure {which} has another {what} than structure 0: all replicas share one law, foundation, '
+                             'model and cell; run those that differ apart')
+    calcs, first = [atoms.calc for atoms in structures], np.cumsum([0, *(len(atoms) for atoms in structures)])
+    rest = Atoms(numbers=np.concatenate([calc.reference.numbers for calc in calcs]), pbc=structures[0].pbc,
+                 positions=np.concatenate([calc.reference.positions for calc in calcs]),
+                 masses=np.concatenate([atoms.get_masses() for atoms in structures]),
+                 cell=structures[0].cell if structures[0].pbc.any() else None)
+    i, j = (np.concatenate([getattr(calc.bonds, end) + shift for calc, shift in zip(calcs, first, strict=False)]) for end in 'ij')
+    images, vectors = (np.concatenate([getattr(calc.bonds, name) for calc in calcs]) for name in ('shift', 'vectors'))
+    anchors, load = (np.concatenate([getattr(calc, name) for calc in calcs]) for name in ('anchors', 'load'))
+    many = rest.copy()
+    many.positions = np.concatenate([atoms.positions for atoms in structures])
+    many.set_momenta(np.concatenate([atoms.get_momenta() for atoms in structures]))
+    many.set_constraint(_joined([atoms.constraints for atoms in structures], first))
+    many.calc = MagneticRepulsion(rest, calcs[0].potential, bonds=Bonds(i, j, images, vectors, len(rest)), anchors=anchors,
+                                  load=load, **calcs[0].parameters)
     return many
+
+
+def _differing(one, other):
+    """What two structures have apart that replicas share."""
+    if one.calc is not other.calc:
+        a, b = one.calc, other.calc
+        if a.potential is not b.potential and not _same_law(a.potential, b.potential):
+            yield f'law, {b.potential!r} instead of {a.potential!r},'
+        for name, value in a.parameters.items():
+            if b.parameters[name] != value:
+                yield f'{name}, {b.parameters[name]} instead of {value},'
+    periodic = one.pbc.any() or other.pbc.any()
+    if periodic and not (np.array_equal(one.pbc, other.pbc) and np.array_equal(one.cell.array, other.cell.array)):
+        yield 'cell or periodicity'
+
+
+def _same_law(one, other):
+    try:
+        return fingerprint(one) == fingerprint(other)
+    except Unknowable:
+        return False
+
+
+def _joined(constraints, first):
+    """Constraints of structures whose particles begin at the indices `first`: one of each kind and direction."""
+    held = {}
+    for shift, own in zip(first, constraints, strict=False):
+        for c in own:
+            held.setdefault((type(c), () if isinstance(c, FixAtoms) else tuple(c.dir)), []).extend(c.index + shift)
+    return [kind(particles, *([direction] if direction else ())) for (kind, direction), particles in held.items()]
 
 
 LEAST_PERIODS = 3

@@ -1,0 +1,117 @@
+"""Replicas: each moves as by itself, periodic or not, and what they cannot share is refused."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixCom, FixedLine
+from oracles import Gaussian, neighbour_vectors, verlet
+
+from magphonon import AllNeighbours, DrivenVerlet, InversePower, MagneticRepulsion, frequency_response, lattices
+from magphonon.response import Place, replicas, stepped_response
+
+L0, DT, STEPS, K = 10.0, 0.02, 60, 0.4
+EXACT = 1e-9  # of the largest displacement, 0.1 mm and more: round-off of positions and of momenta over 60 steps
+
+
+def cell_of(rng):
+    """Three by three cells, periodic along both, one or no direction."""
+    kind = rng.choice(['square', 'triangular', 'honeycomb'])
+    atoms = getattr(lattices, kind)(L0, 0.7).repeat((3, 3, 1))
+    atoms.pbc = [(1, 1, 0), (1, 0, 0), (0, 1, 0), False][rng.integers(4)]
+    return atoms
+
+
+def structure(rng, cell, law, model):
+    """The cell with masses, particles that are held and velocities of its own; somewhat displaced from its rest."""
+    atoms = cell.copy()
+    atoms.set_masses(rng.uniform(0.5, 1.0, len(atoms)))
+    held, guided = rng.permutation(len(atoms))[:2]
+    atoms.set_constraint([FixAtoms([held]), FixedLine(guided, (0.6, 0.8, 0))])
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=K, model=model)
+    u = rng.uniform(-0.2, 0.2, (len(atoms), 2)) * (np.arange(len(atoms)) != held)[:, None]
+    atoms.positions[:, :2] += u
+    v = rng.uniform(-1, 1, (len(atoms), 2))
+    atoms.set_momenta(atoms.get_masses()[:, None] * np.pad(v, ((0, 0), (0, 1))), apply_constraint=False)
+    return atoms, u, v
+
+
+def bonds_of(atoms, periodic=True):
+    """Each pair once, also of a particle and the image of another."""
+    found = [(i, j, v[:2]) for i, j, cell, v in neighbour_vectors(atoms, 1.2 * L0) if i < j and (periodic or not any(cell))]
+    return tuple(np.array(part) for part in zip(*found, strict=True))
+
+
+def alone(atoms, u, v, law, model, periodic=True):
+    rest = atoms.calc.reference
+    rest.set_constraint(atoms.constraints)
+    return verlet(rest, law, DT, STEPS, bonds=bonds_of(rest, periodic), foundation=K, model=model, velocities=v,
+                  displacements=u)[0]
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('seed', range(8))
+def test_each_moves_as_by_itself(engine, seed):
+    rng = np.random.default_rng(seed)
+    cell, law = cell_of(rng), InversePower(b=rng.uniform(2e3, 6e3), a=rng.uniform(3, 5))
+    model = str(rng.choice(['complete', 'conventional', 'literal']))
+    drawn = [structure(rng, cell, InversePower(law.b, law.a), model) for _ in range(3)]
+    many = replicas([atoms for atoms, _, _ in drawn])
+    dyn = DrivenVerlet(many, DT, engine=engine)
+    dyn.run(STEPS)
+    for found, one in zip(np.split(dyn.displacements, 3), drawn, strict=True):
+        expected = alone(*one, law, model)
+        assert abs(found - expected).max() < EXACT * abs(expected).max()
+        if cell.pbc.any():  # the control: without the bonds across the edges of the cell, as they once were left out
+            assert abs(found - alone(*one, law, model, periodic=False)).max() > 1e3 * EXACT * abs(expected).max()
+
+
+@pytest.mark.parametrize('pbc', [(1, 1, 0), (1, 0, 0), False])
+def test_a_stepped_response_of_a_small_force_is_the_linear_one(pbc):
+    atoms = lattices.square(L0, 1.0).repeat((3, 3, 1))
+    atoms.pbc = pbc
+    atoms.set_constraint(FixAtoms([0, 2, 8]))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=3e3, a=4.6), foundation=0.5)
+    atoms.calc = atoms.calc.balanced(range(9))
+    corner, omega = Place(6, (1, 0, 0)), np.array([0.5, 0.9])
+    push = corner.force(9)
+    exact = frequency_response(atoms, push, omega, 0.4)[:, 6, 0]
+    found = stepped_response(atoms, corner, corner, omega, 0.4, 1e-6, 0.05).response
+    assert abs(found / exact - 1).max() < 2e-3  # what it leaves of the transient, and as much for the step
+    if pbc:  # the control: bonds across the edges are cut
+        atoms.pbc = False
+        atoms.calc = MagneticRepulsion(atoms, InversePower(b=3e3, a=4.6), foundation=0.5).balanced(range(9))
+        assert abs(found / frequency_response(atoms, push, omega, 0.4)[:, 6, 0] - 1).max() > 0.02
+
+
+def patch(law=None, foundation=0.3, model='complete', pbc=False, stretched=1.0):
+    atoms = lattices.square(L0, 1.0).repeat((3, 3, 1))
+    atoms.pbc = pbc
+    atoms.set_cell(stretched * atoms.cell)
+    atoms.calc = MagneticRepulsion(atoms, law or InversePower(b=3e3, a=4.6), foundation=foundation, model=model,
+                                   bonds=[(0, 1), (1, 2)])
+    return atoms
+
+
+@pytest.mark.parametrize(('other', 'words'), [
+    (patch(InversePower(b=9e3, a=4.6)), r'structure 1 has another law, InversePower\(b=9000.0.* instead of .*b=3000.0'),
+    (patch(Gaussian()), 'another law'), (patch(foundation=5.0), 'another foundation, 5.0 instead of 0.3'),
+    (patch(model='conventional'), 'another model, conventional instead of complete'), (patch(pbc=(1, 0, 0)), 'another cell')])
+def test_what_replicas_cannot_share_is_refused(other, words):
+    with pytest.raises(ValueError, match=words):
+        replicas([patch(), other])
+    with pytest.raises(ValueError, match='another'):
+        replicas([other, patch()])
+    replicas([other, other])
+
+
+def test_other_cells_constraints_and_calculators_are_refused():
+    with pytest.raises(ValueError, match='another cell or periodicity'):
+        replicas([patch(pbc=(1, 1, 0)), patch(pbc=(1, 1, 0), stretched=1.1)])
+    replicas([patch(), patch(stretched=1.1)])  # nothing repeats
+    held = patch()
+    held.set_constraint(FixCom())
+    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are known'):
+        replicas([held])
+    lattice = lattices.square(L0, 1.0)
+    lattice.calc = AllNeighbours(lattice, InversePower(b=3e3, a=4.6), foundation=2.0)
+    with pytest.raises(ValueError, match='AllNeighbours does not know'):
+        replicas([lattice])
