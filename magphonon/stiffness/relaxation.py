@@ -26,6 +26,8 @@ from .rest import at_rest
 
 RESIDUAL = 1e-9
 """Of the largest bond force: what may be left on a particle."""
+SLACK = 1e-3
+"""Of stiffness times length: what counts as the largest bond force where bonds are slack, as springs are; repulsion has more."""
 HANDED_OVER = 1e-6
 """Of the largest bond force: the gradient at which Newton's steps take over, as energies no longer tell which way is down."""
 TRUST = 0.1, 0.5
@@ -37,6 +39,8 @@ SADDLE = 1e-10
 """Of the highest squared frequency: a lower one that is more negative is no round-off."""
 PUSH = 0.05
 """Of the shortest bond: how far the particle that moves most is pushed off a saddle."""
+VERGE = 1e-6
+"""Of the highest squared frequency: beside a saddle that is less unstable, round-off hides which way is down."""
 SADDLES = 20
 """Most saddles that are left, one after the other."""
 STRETCHED = 3.0
@@ -111,12 +115,13 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     calc, tolerance, steps = repulsion_of(atoms), positive('tolerance', tolerance), whole('steps', steps)
     descent = _Descent(atoms, calc)
     y, taken = np.zeros(descent.P.shape[1]), 0
-    before, lowest = descent.residual(y), 0.0
+    before, lowest, highest = descent.residual(y), 0.0, 0.0
     for saddles in range(SADDLES + 1):
         if descent.residual(y) > RESIDUAL * descent.force:
             y, used = descent.to_rest(y, steps)
             taken += used
         if not descent.residual(y) <= tolerance * descent.force:
+            _refuse_verge(lowest, highest, atoms)
             raise ValueError(f'after {taken} steps {descent.residual(y):.3g} N are left on a particle, {before:.3g} N at first: '
                              f'the structure buckles or slides; {MEND}')
         lowest, highest, mode = descent.softest(y)
@@ -124,8 +129,17 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
             return descent.result(y, before, taken, saddles, lowest)
         y = y + PUSH * mode
         taken += 1
+    _refuse_verge(lowest, highest, atoms)
     raise ValueError(f'the structure came to rest {SADDLES + 1} times, each time on a saddle, where it is unstable: from the '
                      f'last one it would run away at the rate {np.sqrt(-lowest):.4g} / ms; {MEND}')
+
+
+def _refuse_verge(lowest, highest, atoms):
+    """Refuse a structure so little below its buckling foundation that its rest beside the saddle cannot be told from it."""
+    if -VERGE * highest < lowest < 0:
+        raise ValueError('the structure is on the verge of buckling, with a lowest squared frequency of '
+                         f'{lowest:.3g} rad^2/ms^2: it rests so near to where it stands that round-off hides the way; '
+                         f'{-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation hold it there')
 
 
 class _Descent:
@@ -137,7 +151,8 @@ class _Descent:
         self.atoms.calc = self.calc
         self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
         self.length = self.calc.bonds.lengths.min()
-        self.force = abs(calc.potential.dphi(self.calc.bonds.lengths)).max()
+        lengths = self.calc.bonds.lengths
+        self.force = max(abs(calc.potential.dphi(lengths)).max(), SLACK * self.length * abs(calc.potential.d2phi(lengths)).max())
         self.source = atoms
         self._at = None
 

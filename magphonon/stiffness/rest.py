@@ -31,6 +31,8 @@ ROUND_OFF = 1e-11
 """What is left of forces that cancel, below this fraction of them, is round-off."""
 BALANCED = 1e-6
 """Of the largest bond force: what may be left at rest.  It shifts a linear answer by about the same share."""
+PLACES = 1e-14
+"""Of the positions: their round-off, summed over the bonds of a particle.  It moves springs that are slack at rest."""
 ELSEWHERE = 1e-3
 """Of the shortest bond: particles that stand farther from the reference and are in balance have found another rest; nearer
 ones may merely be displaced by so little that their forces look balanced."""
@@ -80,12 +82,19 @@ def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np
     calc: Any = atoms.calc
     P, forces = free_directions(atoms), static_forces(calc, u=u)
     left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
-    return left * (left > BALANCED * _largest_force(calc, u))
+    return left * (left > max(BALANCED * _largest_force(calc, u), _shaken(calc)))
 
 
 def _largest_force(calc, u):
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
     return abs(calc.potential.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
+
+
+def _shaken(calc):
+    """What round-off of the positions makes of the stiffest bond, in N."""
+    lengths = calc.bonds.lengths
+    size = max(abs(calc.reference.positions).max(), lengths.max(initial=0.0))
+    return PLACES * size * abs(calc.potential.d2phi(lengths)).max(initial=0.0)
 
 
 def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:

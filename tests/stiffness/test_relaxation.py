@@ -1,5 +1,7 @@
 """Patches whose particles repel beyond their nearest neighbours: where they rest, and what the linear theory needs."""
 
+import re
+
 import numpy as np
 import pytest
 from ase import Atoms
@@ -7,7 +9,7 @@ from ase.constraints import FixAtoms
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from magphonon import InversePower, MagneticRepulsion, lattices
+from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, modes
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.lattices.patches import RIM
 from magphonon.stiffness.relaxation import relaxed
@@ -68,3 +70,78 @@ def test_what_buckles_is_refused():
     pair.calc = MagneticRepulsion(pair, LAW)
     with pytest.raises(ValueError, match='buckles or slides'):
         relaxed(pair, steps=30)
+
+
+class Springs:
+    """Linear springs, slack at their length r0."""
+
+    def __init__(self, k, r0):
+        self.k, self.r0 = k, r0
+
+    def phi(self, r):
+        return self.k / 2 * (r - self.r0) ** 2
+
+    def dphi(self, r):
+        return self.k * (r - self.r0)
+
+    def d2phi(self, r):
+        return self.k + 0 * r
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_springs_that_are_slack_are_at_rest(seed):
+    """What round-off of the positions leaves of their forces is no force, wherever they stand."""
+    rng = np.random.default_rng(seed)
+    spacing, k = rng.uniform(1, 30), 10 ** rng.uniform(-3, 3)
+    cell = lattices.triangular(spacing, 0.7)
+    cell.rotate(rng.uniform(0, 360), 'z', rotate_cell=True)
+    patch = lattices.parallelogram(cell, 6, 5)
+    patch.positions[:, :2] += rng.uniform(-100, 100, 2) * spacing
+    patch.set_masses(rng.uniform(0.5, 2, len(patch)))
+    patch.calc = MagneticRepulsion(patch, Springs(k, spacing))
+    n = (patch.positions - patch.positions[:, None])[..., :2]
+    length = np.linalg.norm(n, axis=-1)
+    K = -k * (n / spacing)[..., None] * (n / spacing)[..., None, :] * (abs(length - spacing) < 0.1 * spacing)[..., None, None]
+    K[np.arange(30), np.arange(30)] = -K.sum(axis=1)
+    free = np.flatnonzero(np.repeat(patch.get_tags() == 0, 2))
+    root = np.repeat(patch.get_masses(), 2) ** -0.5
+    D = (K.swapaxes(1, 2).reshape(60, 60) * root * root[:, None])[np.ix_(free, free)]
+    assert_allclose(modes(patch).omega**2, np.linalg.eigvalsh(D), rtol=1e-9)
+    assert not relaxed(patch).needed
+    displaced = patch.copy()  # the control: a displacement that is none by round-off
+    displaced.calc = patch.calc
+    displaced.positions[free[0] // 2, 0] += 1e-6 * spacing
+    with pytest.raises(ValueError, match='not at rest'):
+        modes(displaced)
+
+
+def beside_buckling(seed):
+    """A patch a hundred-millionth or less below the foundation that holds it, and that foundation."""
+    rng = np.random.default_rng(seed)
+    cell = getattr(lattices, ('triangular', 'square', 'kagome')[seed % 3])(rng.uniform(5, 20), rng.uniform(0.1, 5))
+    patch = lattices.hexagon(cell, 3 * cell.cell.lengths()[0] / (1 + (seed % 3 == 2)))
+    patch.calc = MagneticRepulsion(patch, InversePower(b=1e3, a=2.0 if seed % 3 == 0 else 4.6))
+    needed = foundation_needed(patch)[0]
+    patch.calc.set(foundation=needed * (1 - 10 ** -rng.uniform(8, 9)))
+    return patch, needed
+
+
+def refusal(patch):
+    """In words; empty if it relaxes."""
+    try:
+        relaxed(patch)
+    except ValueError as error:
+        return str(error)
+    return ''
+
+
+def test_on_the_verge_of_buckling_the_words_are_right_and_the_advice_holds():
+    """No word of sliding, nor that a foundation is wanted: a little more of it is."""
+    cases = [(patch, needed, said) for patch, needed in map(beside_buckling, range(6)) if (said := refusal(patch))]
+    assert len(cases) >= 2
+    for patch, needed, said in cases:
+        assert 'on the verge of buckling' in said
+        more = float(re.search(r'way; (\S+) N/mm more', said)[1])
+        assert more < 1e-6 * needed
+        patch.calc.set(foundation=patch.calc.foundation + more)
+        assert not relaxed(patch).needed
