@@ -365,3 +365,28 @@ def test_bad_structures_are_refused():
     atoms.set_constraint(FixAtoms(range(25)))
     with pytest.raises(ValueError, match='hold every particle'):
         propagate(atoms, [1.0])
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_guided_particle_starts_from_however_small_a_displacement_wherever_the_patch_lies(seed, monkeypatch):
+    """Far from the origin positions round a displacement along an oblique line by more than a share of itself."""
+    rng = np.random.default_rng(seed)
+    patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 25.0)
+    i = rng.choice(np.flatnonzero(patch.get_tags() == 0))
+    angle, places = rng.uniform(0.2, 1.3), rng.uniform(500, 5000, 2)
+    line = np.array([np.cos(angle), np.sin(angle), 0])
+    patch.set_constraint([*patch.constraints, FixedLine(i, line)])
+
+    def motion(amplitude, offset):
+        atoms = patch.copy()
+        atoms.positions[:, :2] += offset
+        atoms.calc = MagneticRepulsion(atoms, InversePower(b=3e3, a=4.6), foundation=0.2)
+        atoms.positions[i] += amplitude * line
+        return propagate(atoms, [1.0, 5.0]).displacements
+
+    expected, amplitude = motion(1e-2, 0), 10 ** -rng.uniform(4, 7)
+    # positions of some 1e3 mm keep 1e-13 of their displacements
+    np.testing.assert_allclose(motion(amplitude, places), expected * amplitude / 1e-2, rtol=0, atol=4e-12)
+    monkeypatch.setattr('magphonon.response.propagation.IN_PLACE', 0.0)  # the control
+    with pytest.raises(ValueError, match='in which it is held'):
+        motion(1e-7, places)
