@@ -9,6 +9,7 @@ from scipy import sparse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from scipy.sparse.linalg import LinearOperator, SuperLU
 
 DENSE = 200
 """Matrices up to this size are diagonalised whole."""
@@ -52,7 +53,7 @@ def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]
     return float(values[0]), highest, vectors[:, 0]
 
 
-def inverse_below(D, near, below):
+def inverse_below(D: sparse.csr_array, near: float, below: float) -> tuple[float, LinearOperator]:
     """A shift below all eigenvalues of a symmetric sparse matrix, and the inverse of D - shift.
 
     The shift is `near - below`, or farther down.  That it is below them the signs of the pivots prove.
@@ -62,13 +63,13 @@ def inverse_below(D, near, below):
     return near - below, sparse.linalg.LinearOperator(D.shape, factors.solve, dtype=D.dtype)
 
 
-def none_negative(D):
+def none_negative(D: sparse.csr_array) -> bool:
     """Whether a symmetric sparse matrix has no negative eigenvalue, but for round-off: proven by one factorisation."""
     highest = float(abs(D).sum(axis=1).max(initial=0.0))
     return not highest or _positive_factors(D, ROUND_OFF * highest) is not None
 
 
-def _positive_factors(D, shift):
+def _positive_factors(D: sparse.csr_array, shift: float) -> SuperLU | None:
     """Factors of D + shift if all its eigenvalues are positive, as the pivots prove, whose signs are theirs; otherwise None."""
     shifted = (D + shift * sparse.eye_array(D.shape[0])).tocsc()
     try:

@@ -38,7 +38,7 @@ ELSEWHERE = 1e-3
 ones may merely be displaced by so little that their forces look balanced."""
 
 
-def static_forces(calc, push=0.0, u=0.0):
+def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDArray[np.float64]:
     """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
 
     What round-off leaves of forces that cancel is no force; a load or a push on what is in balance is one, however small.
