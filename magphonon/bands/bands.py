@@ -1,7 +1,10 @@
 """Bands of a periodic lattice from its Bloch matrix: frequencies, modes, group velocities, sound speeds."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -11,6 +14,13 @@ from ase.dft.kpoints import BandPath
 from .. import units
 from ..files import save_arrays, saved_arrays
 from .bloch import bloch_modes
+
+if TYPE_CHECKING:
+    from os import PathLike
+    from typing import Self
+
+    from ase.spectrum.band_structure import BandStructure
+    from numpy.typing import NDArray
 
 UNITS = {
     'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),
@@ -39,7 +49,7 @@ class Bands(units.InHertz):
     vectors: np.ndarray | None = None
 
     @cached_property
-    def longitudinal(self):
+    def longitudinal(self) -> NDArray[np.float64]:
         """Share of each mode's motion along the wavevector, 0 to 1, shape (wavevectors, modes); NaN at k = 0.
 
         Where branches cross, the mean of them: their modes are arbitrary there.
@@ -53,18 +63,18 @@ class Bands(units.InHertz):
         return _mean_over_crossings(self.omega, share[..., None])[..., 0]
 
     @property
-    def polarisations(self):
+    def polarisations(self) -> NDArray[np.str_]:
         """Label of each mode, shape (wavevectors, modes): 'longitudinal', 'transverse' (over 90 %), 'mixed', or '' at k = 0."""
         share = self.longitudinal
         return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
 
-    def to_ase(self):
+    def to_ase(self) -> BandStructure:
         """The same as an `ase.spectrum.band_structure.BandStructure`; its energies are frequencies in Hz."""
         from ase.spectrum.band_structure import BandStructure
 
         return BandStructure(self.path, self.frequencies_Hz[None])
 
-    def save(self, path):
+    def save(self, path: str | PathLike[str]) -> None:
         """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON."""
         special = self.path.special_points
         arrays = {'cell': self.path.cell.array, 'kpts': self.path.kpts, 'path': self.path.path, 'omega': self.omega,
@@ -74,7 +84,7 @@ class Bands(units.InHertz):
         save_arrays(path, arrays, UNITS)
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: str | PathLike[str]) -> Self:
         """Read what `save` wrote.
 
         Raises
@@ -88,7 +98,7 @@ class Bands(units.InHertz):
             return cls(band_path, data['omega'], data.get('vectors'))
 
 
-def analytic_bands(atoms, path, model='complete', vectors=False):
+def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vectors: bool = False) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
 
     Parameters
@@ -115,7 +125,7 @@ def analytic_bands(atoms, path, model='complete', vectors=False):
     return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors))
 
 
-def band_path(atoms, points=None, npoints=300):
+def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> BandPath:
     """Path through special points of the Brillouin zone, for a cell of any size.
 
     The same as `atoms.cell.bandpath(points, npoints=npoints, pbc=atoms.pbc)`, which recognises no lattice with a constant
@@ -142,7 +152,7 @@ def band_path(atoms, points=None, npoints=300):
         raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
     alike = Atoms(cell=atoms.cell.array / atoms.cell.lengths()[atoms.pbc].max(), pbc=atoms.pbc)
     try:
-        path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc)
+        path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc.tolist())
     except (RuntimeError, KeyError) as error:
         raise ValueError(f'ASE finds no path {points or "of its own"} through the zone of {atoms.cell.array.tolist()} mm '
                          f'({error}); take the primitive cell, or wavevectors of your own in a BandPath') from None
@@ -150,7 +160,7 @@ def band_path(atoms, points=None, npoints=300):
     return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
 
 
-def path_of(atoms, path):
+def path_of(atoms: Atoms, path: BandPath) -> BandPath:
     """The same path on the very cell of `atoms`; ASE's `bandpath` returns it on a rotated copy of the cell.
 
     Raises

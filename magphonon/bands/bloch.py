@@ -1,5 +1,9 @@
 """Squared frequencies and modes at any wavevectors, from the Bloch matrix (Eq. 18)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from tqdm import tqdm
 
@@ -7,10 +11,16 @@ from ..errors import finite
 from ..stiffness.matrices import mass_weighted, signed_root
 from ..stiffness.rest import settled
 
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..stiffness.repulsion import Repulsion
+
 BATCH_BYTES = 2**26  # of Bloch matrices diagonalised at a time; the whole of a large zone need not fit in memory
 
 
-def cell_of_free_particles(atoms):
+def cell_of_free_particles(atoms: Atoms) -> Repulsion:
     """The MagneticRepulsion or AllNeighbours, at rest, of a cell all of whose particles move, as the bands suppose.
 
     Raises
@@ -22,10 +32,11 @@ def cell_of_free_particles(atoms):
     if atoms.constraints:
         raise ValueError(f'the cell holds the constraint {atoms.constraints[0]}, but bands are those of free particles; '
                          'remove it with atoms.set_constraint()')
-    return settled(atoms).calc
+    return settled(atoms).calc  # pyright: ignore[reportReturnType]  of which `settled` has made sure
 
 
-def bloch_modes(atoms, q, model='complete', vectors=False):
+def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete',
+                vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Squared frequencies of a periodic structure at any wavevectors.
 
     Parameters

@@ -9,9 +9,12 @@ a polynomial eigenproblem of degree 2 P.  Where xi is real these are the bands; 
 the cut-off of a foundation, above the bands and between them.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from fractions import Fraction
 from math import gcd, lcm
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +23,10 @@ from ..errors import finite, one_of
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import mass_weighted
 from .laurent import laurent_roots, polished
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
 
 LARGEST_DENOMINATOR = 6
 """Of the exponents along a direction; the pencil grows with it, and symmetry directions need 1, 2 or 3."""
@@ -50,13 +57,13 @@ class ComplexBands(units.InHertz):
     vectors: np.ndarray
 
     @property
-    def decay_steps(self):
+    def decay_steps(self) -> NDArray[np.float64]:
         """Steps over which each wave falls to 1/e, shape (frequencies, waves); infinite where it propagates."""
         with np.errstate(divide='ignore'):
-            return 1 / self.xi.imag
+            return 1 / np.imag(self.xi)
 
 
-def complex_bands(atoms, direction, omega, model='complete'):
+def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: str = 'complete') -> ComplexBands:
     """All waves along a direction at given frequencies, propagating and evanescent.
 
     Parameters
@@ -151,7 +158,7 @@ def _waves(D, omega, unit):
     return xi, modes
 
 
-def measured_decay(amplitudes, steps, source):
+def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> tuple[float, float]:
     """Decay per step, Im xi, from the amplitudes at one frequency along a row, by least squares.
 
     Behind a row of sources, |U| = A e^{-Im xi n}.  Around a point source the wave spreads as well:

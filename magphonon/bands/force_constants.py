@@ -8,6 +8,10 @@ paths, moves the whole lattice at no cost, and so erases the foundation.  Here i
 the rows of the force constants sum up to *is* the foundation stiffness.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from ase import Atoms
 from ase.dft.kpoints import BandPath
@@ -21,6 +25,15 @@ from ..stiffness.matrices import signed_root
 from ..stiffness.repulsion import repulsion_of
 from .bands import Bands, analytic_bands, path_of
 from .bloch import cell_of_free_particles
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from numpy.typing import NDArray
+    from phonopy import Phonopy
+
+    from ..stiffness.repulsion import Repulsion
 
 TO_HZ = units.hertz(1)
 """phonopy's unit conversion factor: from the root of N/(mm g), rad/ms, to Hz."""
@@ -43,7 +56,7 @@ STEEPEST = 20.0
 """Of laws that change within less than 1/20 of a bond, such as spheres in contact, that length counts as the bond."""
 
 
-def finite_displacements(atoms, supercell=None, distance=None):
+def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, distance: float | None = None) -> Phonopy:
     """Force constants from forces on displaced particles, as a phonopy.Phonopy that works in mm, g, N and Hz.
 
     phonopy may use the symmetry of the positions to save displacements.  It is switched off: the forces may know
@@ -82,12 +95,12 @@ def finite_displacements(atoms, supercell=None, distance=None):
 
     calc = _cell_calculator(atoms)
     rest = calc.reference
-    supercell = _enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
+    cells = _enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
     distance = default_distance(calc) if distance is None else _checked_distance(distance, calc.bonds.lengths.min())
 
     cell = PhonopyAtoms(symbols=atoms.get_chemical_symbols(), masses=atoms.get_masses(), cell=rest.cell.array,
                         positions=rest.positions)
-    phonon = Phonopy(cell, np.diag(supercell), primitive_matrix='P', is_symmetry=False,
+    phonon = Phonopy(cell, np.diag(cells), primitive_matrix='P', is_symmetry=False,
                      symprec=SAME_PLACE * calc.bonds.lengths.min())
     phonon.unit_conversion_factor = TO_HZ
     phonon.generate_displacements(distance, is_plusminus=True, is_diagonal=False)
@@ -123,7 +136,7 @@ def _enough_cells(calc):
     return np.where(calc.reference.pbc, np.floor(2 * calc.bonds.lengths.max() / planes * (1 + 1e-9)).astype(int) + 1, 1)
 
 
-def checked_supercell(calc, supercell):
+def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
     """The `supercell` as three whole numbers, or ValueError if bonds could not be told apart in it."""
     if np.shape(supercell) != (3,):
         raise ValueError(f'supercell must be three numbers of cells, as (3, 3, 1), not {supercell!r}')
@@ -136,7 +149,8 @@ def checked_supercell(calc, supercell):
         return supercell
     # phonopy lays the force constant between two particles on their shortest connection: that is the bond only if
     # every other image of its end is farther away.
-    vectors = minkowski_reduce(calc.reference.cell.array * supercell[:, None], pbc)[0][pbc]
+    reduced = minkowski_reduce(calc.reference.cell.array * supercell[:, None], pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
+    vectors = np.asarray(reduced)[pbc]
     narrowest, longest = np.linalg.norm(vectors, axis=1).min(), calc.bonds.lengths.max()
     if not narrowest > 2 * longest * (1 + 1e-9):
         raise ValueError(f'the supercell {_ints(supercell)} repeats every {narrowest:g} mm, so that bonds of {longest:g} mm '
@@ -149,7 +163,7 @@ def _ints(supercell):
     return tuple(map(int, supercell))
 
 
-def default_distance(calc):
+def default_distance(calc: Repulsion) -> float:
     """Displacement in mm: `DISTANCE` of the shortest bond, or of the length over which a steeper law changes, f/(-df/dr)."""
     shortest = calc.bonds.lengths.min()
     f, slope = -calc.potential.dphi(shortest), calc.potential.d2phi(shortest)
@@ -169,7 +183,7 @@ def _supercell_atoms(phonon, pbc):
     return Atoms(s.symbols, positions=s.positions, masses=s.masses, cell=s.cell, pbc=pbc)
 
 
-def force_constants_of(phonon):
+def force_constants_of(phonon: Phonopy) -> NDArray[np.float64]:
     """Force constants from the particles of the cell to those of the supercell, in N/mm.
 
     Parameters
@@ -195,7 +209,7 @@ def force_constants_of(phonon):
     return FC[:, :, :2, :2] if planar else FC
 
 
-def phonopy_bands(phonon, path, vectors=False):
+def phonopy_bands(phonon: Phonopy, path: BandPath, vectors: bool = False) -> Bands:
     """Bands along a path from phonopy's dynamical matrices; the same result as `analytic_bands`.
 
     Of a planar lattice the in-plane block is diagonalised; z decouples exactly and would add zero frequencies.
@@ -231,13 +245,13 @@ def phonopy_bands(phonon, path, vectors=False):
     return Bands(path, signed_root(squares), phase[:, None, :, None] * modes)
 
 
-def path_on(phonon, path):
+def path_on(phonon: Phonopy, path: BandPath) -> BandPath:
     """The same path on phonopy's unit cell; errors as in `bands.path_of`."""
     pbc = path.cell.mask() if isinstance(path, BandPath) else True  # ASE's path has vectors only where it is periodic
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)
 
 
-def extracted_dstar(phonon, atoms):
+def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     """What the static forces add to each bond, taken from phonopy's force constants: `D* = -FC - D0`.
 
     Parameters
@@ -262,7 +276,7 @@ def extracted_dstar(phonon, atoms):
     return -FC[np.searchsorted(home, i), j] - D0
 
 
-def foundation_recovered(phonon):
+def foundation_recovered(phonon: Phonopy) -> NDArray[np.float64]:
     """Stiffness that resists moving the whole lattice: the row sums of the force constants.
 
     Parameters
@@ -277,7 +291,7 @@ def foundation_recovered(phonon):
     return force_constants_of(phonon).sum(axis=1)
 
 
-def displacement_errors(atoms, path, distances):
+def displacement_errors(atoms: Atoms, path: BandPath, distances: Sequence[float]) -> NDArray[np.float64]:
     """Error of phonopy's bands against the analytic ones for different displacements.
 
     Parameters

@@ -6,8 +6,17 @@ decay by 36/k per step.  So the chains are taken off the pencil of companion mat
 that leave all other roots where they are; the roots that remain are then polished by Newton's method.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy import linalg
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
 
 LINK = 1e-11
 """Of the largest coefficient: a singular value below it is a link of a chain.  In 150 random cells of up to eight particles, at
@@ -19,7 +28,7 @@ SINGULAR = 1e-14
 """Of the largest singular value: where two roots coincide, Newton's matrix has one that is round-off."""
 
 
-def laurent_roots(A):
+def laurent_roots(A: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
     Parameters
@@ -37,11 +46,11 @@ def laurent_roots(A):
     A = A / abs(A).max()
     # A_P mu^2P v + ... + A_-P v = 0 with the blocks v, mu v, ..., mu^(2P-1) v
     L, R = np.eye(powers * n, k=n), np.eye(powers * n)
-    L[-n:] = -np.hstack(A[:-1])
+    L[-n:] = -np.hstack(list(A[:-1]))
     R[-n:, -n:] = A[-1]
     L, R, infinite = _without_chains(L, R)
     R, L, zero = _without_chains(R, L, [link.lost for link in infinite])
-    (alpha, beta), z = linalg.eig(L, R, homogeneous_eigvals=True)
+    (alpha, beta), z = linalg.eig(L, R, homogeneous_eigvals=True)  # pyright: ignore[reportAssignmentType]  two with a right
     for link in reversed(zero):
         z = link.restored(z, beta, alpha)
     for link in reversed(infinite):
@@ -55,7 +64,8 @@ class _Link:
     def __init__(self, L, R, rank):
         axes = np.linalg.svd(R)[2]
         self.keep, self.null, self.lost = axes[:rank].T, axes[rank:].T, len(R) - rank
-        Q, triangle = linalg.qr(L @ self.null)
+        factors: Any = linalg.qr(L @ self.null)
+        Q, triangle = factors
         self.triangle = triangle[: self.lost]
         L, R = Q.T @ L @ self.keep, Q.T @ R @ self.keep
         self.L, self.R, self.pencil = L[: self.lost], R[: self.lost], (L[self.lost :], R[self.lost :])
@@ -81,7 +91,8 @@ def _without_chains(L, R, lengths=None):
     return L, R, links
 
 
-def polished(A, mu, v):
+def polished(A: NDArray[np.float64], mu: NDArray[np.complex128],
+             v: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots and vectors after Newton's steps on `A(mu) v = 0` and `v0^+ v = 1` in log mu, as long as they lessen what is left.
 
     Parameters

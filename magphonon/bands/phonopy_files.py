@@ -4,9 +4,12 @@ Lengths are in mm, masses in g, forces in N, frequencies in Hz; phonopy and the 
 (Angstrom, THz, cm^-1) beside these numbers.
 """
 
+from __future__ import annotations
+
 import re
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.dft.kpoints import parse_path_string
@@ -14,12 +17,18 @@ from ase.dft.kpoints import parse_path_string
 from ..files import refuse_overflow, whole_file
 from .force_constants import force_constants_of, path_on
 
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from ase.dft.kpoints import BandPath
+    from phonopy import Phonopy
+
 KEY = re.compile(r'[ -]*(\w+):')
 DECIMALS = re.compile(r'-?\d+\.\d{6,}')
 """A number as phonopy writes it, with six to sixteen decimals: enough for Angstrom, u and eV."""
 
 
-def write_band_yaml(phonon, path, file):
+def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) -> None:
     """Write bands and modes as phonopy's band.yaml, for `phonopy-bandplot` and the phononwebsite viewer.
 
     Modes carry phonopy's phase and three components: of a planar lattice, one mode per particle points along z and
@@ -88,7 +97,7 @@ def _pieces(path):
     return pieces, names, connected
 
 
-def write_phonopy_params(phonon, file):
+def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
     """Write cells, displacements, forces and force constants for `phonopy.load` and the `phonopy` command.
 
     The file does not keep the unit of frequency, and phonopy's defaults would impose the acoustic sum rule, which
@@ -126,7 +135,7 @@ def write_phonopy_params(phonon, file):
     exact = {'mass': np.concatenate([cell.masses for cell in cells]), 'lattice': [cell.cell for cell in cells],
              'elements': phonon.force_constants}
     if displaced := (phonon.dataset or {}).get('first_atoms'):
-        exact |= {key: [one[key] for one in displaced] for key in ('displacement', 'forces')}
+        exact |= {key: [dict(one)[key] for one in displaced] for key in ('displacement', 'forces')}
     text = _with_all_digits(str(phonon.to_phonopy_yaml(settings={'force_constants': True})), exact)
     with whole_file(file) as out:
         out.write('# lengths in mm, masses in g, forces in N, force constants in N/mm: frequencies in Hz need the factor\n'

@@ -5,7 +5,10 @@ multiplies them by Planck's constant it takes them for THz: heat capacities, fre
 of a phonon in mm, g and N are then wrong by twelve powers of ten in the frequency, without a word.
 """
 
+from __future__ import annotations
+
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +16,18 @@ from ..errors import finite
 from ..units import J, kg, m
 from .force_constants import TO_HZ, force_constants_of
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from numpy.typing import ArrayLike
+    from phonopy import Phonopy
+
 ZERO = 1e-6
 """Frequencies below this fraction of the highest one are zero: the root of the round-off of a square."""
 
 
-def in_phonopy_units(phonon):
+def in_phonopy_units(phonon: Phonopy) -> Phonopy:
     """The same phonon in Angstrom, atomic mass units and eV/Angstrom^2, with frequencies in THz.
 
     For whatever knows no other units, files for Euphonic and others::
@@ -59,7 +69,7 @@ def in_phonopy_units(phonon):
     return crystal
 
 
-def thermal_properties(phonon, temperatures, mesh):
+def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[int]) -> Any:
     """Heat capacity, entropy and free energy of the lattice's harmonic modes, by phonopy.
 
     Modes of zero frequency do not count, such as those along z of a planar lattice: round-off would make some of them

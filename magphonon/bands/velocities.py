@@ -1,5 +1,9 @@
 """Group velocities, and the speeds of sound in long waves."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..errors import finite
@@ -8,8 +12,14 @@ from ..stiffness.repulsion import repulsion_of
 from .bands import _mean_over_crossings
 from .bloch import _wavevectors, bloch_modes, cell_of_free_particles
 
+if TYPE_CHECKING:
+    from typing import Any
 
-def group_velocities(atoms, q, model='complete'):
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+
+def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
     For a mode v of frequency w, `2 w dw/dk = v^+ (dD/dk) v`.  At degenerate points the velocity depends on the
@@ -30,7 +40,8 @@ def group_velocities(atoms, q, model='complete'):
         In mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """
     repulsion_of(atoms)
-    calc, q = cell_of_free_particles(atoms), _wavevectors(q)
+    calc: Any = cell_of_free_particles(atoms)  # one whose bonds are known
+    q = _wavevectors(q)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     v = vectors.reshape(*omega.shape, -1)
     gradient = mass_weighted(bloch_gradient(calc.bonds, calc.rest_stiffness(model), q, atoms.cell.array), atoms.get_masses())
@@ -42,7 +53,7 @@ def group_velocities(atoms, q, model='complete'):
     return omega, velocity
 
 
-def cut_off(atoms):
+def cut_off(atoms: Atoms) -> float | None:
     """The cut-off frequency of a lattice on a foundation: the lowest one at Gamma, below which long waves do not run.
 
     Parameters
@@ -60,7 +71,7 @@ def cut_off(atoms):
     return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
 
 
-def sound_speeds(atoms, direction=None, model='complete'):
+def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 'complete') -> NDArray[np.float64]:
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 
     A foundation opens a gap and leaves no sound: the speeds are those of the lattice without it.
@@ -86,10 +97,10 @@ def sound_speeds(atoms, direction=None, model='complete'):
         For a direction of zero length or of another dimension.
     """
     calc = cell_of_free_particles(atoms)
-    direction = np.eye(calc.dim)[0] if direction is None else finite('direction', direction, (calc.dim,))
-    if not direction.any():
-        raise ValueError(f'the direction must not be zero, not {direction}')
-    along = direction / np.linalg.norm(direction)
+    along = finite('direction', np.eye(calc.dim)[0] if direction is None else direction, (calc.dim,))
+    if not along.any():
+        raise ValueError(f'the direction must not be zero, not {along}')
+    along = along / np.linalg.norm(along)
     masses = atoms.get_masses()
     dim = calc.dim
     A, B, C = (mass_weighted(term, masses) for term in calc.bloch_series(along, model))

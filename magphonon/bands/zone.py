@@ -1,7 +1,10 @@
 """The first Brillouin zone of a planar lattice, and what the static forces change over the whole of it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.cell import Cell
@@ -12,12 +15,16 @@ from ..errors import whole
 from ..files import Saved
 from .velocities import group_velocities
 
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
 PLANAR = (True, True, False)
 ROUND_OFF = 1e-6
 """A frequency below this fraction of the highest one is zero: the root of a square's round-off."""
 
 
-def first_zone(cell):
+def first_zone(cell: ArrayLike) -> NDArray[np.float64]:
     """Corners of the first Brillouin zone, the Wigner-Seitz cell of the reciprocal lattice.
 
     Parameters
@@ -33,7 +40,8 @@ def first_zone(cell):
     from scipy.spatial import Voronoi
 
     b = 2 * np.pi * Cell(np.asarray(cell, dtype=float)).reciprocal().array
-    b = minkowski_reduce(b, pbc=PLANAR)[0][:2, :2]  # of a reduced basis the eight nearest G bound the zone
+    reduced = minkowski_reduce(b, pbc=PLANAR)[0]  # pyright: ignore[reportArgumentType]  three pbc
+    b = np.asarray(reduced)[:2, :2]  # of a reduced basis the eight nearest G bound the zone
     G = np.array(list(product((0, 1, -1), repeat=2))) @ b
     diagram = Voronoi(G)
     corners = diagram.vertices[diagram.regions[diagram.point_region[0]]]
@@ -67,12 +75,12 @@ class ZoneMap(units.InHertz, Saved, kind='frequencies over the zone', units={
     velocity: np.ndarray
 
     @property
-    def k(self):
+    def k(self) -> NDArray[np.float64]:
         """Wavevectors in rad/mm, shape (n1, n2, 2)."""
         return 2 * np.pi * (self.q @ Cell(self.cell).reciprocal().array)[..., :2]
 
 
-def zone_map(atoms, steps=96, model='complete'):
+def zone_map(atoms: Atoms, steps: int = 96, model: str = 'complete') -> ZoneMap:
     """Frequencies and group velocities over the first Brillouin zone.
 
     Parameters
@@ -104,7 +112,7 @@ def zone_map(atoms, steps=96, model='complete'):
     return ZoneMap(atoms.cell.array.copy(), q, omega.reshape(*mesh, -1), velocity.reshape(*mesh, -1, 2))
 
 
-def frequency_ratio(complete, conventional):
+def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.float64]:
     """`omega_complete/omega_conventional` of each branch over the zone: how much the static forces shift each mode.
 
     As D* of repelling particles only softens, the ratio is at most 1.  It is negative where the complete

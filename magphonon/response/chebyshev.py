@@ -8,11 +8,20 @@ The vectors T_n(X) s do not depend on f: one sequence of products serves every t
 a response.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft, sparse
 from tqdm import tqdm
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import Any
+
+    from numpy.typing import NDArray
 
 BLOCK = 16
 """Vectors handed over at a time."""
@@ -34,26 +43,26 @@ class Interval:
     highest: float
 
     @property
-    def centre(self):
+    def centre(self) -> float:
         """Middle of the interval."""
         return (self.highest + self.lowest) / 2
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """Half its length."""
         return (self.highest - self.lowest) / 2
 
-    def nodes(self, count):
+    def nodes(self, count: int) -> NDArray[np.float64]:
         """Chebyshev points of the interval, shape (count,)."""
         return self.centre + self.radius * np.cos(np.pi * (np.arange(count) + 0.5) / count)
 
 
-def stable_interval(K):
+def stable_interval(K: sparse.csr_array) -> Interval:
     """From zero to a bound of the highest eigenvalue (the largest row sum), which holds the spectrum of a stable K."""
     return Interval(0.0, float(abs(K).sum(axis=1).max()) or 1.0)
 
 
-def whole_interval(K):
+def whole_interval(K: sparse.csr_array) -> Interval:
     """The same from the lowest eigenvalue of an unstable K, which takes Lanczos iterations."""
     start = np.random.default_rng(0).normal(size=K.shape[0])  # the same interval every time
     if K.shape[0] < 20:
@@ -63,14 +72,15 @@ def whole_interval(K):
     return Interval(min(0.0, (1 + MARGIN) * lowest), stable_interval(K).highest)
 
 
-def coefficients(values):
+def coefficients(values: NDArray[Any]) -> NDArray[Any]:
     """Chebyshev coefficients of functions given at the `nodes`, which are the last axis of `values`."""
     c = fft.dct(values, type=2, axis=-1) / values.shape[-1]
     c[..., 0] /= 2
     return c
 
 
-def chebyshev_blocks(K, interval, s, rows, terms=None):
+def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.float64], rows: Any,
+                     terms: int | None = None) -> Iterator[NDArray[Any]]:
     """The vectors T_n(X) s, n = 0, 1, 2 ..., without end; a bar shows how many there are on a terminal after two seconds.
 
     Parameters

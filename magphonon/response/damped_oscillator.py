@@ -10,7 +10,17 @@ which are smooth in w2 through critical damping (W = 0), overdamped and unstable
 is Gauss's, on panels short enough for the fastest oscillator and for the force.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from numpy.typing import NDArray
 
 NODES = 16
 """Points of Gauss's rule on a panel; they integrate polynomials of degree 31."""
@@ -24,7 +34,7 @@ _TOP = (np.polynomial.legendre.legvander(_x, NODES - 1) * _w[:, None] * (np.aran
 """The last two Legendre coefficients of a function on a panel, from its values at the points."""
 
 
-def free_motion(w2, gamma, t):
+def free_motion(w2: NDArray[np.float64], gamma: float, t: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The functions c and s above; `w2` (rad^2/ms^2) and `t` (ms) broadcast, `gamma` is in 1/ms."""
     W2 = w2 - gamma**2 / 4
     W, decay = np.sqrt(abs(W2)), np.exp(-gamma * t / 2)
@@ -37,13 +47,14 @@ def free_motion(w2, gamma, t):
     return c, s
 
 
-def free_response(w2, gamma, t):
+def free_response(w2: NDArray[np.float64], gamma: float, t: Any) -> NDArray[np.float64]:
     """Matrix from (y, y') at zero to (y, y') at t, shape (2, 2, ...)."""
     c, s = free_motion(w2, gamma, t)
     return np.array([[c + gamma / 2 * s, s], [-w2 * s, c - gamma / 2 * s]])
 
 
-def sampled(force, edges, rate, tolerance):
+def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
+            tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Split the time between the first and last of the `edges` into panels that resolve oscillators and force.
 
     Parameters
@@ -94,7 +105,7 @@ def sampled(force, edges, rate, tolerance):
     return np.append(a[order], b[order[-1]]), values[order]
 
 
-def separated(values, tolerance=1e-15):
+def separated(values: NDArray[np.float64], tolerance: float = 1e-15) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Forces as a sum of products of a time course and a pattern, `values = sum_r course_r pattern_r`.
 
     Cross approximation with full pivots: exact after as many terms as there are independent time courses.
@@ -120,7 +131,8 @@ def separated(values, tolerance=1e-15):
     return np.array(courses).reshape(len(courses), len(values)).T, np.array(patterns).reshape(len(patterns), values.shape[1])
 
 
-def forced_response(w2, gamma, edges, courses, outputs):
+def forced_response(w2: NDArray[np.float64], gamma: float, edges: NDArray[np.float64], courses: NDArray[np.float64],
+                    outputs: NDArray[np.int_]) -> NDArray[np.float64]:
     """Motion from rest at the first edge under forces given at the points of the panels.
 
     Parameters

@@ -4,7 +4,10 @@ Amplitudes are complex, `u = Re(U e^{i omega t})`; a force F cos(omega t) has th
 has a negative phase.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -17,6 +20,15 @@ from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import ROUND_OFF
 from .chebyshev import BLOCK, chebyshev_blocks, stable_interval
 from .normal_modes import SMALL, recorded, refuse_growing, refuse_unstable, sizes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from .place import Place
 
 
 @dataclass(frozen=True)
@@ -40,12 +52,13 @@ class FrequencyResponse(units.InHertz, Saved, kind='frequency responses', units=
     transient: float = 0.0
 
     @property
-    def peak(self):
+    def peak(self) -> Any:
         """Frequency of the largest amplitude in rad/ms, shape (...)."""
         return self.omega[abs(self.response).argmax(axis=0)]
 
 
-def harmonic_response(atoms, force, omega, damping):
+def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike,
+                      damping: ArrayLike) -> NDArray[np.complex128]:
     """Steady displacements under a harmonic force, by direct solution of the linear equations of motion.
 
         (H - omega^2 M + i omega gamma M) u = F
@@ -83,7 +96,8 @@ def harmonic_response(atoms, force, omega, damping):
     return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(system, omega, damping)])
 
 
-def resolvents(atoms, omega, damping):
+def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
+               damping: ArrayLike) -> Iterator[Callable[[NDArray[Any]], NDArray[np.complex128]]]:
     """The resolvent `G = (H - omega^2 M + i omega gamma M)^-1` at one frequency after the other, as a function.
 
     G(F) takes forces of the shape (3 particles,) or (3 particles, columns) and returns displacements of the same shape;
@@ -117,7 +131,8 @@ FACTORISATION = 500
 """Products that take as long as one sparse factorisation: measured on patches of 1000 to 10 000 particles."""
 
 
-def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1e-9):
+def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: float,
+                       particles: ArrayLike | None = None, tolerance: float = 1e-9) -> NDArray[np.complex128]:
     """Steady displacements under a harmonic force at many frequencies: what `frf.harmonic_response` solves one by one.
 
     A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
@@ -174,7 +189,7 @@ def frequency_response(atoms, force, omega, damping, particles=None, tolerance=1
     return u
 
 
-def receptance(atoms, source, answer, omega, damping):
+def receptance(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: ArrayLike, damping: float) -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one, each along its own direction.
 
     Parameters
@@ -225,7 +240,8 @@ def _series_length(w, tolerance):
     return np.log(tolerance) / np.log(largest) if largest < 1 - EPS else np.inf
 
 
-def series_response(system, s, omega, gamma, particles, tolerance):
+def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.float64], gamma: float, particles: NDArray[np.int_],
+                    tolerance: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
     """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).
 
     Parameters

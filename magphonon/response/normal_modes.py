@@ -9,7 +9,10 @@ Each linear answer is a function of the matrix K: of a small one by its modes, o
 (`magphonon.response.chebyshev`), whose products with K serve all times and all frequencies at once.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -21,6 +24,10 @@ from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import ROUND_OFF, inverse_below, lowest_mode
 from ..stiffness.matrices import signed_root
 from .chebyshev import stable_interval
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
 
 SMALL = 300
 """Degrees of freedom up to which a structure is diagonalised; above, products with its matrix are cheaper."""
@@ -46,7 +53,7 @@ class Modes(units.InHertz, Saved, kind='modes', units={
     shapes: np.ndarray
 
 
-def modes(atoms, count=None):
+def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     """Natural frequencies and mode shapes about rest, within the constraints.
 
     Parameters
@@ -81,18 +88,18 @@ def modes(atoms, count=None):
     return Modes(signed_root(squares[order]), shapes)
 
 
-def natural_frequencies(atoms):
+def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     """Frequencies of all `modes` without their shapes, in a third of the time; ascending, in rad/ms, shape (modes,)."""
     return signed_root(np.linalg.eigvalsh(LinearSystem.of(atoms).moving().K.toarray()))
 
 
-def refuse_unstable(system):
+def refuse_unstable(system: LinearSystem) -> None:
     """`refuse_growing` for a structure of any size, without its spectrum if it is stable."""
     if not system.stable:
         refuse_growing(*lowest_mode(system.K)[:2])
 
 
-def refuse_growing(lowest, highest):
+def refuse_growing(lowest: float, highest: float) -> None:
     """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response.
 
     Raises
@@ -106,12 +113,12 @@ def refuse_growing(lowest, highest):
                          '"magphonon check" or magphonon.verdict says how much')
 
 
-def sizes(shapes):
+def sizes(shapes: sparse.csr_array) -> NDArray[np.float64]:
     """Displacement that one unit of each coordinate is, g^-1/2."""
     return np.sqrt(shapes.power(2).sum(axis=0))
 
 
-def recorded(particles, count):
+def recorded(particles: ArrayLike | None, count: int) -> NDArray[np.int_]:
     """The particles wanted, as an array of indices."""
     if particles is None:
         return np.arange(count)

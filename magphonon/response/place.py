@@ -1,10 +1,18 @@
 """A particle and a direction, of a force or of what it does."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import finite
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,15 +29,15 @@ class Place:
     particle: int
     direction: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, 'direction', finite('direction', self.direction, (3,)))
 
-    def force(self, particles):
+    def force(self, particles: int) -> NDArray[np.float64]:
         """A unit force there, zero on all other of the `particles`; shape (particles, 3)."""
         force = np.zeros((particles, 3))
         force[self.particle] = self.direction
         return force
 
-    def seen(self, displacements):
+    def seen(self, displacements: NDArray[Any]) -> NDArray[Any]:
         """What is seen there of displacements of the shape (..., particles, dim)."""
         return displacements[..., self.particle, :] @ self.direction[: displacements.shape[-1]]

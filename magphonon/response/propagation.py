@@ -6,7 +6,10 @@ of force s; of each, the response is `sum_n c_n(t) T_n(X) s` at every time t, wh
 initial displacements and velocities.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +21,13 @@ from ..stiffness.rest import components, rest_of_motion, static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from .damped_oscillator import forced_response, free_response, sampled, separated
 from .normal_modes import recorded, sizes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike
 
 SPAN = 2000.0
 """Longest part in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
@@ -64,7 +74,8 @@ class Transient(Saved, kind='transients', units={
     products: int
 
 
-def propagate(atoms, times, drives=(), damping=0.0, particles=None, tolerance=1e-9):
+def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), damping: float = 0.0,
+              particles: ArrayLike | None = None, tolerance: float = 1e-9) -> Transient:
     """Motion of the linearised structure from its present state at t = 0, at any later times.
 
     Its cost is that of about `omega_max t/2` products with the matrix of stiffness, where velocity Verlet takes ten times as

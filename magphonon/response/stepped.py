@@ -1,5 +1,9 @@
 """Many small structures in one Atoms, each at a frequency of its own: a response at finite amplitude in one run."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
@@ -16,13 +20,22 @@ from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import settled
 from .frf import FrequencyResponse
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from .place import Place
+
 STEADY = 1e-3
 """What the transient may leave of an amplitude; harmonics of a nonlinear motion disturb the lock-in by less."""
 FRAMES = 12
 """Of a record, to a period."""
 
 
-def stepped_response(atoms, source, answer, omega, damping, force, dt):
+def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLike, damping: float, force: float,
+                     dt: float) -> FrequencyResponse:
     """The response at a finite force, in time: a replica of the structure for each frequency, run until it is steady.
 
     Parameters
@@ -55,7 +68,7 @@ def stepped_response(atoms, source, answer, omega, damping, force, dt):
     return FrequencyResponse(np.asarray(omega), amplitudes * answer.direction[axis] / force, left)
 
 
-def replicas(structures):
+def replicas(structures: Sequence[Atoms]) -> Atoms:
     """Structures of one law, foundation and model in one Atoms, one after the other, which do not feel each other.
 
     Parameters
@@ -133,7 +146,7 @@ HEADSTART = 1e3
 """Of the transient over the steady amplitude, at most, at the start: far below or above resonance it is the larger one."""
 
 
-def lock_in(signal, dt, omega, start=0.0):
+def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) -> NDArray[np.complex128]:
     """Complex amplitude of a recorded signal at a frequency, `signal = Re(U e^{i omega t})` plus a constant.
 
     Least squares under a Hann window: a steady oscillation is returned exactly, whatever part of a period the window
@@ -179,7 +192,7 @@ def lock_in(signal, dt, omega, start=0.0):
     return c - 1j * s
 
 
-def remaining_transient(amplitudes, decay):
+def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float64]:
     """What the transient still adds to the last of several successive lock-in amplitudes, as a share of it.
 
     From window to window a free vibration changes by a complex factor z of modulus `decay`, so the way left is the last
@@ -214,7 +227,8 @@ def remaining_transient(amplitudes, decay):
     return step * decay / (1 - decay) / abs(amplitudes[-1])
 
 
-def steady_amplitudes(dyn, recorder, omega, axis, tolerance=1e-4):
+def steady_amplitudes(dyn: DrivenVerlet, recorder: Recorder, omega: ArrayLike, axis: int,
+                      tolerance: float = 1e-4) -> tuple[NDArray[np.complex128], float]:
     """Run harmonically driven particles until their motion is steady; their complex amplitudes by lock-in.
 
     Window after window of `LEAST_PERIODS` periods of the slowest, until `remaining_transient` says that it is enough.
@@ -260,7 +274,7 @@ def steady_amplitudes(dyn, recorder, omega, axis, tolerance=1e-4):
                      f'{HEADSTART / tolerance:.0e}: drive at omega, and with less force')
 
 
-def fourier(signal, dt, omega):
+def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
     """Fourier integral of a record that starts and ends at rest, `integral of signal e^{-i omega t} dt`, t = 0 in frame 0.
 
     Parameters
@@ -276,11 +290,11 @@ def fourier(signal, dt, omega):
     ndarray of complex, shape (frequencies, ...)
         In the unit of the signal times ms.
     """
-    t = dt * np.arange(len(signal))
-    return np.array([dt * np.tensordot(np.exp(-1j * w * t), signal, 1) for w in omega])
+    t = dt * np.arange(len(np.asarray(signal)))
+    return np.array([dt * np.tensordot(np.exp(-1j * w * t), np.asarray(signal), 1) for w in np.atleast_1d(omega)])
 
 
-def impulse_response(signal, dt, impulse, omega):
+def impulse_response(signal: ArrayLike, dt: float, impulse: float, omega: ArrayLike) -> FrequencyResponse:
     """Frequency response from the free decay after one impulse at t = 0.
 
     The Fourier integral of the record, with the trapezoidal rule's end correction for the kink at t = 0: the error is of

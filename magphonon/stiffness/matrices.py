@@ -150,6 +150,6 @@ def mass_weighted(D: NDArray[Any], masses: NDArray[np.float64]) -> NDArray[Any]:
     return D / (root[:, None] * root)
 
 
-def signed_root(squares: NDArray[np.float64]) -> NDArray[np.float64]:
+def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:
     """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency."""
     return np.sign(squares) * np.sqrt(np.abs(squares))
