@@ -89,7 +89,9 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     p, hessian, probability, sigma = _average(points, counts, design, start)
     mean = probability @ p
     fitted = np.exp(design @ mean)
-    law = Tabulated(spacing * np.exp(nodes), np.exp(values @ mean))
+    r = spacing * np.exp(nodes)
+    r[[0, -1]] = min(spacing, forces.r[0]), max(spacing, forces.r[-1])  # the logarithm and back loses the last digit
+    law = Tabulated(r, np.exp(values @ mean))
     if (np.diff(law.f) >= 0).any():
         raise ValueError('the curve through the points does not fall everywhere; look for an outlier, and drop the far points '
                          'that are noise')

@@ -4,7 +4,6 @@ from .bonds import (
     explicit_bonds as explicit_bonds,
     find_bonds as find_bonds,
     image_of as image_of,
-    pairs_within as pairs_within,
     repeat_bonds as repeat_bonds,
 )
 from .crystals import (
@@ -17,6 +16,10 @@ from .crystals import (
     oscillator as oscillator,
     square as square,
     triangular as triangular,
+)
+from .pairs import (
+    distances_within as distances_within,
+    pairs_within as pairs_within,
 )
 from .patches import (
     RIM as RIM,

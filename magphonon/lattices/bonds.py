@@ -12,13 +12,13 @@ from __future__ import annotations
 import operator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
+from .pairs import distances_within, pairs_within
+from .shells import in_shells, refuse_scatter, shell_cutoff
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,32 +28,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from scipy import sparse
 
-SHELL_WIDTH = 1e-4
-"""Distances that follow each other within this fraction belong to one shell of neighbours.
-
-People write lattice constants with three or more digits (8.66 for 5 sqrt(3) moves a distance by 2e-5) and files with eight
-decimals; of the usual lattices, two of the first hundred shells are never closer than 1e-3, two of the first thousand 1e-4.
-"""
-EXACT = 1e-9
-"""Distances that differ by less than this fraction are equal: round-off of the positions, no rounding."""
-CLEAR = 4.0
-"""The narrowest gap between two shells must be this many times the widest one inside a shell, where positions are rounded."""
-CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
-"""Two shells may be one that rounding split if their gap is narrow and a gap beside it is `CONTRAST` times wider.
-
-Narrow is `CLOSE` after the last shell wanted, where neighbours would be lost, and `ROUNDED` between the shells before it, where
-only their number is in doubt; crystals differ more (the two first distances in cobalt and magnesium by 3e-3).  In the usual
-lattices, where shells crowd at large distances, the ratio stays below 20 over the first three thousand shells.
-"""
-DECIMALS = range(2, 8)
-"""Numbers of decimals with which positions are written on purpose; fewer are whole numbers of millimetres or their tenths."""
-UNITS = 2.0
-"""Of the last decimal of positions that have so few: where distances that differ by less follow each other, rounding may have
-split one shell as well, as two ends and a lattice vector are each off by half a unit."""
 ON_SHELL = 1e-6
 """A cutoff nearer to a shell than this fraction of itself falls on it: displacements of finite differences would cross it."""
-SCATTER = 0.1
-"""Particles without a bond, while the next distance is longer by less than this fraction, betray positions that scatter."""
 
 
 @dataclass(frozen=True)
@@ -155,12 +131,12 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
         apart: the next one follows so closely that rounding may have split one shell in two, or positions scatter.
     """
     if cutoff is None:
-        end = _shell_cutoff(atoms, whole('shells', shells))
-        bonds = _bonds(atoms, *_in_shells(atoms, *pairs_within(atoms, end)), end)
-        _refuse_scatter(atoms, bonds)
+        end = shell_cutoff(atoms, whole('shells', shells))
+        bonds = _bonds(atoms, *in_shells(atoms, *pairs_within(atoms, end)), end)
+        refuse_scatter(atoms, bonds)
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
-    distances = _distances(atoms, cutoff * (1 + 2 * ON_SHELL))
+    distances = distances_within(atoms, cutoff * (1 + 2 * ON_SHELL))
     if not len(distances):
         raise ValueError(f'no two particles are within the cutoff of {cutoff:g} mm; increase it')
     near = distances[np.argmin(abs(distances - cutoff))]
@@ -185,153 +161,6 @@ def _bonds(atoms, i, j, shift, lengths, cutoff):
     i, j, shift = i[order], j[order], shift[order]
     vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
     return Bonds(i, j, shift, vectors, len(atoms), cutoff)
-
-
-def _distances(atoms, cutoff):
-    return np.unique(pairs_within(atoms, cutoff)[3])
-
-
-def _held(atoms):
-    """Which particles FixAtoms holds, shape (particles,); none of them if it holds all."""
-    held = np.zeros(len(atoms), bool)
-    for constraint in atoms.constraints:
-        if isinstance(constraint, FixAtoms):
-            held[constraint.index] = True
-    return held & ~held.all()
-
-
-def _moving_distances(atoms, cutoff):
-    """Distances of pairs of which a particle is free."""
-    i, j, _, lengths = pairs_within(atoms, cutoff)
-    held = _held(atoms)
-    return np.unique(lengths[~(held[i] & held[j])])
-
-
-def _in_shells(atoms, i, j, shift, lengths):
-    """The pairs without those of two held particles that are shorter or longer than every pair with a free one."""
-    held = _held(atoms)
-    both = held[i] & held[j]
-    shortest, longest = lengths[~both].min(initial=np.inf), lengths[~both].max(initial=0.0)
-    kept = ~both | ((lengths >= (1 - SHELL_WIDTH) * shortest) & (lengths <= (1 + SHELL_WIDTH) * longest))
-    return i[kept], j[kept], shift[kept], lengths[kept]
-
-
-def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:
-    """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
-
-    A k-d tree over the images near the cell: ASE 3.29's neighbour list puts all particles of a flat structure without
-    periodic borders into one bin and asks for the square of their number in memory.
-    """
-    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
-
-    if not np.isfinite(atoms.positions).all():
-        k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
-        raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
-    periods = atoms.cell.array[atoms.pbc]
-    if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # of no vectors NumPy before 2.4.5 knows no rank
-        raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
-                         'set its cell, or its pbc to False')
-    inverse = np.linalg.pinv(periods)
-    home = np.floor(atoms.positions @ inverse).astype(int)
-    fraction = atoms.positions @ inverse - home
-    points = atoms.positions - home @ periods
-
-    # Shift zero and half of the others; the other half would find every pair again, from its far end.
-    reach = cutoff * np.linalg.norm(inverse, axis=0)
-    shifts = np.array(list(product(*(range(-k, k + 1) for k in np.floor(reach + 1).astype(int)))), dtype=int)
-    shifts = shifts[len(shifts) // 2 :]
-    near = [np.flatnonzero(((fraction + s > -reach) & (fraction + s < 1 + reach)).all(axis=1)) for s in shifts]
-    particle, cell = np.concatenate(near), np.repeat(shifts, [len(k) for k in near], axis=0)
-
-    images = cKDTree(points[particle] + cell @ periods)
-    found = cKDTree(points).sparse_distance_matrix(images, cutoff, output_type='ndarray')
-    found = found[(found['i'] < found['j']) | (found['j'] >= len(atoms))]
-    i, j = found['i'], particle[found['j']]
-    shift = np.zeros((len(found), 3), dtype=int)
-    shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
-    return i, j, shift, found['v']
-
-
-def _shell_cutoff(atoms, shells):
-    """Distance midway between the last shell wanted and the next one."""
-    if len(atoms) < 2 and not atoms.pbc.any():
-        raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
-    others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
-    extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
-    reach = 1.8 * np.linalg.norm(others, axis=1).min()  # the two first shells of the common lattices: 1 and sqrt(2) or sqrt(3)
-    while True:
-        distances = _moving_distances(atoms, reach)
-        gaps = np.diff(distances) / distances[1:]
-        last = np.flatnonzero(gaps > SHELL_WIDTH)  # of each shell that another one follows
-        complete = reach >= extent and not atoms.pbc.any()
-        if len(last) > shells or (complete and len(last) == shells):
-            _refuse_unclear_shells(atoms, distances, gaps, last, shells)
-            return distances[last[shells - 1] : last[shells - 1] + 2].mean()
-        if complete:
-            if len(last) + 1 == shells:
-                return reach
-            raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
-        reach = 1.5 * reach + 1e-6 * extent  # the sum: where particle 0 coincides with another, the reach starts from zero
-
-
-def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
-    """Refuse to end at a shell that rounding may have split, or to count shells that are no clearer than the rounding.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-    distances : ndarray, shape (n,)
-        Different distances in ascending order.
-    gaps : ndarray, shape (n - 1,)
-        Between them, over the longer one.
-    last : ndarray of int
-        The last distance of each shell that another one follows.
-    shells : int
-        The number of shells that were asked for.
-    """
-    end = last[shells - 1]
-    between = np.concatenate([[1.0], gaps[last[: shells + 1]]])  # before the first shell there is nothing
-    beside = np.maximum(between[:-1], np.append(between[2:], 0)[: len(between) - 1])[:shells]
-    between = between[1 : shells + 1]
-    narrow = np.append(np.full(shells - 1, ROUNDED), CLOSE)
-    rounded = between * distances[last[:shells] + 1] < UNITS * _last_decimal(atoms)
-    split = ((between < narrow) | rounded) & (CONTRAST * between < beside)
-    inside = gaps[:end][(gaps[:end] > EXACT) & (gaps[:end] <= SHELL_WIDTH)].max(initial=0)
-    if not split.any() and between.min() >= CLEAR * inside:
-        return
-    if split.any():
-        end = last[split.argmax()]
-    raise ValueError(f'the shells of neighbours are not clear: one ends at {distances[end]:.9g} mm, and the next '
-                     f'distance is {distances[end + 1]:.9g} mm, {100 * gaps[end]:.2g} % longer; if rounded or measured positions '
-                     'split one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
-                     f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
-
-
-def _last_decimal(atoms: Atoms) -> float:
-    """The unit in mm of the last decimal with which the positions are written; zero if they have all their digits."""
-    numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
-    for unit in 10.0 ** -np.array(DECIMALS):
-        if (abs(numbers - unit * np.rint(numbers / unit)) <= EXACT * np.maximum(abs(numbers), unit)).all():
-            return float(unit)
-    return 0.0
-
-
-def _widest_gap(atoms, last):
-    """A cutoff in the widest gap between the distances up to `2 * last` (mm), where true shells most likely part."""
-    distances = np.append(_distances(atoms, 2 * last), 2 * last)
-    gap = np.argmax(np.diff(np.log(distances)))
-    return distances[gap : gap + 2].mean()
-
-
-def _refuse_scatter(atoms, bonds):
-    """Refuse shells that leave particles without a bond although the next distance is hardly longer."""
-    alone, last = np.flatnonzero(bonds.coordination == 0), bonds.lengths.max(initial=0)
-    following = 2 * bonds.cutoff - last  # the cutoff is midway
-    if len(alone) and following < (1 + SCATTER) * last:
-        raise ValueError(f'the shells of neighbours end at {last:.6g} mm, the next distance is {following:.6g} mm, and '
-                         f'{len(alone)} particles such as {alone[0]} have no bond: the positions scatter, so that every distance '
-                         'is a shell of its own; give a cutoff= between true shells '
-                         f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
 
 
 def _refuse_coincident(i, j, lengths, scale):

@@ -35,7 +35,7 @@ def plot_fits(forces, fits):
     r, error = points.r / u.m, None if points.sigma is None else points.sigma / u.N
     upper.errorbar(r, points.f / u.N, error, fmt='o', color='k', markersize=4, fillstyle='none', zorder=3,
                    label='measured' if len(r) == len(forces.r) else 'measured, averaged')
-    line = np.geomspace(*forces.r[[0, -1]], 300)
+    line = np.clip(np.geomspace(*forces.r[[0, -1]], 300), *forces.r[[0, -1]])  # geomspace may end a last digit beyond
     for fit, style, colour, shift in zip(fits, LINES, COLOURS, np.linspace(-1, 1, len(fits)), strict=False):
         inside = line[line - fit.offset > 0]
         upper.plot(inside / u.m, repulsion(fit.law, inside - fit.offset) / u.N, style, color=colour, label=fit.name)

@@ -16,7 +16,8 @@ from ase import Atoms
 from scipy import sparse
 
 from ..errors import positive, whole
-from ..lattices.bonds import Bonds, pairs_within
+from ..lattices.bonds import Bonds
+from ..lattices.pairs import pairs_within
 from .bond import model_stiffness
 from .constraints import free_motion
 from .lowest import lowest_mode

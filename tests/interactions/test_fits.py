@@ -16,6 +16,7 @@ from magphonon.interactions.force_tables import Forces, read_forces, synthetic_f
 from magphonon.interactions.law_choice import fit_laws
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 from magphonon.interactions.smooth_laws import fit_spline
+from magphonon.plotting.fits import plot_fits
 from magphonon.scenes.scene import Scene, read_scene, ready_scene
 
 L0, A = 10.0, 4.5824
@@ -398,10 +399,20 @@ def test_the_law_of_averaged_points_reaches_from_the_first_force_to_the_last(tmp
     r = np.linspace(8, 15, 3000)
     forces = synthetic_forces(rings(), r, 5e-3, 1)
     law = fit_spline(forces, L0).law
-    assert (law.r[0], law.r[-1]) == pytest.approx((r[0], r[-1]), rel=1e-12)
+    assert (law.r[0], law.r[-1]) == (r[0], r[-1])
     assert forces.binned(500)[0].r[0] > r[0] * (1 + 1e-4)  # the control
     assert main(['fit', write(tmp_path, table_of(r / 1e3, forces.f)), '--spacing', '0.01', '-o', str(tmp_path / 'out')]) == 0
     assert 'forces from 0.008 to 0.015 m' in capsys.readouterr().out
+
+
+def test_curves_of_measurements_in_any_unit_of_length_can_be_drawn():
+    """One of these lost the last digit of its end in a logarithm, and the law was asked beyond its table."""
+    for power in range(-6, 1):
+        r = np.array([8, 9.75, 11.5, 13.25, 15]) * 10.0**power
+        forces = Forces(r, np.array([0.348098, 0.22347, 0.148242, 0.100461, 0.0893715]), np.full(5, 1e-3))
+        fit = fit_spline(forces, r[2])
+        assert (fit.law.r[0], fit.law.r[-1]) == (r[0], r[-1])
+        plot_fits(forces, [fit])
 
 
 def test_entry_carries_the_uncertainty_of_the_fit_to_the_bands():

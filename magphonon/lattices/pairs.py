@@ -1,0 +1,53 @@
+"""Pairs of particles within a distance of each other, also across the border of a periodic cell."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+
+def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:
+    """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
+
+    A k-d tree over the images near the cell: ASE 3.29's neighbour list puts all particles of a flat structure without
+    periodic borders into one bin and asks for the square of their number in memory.
+    """
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
+
+    if not np.isfinite(atoms.positions).all():
+        k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
+        raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
+    periods = atoms.cell.array[atoms.pbc]
+    if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # of no vectors NumPy before 2.4.5 knows no rank
+        raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
+                         'set its cell, or its pbc to False')
+    inverse = np.linalg.pinv(periods)
+    home = np.floor(atoms.positions @ inverse).astype(int)
+    fraction = atoms.positions @ inverse - home
+    points = atoms.positions - home @ periods
+
+    # Shift zero and half of the others; the other half would find every pair again, from its far end.
+    reach = cutoff * np.linalg.norm(inverse, axis=0)
+    shifts = np.array(list(product(*(range(-k, k + 1) for k in np.floor(reach + 1).astype(int)))), dtype=int)
+    shifts = shifts[len(shifts) // 2 :]
+    near = [np.flatnonzero(((fraction + s > -reach) & (fraction + s < 1 + reach)).all(axis=1)) for s in shifts]
+    particle, cell = np.concatenate(near), np.repeat(shifts, [len(k) for k in near], axis=0)
+
+    images = cKDTree(points[particle] + cell @ periods)
+    found = cKDTree(points).sparse_distance_matrix(images, cutoff, output_type='ndarray')
+    found = found[(found['i'] < found['j']) | (found['j'] >= len(atoms))]
+    i, j = found['i'], particle[found['j']]
+    shift = np.zeros((len(found), 3), dtype=int)
+    shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
+    return i, j, shift, found['v']
+
+
+def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:
+    """Different distances of pairs up to `cutoff` (mm), in ascending order."""
+    return np.unique(pairs_within(atoms, cutoff)[3])
