@@ -70,7 +70,7 @@ def long_work(command, file, out):
     """Whether a command tells that it will take its time: by its estimate, or a plan by its cost, before it is run."""
     if command == 'plan':
         words = judge.judged(['plan', str(file)], [file], out).words
-        return any(float(cost) > TOLD for cost in re.findall(r'(\d\.\de[+-]\d+)  <- enough', words))
+        return any(float(cost) > TOLD for cost in re.findall(r'(\d\.\de[+-]\d+)  <- recommended', words))
     try:
         return sum(cost.seconds for cost in costs(read_scene(file)) if cost.table == command) > PROMISED
     except ValueError:

@@ -1,16 +1,16 @@
 """`magphonon bands SCENE.toml -o DIR`: bands of a scene, by the Bloch matrix and by phonopy.
 
-The exit status is 0 if they were computed, also of a lattice that buckles; "magphonon check" judges, with status 1.
+The exit status is 0 if the bands were computed, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
 
 
 
 
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
-SHOWN = 1e-5
-"""Of the highest frequency: below it a number is the root of the round-off in a square, and shown as zero."""
-KEPT = 1e-6
-"""In N/mm: phonopy writes force constants with 15 decimals, too few for those of electrons."""
+ZERO_FRACTION = 1e-5
+"""Fraction of the highest frequency below which a number is shown as zero: it is the square root of a rounded eigenvalue."""
+LEAST_WRITTEN_N_per_mm = 1e-6
+"""Smallest force constant that phonopy's files keep with enough digits: they have 15 decimals, too few for electrons."""
 
 
 def add_arguments(parser):
@@ -56,12 +56,12 @@ def _save(folder, bands, phonon):
         result.save(folder / f'bands_{name}.npz')
     _write_table(folder / 'bands.csv', bands)
     write_band_yaml(phonon, bands['phonopy'].path, folder / 'band.yaml')
-    if abs(phonon.force_constants).max() > KEPT:
+    if abs(phonon.force_constants).max() > LEAST_WRITTEN_N_per_mm:
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
 def _write_table(file, bands):
-    """One row for each wavevector: its place on the path, its fractions, the frequencies of each road."""
+    """One row for each wavevector: its place on the path, its fractional coordinates, the frequencies by each method."""
     from .. import units
     from ..files import write_columns
 
@@ -92,7 +92,7 @@ def _draw(folder, scene, bands):
 
 
 def _in_words(value):
-    """A number for the terminal; speeds of sound may be infinite, where repulsion reaches too far, or not exist."""
+    """A number for the terminal; a speed of sound may be infinite, if the range of the force is too long, or not exist."""
     from math import isinf, isnan
 
     if isnan(value):
@@ -101,7 +101,7 @@ def _in_words(value):
 
 
 def _report(scene, atoms, bands, phonon):
-    """What the terminal shows: frequencies at the special points by each road, sound, foundation and stability."""
+    """The report on the terminal: frequencies at the special points by each method, sound, foundation and stability."""
     import numpy as np
     from ase.dft.kpoints import parse_path_string
 
@@ -114,7 +114,7 @@ def _report(scene, atoms, bands, phonon):
     from ..stability.buckling import foundation_needed
 
     def rows(label, columns, highest):
-        table = np.where(abs(np.transpose(columns)) < SHOWN * highest, 0.0, np.transpose(columns))
+        table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
         return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
                 for branch, row in enumerate(table)]
 
@@ -130,16 +130,16 @@ def _report(scene, atoms, bands, phonon):
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)
     if cutoff is not None:
         lowest = bands['complete'].frequencies_Hz.min()
-        but = f'; the lowest on the path is {lowest:.7g} Hz' if lowest < (1 - SHOWN) * units.hertz(cutoff) else ''
-        lines.append(f'cut-off frequency, the lowest at Gamma: {units.hertz(cutoff):.7g} Hz{but}')
+        but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
+        lines.append(f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}')
     speeds = [sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models]
-    lines += ['long-wave speeds along x with the foundation removed (m/s; negative: imaginary, the lattice alone would buckle)',
+    lines += ['long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)',
               *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds), initial=0))]
     if np.isnan(speeds).any():
-        lines.append('  none: there a mode without stiffness mixes with sound')
+        lines.append('  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch')
 
     if 'conventional' not in bands:
-        lines += ['', 'no conventional model: the sums of D0 and D* diverge each by itself, only together they converge']
+        lines += ['', 'no conventional model: the sums of D0 and D* diverge separately and converge only together']
     needed, softest = foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
     given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.foundation, recovered, needed))
@@ -150,16 +150,18 @@ def _report(scene, atoms, bands, phonon):
     if everyone:
         waves = path.kpts * scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
-        lines.append(f'  where the wave fits its supercell by {difference[fits].max(initial=0):.1e}; it interpolates between, '
-                     'as no supercell holds all neighbours')
-    if abs(phonon.force_constants).max() <= KEPT:
-        lines.append('phonopy_params.yaml is left out: its 15 decimals are too few for force constants of '
+        lines[-1] += f', and by {difference[fits].max(initial=0):.1e}'
+        lines.append('  at wavevectors commensurate with the supercell; it interpolates between them, because no finite '
+                     'supercell holds all neighbours')
+    if abs(phonon.force_constants).max() <= LEAST_WRITTEN_N_per_mm:
+        lines.append('phonopy_params.yaml is not written: its 15 decimals are too few for force constants of '
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
     lines += neglected(scene)
     if given >= needed:
-        place = ' in its plane' if atoms.calc.dim == 2 else ''
-        return '\n'.join([*lines, f'stable{place}: the static forces ask for a foundation of {needed:.6g} N/m'])
+        place = ' in the plane' if atoms.calc.dim == 2 else ''
+        why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'
+        return '\n'.join([*lines, f'Stable{place}{why}.'])
     where = ', '.join(f'{x:.3g}' for x in softest)
-    return '\n'.join([*lines, '', f'UNSTABLE: the static forces buckle this lattice, most of all at q = ({where}).',
+    return '\n'.join([*lines, '', f'UNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).',
                       f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',
                       'negative frequencies. The conventional model does not show this.'])

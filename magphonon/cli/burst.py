@@ -1,12 +1,12 @@
-"""`magphonon burst SCENE.toml -o DIR`: tone bursts through the patch of a scene, in both models, over its bands.
+"""`magphonon burst SCENE.toml -o DIR`: tone bursts through the patch of a scene, in both models, compared with its bands.
 
-The exit status is 0 if they were run to their end, also in a lattice that buckles; "magphonon check" judges, with status 1.
+The exit status is 0 if all bursts ran to their end, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
 
 
 
 
-HELP = 'tone bursts through the patch of a scene, in both models, over its bands'
+HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
 
 
 def add_arguments(parser):
@@ -49,7 +49,7 @@ def run(options):
 
 
 def _send(scene, k, cell, model):
-    """Patch, site and passage of burst number k in one model; the row as the vibrometer of the scene sees it."""
+    """Patch, site and passage of burst number k in one model; the row is measured by the vibrometer of the scene, if any."""
     from dataclasses import replace
 
     from ..dynamics.cages import Diverged
@@ -61,7 +61,7 @@ def _send(scene, k, cell, model):
         what = f'burst {scene.burst.names[k]}, {model} simulation'
         if unstable := _unstable(cell):
             raise ValueError(f'{what}: at {error.time:g} ms particles leave their cells. ' + ' '.join(unstable[1:])) from error
-        raise ValueError(f'{what}: {error}') from error
+        raise ValueError(f'{what}: it diverged at {error.time:g} ms (particle {error.particle}); lower burst.force_N') from error
     if scene.vibrometer is not None:
         passage = replace(passage, row=scene.vibrometer.measure(passage.row, seed=k))
     return patch, site, passage
@@ -77,7 +77,7 @@ def _save(folder, name, passages, found):
 
 
 def _write_row(file, patch, site):
-    """Which particles are measured, and where they rest."""
+    """The particles that are measured, and their rest positions."""
     import numpy as np
 
     from .. import units
@@ -88,7 +88,7 @@ def _write_row(file, patch, site):
 
 
 def _draw(folder, name, passages, found):
-    """The maps of both simulations side by side, and both patches when the wave has reached the middle of the row."""
+    """The maps of both simulations side by side, and both patches at the time when the wave reaches the middle of the row."""
     from ..plotting.waves import crossing, panels, plot_snapshot, plot_wave
 
     motions = list(dict.fromkeys(wave.motion for waves in found.values() for wave in waves))
@@ -116,7 +116,7 @@ def _animate(folder, name, passages):
 
 
 def _amplitudes(cell, largest, loud):
-    """How far each burst moves the particles, and, if `loud` is asked, whether linear bands still are a measure of it."""
+    """The largest displacement of each burst and, if `loud`, a warning where it is beyond the linear range."""
     from .. import units
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR
@@ -126,13 +126,13 @@ def _amplitudes(cell, largest, loud):
     for record, u in largest.items():
         lines.append(f'{record}: largest displacement {u / units.m:.3g} m, {u / spacing:.2%} of the spacing')
         if loud and u > bound:
-            lines[-1] += (f'; LOUD: above {bound / units.m:.3g} m linear frequencies, such as the bands, are more than '
-                          f'{LINEAR_ERROR:.0%} off; lower force_N')
+            lines[-1] += (f'; WARNING: beyond the linear range ({bound / units.m:.3g} m = {LINEAR_ERROR:.0%} frequency error); '
+                          'lower force_N')
     return lines
 
 
 def _decays(plan, cell, records):
-    """For bursts that none of the bands carries: how far they reach."""
+    """Decay lengths of bursts whose carrier lies in a band gap."""
     import numpy as np
 
     from .. import units
@@ -147,13 +147,13 @@ def _decays(plan, cell, records):
                 omega = 2 * np.pi * carrier * units.Hz
                 reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
                 if np.isfinite(reach):
-                    lines.append(f'{name}_{model}: no band carries {carrier:g} Hz along R2; its slowest wave falls to 1/e '
+                    lines.append(f'{name}_{model}: {carrier:g} Hz lies in a band gap along R2; the slowest decay is to 1/e '
                                  f'in {reach:.3g} steps')
     return ['', *lines] if lines else []
 
 
 def _unstable(cell):
-    """Says so if the infinite lattice buckles; a patch with its rim held may still stand."""
+    """A warning if the infinite lattice buckles; a patch with its rim held may still be stable."""
     from .. import units
     from ..stability.buckling import foundation_needed
 
@@ -161,7 +161,7 @@ def _unstable(cell):
     if given >= needed:
         return []
     needed, given = (k / (units.N / units.m) for k in (needed, given))
-    return ['', 'UNSTABLE: the static forces buckle this lattice; in the complete simulation what grows may drown the burst.',
-            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m, and no force is small enough: what grows does '
-            'not depend on it.',
+    return ['', 'UNSTABLE: the static forces buckle this lattice. In the complete simulation the growth may hide the burst.',
+            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Lowering force_N does not help, because the '
+            'growth does not depend on the force.',
             'The conventional model does not show this.']

@@ -1,8 +1,11 @@
-"""What a command will take, told before it starts: memory, time and files, and the key that they grow with.
+"""The cost of a command, estimated before it starts: memory, time, number of files, and the key that the memory grows with.
 
-The estimates count the largest arrays and the innermost loops.  The numbers below are fitted to peaks of resident memory and to
-processor time of the commands, one core, at two to four sizes each (`tests/cli/test_costs.py` lists them); what is counted only,
-and was not measured, says so.  That is enough to tell a slip of the pen, such as 1e12 points, from work that is merely long.
+The estimates count the largest arrays and the innermost loops.  The constants below are fitted to the peak resident memory and
+the processor time of the commands on one core, at two to four sizes each (`tests/cli/test_costs.py` lists them).  A constant
+that was counted and not measured says so.  This is accurate enough to tell a typing error, such as 1e12 points, from work that
+only takes long.
+
+Names end in the unit, bytes or seconds.
 """
 
 import os
@@ -18,41 +21,42 @@ from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
 
-SHARE = 0.5
-"""Of the memory that is free: what asks for more is refused, as the rest is needed by the system and by estimates that err."""
+USABLE_FRACTION = 0.5
+"""Fraction of the free memory that a command may use; the rest is kept for the system and for errors of the estimates."""
 GIGABYTE = 2**30
 PICTURES_bytes, PICTURES_s = 60e6, 2.0
-"""Of every command: fonts, figures and what is imported."""
+"""Cost of fonts, figures and imports, for every command."""
 POINT_bytes, POINT_s = 1800, 6e-5
-"""Of bands: a wavevector of a cell of one particle, by both models and phonopy; memory goes with the square of the particles,
-time with their number."""
+"""Bands: cost of one wavevector of a cell of one particle, by both models and phonopy; memory grows with the square of the number
+of particles, time with the number."""
 PHASE_bytes = 33
-"""Of bands: the phase of a bond at a wavevector; counted."""
+"""Bands: memory for the phase of one bond at one wavevector; counted."""
 PAIR_bytes, PAIR_s = 20, 9e-7
-"""Of phonopy: a pair of particles of the supercell, whose distances it keeps."""
+"""Bands by phonopy: cost of one pair of particles of the supercell, whose distances phonopy keeps."""
 DENSE, DENSE_s = 3000, 2e-10
-"""Free directions up to which all natural frequencies are computed, as in the command, by both models; time over their cube."""
+"""Response: largest number of free directions for which the command computes all natural frequencies, and the time of both models
+divided by the cube of this number."""
 TERM_s = 5e-8
-"""Of a response: a term of the series at a frequency; counted."""
+"""Response: time of one term of the series at one frequency; counted."""
 PRODUCT_s = 4e-8
-"""Of a response: a product with the matrix of a patch, for each particle."""
+"""Response: time of one product with the matrix of a patch, per particle."""
 SERIES_bytes = 3000
-"""Of a response: a particle of a patch with its bonds."""
+"""Response: memory for one particle of a patch with its bonds."""
 FACTOR_bytes, FACTOR_s = 17e3, 2e-5
-"""Of a response: a factorisation of its matrix at a frequency, for each particle."""
+"""Response: cost of one factorisation of the matrix at one frequency, per particle."""
 START_s = 0.3
-"""Of a burst: its patch and its maps."""
+"""Burst: time to build the patch and to draw the maps."""
 STEP_s = 2e-7
-"""Of a burst: a step of a particle, without the compiled engine."""
+"""Burst: time of one time step of one particle, without the compiled engine."""
 SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
-"""Of a burst: a particle of the row at a time, with its map and its line of text."""
+"""Burst: cost of one particle of the row at one time, with its share of the map and its line of text."""
 DRAWN_s = 3.0
-"""Of uncertainties: the lattices drawn at random."""
+"""Uncertainty: time for the lattices drawn at random."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What one table of a scene makes a command take.
+    """Cost of a command for one table of a scene.
 
     Attributes
     ----------
@@ -72,12 +76,12 @@ class Cost:
 
     @property
     def bytes(self):
-        """All of the memory."""
+        """Total memory in bytes."""
         return sum(self.memory.values())
 
     @property
     def key(self):
-        """The key that takes most of the memory."""
+        """The key that needs most of the memory."""
         return max(self.memory, key=self.memory.get)
 
     def __str__(self):
@@ -85,20 +89,20 @@ class Cost:
 
 
 def amount(size):
-    """Bytes in words; less than a process takes anyway is called so."""
-    return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'some {size / GIGABYTE:.2g} GB'
+    """A number of bytes in words; what every process needs is not resolved."""
+    return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'about {size / GIGABYTE:.2g} GB'
 
 
 def duration(seconds):
     """A time in words."""
     for unit, length in (('years', 3.15e7), ('days', 86400), ('hours', 3600), ('minutes', 60)):
         if seconds >= 2 * length:
-            return f'some {seconds / length:.2g} {unit}'
-    return f'some {seconds:.0f} s' if seconds >= 5 else 'a few seconds'
+            return f'about {seconds / length:.2g} {unit}'
+    return f'about {seconds:.0f} s' if seconds >= 5 else 'a few seconds'
 
 
 def bands_cost(scene):
-    """Of `magphonon bands`."""
+    """Cost of `magphonon bands`."""
     points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.atoms().calc.bonds)
     pairs = (particles * np.prod(scene.supercell(), dtype=float)) ** 2
     memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes * particles**2 + PHASE_bytes * bonds),
@@ -107,7 +111,7 @@ def bands_cost(scene):
 
 
 def frf_cost(scene):
-    """Of `magphonon frf`."""
+    """Cost of `magphonon frf`."""
     plan, particles = scene.frf, _particles(scene)
     size = 2 * particles
     if size <= SMALL:
@@ -123,7 +127,7 @@ def frf_cost(scene):
 
 
 def uncertainty_cost(scene):
-    """Of `magphonon uncertainty`."""
+    """Cost of `magphonon uncertainty`."""
     memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s, 0
     parameters = len(scene.uncertainty.model_fields_set)
     if scene.bands is not None:
@@ -139,7 +143,7 @@ def uncertainty_cost(scene):
 
 
 def burst_cost(scene):
-    """Of `magphonon burst`; without a patch, which the command refuses, that of its start."""
+    """Cost of `magphonon burst`; without a patch, which the command refuses, the cost of its start."""
     from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP  # with time steps, which no other command needs
 
     if scene.patch is None:
@@ -159,7 +163,7 @@ def burst_cost(scene):
 
 
 def _particles(scene):
-    """Those of the patch, from its area; of the oscillator, one."""
+    """Number of particles of the patch, from its area; one for the oscillator."""
     if scene.single:
         return 1
     cell = scene.cell()
@@ -177,43 +181,44 @@ COSTS = {'bands': bands_cost, 'frf': frf_cost, 'burst': burst_cost, 'uncertainty
 
 
 def costs(scene):
-    """Of every table of a scene that a command works on, a tuple of Cost."""
+    """The cost of every table of a scene that a command works on, a tuple of Cost."""
     return tuple(estimate(scene) for name, estimate in COSTS.items() if getattr(scene, name) is not None)
 
 
 def refuse_costly(scene, *tables):
-    """Raise ValueError where a table asks for more memory than there is; the message names the key.
+    """Raise ValueError if a table needs more memory than is available; the message names the key.
 
     Parameters
     ----------
     scene : Scene
     tables : str
-        Those that are about to be worked on; ones that the scene does not have are passed over.
+        The tables that the command is about to work on; those that the scene does not have are ignored.
     """
     free = free_memory()
     for cost in costs(scene):
-        if cost.table in tables and cost.bytes > SHARE * free:
+        if cost.table in tables and cost.bytes > USABLE_FRACTION * free:
             raise ValueError(too_much(scene, cost, free))
 
 
 def too_much(scene, cost, free):
-    """What is wrong with a cost, and how to mend it."""
+    """The message for a cost that is too high: the key, its value and what to do."""
     value = scene
     for key in cost.key.split('.'):
         value = getattr(value, key)
-    return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] ask for '
-            f'{amount(cost.bytes)} of memory, more than {SHARE:.0%} of the {free / GIGABYTE:.3g} GB that are free; lower it')
+    return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] need '
+            f'{amount(cost.bytes)} of memory, more than {USABLE_FRACTION:.0%} of the {free / GIGABYTE:.3g} GB that are free; '
+            'lower it')
 
 
 def free_memory():
-    """Bytes that this process may still take: what the system has left, within the limits set to the process."""
+    """Number of bytes that this process may still allocate: what the system has left, within the limits of the process."""
     free = [8 * GIGABYTE]  # where the system does not tell
     with suppress(ValueError, OSError, AttributeError):
         free = [os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE')]
     with suppress(ValueError, OSError, IndexError):
         line = next(line for line in Path('/proc/meminfo').read_text().splitlines() if line.startswith('MemAvailable'))
         free = [int(line.split()[1]) * 1024]
-    with suppress(ValueError, OSError):  # that of a container
+    with suppress(ValueError, OSError):  # the limit of a container
         group = Path('/sys/fs/cgroup')
         free.append(int((group / 'memory.max').read_text()) - int((group / 'memory.current').read_text()))
     with suppress(ImportError, ValueError, OSError, IndexError):

@@ -20,15 +20,15 @@ def run(options):
     k, designs = plan.solve(scene)
     present = scene.lattice.spacing_m * u.m
     best = min(designs, key=lambda design: abs(design.spacing - present))
-    lines = [f'# {scene.title}: in place of its tables of the same names']
+    lines = [f'# {scene.title}: replace the tables of the same names by these']
     if plan.cut_off_Hz is not None:
         lines.append(f'# cut-off {plan.cut_off_Hz:.6g} Hz')
     if plan.spacing_from is not None:
         lines.append(f'# {plan.spacing_from.name}: {best.value / HERTZ:.6g} Hz; '
                      f'1 % more spacing changes it by {best.slope / HERTZ / 100:+.3g} Hz')
     given, needed = (stiffness / (u.N / u.m) for stiffness in (k, best.needed))
-    lines.append(f'# stable: the foundation is {given:.6g} N/m, the static forces ask for {needed:.6g} N/m')
+    lines.append(f'# stable: the foundation is {given:.6g} N/m, the static forces require {needed:.6g} N/m')
     others = ', '.join(f'{design.spacing / u.m:.6g}' for design in designs if design is not best)
     if others:
-        lines.append(f'# the nearest to the present spacing; others that meet it: {others} m')
+        lines.append(f'# this spacing is the nearest to the present one; other spacings that meet the target: {others} m')
     print('\n'.join([*lines, '', tables(scene, best, k)]))

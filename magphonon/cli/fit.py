@@ -1,6 +1,6 @@
 """`magphonon fit FILE.csv`: the law of repulsion from measured forces.
 
-How often its intervals of 95 % hold the truth, per kind of law and noise, is in docs/coverage.md.
+docs/coverage.md says how often its 95 % intervals contain the true value, for several kinds of law and noise.
 """
 
 HELP = 'the law of repulsion from measured forces'
@@ -10,8 +10,8 @@ def add_arguments(parser):
     parser.add_argument('file', metavar='FILE.csv', help='table with the columns r_m,f_N or r_m,f_N,sigma_N (or r_mm, f_mN, ...)')
     parser.add_argument('--spacing', metavar='M', type=float, help='working spacing in m (default: the middle distance)')
     parser.add_argument('--contact', metavar='M', type=float,
-                        help='distance of the centres at contact in m: a measurement below it is refused, an offset that '
-                             'moves one there too')
+                        help='distance of the centres at contact in m: measurements below it are refused, also if only an '
+                             'offset moves them there')
     parser.add_argument('--offset', action='store_true', help='fit the zero of the distance scale too; needs --contact')
     parser.add_argument('-o', '--output', metavar='DIR', help='directory for the picture and the entries for a scene file')
 
@@ -24,9 +24,9 @@ def run(options):
     from ..interactions.law_choice import fit_laws
 
     if options.offset and options.contact is None:
-        raise ValueError('--offset needs --contact, the distance of the centres in m at which two particles touch: without it, '
-                         'nothing keeps the offset from moving a measurement to where they overlap; for particles that are '
-                         'points give --contact 0')
+        raise ValueError('--offset needs --contact, the distance of the centres in m at which two particles touch: without it '
+                         'the offset could move a measurement to a distance at which the particles overlap; for point '
+                         'particles give --contact 0')
     contact = not_negative('--contact', options.contact or 0.0, 'm') * u.m
     forces = read_forces(options.file, contact)  # its messages name the file
     middle = forces.r[len(forces.r) // 2]
@@ -56,7 +56,7 @@ def _write(options, forces, fits):
 
 
 def _report(file, forces, choice):
-    """What each law says at the working spacing, and whether a power holds."""
+    """Force, slope and exponent of each law at the working spacing, and whether an inverse power holds."""
     import numpy as np
 
     from .. import units as u
@@ -68,7 +68,7 @@ def _report(file, forces, choice):
     known = 'with' if forces.sigma is not None else 'without'
     rows = [(f'at {some.spacing / u.m:g} m, intervals of 95 %', 'f (N)', 'df/dr (N/m)', 'exponent', 'chi2/freedom')]
     for name, fit in fits.items():
-        if name == 'touch':  # by its making the same numbers as those of the curve
+        if name == 'touch':  # it has the same numbers as the curve, by construction
             continue
         f, slope = (f'{value / unit:.5g} +- {half / unit:.2g}'
                     for value, half, unit in zip(fit.at_spacing, fit.half_width, (u.N, u.N / u.m), strict=True))
@@ -81,23 +81,24 @@ def _report(file, forces, choice):
     lines.append('')
     if some.offset:
         lines += [f'zero of the distances: {some.offset / u.m:.4g} +- {NORMAL * some.offset_sigma / u.m:.2g} m: the first pair '
-                  f'stood {(forces.r[0] - some.offset) / u.m:.4g} m apart, centre to centre',
-                  'An offset bends a law as the shape of the magnets does: fit it where the zero of the distances is in doubt.']
+                  f'was {(forces.r[0] - some.offset) / u.m:.4g} m apart, centre to centre',
+                  'An offset changes the curve in the same way as the shape of the magnets does: fit it only if the zero of the '
+                  'distances is in doubt.']
     if abs(bend) > BENT:
         lines.append(f'No inverse power holds: the exponent {"rises" if bend > 0 else "falls"} with the distance by '
                      f'{abs(bend):.1f} standard uncertainties.')
     if choice.apart:
         names = ' and '.join('in force' if name == 'force' else 'in log force' for name in choice.apart)
-        lines.append('The rows disagree by more than their intervals allow: look at the inverse power of least squares '
+        lines.append('The rows disagree by more than their intervals allow: check the inverse power fitted by least squares '
                      f'{names} in the picture.')
     if np.isnan(bend):
         lines.append('Three points do not show whether an inverse power holds; the intervals assume that it does.')
     elif choice.is_power:
         lines.append(f'These data do not contradict an inverse power: its exponent changes by {abs(bend):.1f} standard '
-                     'uncertainties. The interval of the smooth curve holds where none does, and is the one to use.')
+                     'uncertainties. Use the interval of the smooth curve, which does not assume an inverse power.')
     else:
         lines.append('Use the smooth curve: the intervals of the inverse powers assume a law that does not hold.')
     if not choice.scatter_explained:
-        lines.append('The points scatter more than sigma_N says: the intervals of the smooth curve are enlarged by the root of '
-                     'its chi2/freedom. Look for an outlier.')
+        lines.append('The points scatter more than sigma_N says: the intervals of the smooth curve are enlarged by the square '
+                     'root of its chi2/freedom. Look for an outlier.')
     return '\n'.join(lines)

@@ -1,13 +1,14 @@
-"""`magphonon frf SCENE.toml -o DIR`: displacement per harmonic force over frequency, of the oscillator or in a patch."""
+"""`magphonon frf SCENE.toml -o DIR`: displacement per harmonic force over frequency, for the oscillator or a patch."""
 
 
 
 
 HELP = 'frequency response of the oscillator or of a patch'
-SHOWN = 12
-"""Peaks on the terminal, the highest; the table holds the whole curve."""
-MANY = 3000
-"""Free directions above which the natural frequencies, a dense eigenvalue problem, are left out: half a minute."""
+SHOWN_PEAKS = 12
+"""Number of peaks shown on the terminal, the highest ones; the table holds the whole curve."""
+MOST_DIRECTIONS = 3000
+"""Largest number of free directions for which the natural frequencies are computed, a dense eigenvalue problem of half a
+minute."""
 
 
 def add_arguments(parser):
@@ -34,7 +35,7 @@ def run(options):
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model)
             system = LinearSystem.of(atoms)
-            natural = natural_frequencies(system) if system.free.shape[1] <= MANY else np.empty(0)
+            natural = natural_frequencies(system) if system.free.shape[1] <= MOST_DIRECTIONS else np.empty(0)
             responses[model] = receptance(system, source, answer, plan.omega, plan.damping)
             responses[model].save(folder / f'frf_{model}.npz')
             axes = plot_response(responses[model], natural, axes, label=model, linestyle=style)
@@ -61,7 +62,7 @@ def _write_table(file, responses):
 
 
 def _report(model, result, natural):
-    """What the terminal shows of a model: natural frequencies and the highest peaks."""
+    """The report on the terminal for one model: natural frequencies and the highest peaks."""
     import numpy as np
     from scipy.signal import find_peaks
 
@@ -74,7 +75,7 @@ def _report(model, result, natural):
         lines.append(f'  natural frequencies: {of[0]:.6g} Hz' if len(of) == 1 else
                      f'  natural frequencies: {len(of)} from {of[0]:.6g} to {of[-1]:.6g} Hz')
     peaks, _ = find_peaks(amplitude)
-    highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN:]])
+    highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN_PEAKS:]])
     lines.append(f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
-                 + (f'; the {SHOWN} highest:' if len(peaks) > SHOWN else ':' if len(peaks) else ''))
+                 + (f'; the {SHOWN_PEAKS} highest:' if len(peaks) > SHOWN_PEAKS else ':' if len(peaks) else ''))
     return lines + [f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest]

@@ -1,4 +1,4 @@
-"""The command `magphonon`: what anybody's scene file asks for, and ready scenes to start from.
+"""The command `magphonon`: it runs the subcommands on scene files and prints ready scenes to start from.
 
 Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command,
 the scene or the place of the results (one message, nothing written), 3 when all is written but the report on the terminal
@@ -19,9 +19,9 @@ from .. import __version__
 from ..spelling import did_you_mean
 
 COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
-"""Each is a module of `magphonon.commands`."""
-ASKED = ('bands', 'burst', 'design', 'frf', 'uncertainty')
-"""Those that a table of the scene, of the same name, asks for."""
+"""The commands; each is a module of `magphonon.cli`."""
+COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
+"""The commands that need a table of the same name in the scene."""
 
 
 def main(arguments=None):
@@ -45,7 +45,7 @@ def main(arguments=None):
 
 
 def _status(options):
-    """Run the command; says in one message why it failed."""
+    """Run the command; if it fails, print one message that says why."""
     try:
         with _termination_unwinds(), _no_silent_overflow():
             return options.run(options) or 0
@@ -55,7 +55,7 @@ def _status(options):
     except FloatingPointError as error:
         return _refusal(f'{error}; check units and exponents in {_tables(options)}{_inputs(options)}')
     except MemoryError as error:
-        return _refusal(f'{_inputs(options)} asks for more memory than there is ({error or "no more was given"}); '
+        return _refusal(f'{_inputs(options)} needs more memory than is available ({error or "the system gave no more"}); '
                         'make it smaller')
     except (ValueError, OSError) as error:
         return _refusal(error)
@@ -79,11 +79,11 @@ def _inputs(options):
 
 def _tables(options):
     """The tables of a scene that the command computes with, for a message."""
-    return f'[lattice], [law] and [{options.command}] of ' if options.command in ASKED else ''
+    return f'[lattice], [law] and [{options.command}] of ' if options.command in COMMANDS_WITH_TABLE else ''
 
 
 def _open_streams():
-    """Make streams that a shell has closed (`>&-`) go nowhere, and letters that a terminal does not have be spelt out."""
+    """Send streams that the shell has closed (`>&-`) to nowhere, and escape letters that the terminal cannot show."""
     for name in ('stdout', 'stderr'):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, 'w'))  # noqa: SIM115  as long as the process
@@ -92,12 +92,12 @@ def _open_streams():
 
 
 def _forget_output():
-    """Python must not flush to a reader that is gone once more when it ends."""
+    """Redirect the output to nowhere, so that Python does not flush to a closed pipe again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM or SIGHUP, which by themselves would leave temporary files behind."""
+    """Raised for SIGTERM or SIGHUP, so that temporary files are removed before the process ends."""
 
     def __init__(self, number):
         self.status, self.words = 128 + number, 'terminated' if number == signal.SIGTERM else 'the terminal was closed'
@@ -122,7 +122,7 @@ def _termination_unwinds():
 
 @contextmanager
 def _no_silent_overflow():
-    """An overflow, a division by zero or a NaN in a formula of the package ends the command, instead of a line among results."""
+    """Turn an overflow, a division by zero or a NaN in a formula of the package into an error that ends the command."""
     with warnings.catch_warnings():
         warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
         warnings.filterwarnings('ignore', message='Glyph .* missing from')  # a title in letters that a picture does not have
@@ -136,7 +136,7 @@ def _options(arguments):
         parser.error(f'there is no command {first!r}{did_you_mean(first, COMMANDS)}; the commands are '
                      f'{", ".join(map(repr, COMMANDS))}')
     options = parser.parse_args(arguments)
-    options.words = arguments  # results keep them
+    options.words = arguments  # kept with the results
     if getattr(options, 'output', None) == '':
         parser.error("-o '' names no directory; '.' is the present one")
     return options

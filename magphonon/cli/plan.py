@@ -1,18 +1,18 @@
-"""`magphonon plan SCENE.toml --tolerance 1e-3 [--run -o DIR]`: the least model that a scene needs, and its run."""
+"""`magphonon plan SCENE.toml --tolerance 1e-3 [--run -o DIR]`: the cheapest method that meets a tolerance, and its run."""
 
 
 
 
-HELP = 'the least model that a scene needs for a tolerance, and its run'
-FINEST = 1e-7
-"""Tolerance: at Gamma the root of the round-off in a square is a few 1e-8 of the highest frequency."""
+HELP = 'the cheapest method that answers a scene within a tolerance, and its run'
+LEAST_TOLERANCE = 1e-7
+"""Smallest relative tolerance: at Gamma a frequency is the square root of a rounded eigenvalue, a few 1e-8 of the highest one."""
 
 
 def add_arguments(parser):
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [bands], [frf] or [burst], and [plan] for details')
     parser.add_argument('--tolerance', metavar='X', type=float, default=1e-3,
                         help='relative error allowed in what the scene asks for (default: 1e-3)')
-    parser.add_argument('--run', dest='answer', action='store_true', help='run what was chosen')
+    parser.add_argument('--run', dest='answer', action='store_true', help='run the recommended method')
     parser.add_argument('-o', '--output', metavar='DIR', help='directory for the data of --run')
 
 
@@ -24,11 +24,11 @@ def run(options):
     from .results import results
 
     tolerance = positive('--tolerance', options.tolerance)
-    if not FINEST <= tolerance < 1:
-        raise ValueError(f'--tolerance must lie between {FINEST:g} and 1, not {tolerance:g}; '
-                         'a frequency, the root of a square, is good for no more digits where it is low')
+    if not LEAST_TOLERANCE <= tolerance < 1:
+        raise ValueError(f'--tolerance must lie between {LEAST_TOLERANCE:g} and 1, not {tolerance:g}; '
+                         'near zero a frequency is the square root of a rounded eigenvalue and has no more digits')
     if options.answer != (options.output is not None):
-        raise ValueError('--run and -o DIR belong together: say where to write what is run')
+        raise ValueError('--run and -o DIR belong together: --run needs a directory for its results')
     scene = read_scene(options.scene)
     refuse_costly(scene, 'bands', 'frf', 'burst')
     print(scene.title)

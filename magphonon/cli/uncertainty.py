@@ -1,17 +1,18 @@
-"""`magphonon uncertainty SCENE.toml -o DIR`: what the tolerances in [uncertainty] make of bands and responses."""
+"""`magphonon uncertainty SCENE.toml -o DIR`: standard deviations of bands and responses from the tolerances in [uncertainty]."""
 
 
 
 
-HELP = 'bands and responses with the uncertainty that tolerances give them'
+HELP = 'bands and responses with the uncertainty that follows from tolerances'
 SAMPLES = 1000
-"""Lattices drawn at random to check the linear propagation; their standard deviation is known to 1/sqrt(2 SAMPLES), 2.2 %."""
-APART = 5 / (2 * SAMPLES) ** 0.5
-"""Relative difference of standard deviations that chance does not make."""
-CURVED = 0.5
-"""Standard deviation of the second order over that of the first beyond which the sum of their squares is 12 % wider."""
-LINEAR = 0.3
-"""Relative standard deviation of an amplitude beyond which the flank of a peak is no straight line."""
+"""Number of lattices drawn at random to check the linear propagation; their standard deviation is known within 1/sqrt(2 SAMPLES),
+2.2 %."""
+SIGNIFICANT_DIFFERENCE = 5 / (2 * SAMPLES) ** 0.5
+"""Relative difference of two standard deviations that sampling noise does not explain."""
+SECOND_ORDER_RATIO = 0.5
+"""Ratio of the second-order to the first-order standard deviation above which the ribbon is too narrow, by 12 % at this ratio."""
+LINEAR_RANGE = 0.3
+"""Relative standard deviation of an amplitude above which the flank of a peak is not a straight line."""
 
 
 def add_arguments(parser):
@@ -81,18 +82,21 @@ def _bands(folder, scene, tolerances):
     q = [path.special_points[name] for name in points]
     drawn = sampled_frequencies(lambda factors: varied(scene, factors).atoms(), q, tolerances, SAMPLES)
     unstable = np.mean((drawn < -1e-6 * abs(drawn).max()).any(axis=(1, 2)))
-    certain = few.std <= 1e-9 * few.values  # those that no tolerance moves
+    certain = few.std <= 1e-9 * few.values  # frequencies that depend on no tolerance
     apart = abs(drawn.std(axis=0, ddof=1)[k, mode][~certain] / few.std[~certain] - 1).max(initial=0.0)
-    lines.append(f'{SAMPLES} lattices drawn from these tolerances spread by up to {100 * apart:.2g} % more or less'
-                 + (f'; chance alone makes {100 / (2 * SAMPLES) ** 0.5:.1g} %' if apart <= APART and not unstable else
-                    ': the tolerances are too wide for the linear propagation of the ribbons'))
+    agrees = apart <= SIGNIFICANT_DIFFERENCE and not unstable
+    lines.append(f'Monte Carlo check ({SAMPLES} samples): standard deviations '
+                 + (f'agree within {100 * apart:.2g} %; sampling noise is {100 / (2 * SAMPLES) ** 0.5:.1g} %' if agrees else
+                    f'differ by up to {100 * apart:.2g} %: the tolerances are too wide for the linear propagation of ribbons'))
     if unstable:
-        lines.append(f'UNSTABLE: {100 * unstable:.2g} % of these lattices buckle')
+        lines.append(f'UNSTABLE: {100 * unstable:.2g} % of the samples buckle')
     return lines
 
 
 def _write_table(file, path, spread):
-    """One row for each wavevector: its place on the path, its fractions, each frequency and its standard deviation."""
+    """One row for each wavevector: its place on the path, its fractional coordinates, each frequency and its standard
+    deviation.
+    """
     from .. import units
     from ..files import write_columns
 
@@ -122,17 +126,17 @@ def _response(folder, scene, tolerances):
     ax.figure.suptitle(scene.title, fontsize='medium')
     ax.figure.savefig(folder / 'frf_uncertainty.png')
     relative = spread.std / spread.values
-    lost = np.mean(relative > LINEAR)
+    lost = np.mean(relative > LINEAR_RANGE)
     lines = ['', f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
                  f'at most {100 * relative.max():.2g} %, at {f[relative.argmax()]:.5g} Hz']
     if lost:
-        lines.append(f'at {100 * lost:.2g} % of the frequencies it is over {100 * LINEAR:.0f} %: there the peaks move by more '
-                     'than their width, and the ribbon only says that the amplitude is unknown')
-    curved = spread.second_order > CURVED * spread.std
+        lines.append(f'at {100 * lost:.2g} % of the frequencies it is over {100 * LINEAR_RANGE:.0f} %: the peaks move by more '
+                     'than their width there, and the ribbon only says that the amplitude is unknown')
+    curved = spread.second_order > SECOND_ORDER_RATIO * spread.std
     if curved.any():
         k = int(np.where(curved, spread.second_order / spread.values, 0).argmax())
         share = spread.second_order[k] / spread.values[k]
-        lines.append(f'at {100 * curved.mean():.2g} % of the frequencies, on top of peaks above all, the ribbon is too narrow: '
-                     f'there the amplitude has hardly a slope, and the second order spreads it by up to {100 * share:.2g} %, at '
-                     f'{f[k]:.5g} Hz, and lowers its mean by {100 * share / 2**0.5:.2g} %')
+        lines.append(f'at {100 * curved.mean():.2g} % of the frequencies, mostly at peaks, the ribbon is too narrow: the first '
+                     'derivative of the amplitude almost vanishes there, and the second order gives a standard deviation of up '
+                     f'to {100 * share:.2g} %, at {f[k]:.5g} Hz, and lowers the mean by {100 * share / 2**0.5:.2g} %')
     return lines

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from ..errors import positive
 
 ALL = 'all'
-"""Number of shells of a method that sums over all neighbours."""
-LAW = 16
-"""Multiplications of one evaluation of the law, by its polynomial."""
+"""Value of `shells` for a method that sums over all neighbours."""
+LAW_COST = 16
+"""Number of multiplications of one evaluation of the law, by its polynomial."""
 EIGENSOLVE = 10
-"""Multiplications of an eigen-solve over the cube of its size, vectors included."""
+"""Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Plan:
     evidence : tuple of str
         Sentences that say where the estimates come from.
     cost : float
-        Of the estimate itself, in multiplications.
+        Cost of the estimate itself, in multiplications.
 
     Raises
     ------
@@ -130,7 +130,7 @@ class Plan:
         return min(good, key=lambda method: method.cost)
 
     def report(self):
-        """The methods as a table, the choice and its reasons, in words for a terminal."""
+        """The methods as a table, the choice and its reasons, as text for the terminal."""
         choice = self.choice
         shown = [method for k, method in enumerate(self.methods) if k in (0, 1, len(self.methods) - 1) or method is choice
                  or (k + 1 < len(self.methods) and self.methods[k + 1] is choice)]
@@ -138,25 +138,25 @@ class Plan:
         lines = [f'{self.quantity}, to {percent(self.tolerance)} of {self.measure}',
                  f'  {"model":{width}}  {"error":>9}  {"at most":>9}  multiplications']
         lines += [f'  {method.name:{width}}  {percent(method.error):>9}  {percent(method.at_most):>9}  {method.cost:8.1e}'
-                  + '  <- enough' * (method is choice) for method in shown]
+                  + '  <- recommended' * (method is choice) for method in shown]
         dear = max(self.methods, key=lambda method: method.cost)
         saved = f', {times(dear.cost / choice.cost)} cheaper than {dear.name}' if dear.cost > 2 * choice.cost else ''
-        return '\n'.join([*lines, f'  Enough: {choice.name}, by {choice.algorithm}{saved}.',
+        return '\n'.join([*lines, f'  Recommended: {choice.name}, by {choice.algorithm}{saved}.',
                           *(f'  {fact[0].upper()}{fact[1:]}.' for fact in self.evidence)])
 
 
 def percent(share):
-    """A relative error in words."""
+    """A relative error as text."""
     if share == float('inf'):
         return 'unbounded'
     return f'{100 * share:.2g} %' if share < 1 else f'{100 * share:.0f} %'
 
 
 def times(ratio):
-    """A ratio in words, to two digits."""
+    """A ratio as text, with two digits."""
     return f'{float(f"{ratio:.2g}"):,.0f} times' if ratio >= 10 else f'{ratio:.2g} times'
 
 
 def force_cost(dim):
-    """Multiplications of the force of one bond, by the law itself: it and the change of length, there and back."""
-    return LAW + 4 * dim
+    """Number of multiplications for the force of one bond: the law, the bond length and the force components."""
+    return LAW_COST + 4 * dim

@@ -1,6 +1,6 @@
-"""The plans for what a scene asks, and their runs: [bands] for bands, [frf] for a peak, [burst] for waveforms.
+"""The plans for the tables of a scene, and their runs: [bands] for bands, [frf] for a peak, [burst] for waveforms.
 
-The table [plan] adds what these leave open: one band edge instead of all bands, the force at which a response is wanted.
+The table [plan] adds what these tables do not say: one band edge instead of all bands, and the force of a response.
 """
 
 from dataclasses import dataclass, replace
@@ -11,25 +11,25 @@ from .. import units as u
 from ..files import write_columns
 from .plan import ALL, Plan, percent
 
-NOTHING = 1e-3
-"""Of the bands: what neighbours left out may change without a word."""
+NEGLIGIBLE = 1e-3
+"""Largest relative change of the bands by neglected neighbours that is not mentioned."""
 SAMPLES = 12
-"""Frames of a record to a period of the carrier."""
+"""Number of recorded frames per period of the carrier."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """One thing that a scene asks for, and how it is answered.
+    """One quantity that a scene asks for, with its plan and the function that computes it.
 
     Attributes
     ----------
     name : str
-        Of its files.
+        Name of its files.
     plan : Plan
     answer : function
-        Of a file and the Settings of a method; writes the data there.
+        Takes a file and the Settings of a method, and writes the data to the file.
     notes : tuple of str
-        What the plan leaves out.
+        Effects that the plan leaves out.
     """
 
     name: str
@@ -42,12 +42,12 @@ class Wanted:
         return '\n'.join([self.plan.report(), *(f'  {note}' for note in self.notes)])
 
     def run(self, folder):
-        """Run the method that was chosen and write its data into the folder, as plan_NAME: `bands` and `frf` write others."""
+        """Run the recommended method and write its data into the folder as plan_NAME, apart from those of other commands."""
         self.answer(folder / f'plan_{self.name}', self.plan.choice.settings)
 
 
 def scene_plans(scene, tolerance):
-    """Plans for everything that a scene asks, one after the other, as Wanted.
+    """Plans for all quantities that a scene asks for, one after the other, as Wanted.
 
     Parameters
     ----------
@@ -57,10 +57,10 @@ def scene_plans(scene, tolerance):
     Raises
     ------
     ValueError
-        If it asks for nothing that a plan knows, or what it asks for cannot be had.
+        If it asks for no quantity that can be planned, or no method meets the tolerance.
     """
     if scene.bands is None and scene.frf is None and scene.burst is None:
-        raise ValueError(f'the scene {scene.title!r} asks for nothing; add a table [bands], [frf] or [burst]')
+        raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [bands], [frf] or [burst]')
     if scene.bands is not None:
         yield _bands(scene, tolerance)
     if scene.frf is not None:
@@ -71,7 +71,7 @@ def scene_plans(scene, tolerance):
 
 
 def _cell(scene, shells=1):
-    """The cell of a scene with as many shells of neighbours as a method asks for, whatever the scene says."""
+    """The cell of a scene with the number of neighbour shells of a method, whatever the scene says."""
     from ..stiffness.all_neighbours import AllNeighbours
     from ..stiffness.calculator import MagneticRepulsion
 
@@ -96,13 +96,13 @@ def _bands(scene, tolerance):
 
 
 def _beyond_nearest(scene):
-    """What no method of a patch has: its rim balances nearest neighbours only."""
-    return (f'All this is for nearest neighbours, which alone the rim of a patch balances; all others would move the bands by '
-            f'{percent(_error_of_shells(scene, 1))}.')
+    """The effect of the neighbours that no method for a patch includes."""
+    return ('These figures use nearest neighbours only, because a patch with further neighbours is not in equilibrium at its '
+            f'rim; including all neighbours would shift the bands by {percent(_error_of_shells(scene, 1))}.')
 
 
 def neglected(scene):
-    """What the neighbours that a scene leaves out would do to its bands, a list of one line, or of none if they do nothing.
+    """The effect on the bands of the neighbours that a scene leaves out: a list of one line, or empty if it is negligible.
 
     Parameters
     ----------
@@ -111,18 +111,18 @@ def neglected(scene):
     if scene.single or scene.law.shells == ALL:
         return []
     error = _error_of_shells(scene, scene.law.shells)
-    if error < NOTHING:
+    if error < NEGLIGIBLE:
         return []
     counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
-    return [f'{counted}: all others would move the bands by up to {percent(error)}; '
-            '"magphonon plan" says what it costs to count more.']
+    return [f'{counted}: including all neighbours would shift the bands by up to {percent(error)}; '
+            '"magphonon plan" shows the cost of including more.']
 
 
 def _error_of_shells(scene, shells):
-    """Error of the complete bands with no more than so many shells of neighbours, relative as that of `plan_bands`."""
+    """Error of the complete bands with this number of neighbour shells, relative as in `plan_bands`."""
     from .bands import plan_bands
 
-    methods = plan_bands(_cell(scene), scene.lattice.path(None, 60), NOTHING).methods
+    methods = plan_bands(_cell(scene), scene.lattice.path(None, 60), NEGLIGIBLE).methods
     summed = [method for method in methods if method.settings.model == 'complete' and method.settings.shells != ALL]
     return [method for method in summed if method.settings.shells <= shells][-1].error
 
@@ -149,7 +149,7 @@ def _peak(scene, tolerance):
     force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
-    notes = () if force else ('The response is that to a vanishing force; [plan] force_N = ... asks for another.',)
+    notes = () if force else ('This is the small-amplitude response; set [plan] force_N for a finite force.',)
     if not scene.single:
         notes += (_beyond_nearest(scene),)
     return Wanted('frf', plan, lambda file, settings: _write_response(scene, file, force, settings), notes)

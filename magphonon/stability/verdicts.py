@@ -1,4 +1,4 @@
-"""The verdict on a structure before it runs: will it stay, will the time steps, does a linear answer hold?"""
+"""The verdict on a structure before it runs: equilibrium, stability, time step, supports and range of the linear theory."""
 
 from dataclasses import dataclass
 
@@ -25,13 +25,14 @@ from .escapes import escape_speeds
 CENTRAL = Yukawa, Hertz
 """Laws of particles that are no magnets."""
 LINEAR_ERROR = 0.01
-"""Of a frequency: the error of the linear answer up to which it is called good."""
+"""Largest relative error of a frequency up to which the linear theory is called good."""
 LARGE = 0.1
-"""Of the spacing: amplitudes beyond which perturbation theory says no more."""
+"""Largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted."""
 DERIVATIVE_ERROR = 1e-6
-"""Of the stiffness: the error up to which a finite-difference displacement is called safe."""
+"""Largest relative error of the stiffness up to which a finite-difference displacement is called safe."""
 ROUND_OFF = 5e-17
-"""Error of the stiffness from finite differences, measured, at a displacement of one bond; it goes with the inverse."""
+"""Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
+proportional to the displacement."""
 
 
 @dataclass(frozen=True)
@@ -136,24 +137,24 @@ class Verdict:
         """What makes a run fail or mean nothing, each a sentence or two; a tuple of str."""
         found = []
         if self.residual:
-            many = f' ({self.pushed} particles are pushed)' if self.pushed > 1 else ''
-            found.append(f'It is not at rest: nothing balances {self.residual / u.N:.4g} N of static repulsion on particle '
-                         f'{self.particle}, {self.residual / self.force:.4g} times the force in a bond{many}. '
+            many = f'; {self.pushed} particles are not in equilibrium' if self.pushed > 1 else ''
+            found.append(f'Particle {self.particle} is not in equilibrium: a net static force of {self.residual / u.N:.4g} N '
+                         f'acts on it, {self.residual / self.force:.4g} times the force in a bond{many}. '
                          'Hold the edge, add the force that balances it, or relax the structure first.')
         if not self.stable:
             found.append(self._buckling())
         if not self.stable and self.model != 'complete':
-            found.append(f"The {self.model} model would run without a sign of that, as it leaves out D*. Take model='complete'.")
+            found.append(f"The {self.model} model does not show this, because it leaves out D*. Use model='complete'.")
         if self.timestep is not None and self.timestep > self.timestep_limit:
-            found.append(f'The time step of {self.timestep / u.s:.4g} s is over the limit 2/omega_max = '
-                         f'{self.timestep_limit / u.s:.4g} s: the run would blow up. Take a tenth of the limit.')
+            found.append(f'The time step of {self.timestep / u.s:.4g} s exceeds the stability limit 2/omega_max = '
+                         f'{self.timestep_limit / u.s:.4g} s: the run would diverge. Use a tenth of the limit.')
         if self.away > self.spacing:
-            found.append(f'Particles stand up to {self.away / u.m:.4g} m away from their places at rest, '
-                         f'{self.away / self.spacing:.3g} times the spacing: they have left them, or are listed in another order '
-                         'than in the calculator. Make a calculator for these positions.')
+            found.append(f'Particles are up to {self.away / u.m:.4g} m away from their rest positions, '
+                         f'{self.away / self.spacing:.3g} times the spacing: they have left their places, or are listed in another '
+                         'order than in the calculator. Make a calculator for these positions.')
         if self.closest < CONTACT:
-            found.append(f'Particles are in contact: two of them are at {self.closest:.3g} of their distance at rest. '
-                         'Start farther out.')
+            found.append(f'Particles are in contact: two of them are at {self.closest:.3g} times their distance at rest. '
+                         'Start with a larger distance.')
         if self.supercell:
             found.append(f'Finite differences would be wrong: {self.supercell}.')
         if not self.displacements[0] <= self.distance <= self.displacements[1]:
@@ -165,24 +166,23 @@ class Verdict:
         """What is good to know; a tuple of str."""
         said = []
         if not self.residual:
-            said.append('At rest the static forces balance on every free particle.')
+            said.append('The static forces balance on every free particle.')
         if self.stable:
             said.append(self._margin())
         if self.repeated:
-            said.append('Of so large a periodic cell only waves that fit into one or two of it were judged; another one '
-                        'may be softer. Judge a smaller cell of the same lattice, or other repeats of it.')
+            said.append('The periodic cell is so large that only waves that fit into one or two cells were judged; another wave '
+                        'may be softer. Judge a smaller cell of the same lattice, or another number of repeats.')
         if self.unguided is not None and self.stable and self.unguided > self.foundation:
-            said.append('Only its guide keeps it: freed sideways it would run away, unless a foundation of '
-                        f'{_stiffness(self.unguided)} held it.')
+            said.append('It is stable only because a constraint blocks sideways motion; without the constraint it would need a '
+                        f'foundation of {_stiffness(self.unguided)}.')
         if np.isfinite(self.timestep_limit):
-            said.append(f'Time steps up to {self.timestep_limit / u.s:.4g} s are stable, 2/omega_max with the highest frequency '
-                        f'of {u.hertz(self.omega_max):.4g} Hz; a tenth of that is accurate.')
+            said.append(f'Time steps up to {self.timestep_limit / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
+                        f'of {u.hertz(self.omega_max):.4g} Hz); a tenth of that is accurate.')
         if self.central:
-            said.append('Out of the plane, where nothing moves here, repulsion drives particles apart: supports must provide '
-                        + (f'{_stiffness(self.central)} there.' if self.support is None else
-                           f'{_stiffness(self.support)} there if these are magnets normal to the plane '
-                           f'({_stiffness(self.alone)} for one that moves alone), {_stiffness(self.central)} if the force is '
-                           'central.'))
+            said.append('Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
+                        + (f'{_stiffness(self.central)}.' if self.support is None else
+                           f'{_stiffness(self.support)} (upright magnets, all moving), {_stiffness(self.alone)} (upright '
+                           f'magnets, one moving) or {_stiffness(self.central)} (central force).'))
         if self.amplitude is not None and np.isfinite(self.amplitude):
             said.append(self._linear())
         said += self._impacts()
@@ -190,48 +190,49 @@ class Verdict:
 
     @property
     def _where(self):
-        return ' in its plane' if self.planar else ''
+        return ' in the plane' if self.planar else ''
 
     def _buckling(self):
-        at = f', most of all at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
-        room = f' A spacing above {self.held / u.m:.4g} m would do as well.' if self.held else ''
+        at = f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
+        room = f' A spacing above {self.held / u.m:.4g} m would also make it stable.' if self.held else ''
         return (f'It buckles{self._where}{at}: the motion grows e-fold in {1 / self.growth / u.s:.3g} s. It needs a foundation '
                 f'of {_stiffness(self.needed)} and has {_stiffness(self.foundation)}.{room}')
 
     def _margin(self):
         if not self.needed:
-            room = '' if self.held is None else f'; below a spacing of {self.held / u.m:.4g} m it would buckle'
-            return f'It holds itself{self._where} and needs no foundation{room}.'
-        room = '' if self.held is None else f', and would down to a spacing of {self.held / u.m:.4g} m'
+            room = '' if self.held is None else f' It would buckle below a spacing of {self.held / u.m:.4g} m.'
+            return f'Stable{self._where}; no foundation needed.{room}'
+        room = '' if self.held is None else f' It would be stable down to a spacing of {self.held / u.m:.4g} m.'
         ratio = self.foundation / self.needed
         more = f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
-        return (f'Its foundation of {_stiffness(self.foundation)} holds it{self._where}, {more} the {_stiffness(self.needed)} '
-                f'that it needs{room}.')
+        return (f'Stable{self._where}: the foundation of {_stiffness(self.foundation)} is {more} the {_stiffness(self.needed)} '
+                f'that it needs.{room}')
 
     def _impacts(self):
         """One speed rounded down, the other one up."""
         if self.safe is not None:
-            yield (f'A particle that is hit keeps its neighbours at any speed below {_three_digits(self.safe, np.floor):g} m/s: '
-                   'it has not the energy to leave them.')
+            yield (f'An impact on one particle at a speed below {_three_digits(self.safe, np.floor):g} m/s cannot break any '
+                   'bond, because its energy is too low.')
         if self.leaves is not None:
-            yield (f'Shot at {_three_digits(self.leaves, np.ceil):g} m/s in some direction a particle leaves its cage, and a run '
-                   'ends there.')
+            yield (f'A particle with an initial speed of {_three_digits(self.leaves, np.ceil):g} m/s leaves, in at least '
+                   'one direction, the cage of its neighbours, which ends a run.')
 
     def _linear(self):
         share = self.amplitude / self.spacing
         if share > LARGE:
-            return f'Frequencies stay within 1 % of the linear ones for motion up to {100 * LARGE:g} % of the spacing.'
-        return (f'The linear answer is for small motion: frequencies are 1 % off at an amplitude of {self.amplitude / u.m:.2g} '
-                f'm, {100 * share:.2g} % of the spacing.')
+            return f'Frequencies stay within 1 % of the linear ones up to an amplitude of {100 * LARGE:g} % of the spacing.'
+        return (f'The linear theory holds for small motion: its frequencies are 1 % off at an amplitude of '
+                f'{self.amplitude / u.m:.2g} m, {100 * share:.2g} % of the spacing.')
 
     def _unsafe_distance(self):
         least, most = (distance / u.m for distance in self.displacements)
         reason = 'small: round-off' if self.distance < self.displacements[0] else 'large: the curvature of the law'
-        return (f'A finite-difference displacement of {self.distance / u.m:.3g} m is too {reason} spoils the stiffness by more '
-                f'than {DERIVATIVE_ERROR:g}. Take {least:.2g} to {most:.2g} m.')
+        return (f'A finite-difference displacement of {self.distance / u.m:.3g} m is too {reason} changes the stiffness by more '
+                f'than a fraction of {DERIVATIVE_ERROR:g}. Use {least:.2g} to {most:.2g} m.')
 
     def __str__(self):
-        head = 'Fine.' if self.fine else 'Not as it stands.'
+        count = f'{len(self.faults)} problem{"s" * (len(self.faults) > 1)}'
+        head = 'OK' if self.fine else f'NOT OK ({count})' if self.stable else f'UNSTABLE ({count})'
         return '\n'.join([head, *(f'  ! {text}' for text in self.faults), *(f'  - {text}' for text in self.notes)])
 
 

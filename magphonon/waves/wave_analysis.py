@@ -1,4 +1,4 @@
-"""The waves that a row of particles tells of, simulated or measured: map and ridge of each motion, beside the bands."""
+"""Waves along a row of particles, simulated or measured: map and ridge of each polarisation, compared with the bands."""
 
 from dataclasses import dataclass
 
@@ -12,19 +12,19 @@ from .wave_source import polarisations, wavevector
 
 MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
-"""The lowest two, from below: repulsion makes shear the softer of the two sounds."""
-FAR = 3
-"""Bins; a record of which no ridge is nearer to any branch was not taken in this lattice, or in other units."""
-REST = 1e-6
-"""Motion weaker than this share of the other one is round-off, or nothing that a map would keep."""
-SLOW = 100
-"""Waves this many times slower than the top of the branches are hundreds of steps long: no row tells of them."""
+"""Index of each branch, counted from the lowest: repulsion makes shear the softer of the two acoustic branches."""
+FAR_bins = 3
+"""Distance in wavenumber bins: if no ridge is nearer to a branch, the record comes from another lattice or has other units."""
+REST_FRACTION = 1e-6
+"""A motion weaker than this fraction of the other polarisation is round-off."""
+SLOW_RATIO = 100
+"""Ratio of the highest branch frequency to that of a record above which its waves are longer than any row."""
 RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with')
 
 
 @dataclass(frozen=True)
 class Wave:
-    """What a row tells of one polarisation.
+    """The wave of one polarisation along a row, with the branches to compare it with.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Wave:
     branches : dict of Branch
         By model and name, such as ('complete', 'shear').
     ridge : Ridge or None
-        None if no wave rises above the background: it decays, or was not driven.
+        None if no wave rises above the background, because it decays or was not driven.
     """
 
     motion: str
@@ -49,16 +49,17 @@ class Wave:
 
     @property
     def agrees_with(self):
-        """Model and name of the branches that the ridge may lie on by its uncertainties, the nearest first."""
+        """Model and name of the branches that agree with the ridge within its uncertainties, the nearest first."""
         misfits = self.misfits
         return tuple(sorted((name for name in misfits if misfits[name].agrees), key=lambda name: misfits[name].bins))
 
 
 def waves(row, cell, source):
-    """The waves along a row, the strongest motion first; one 20 dB weaker than the other is left out.
+    """The waves along a row, the strongest polarisation first; one that is 20 dB weaker than the other is left out.
 
-    Waves that spread move the row across and along its line: a ridge of one motion may follow the branch of the other.
-    Where a branch falls with the wavenumber, as shear in a square lattice on springs, phases run backwards: no ridge.
+    Waves from a point source move the row both across and along its line: a ridge of one motion may follow the branch of the
+    other.  A branch that falls with the wavenumber, such as shear in a square lattice on springs, carries backward waves (phase
+    and group velocity of opposite sign), for which no ridge is found.
 
     Parameters
     ----------
@@ -79,7 +80,8 @@ def waves(row, cell, source):
     """
     motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
     largest = {name: abs(without_drift(u)).max() for name, u in motions.items()}
-    moving = [name for name in motions if largest[name] > REST * max(largest.values())] or motions  # at rest: the map says so
+    moving = [name for name in motions if largest[name] > REST_FRACTION * max(largest.values())]
+    moving = moving or motions  # a row at rest is refused by the map
     maps = {name: wavenumber_frequency(motions[name], row.dt) for name in moving}
     strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
     least = LEAST_POWER * maps[strongest_first[0]].peak
@@ -90,7 +92,7 @@ def waves(row, cell, source):
 
 
 def _ridge_of(spectrum):
-    try:  # a decaying wave is a finding too
+    try:  # no ridge is a result too: the wave decays
         return ridge(spectrum)
     except ValueError:
         return None
@@ -122,13 +124,15 @@ def report(records):
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ['  '.join(f'{cell:{"<" if k < 2 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows]
     resolution = next(iter(records.values()))[0].spectrum.bin_xi
-    return '\n'.join(['Rms distance of the ridge of each motion from each branch, in bins of the wavenumber (one, 2 pi by the',
-                      f'points of the row, is {resolution:.4g} rad per step).  Plain columns: D0 + D*; primed: D0 alone;',
-                      'sigma: of a point of the ridge.', '', *lines, *_verdicts(records), *_doubts(records)])
+    row = round(2 * np.pi / resolution)
+    return '\n'.join(['RMS distance of the measured ridge from each branch, in wavenumber bins',
+                      f'(1 bin = 2 pi/{row} = {resolution:.4g} rad per step; the row has {row} points).',
+                      'Plain columns: D0 + D*; primed: D0 only; sigma: standard uncertainty of a ridge point.',
+                      '', *lines, *_verdicts(records), *_doubts(records)])
 
 
 def _verdicts(records):
-    """For each ridge the branches on which it may lie, in words."""
+    """For each ridge, the branches that it agrees with, in words."""
     lines, astray = [], False
     for record, found in records.items():
         for wave in found:
@@ -142,30 +146,31 @@ def _verdicts(records):
                 lines.append(f'{record}, {wave.motion} motion: lies on no branch; the nearest is {model} {name} '
                              f'({misfits[model, name].bins:.2f} bins)')
     if astray:
-        lines += ['', 'What lies on no branch may be several waves at once, oblique ones of which only the energy runs along the',
-                  'row, as from a point source in an anisotropic lattice, waves from the ends of a beam, or another lattice.']
+        lines += ['', 'A ridge on no branch may come from several waves at once, from an oblique wave of which only the energy',
+                  'runs along the row (a point source in an anisotropic lattice), from the ends of a beam, or from another',
+                  'lattice.']
     return ['', *lines] if lines else []
 
 
 def _doubts(records):
-    """What may be wrong with a record that tells nothing, or nothing that fits."""
+    """Possible reasons why a record has no ridge, or none near a branch."""
     waves, lines = [wave for found in records.values() for wave in found], []
     if any(wave.ridge is None for wave in waves):
-        lines += ['', 'Without points: nothing runs along the row above its background; it decays, drowns in noise, or its',
-                  'phases run backwards.']
-    far = [misfit.bins > FAR for wave in waves for misfit in wave.misfits.values()]
+        lines += ['', 'No ridge found (0 points): the wave is evanescent, below the noise, or a backward wave.']
+    far = [misfit.bins > FAR_bins for wave in waves for misfit in wave.misfits.values()]
     if far and all(far):
-        lines += ['', f'No ridge comes within {FAR} bins of a branch: are times in seconds, row and lattice those of the scene?']
+        lines += ['', f'No ridge comes within {FAR_bins} bins of a branch: are times in seconds, and row and lattice those of '
+                      'the scene?']
     for record, found in records.items():
         top = max(branch.omega.max() for branch in found[0].branches.values())
-        if found[0].spectrum.loudest < top / SLOW:
+        if found[0].spectrum.loudest < top / SLOW_RATIO:
             lines += ['', f'{record} moves at {units.hertz(found[0].spectrum.loudest):.3g} Hz and the branches reach up to '
                           f'{units.hertz(top):.3g} Hz: are its times in milliseconds? time_s is in seconds.']
     return lines
 
 
 def write_ridges(path, records):
-    """Table of ridge points in SI, and the branches that their ridge agrees with, or none; whole or not at all.
+    """Table of ridge points in SI, with the branches that the ridge agrees with or 'none'; written completely or not at all.
 
     Parameters
     ----------

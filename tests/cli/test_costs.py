@@ -51,7 +51,7 @@ def test_sizes_that_no_memory_holds_are_refused_by_key(command, name, value, sce
     assert main.main([command, str(file), '-o', str(tmp_path / 'out')]) == 2
     said = capsys.readouterr().err
     assert said.startswith(f'magphonon: {key} = ' if 'duration' not in name else 'magphonon: ')
-    assert f'makes [{command}] ask for some ' in said
+    assert f'makes [{command}] need about ' in said
     assert 'more than 50% of the 16 GB that are free; lower it' in said
     assert not (tmp_path / 'out').exists()
 
@@ -61,7 +61,7 @@ def test_check_tells_what_it_takes_and_what_is_too_much(scene_file, capsys):
     fine = capsys.readouterr().out
     assert '[bands] less than 0.1 GB of memory, a few seconds, 8 files' in fine
     assert main.main(['check', str(scene_file(bands__points=10**12))]) == 1
-    assert 'Not as it stands: bands.points = 1000000000000 makes [bands] ask for some' in capsys.readouterr().out
+    assert 'TOO COSTLY: bands.points = 1000000000000 makes [bands] need about' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(('name', 'value', 'words'), [

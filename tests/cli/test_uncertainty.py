@@ -42,7 +42,7 @@ def test_bands_of_a_lattice_with_tolerances(tmp_path, capsys):
     shown = capsys.readouterr().out
     # omega_M = 141.42 rad/s of the paper is 22.5079 Hz
     assert ['M,', 'branch', '1', '22.5079', '0.574', '0.56', '0.11'] in [line.split() for line in shown.splitlines()]
-    assert '1000 lattices drawn from these tolerances' in shown
+    assert 'Monte Carlo check (1000 samples): standard deviations agree within' in shown
     assert 'too wide' not in shown
     assert 'G, branch' not in shown  # sound has no frequency there
     assert Spread.load(tmp_path / 'out' / 'band_uncertainty.npz').names == ('spacing', 'mass')
@@ -77,7 +77,7 @@ def test_a_ribbon_too_narrow_on_top_of_the_peak_is_called_so(to, warns, tmp_path
     shown = capsys.readouterr().out
     assert ('the ribbon is too narrow' in shown) == warns  # 0.76 Hz below the peak, 0.4 of its width, the slope is all
     if warns:
-        second = shown.partition('spreads it by up to ')[2].splitlines()[0].replace(',', ' ').split()
+        second = shown.partition('standard deviation of up to ')[2].splitlines()[0].replace(',', ' ').split()
         # u ~ 1 - z^2/2: std z^2/sqrt(2), mean z^2/2; two digits are printed, and the points lie 0.06 Hz apart
         assert float(second[0]) == pytest.approx(2.2, abs=0.15)
         assert float(second[3]) == pytest.approx(33.76, abs=0.15)

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, lattices, units as u
 from magphonon.bands.bloch import bloch_modes
-from magphonon.cli.uncertainty import CURVED
+from magphonon.cli.uncertainty import SECOND_ORDER_RATIO
 from magphonon.design.sensitivities import Change, spacing_change
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread, response_spread, sampled_frequencies
 from magphonon.interactions.pair_laws import InversePower
@@ -148,7 +148,7 @@ def test_the_ribbon_says_where_it_is_too_narrow_on_top_of_a_peak():
     spread = response_spread(atoms, force, answer, omega, gamma, tolerances)
     spacing, mass = (factor[:, None] for factor in tolerances.samples(SAMPLES).T)
     drawn = abs(1 / (45 * spacing**-5.0 - mass * 1e3 * (omega**2 - 1j * omega * gamma)))
-    curved = spread.second_order > CURVED * spread.std
+    curved = spread.second_order > SECOND_ORDER_RATIO * spread.std
     np.testing.assert_array_equal(curved, omega == peak)
     assert_allclose(spread.std[1:], drawn.std(axis=0)[1:], rtol=CHANCE)
     assert spread.std[0] < 0.3 * drawn.std(axis=0)[0]  # the ribbon alone

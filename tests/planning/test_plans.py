@@ -394,8 +394,8 @@ def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
     assert main(['plan', str(scene), '--tolerance', '1e-3', '--run', '-o', str(tmp_path / 'out')]) == 0
     assert sorted(file.name for file in (tmp_path / 'out').iterdir()) == files
     text = capsys.readouterr().out
-    assert '<- enough' in text
-    assert 'Enough: complete linear' in text
+    assert '<- recommended' in text
+    assert 'Recommended: complete linear' in text
     if name == 'oscillator':  # its stiffness: 4 f/L0 of the lower magnet, f/8L0 of each outer one, with f = 1e4 N, L0 = 1 m, 1 kg
         f, amplitude, _ = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1).T
         w = 2 * np.pi * f
@@ -413,7 +413,7 @@ def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
     scene = tmp_path / 'scene.toml'
     scene.write_text(text)
     assert main(['plan', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert 'Enough: nonlinear, by velocity Verlet' in capsys.readouterr().out
+    assert 'Recommended: nonlinear, by velocity Verlet' in capsys.readouterr().out
     rows = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1)
     assert rows[:, 0] == pytest.approx([32, 33, 34, 35, 36])
     assert rows[:, 1].argmax() == 2  # 33.76 Hz
@@ -476,4 +476,4 @@ def test_a_scene_that_asks_for_nothing_is_refused(tmp_path, capsys):
     text = ready_scene('chain').read_text(encoding='utf-8')
     (tmp_path / 'scene.toml').write_text(text[:text.index('[bands]')])
     assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
-    assert 'asks for nothing; add a table [bands], [frf] or [burst]' in capsys.readouterr().err
+    assert 'has nothing to plan; add a table [bands], [frf] or [burst]' in capsys.readouterr().err
