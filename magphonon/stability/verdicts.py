@@ -150,7 +150,7 @@ class Verdict:
                          f'{self.timestep_limit / u.s:.4g} s: the run would diverge. Use a tenth of the limit.')
         if self.away > self.spacing:
             found.append(f'Particles are up to {self.away / u.m:.4g} m away from their rest positions, '
-                         f'{self.away / self.spacing:.3g} times the spacing: they have left their places, or are listed in another '
+                         f'{self.away / self.spacing:.3g} times the spacing: they have moved away, or are listed in another '
                          'order than in the calculator. Make a calculator for these positions.')
         if self.closest < CONTACT:
             found.append(f'Particles are in contact: two of them are at {self.closest:.3g} times their distance at rest. '
