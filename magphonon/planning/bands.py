@@ -1,14 +1,14 @@
 """The plan for bands: which model, and how many shells of neighbours, a band diagram or one band edge needs.
 
 The methods are compared at a few wavevectors: the special points of the path and some between them, most of them near the
-points, where long-ranged forces show, or at all of them where the lattice is unstable.  Neighbours are summed to a
-reach; beyond it they are a continuum, whose own motion averages out within a wavelength: what remains is the spring to a
-medium at rest, of rho particles per area,
+special points, where long-range forces matter most.  An unstable lattice is compared at all wavevectors of the path.  Neighbours
+are summed up to a reach.  Those beyond it are treated as a continuum of rho particles per area.  The displacements of these
+particles average to zero over a wavelength, so they act like a spring to a medium at rest, of the stiffness
 
     sum over r > R of (phi'' + phi'/r)/2  ->  pi rho integral of (r phi')'  =  pi rho R f(R)
 
-What the reference itself still lacks is estimated by its change from half the reach to all of it, which is more than
-remains if doubling the reach halves the error or better.  The reach doubles until this is a small part of the tolerance.
+The error of the reference is estimated by its change from half the reach to the full reach.  This is an upper bound if doubling
+the reach at least halves the error.  The reach is doubled until this error is a small part of the tolerance.
 """
 
 from dataclasses import dataclass
@@ -24,23 +24,23 @@ from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 from .plan import ALL, EIGENSOLVE, Method, Plan, Settings
 
 REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
-"""Distances up to which neighbours are summed for the most complete method, in spacings."""
-STEP = 1.2
-"""Ratio of the numbers of shells of successive methods, rounded down, but at least one shell more."""
-LINE = 6
-"""Times farther on a line, where neighbours are few and no continuum is added."""
+"""Distances, in spacings, up to which neighbours are summed for the most complete method."""
+SHELL_RATIO = 1.2
+"""Ratio of the numbers of shells of successive methods; at least one shell is added."""
+CHAIN_FACTOR = 6
+"""Factor by which the reach is larger in a chain, where neighbours are few and no continuum is added."""
 FRACTIONS = (0, 0.03, 0.06, 0.1, 0.17, 0.25, 0.5, 0.75, 0.9, 0.97)
-"""Wavevectors looked at, as fractions of a leg of the path."""
-EWALD = 1800
-"""Bonds of a particle whose sum takes as long as the exact one over all of its neighbours, measured."""
+"""Wavevectors of the comparison, as fractions of a leg of the path."""
+EWALD_BONDS = 1800
+"""Number of bonds per particle whose sum takes as long as the Ewald sum over all neighbours, measured."""
 ROUND_OFF = 1e-6
-"""Of the highest frequency: the root of the round-off in a square."""
-SETTLED = 0.25
-"""Share of the tolerance that the reference itself may lack."""
+"""Fraction of the highest frequency below which a frequency is the square root of a rounded eigenvalue."""
+REFERENCE_FRACTION = 0.25
+"""Largest error of the reference, as a fraction of the tolerance."""
 DOUBT = 0.25
-"""The error may be larger by this share between the wavevectors looked at."""
+"""Relative uncertainty of an error, because it may be larger between the wavevectors of the comparison."""
 DOUBT_AT_EDGE = 0.05
-"""At the one wavevector of an edge, only for the continuum."""
+"""Relative uncertainty of an error at the one wavevector of an edge, from the continuum alone."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Edge:
     ----------
     name : str
     q : ndarray, shape (3,)
-        In fractions of the reciprocal vectors.
+        Fractional coordinates with respect to the reciprocal vectors.
     branch : int
-        Counted from 0, the lowest.
+        Index of the branch; the lowest is 0.
     """
 
     name: str
@@ -67,16 +67,16 @@ def plan_bands(atoms, path, tolerance, edge=None):
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.  Its own shells do not matter here: all particles repel each other.
+        One cell with its MagneticRepulsion.  Its number of shells does not matter, because all particles repel each other here.
     path : ase.dft.kpoints.BandPath
     tolerance : float
-        Of the frequencies: relative to the highest, or of an edge relative to itself.
+        Error allowed in the frequencies, relative to the highest one; for an edge, relative to the edge itself.
     edge : Edge, optional
 
     Returns
     -------
     Plan
-        The settings of its methods are `model` and `shells`, 'all' where the sums are exact.
+        The settings of its methods are `model` and `shells`; `shells` is 'all' for exact sums.
 
     Raises
     ------
@@ -85,24 +85,24 @@ def plan_bands(atoms, path, tolerance, edge=None):
     """
     spent, q = 0.0, _looked_at(path) if edge is None else np.array([edge.q])
     if edge is None and (omega := bloch_modes(atoms, q)[0]).min() < -ROUND_OFF * omega.max():
-        q = path.kpts  # a frequency is steep where its square changes sign: a few wavevectors do not show the largest error
+        q = path.kpts  # a few wavevectors may miss the largest error, because omega(q) is steep where its square changes sign
     for reach in REACHES:
         plan = _plan_within(atoms, path, tolerance, edge, q, reach, spent)
         spent = plan.cost
         summed = [method for method in plan.methods if method.settings.shells != ALL]
         good = any(method.meets(tolerance) for method in summed)
-        if good and summed[-1].error <= SETTLED * tolerance:  # the error of the richest sum is that of the reference
+        if good and summed[-1].error <= REFERENCE_FRACTION * tolerance:  # the longest sum has the error of the reference
             break
-        if plan.methods[-1].cost < summed[-1].cost:  # the exact sum is cheaper than to look farther
+        if plan.methods[-1].cost < summed[-1].cost:  # the exact sum is cheaper than a larger reach
             break
     return plan
 
 
 def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
-    """Plan with the neighbours within `reach` spacings, looked at `q`; `spent` is what earlier estimates have cost."""
+    """Plan with the neighbours within `reach` spacings, compared at `q`; `spent` is the cost of earlier estimates."""
     calc, size = cell_of_free_particles(atoms), len(atoms) * atoms.calc.dim
     shells = neighbour_shells(atoms, reach)
-    counts = np.unique(np.floor(STEP ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(STEP)))).astype(int))
+    counts = np.unique(np.floor(SHELL_RATIO ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(SHELL_RATIO)))).astype(int))
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
     near = _within_half(shells)
     beyond = {len(shells): continuum, near: _continuum(atoms, shells[near - 1].lengths.mean(), q)}
@@ -117,7 +117,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
                for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
     if isinstance(calc.potential, GaussianMixture) and calc.potential.decay > 0:
         methods.append(Method('complete linear, all neighbours', f'Ewald sums {at}',
-                              bloch_cost(EWALD * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
+                              bloch_cost(EWALD_BONDS * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
                               Settings('complete', ALL)))
     farthest = shells[-1].lengths.mean() / shells[0].lengths.mean()
     evidence = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} spacings'
@@ -135,7 +135,8 @@ def _within_half(shells):
 def _errors(atoms, q, edge, shells, counts, continua):
     """Error of the conventional model with one shell, then of the complete one with each number of shells in `counts`.
 
-    `continua` are those beyond all shells and beyond the nearer half, by the number of shells summed: the two references.
+    `continua` maps the number of summed shells to the continuum beyond them, for the two references: all shells and the nearer
+    half.
     """
     calc = atoms.calc
     parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.potential) for shell in shells]
@@ -149,7 +150,7 @@ def _errors(atoms, q, edge, shells, counts, continua):
         return np.array(errors) + lacking
     wanted = exact[0, edge.branch]
     if not wanted > ROUND_OFF * abs(exact).max():
-        raise ValueError(f'{edge.name} is zero or imaginary, and has no relative error; choose another edge, or all bands')
+        raise ValueError(f'{edge.name} is zero or imaginary and has no relative error; choose another edge, or all bands')
     *errors, lacking = abs(omega - exact)[:, 0, edge.branch] / wanted
     return np.array(errors) + lacking
 
@@ -159,7 +160,7 @@ def _neighbours(shells):
 
 
 def bloch_cost(bonds, waves, size, dim, model):
-    """Multiplications of the bands of a cell: the stiffness of its bonds, then at each wavevector phases and an eigen-solve."""
+    """Number of multiplications for the bands of a cell: bond stiffness, then phases and an eigenvalue problem per wavevector."""
     stiffness = bonds * dim**2 * (2 if model == 'complete' else 1)
     return stiffness + waves * (bonds * dim**2 + EIGENSOLVE * size**3)
 
@@ -173,10 +174,10 @@ def _looked_at(path):
 
 
 def neighbour_shells(atoms, reach):
-    """The bonds of each shell of neighbours within `reach` spacings, as far as the law knows them, a list of Bonds."""
+    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds."""
     calc = cell_of_free_particles(atoms)
     spacing = calc.bonds.lengths.min()
-    every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else LINE * reach) * spacing)
+    every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else CHAIN_FACTOR * reach) * spacing)
     order = np.argsort(every.lengths, kind='stable')
     lengths = every.lengths[order]
     ends = np.flatnonzero(np.diff(lengths) > SHELL_WIDTH * lengths[1:]) + 1
@@ -185,7 +186,7 @@ def neighbour_shells(atoms, reach):
 
 
 def _known(potential, distances):
-    """Number of `distances` that the law knows: a measured table ends somewhere."""
+    """Number of `distances` within the range of the law; a measured table has a last distance."""
     for k, r in enumerate(distances):
         try:
             potential.dphi(r)
@@ -195,7 +196,7 @@ def _known(potential, distances):
 
 
 def _continuum(atoms, R, q):
-    """Springs to the neighbours beyond R, shape (wavevectors, size, size); at q = 0 these move along."""
+    """Springs to the neighbours beyond R, shape (wavevectors, size, size); at q = 0 these neighbours move with the cell."""
     calc, plane = atoms.calc, atoms.cell.array[atoms.pbc]
     n, d = len(atoms), len(plane)
     if d == 1:

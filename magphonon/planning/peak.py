@@ -1,10 +1,10 @@
 """The plan for the peak of a frequency response: does its frequency need D*, and does it depend on the amplitude?
 
-Without D* modes mix and change their order, so a small structure is diagonalised once more.  Of a large one only the
-pattern e is known in which it swings at its peak, of the frequency w and normalised to sum m e^2 = 1: D* has the share
-e D* e of w^2, and if the pattern stays, the peak stands higher by about half of that over w^2 without it.
+Without D* modes mix and change their order, so a small structure is diagonalised a second time.  For a large structure only the
+displacement pattern e at the peak is known, normalised to sum m e^2 = 1, with the frequency w.  D* contributes e D* e to w^2.  If
+the pattern does not change, first-order perturbation theory gives the shift of the frequency without D*, -e D* e/(2 w).
 
-A force F cos(W t) drives a mode to the amplitude e.F/(gamma W), which moves the peak along its backbone
+A force F cos(W t) drives a mode to the amplitude e.F/(gamma W), which moves the peak along its backbone curve
 (`magphonon.stability.amplitude_shifts`).
 """
 
@@ -24,17 +24,18 @@ from ..stiffness.linear_system import LinearSystem
 from .plan import EIGENSOLVE, Method, Plan, Settings, force_cost, percent
 
 LONGEST_STEP = 0.5
-"""Time step of a run, at most, as a share of the limit 2/omega_max."""
-SHARE = 0.6
-"""Of the tolerance that time steps may use up."""
-RIVAL = 0.9
-"""Of the highest peak: modes whose peaks reach this share may be the highest too, as peaks add up a little."""
+"""Largest time step of a run, as a fraction of the stability limit 2/omega_max."""
+STEP_ERROR_FRACTION = 0.6
+"""Fraction of the tolerance allotted to the time-step error."""
+RIVAL_RATIO = 0.9
+"""Ratio to the highest peak above which another peak may be the highest too, because D* and overlap can change the order."""
 ROUND_OFF = 1e-12
-"""Of a frequency: what is left of no difference."""
-LARGE = 1000
-"""Degrees of freedom above which a structure is not diagonalised, some 0.3 s."""
-DOUBT_ALONE = 10.0
-"""Of the shifts of a pattern that swings alone, without the others that follow it or mix: right in their order of magnitude."""
+"""Relative difference of two frequencies that is round-off."""
+MOST_DIRECTIONS = 1000
+"""Largest number of degrees of freedom of a structure that is diagonalised, which takes about 0.3 s."""
+DOUBT_ONE_PATTERN = 10.0
+"""Relative uncertainty of a shift that is estimated from one displacement pattern, without its mixing with others: only the order
+of magnitude is known."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,11 @@ class Peak:
     Attributes
     ----------
     linear : Modes
-        All modes of a small structure; of a large one, only the pattern in which it swings at the peak.
+        All modes of a small structure; for a large structure, only the displacement pattern at the peak.
     mode : int
         The mode that resonates.
     rivals : ndarray of int
-        Modes whose peaks may be as high, itself among them.
+        Modes whose peaks may be as high, including the mode itself.
     force : float
         The force on the mode for a unit force, g^-1/2.
     """
@@ -60,7 +61,7 @@ class Peak:
 
     @property
     def omega(self):
-        """In rad/ms."""
+        """Angular frequency in rad/ms."""
         return float(self.linear.omega[self.mode])
 
 
@@ -71,19 +72,19 @@ def highest_peak(atoms, source, answer, omega, damping):
     ----------
     atoms : ase.Atoms or LinearSystem
     source, answer : Place
-        Where the force acts, and where the displacement is looked at.
+        Where the force acts, and where the displacement is measured.
     omega : array_like
-        In rad/ms, ascending.
+        Angular frequencies in rad/ms, ascending.
     damping : float
         gamma in 1/ms.
 
     Raises
     ------
     ValueError
-        If the structure is unstable or does not resonate in the range, or nothing damps it: its peaks are infinite.
+        If the structure is unstable, has no resonance in the range, or has no damping, so that its peaks are infinite.
     """
     system, damping = LinearSystem.of(atoms), positive('damping', damping, '1/ms')
-    if system.free.shape[1] > LARGE:
+    if system.free.shape[1] > MOST_DIRECTIONS:
         return _peak_of_field(system, source, answer, omega, damping)
     linear = modes(system)
     w = linear.omega
@@ -91,17 +92,17 @@ def highest_peak(atoms, source, answer, omega, damping):
     linear = _turned(linear, source)
     push, seen = (place.seen(linear.shapes) for place in (source, answer))
     resonant = (w >= omega[0]) & (w <= omega[-1]) & (w > 0) & (push * seen != 0)
-    # the whole response at each of the frequencies: modes that lie close together add up
+    # The height is that of the whole response at each natural frequency, because close modes overlap.
     height = np.zeros(len(w))
     height[resonant] = [abs((push * seen / (w * abs(w) - W**2 + 1j * damping * W)).sum()) for W in w[resonant]]
     if not height.any():
         raise ValueError('no mode resonates between the lowest and the highest frequency; widen the range of [frf]')
     mode = int(height.argmax())
-    return Peak(linear, mode, np.flatnonzero(height >= RIVAL * height[mode]), float(abs(push[mode])))
+    return Peak(linear, mode, np.flatnonzero(height >= RIVAL_RATIO * height[mode]), float(abs(push[mode])))
 
 
 def _peak_of_field(system, source, answer, omega, damping):
-    """The peak of a large structure: its response at all frequencies, and all of its particles at the highest."""
+    """The peak of a large structure, from the response at all frequencies; its pattern is the response of all particles there."""
     force = source.force(len(system))
     response = frequency_response(system, force, omega, damping, [answer.particle], tolerance=1e-4)[:, 0] @ answer.direction
     w = omega[abs(response).argmax()]
@@ -111,7 +112,7 @@ def _peak_of_field(system, source, answer, omega, damping):
 
 
 def _turned(linear, source):
-    """The same modes, but of those with equal frequencies only the first answers to the force."""
+    """The same modes, rotated so that only the first of those with equal frequencies couples to the force."""
     shapes = linear.shapes.copy()
     scale = ALIKE * linear.omega[-1]
     for group in np.split(np.arange(len(shapes)), np.flatnonzero(np.diff(linear.omega) > scale) + 1):
@@ -132,9 +133,9 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     source, answer, omega, damping
         As for `highest_peak`.
     tolerance : float
-        Of the frequency, relative.
+        Relative error allowed in the frequency.
     force : float
-        Amplitude in N; zero for the response to a vanishing force.
+        Amplitude in N; zero for the small-amplitude response.
 
     Returns
     -------
@@ -145,52 +146,52 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
     calc, peak = system.calc, highest_peak(system, source, answer, omega, damping)
     w = peak.omega
     frozen, most = _without_dstar(system, peak, source, answer, omega, damping)
-    where = f'the peak stands at {units.hertz(w):.6g} Hz'
-    evidence = [f'{where}; D* moves it by {percent(frozen)}' if frozen else
-                f'{where}; nothing turns a bond there, so D* has no part in it']
+    where = f'the peak is at {units.hertz(w):.6g} Hz'
+    evidence = [f'{where}; D* shifts it by {percent(frozen)}' if frozen else
+                f'{where}; no bond rotates in this mode, so D* does not change it']
     shift, evaluations = 0.0, 0
     if force:
         try:
             swing = vibration(system, peak.linear, peak.mode, lambda W: force * peak.force / (damping * W))
             shift, evaluations = abs(swing.omega / w - 1), swing.evaluations
-            moves = f'which moves the peak by {percent(shift)} ' + ('up' if swing.omega > w else 'down')
+            moves = f'which shifts the peak {"up" if swing.omega > w else "down"} by {percent(shift)}'
         except FarFromLinear as error:
-            shift, evaluations, moves = np.inf, error.evaluations, 'beyond a periodic vibration'
+            shift, evaluations, moves = np.inf, error.evaluations, 'at which no periodic vibration exists'
         reach = force * peak.force / (damping * w) * abs(peak.linear.shapes[peak.mode]).max() / calc.bonds.lengths.min()
-        evidence.append(f'{force:g} N swings it by {percent(reach)} of the spacing, {moves}')
+        evidence.append(f'a force of {force:g} N gives an amplitude of {percent(reach)} of the spacing, {moves}')
 
     points, nearest, free = len(omega), len(calc.bonds), system.free.shape[1]
-    top, shift_doubt = highest_frequency(system), 0.0 if free <= LARGE else DOUBT_ALONE
+    top, shift_doubt = highest_frequency(system), 0.0 if free <= MOST_DIRECTIONS else DOUBT_ONE_PATTERN
     if free <= SMALL:
         algorithm, cost = f'a sum over {free} modes' if free > 1 else 'its closed form', EIGENSOLVE * free**3 + points * free
     else:
         products = np.log(1e9) * top**2 / (2 * damping * omega[0])
-        algorithm = f'a Chebyshev series of some {products:.0f} products with the stiffness'
+        algorithm = f'a Chebyshev series of about {products:.0f} products with the stiffness matrix'
         cost = products * system.K.nnz
     off = frozen + shift
     doubt = (most + shift * (1 + shift_doubt)) / off - 1 if 0 < off < np.inf else 0.0
     methods = [Method('conventional linear', algorithm, cost, off, doubt, Settings('conventional')),
                Method('complete linear', algorithm, cost, shift, shift_doubt, Settings('complete'))]
     if force:
-        dt = min(np.sqrt(24 * SHARE * tolerance) / w, LONGEST_STEP * 2 / top)
+        dt = min(np.sqrt(24 * STEP_ERROR_FRACTION * tolerance) / w, LONGEST_STEP * 2 / top)
         steps = int(np.ceil(2 * np.log(HEADSTART / STEADY) / damping / dt))
         methods.append(Method('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
                               points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
                               Settings('complete', dt=float(dt))))
     return Plan('Frequency of the highest peak', 'itself', tolerance, tuple(methods), tuple(evidence),
-                cost + evaluations * nearest * force_cost(calc.dim) + (EIGENSOLVE * free**3 if free <= LARGE else 0))
+                cost + evaluations * nearest * force_cost(calc.dim) + (EIGENSOLVE * free**3 if free <= MOST_DIRECTIONS else 0))
 
 
 def _without_dstar(system, peak, source, answer, omega, damping):
-    """How far off the peak stands without D*, relatively, and at most."""
+    """Relative shift of the peak without D*, and its upper bound."""
     stiffening = turning(system.calc, peak)
-    if system.free.shape[1] > LARGE:
+    if system.free.shape[1] > MOST_DIRECTIONS:
         frozen = float(abs(np.sqrt(1 - stiffening) - 1).max())
-        return frozen, (1 + DOUBT_ALONE) * frozen
+        return frozen, (1 + DOUBT_ONE_PATTERN) * frozen
     other = LinearSystem.about(system.calc.about(system.atoms, model='conventional'), system.atoms)
     try:
         there = highest_peak(other, source, answer, omega, damping)
-    except ValueError:  # it has left the range
+    except ValueError:  # the peak has left the range
         return np.inf, np.inf
     frozen = float(abs(there.omega / peak.omega - 1))
     if frozen < ROUND_OFF and not stiffening.any():
@@ -200,7 +201,7 @@ def _without_dstar(system, peak, source, answer, omega, damping):
 
 
 def turning(calc, peak):
-    """Share e D* e/w^2 of the static forces in the squared frequency of each of the peak's rivals."""
+    """Contribution e D* e/w^2 of the static forces to the squared frequency of each rival of the peak, relative."""
     bonds, R = calc.bonds, calc.bond_vectors
     n = R / bonds.lengths[:, None]
     e = peak.linear.shapes[peak.rivals]
