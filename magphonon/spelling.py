@@ -6,11 +6,11 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable
     from typing import Any
 
 
-def nearest(word: object, choices: Sequence[Any]) -> str | None:
+def nearest(word: object, choices: Iterable[Any]) -> str | None:
     """The choice that was probably meant, or None: one that begins with `word`, as 'b_N_m_a' with 'b', or one much like it."""
     choices = [choice for choice in choices if isinstance(choice, str)]
     if not isinstance(word, str):
@@ -20,7 +20,7 @@ def nearest(word: object, choices: Sequence[Any]) -> str | None:
     return begun[0] if begun else next((choice for choice in choices if choice.lower() in near), None)
 
 
-def did_you_mean(word: object, choices: Sequence[Any]) -> str:
+def did_you_mean(word: object, choices: Iterable[Any]) -> str:
     """The end of a message: "; did you mean 'bands'?", or nothing where no choice is near."""
     near = nearest(word, choices)
     return f'; did you mean {near!r}?' if near else ''

@@ -1,6 +1,8 @@
 """The table [design] of a scene: which frequencies the lattice shall have, in SI, and the tables that give them."""
 
-from typing import Annotated, ClassVar
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -11,6 +13,9 @@ from ..stability.buckling import foundation_needed
 from .fields import Count, Frequency, Spacing, Table, Text, listed
 from .lattices import ALL
 from .tolerances import varied
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 HERTZ = 2 * np.pi * u.Hz
 """rad/ms."""
@@ -27,8 +32,8 @@ class EdgePlan(Table):
     name = property(lambda self: f'branch {self.branch} at {self.point}')
     wanted = property(lambda self: self.frequency_Hz * HERTZ)
 
-    def target(self, scene):
-        points = scene.lattice.path(None, npoints=0).special_points
+    def target(self, scene: Scene) -> BandEdge | Gap:
+        points = scene.special_points
         if self.point not in points:
             raise ValueError(f'design.edge.point of the {scene.lattice.kind} lattice must be one of {", ".join(points)}, '
                              f'not {self.point!r}')
@@ -46,7 +51,7 @@ class GapPlan(Table):
     name = property(lambda self: f'gap above branch {self.above_branch}')
     wanted = property(lambda self: self.width_Hz * HERTZ)
 
-    def target(self, scene):
+    def target(self, scene: Scene) -> BandEdge | Gap:
         _check_branch('gap.above_branch', self.above_branch, scene, 1)
         return Gap(self.above_branch - 1)
 
@@ -87,11 +92,11 @@ class DesignPlan(Table):
         return self
 
     @property
-    def spacing_from(self):
+    def spacing_from(self) -> EdgePlan | GapPlan | None:
         """The edge or the gap that fixes the spacing, or None."""
         return self.edge or self.gap
 
-    def check(self, scene):
+    def check(self, scene: Scene) -> None:
         """Raise ValueError for a point or a branch that the scene's lattice does not have."""
         if scene.single or scene.law.shells == ALL:
             what = 'the oscillator' if scene.single else f"law.shells = '{ALL}'"
@@ -102,12 +107,12 @@ class DesignPlan(Table):
         if self.spacing_from is not None:
             self.spacing_from.target(scene)
 
-    def foundation(self, scene):
+    def foundation(self, scene: Scene) -> float:
         """Stiffness in N/mm: that of the cut-off, or the scene's."""
         atoms = scene.atoms()
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
-    def solve(self, scene):
+    def solve(self, scene: Scene) -> tuple[float, list[Design]]:
         """The foundation in N/mm and every `Design` that meets the table.
 
         Raises
@@ -152,15 +157,16 @@ def _si(k):
     return f'{k / (u.N / u.m):.6g} N/m'
 
 
-def tables(scene, design, k):
+def tables(scene: Scene, design: Design, k: float) -> str:
     """The tables [lattice] and [foundation] of a design, as text to paste into a scene.
 
     Of a pillar the height is adjusted: rods come in given radii, and are cut to length.
     """
     lines = ['[lattice]', f'kind = "{scene.lattice.kind}"', f'spacing_m = {design.spacing / u.m:.12g}',
              f'mass_kg = {scene.lattice.mass_kg:.12g}']
-    if scene.lattice.relative_masses is not None:
-        lines.append(f'relative_masses = {list(scene.lattice.relative_masses)}')
+    masses = scene.lattice.relative_masses  # pyright: ignore[reportAttributeAccessIssue]  no oscillator has [design]
+    if masses is not None:
+        lines.append(f'relative_masses = {list(masses)}')
     pillar = scene.foundation.pillar if scene.foundation else None
     stiffness = k / (u.N / u.m)
     if pillar is not None:

@@ -4,14 +4,22 @@ A check says what is wrong with a value, from its name on; `magphonon.scenes.sce
 the name in front.
 """
 
+from __future__ import annotations
+
 from functools import partial
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 from pydantic_core import InitErrorDetails
 
 from ..errors import not_negative, number, positive, shown, whole
 from ..spelling import did_you_mean, nearest
+
+if TYPE_CHECKING:
+    from typing import Any, Self
+
+    from pydantic import ModelWrapValidatorHandler
+    from pydantic_core import ErrorDetails
 
 LONGEST_TEXT = 200
 """Characters: a title goes over a picture."""
@@ -41,14 +49,14 @@ def _point(value):
     return tuple(partial(between, -1e6, 1e6, 'metres')(_number(x)) for x in value)
 
 
-def between(least, most, unit, value):
+def between(least: float, most: float, unit: str, value: float) -> float:
     """Return `value`, or raise ValueError outside the range beyond which a unit or an exponent must be wrong."""
     if not least <= value <= most:
         raise ValueError(f' must lie between {least:g} and {most:g}, not {shown(value)}; it is in {unit}')
     return value
 
 
-def within(least, most, unit):
+def within(least: float, most: float, unit: str) -> AfterValidator:
     """What makes a number one of this range, in the annotation of a field."""
     return AfterValidator(partial(between, least, most, unit))
 
@@ -84,21 +92,21 @@ class Table(BaseModel):
 
     @model_validator(mode='wrap')
     @classmethod
-    def _every_fault(cls, table, check):
+    def _every_fault(cls, table: Any, check: ModelWrapValidatorHandler[Self]) -> Self:
         """Unknown keys, missing keys and bad values in one answer, each in words of its own."""
         if not isinstance(table, dict):
             raise ValueError(f' must be a table in brackets with the keys {", ".join(cls.model_fields)}, not {shown(table)}')
         unknown = [key for key in table if key not in cls.model_fields]
         faults = [fault(table, ValueError(f' has no key {shown(key)}{cls._meant(key)}')) for key in unknown]
         meant = {nearest(key, cls.model_fields) for key in unknown}
-        made = None
+        made: Any = None  # faults say why
         try:
             made = check({key: value for key, value in table.items() if key in cls.model_fields})
         except ValidationError as error:
             for found in error.errors():
                 if found['type'] != 'missing':
-                    faults.append(fault(found['input'], found['ctx']['error'], found['loc']))
-                elif (key := found['loc'][0]) not in meant:
+                    faults.append(fault(found['input'], reason(found), found['loc']))
+                elif (key := str(found['loc'][0])) not in meant:
                     faults.append(fault(table, ValueError(f' lacks the key {key!r}; add {cls.model_fields[key].description}')))
         raise_all(faults)
         return made
@@ -108,12 +116,17 @@ class Table(BaseModel):
         return did_you_mean(key, cls.model_fields) or f'; its keys are {", ".join(cls.model_fields)}'
 
 
-def fault(value, error, place=()):
+def reason(found: ErrorDetails) -> ValueError:
+    """The error behind what pydantic found: every check here raises a ValueError."""
+    return found['ctx']['error']  # pyright: ignore[reportTypedDictNotRequiredAccess]  which has one therefore
+
+
+def fault(value: object, error: ValueError, place: tuple[Any, ...] = ()) -> InitErrorDetails:
     """One of several errors, for `raise_all`."""
     return InitErrorDetails(type='value_error', loc=place, input=value, ctx={'error': error})
 
 
-def raise_all(faults):
+def raise_all(faults: list[InitErrorDetails]) -> None:
     """Raise what pydantic makes of faults of one table, if there are any."""
     if faults:
         raise ValidationError.from_exception_data('scene', faults)

@@ -3,7 +3,9 @@
 Its rim is held, as in `magphonon.lattices`.
 """
 
-from typing import Annotated, ClassVar, Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 from ase.constraints import FixedLine
@@ -14,6 +16,10 @@ from ..bands.bands import band_path
 from ..errors import MOST, not_negative, one_of, shown, whole
 from .fields import Count, Length, Mass, Positive, Spacing, Table, listed, within
 
+if TYPE_CHECKING:
+    from ase import Atoms
+    from ase.dft.kpoints import BandPath
+
 MOST_CELLS = 10**6
 """A patch of more needs gigabytes; rather than wanted it is a wrong unit."""
 
@@ -22,15 +28,23 @@ class PatchTable(Table):
     """What every shape does."""
 
     @property
-    def sizes(self):
+    def sizes(self) -> str:
         """Its keys and values, for a message."""
         return ', '.join(f'patch.{key} = {value!r}' for key, value in self if key != 'kind')
 
-    def cells(self, cell):
+    def cells(self, cell: Atoms) -> float:
         """How many cells it has, about; none of a lattice without a plane."""
-        return self.area(cell) / np.linalg.norm(np.cross(*cell.cell.array[:2])) if cell.pbc[1] else 0
+        return self.area(cell) / float(np.linalg.norm(np.cross(*cell.cell.array[:2]))) if cell.pbc[1] else 0
 
-    def cut(self, cell):
+    def area(self, cell: Atoms) -> float:
+        """Its area in mm^2."""
+        raise NotImplementedError
+
+    def shape(self, cell: Atoms) -> Atoms:
+        """The patch itself, whatever its size."""
+        raise NotImplementedError
+
+    def cut(self, cell: Atoms) -> Atoms:
         """The patch, `ase.Atoms` without calculator.
 
         Raises
@@ -54,10 +68,10 @@ class Parallelogram(PatchTable):
     cells_1: Count = Field(description='the number of cells along the first lattice vector')
     cells_2: Count = Field(description='the number of cells along the second lattice vector')
 
-    def area(self, cell):
-        return self.cells_1 * self.cells_2 * np.linalg.norm(np.cross(*cell.cell.array[:2]))
+    def area(self, cell: Atoms) -> float:
+        return self.cells_1 * self.cells_2 * float(np.linalg.norm(np.cross(*cell.cell.array[:2])))
 
-    def shape(self, cell):
+    def shape(self, cell: Atoms) -> Atoms:
         return lattices.parallelogram(cell, self.cells_1, self.cells_2)
 
 
@@ -70,10 +84,10 @@ class Rectangle(PatchTable):
     width_m: Length = Field(description='the width in m, along x')
     height_m: Length = Field(description='the height in m, along y')
 
-    def area(self, cell):
+    def area(self, cell: Atoms) -> float:
         return self.width_m * u.m * self.height_m * u.m
 
-    def shape(self, cell):
+    def shape(self, cell: Atoms) -> Atoms:
         return lattices.rectangle(cell, self.width_m * u.m, self.height_m * u.m)
 
 
@@ -85,10 +99,10 @@ class Hexagon(PatchTable):
     kind: Literal['hexagon', 'half_hexagon']
     side_m: Length = Field(description='the side of the hexagon in m')
 
-    def area(self, cell):
+    def area(self, cell: Atoms) -> float:
         return 1.5 * np.sqrt(3) * (self.side_m * u.m) ** 2 * (1 if self.kind == 'hexagon' else 1 / 2)
 
-    def shape(self, cell):
+    def shape(self, cell: Atoms) -> Atoms:
         return getattr(lattices, self.kind)(cell, self.side_m * u.m)
 
 
@@ -103,8 +117,8 @@ def _known_patch(table):
 
 
 Patch = Annotated[Parallelogram | Rectangle | Hexagon, Field(discriminator='kind'), BeforeValidator(_known_patch)]
-LATTICES = ('chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc')
-KINDS = (*LATTICES, 'oscillator')
+LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
+KINDS = (*get_args(LatticeKind), 'oscillator')
 ALL = 'all'
 
 
@@ -117,7 +131,7 @@ def _shells(value):
         raise ValueError(f' must be a whole number from 1 to {MOST}, or {ALL!r}, not {shown(value)}') from None
 
 
-Shells = Annotated[int | Literal[ALL], BeforeValidator(_shells),
+Shells = Annotated[int | Literal['all'], BeforeValidator(_shells),
                    Field(description=f"the number of shells of neighbours that interact, or '{ALL}'")]
 
 
@@ -126,7 +140,7 @@ class Lattice(Table):
 
     bonds: ClassVar = None  # found by the shells of the law
 
-    kind: Literal[LATTICES] = Field(description='one of ' + ', '.join(KINDS))
+    kind: LatticeKind = Field(description='one of ' + ', '.join(KINDS))
     spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
     mass_kg: Mass = Field(description='the mass of a particle in kg')
     relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = None
@@ -139,14 +153,14 @@ class Lattice(Table):
                              f'not {list(self.relative_masses)}; they multiply mass_kg')
         return self
 
-    def cell(self):
+    def cell(self) -> Atoms:
         """The unit cell, `ase.Atoms` in mm and g."""
         atoms = getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
         if self.relative_masses is not None and len(self.relative_masses) == len(atoms):
-            atoms.set_masses(self.mass_kg * u.kg * np.array(self.relative_masses))
+            atoms.set_masses(self.mass_kg * u.kg * np.array(self.relative_masses))  # pyright: ignore[reportArgumentType]  ASE declares text
         return atoms
 
-    def path(self, points, npoints):
+    def path(self, points: str | None, npoints: int) -> BandPath:
         """Path through special points, `ase.dft.kpoints.BandPath`."""
         return band_path(self.cell(), points, npoints)
 
@@ -170,7 +184,7 @@ class Oscillator(Table):
     spacing_m: Spacing = Field(description='the length of its three bonds in m')
     mass_kg: Mass = Field(description='the mass of the free particle in kg')
 
-    def cell(self):
+    def cell(self) -> Atoms:
         """All of it, `ase.Atoms` in mm and g."""
         atoms = lattices.oscillator(self.theta0_deg * u.deg, self.spacing_m * u.m, self.mass_kg * u.kg)
         atoms.set_constraint([*atoms.constraints, FixedLine(self.free, (0, 1, 0))])

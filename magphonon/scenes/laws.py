@@ -1,7 +1,9 @@
 """Pair laws of a scene: closed forms, tables, and magnets by their datasheet."""
 
+from __future__ import annotations
+
 from functools import partial
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
@@ -16,6 +18,9 @@ from .fields import Force, Length, Positive, Pressure, Table, Text, listed, with
 from .lattices import Shells
 from .supports import _poisson_ratio
 
+if TYPE_CHECKING:
+    from ..interactions.pair_laws import PairLaw
+
 Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_T)))]
 
 
@@ -26,7 +31,7 @@ class RingShape(Table):
     inner_diameter_m: Length = Field(description='the inner diameter in m')
     height_m: Length = Field(description='the height in m, along the magnetisation')
 
-    def magnet(self, remanence):
+    def magnet(self, remanence: float) -> Ring:
         return Ring(self.outer_diameter_m * u.m, self.inner_diameter_m * u.m, self.height_m * u.m, remanence)
 
 
@@ -36,7 +41,7 @@ class DiscShape(Table):
     diameter_m: Length = Field(description='the diameter in m')
     height_m: Length = Field(description='the height in m, along the magnetisation')
 
-    def magnet(self, remanence):
+    def magnet(self, remanence: float) -> Ring:
         return Ring(self.diameter_m * u.m, 0.0, self.height_m * u.m, remanence)
 
 
@@ -45,7 +50,7 @@ class SphereShape(Table):
 
     diameter_m: Length = Field(description='the diameter in m')
 
-    def magnet(self, remanence):
+    def magnet(self, remanence: float) -> Sphere:
         return Sphere(self.diameter_m * u.m, remanence)
 
 
@@ -56,7 +61,7 @@ class CuboidShape(Table):
     width_m: Length = Field(description='the width in m')
     height_m: Length = Field(description='the height in m, along the magnetisation')
 
-    def magnet(self, remanence):
+    def magnet(self, remanence: float) -> Cuboid:
         return Cuboid(self.length_m * u.m, self.width_m * u.m, self.height_m * u.m, remanence)
 
 
@@ -93,20 +98,24 @@ class Datasheet(Table):
             raise ValueError(f': {error}') from None
         return self
 
-    def magnet(self):
+    def magnet(self) -> Cuboid | Ring | Sphere:
         """The magnet, a `Ring`, `Cuboid` or `Sphere` in mm."""
         (shape,) = (shape for name in self.SHAPES if (shape := getattr(self, name)) is not None)
-        magnet = shape.magnet(grade_remanence(self.grade) if self.remanence_T is None else self.remanence_T * u.T)
+        magnet = shape.magnet(self.remanence_T * u.T if self.grade is None else grade_remanence(self.grade))
         if self.calibration is None:
             return magnet
         return calibrated(magnet, self.calibration.distance_m * u.m, self.calibration.force_N * u.N)
 
-    def potential(self):
+    def potential(self) -> PairLaw:
         return magnet_law(self.magnet())
 
 
 class ClosedForm(Table):
     """A law given by a few numbers."""
+
+    def potential(self) -> PairLaw:
+        """The law in mm, g and ms."""
+        raise NotImplementedError
 
     @model_validator(mode='after')
     def _within_range(self):
@@ -126,7 +135,7 @@ class InversePowerLaw(ClosedForm):
     a: Positive = Field(description='the exponent a of the force b r^-a')
     shells: Shells
 
-    def potential(self):
+    def potential(self) -> PairLaw:
         return InversePower(self.b_N_m_a * u.N * u.m**self.a, self.a)
 
 
@@ -137,7 +146,7 @@ class DipoleLaw(ClosedForm):
     moment_A_m2: Positive = Field(description='the magnetic moment of a particle in A m^2')
     shells: Shells
 
-    def potential(self):
+    def potential(self) -> PairLaw:
         return InversePower.dipoles(self.moment_A_m2 * u.A * u.m**2)
 
 
@@ -148,7 +157,7 @@ class CoulombLaw(ClosedForm):
     charge_C: Positive = Field(description='the charge of a particle in C')
     shells: Shells
 
-    def potential(self):
+    def potential(self) -> PairLaw:
         return InversePower.coulomb(self.charge_C * u.A * u.s)
 
 
@@ -160,7 +169,7 @@ class YukawaLaw(ClosedForm):
     screening_length_m: Length = Field(description='the screening length l of the energy c/r exp(-r/l) in m')
     shells: Shells
 
-    def potential(self):
+    def potential(self) -> PairLaw:
         return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
 
 
@@ -173,7 +182,7 @@ class HertzLaw(ClosedForm):
     poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio)] = Field(description="Poisson's ratio of the spheres")
     shells: Shells
 
-    def potential(self):
+    def potential(self) -> PairLaw:
         return Hertz.spheres(self.diameter_m * u.m, self.youngs_modulus_Pa * u.Pa, self.poisson_ratio)
 
 
@@ -206,7 +215,7 @@ class TableLaw(Table):
             raise ValueError(f': {error}') from None
         return self
 
-    def potential(self):
+    def potential(self) -> PairLaw:
         return Tabulated(np.array(self.distances_m) * u.m, np.array(self.forces_N) * u.N)
 
 

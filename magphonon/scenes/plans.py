@@ -1,7 +1,9 @@
 """What is asked of a scene: bands, frequency responses, tone bursts, plans."""
 
+from __future__ import annotations
+
 from functools import partial
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -30,6 +32,16 @@ from .fields import (
     within,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..waves.tone_burst import Passage
+    from ..waves.vibrometer import Displacements
+    from ..waves.wave_source import Burst, Site
+
 
 class BandPlan(Table):
     """What the bands are computed along, and phonopy's supercell."""
@@ -45,7 +57,7 @@ class Pick(Table):
     at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken')
     direction_deg: Angle = Field(description='the direction in degrees from the x axis')
 
-    def of(self, patch):
+    def of(self, patch: Atoms) -> Place:
         """The Place: the particle of a patch that is nearest, and the unit vector of the direction.
 
         Raises
@@ -80,12 +92,12 @@ class FrfPlan(Table):
         return self
 
     @property
-    def omega(self):
+    def omega(self) -> NDArray[np.float64]:
         """Angular frequencies in rad/ms."""
         return 2 * np.pi * np.linspace(self.from_Hz, self.to_Hz, self.points) * u.Hz
 
     @property
-    def damping(self):
+    def damping(self) -> float:
         """In 1/ms."""
         return self.damping_per_s / u.s
 
@@ -131,11 +143,11 @@ class BurstPlan(Table):
         return self
 
     @property
-    def names(self):
+    def names(self) -> list[str]:
         """Of the bursts, for people and files."""
         return [f'{f:.6g}Hz_{angle:.6g}deg' for f, angle in zip(self.carriers_Hz, self.directions_deg, strict=True)]
 
-    def burst(self, k, site):
+    def burst(self, k: int, site: Site) -> Burst:
         """Burst number k at a Site of a patch: its drive, damping and duration, as Burst."""
         from ..waves.wave_source import Burst
 
@@ -143,7 +155,7 @@ class BurstPlan(Table):
         drive = site.burst((np.cos(angle), np.sin(angle)), self.force_N * u.N, omega, self.cycles)
         return Burst(drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
 
-    def send(self, k, cell, patch):
+    def send(self, k: int, cell: Atoms, patch: Atoms) -> tuple[Site, Passage]:
         """Send burst number k through a patch; returns its Site and Passage."""
         from ..waves.spectrum import FEWEST
         from ..waves.tone_burst import send
@@ -163,13 +175,13 @@ class VibrometerPlan(Table):
     sampling_rate_Hz: Frequency = Field(description='the sampling rate in Hz')
     noise_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(description='the standard deviation of each sample in m')
 
-    def measure(self, row, seed=0):
+    def measure(self, row: Displacements, seed: int = 0) -> Displacements:
         """The Displacements of a row as the vibrometer sees them; `seed` of its noise."""
         from ..waves.vibrometer import measure
 
         return measure(row.times, row.displacements, row.particles, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)
 
-    def refuse_aliasing(self, carriers_Hz):
+    def refuse_aliasing(self, carriers_Hz: Sequence[float]) -> None:
         """Raise ValueError if the sampling folds the spectrum of a burst."""
         least = 2 * SPECTRUM_END * max(carriers_Hz)
         if self.sampling_rate_Hz < least:

@@ -4,10 +4,13 @@ Every table of a scene is a frozen model: what there is in `magphonon.scenes.law
 `magphonon.scenes.plans`.  A new table is a new class there and one line in `Scene`.
 """
 
+from __future__ import annotations
+
 import tomllib
 import warnings
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.dft.kpoints import parse_path_string
@@ -21,12 +24,21 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.scale import FREQUENCIES_Hz, frequency_scale
 from ..textfiles import MEGABYTE, text_of
 from .design import DesignPlan
-from .fields import Table, Text, fault, raise_all
+from .fields import Table, Text, fault, raise_all, reason
 from .lattices import ALL, AnyLattice, Oscillator, Patch
 from .laws import Law, MagnetsLaw
 from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
 from .supports import Foundation
 from .tolerances import Uncertainty
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+    from os import PathLike
+    from typing import Any
+
+    from ase import Atoms
+    from ase.dft.kpoints import BandPath
+    from numpy.typing import NDArray
 
 DENSITIES_kg_per_m3 = 500, 5e5
 """Of a moving mass in terms of its magnet: less than any magnet has, and more than a magnet with a heavy holder."""
@@ -86,9 +98,14 @@ class Scene(Table):
         return self
 
     @property
-    def single(self):
+    def single(self) -> bool:
         """Whether it is the oscillator of one particle."""
         return isinstance(self.lattice, Oscillator)
+
+    @property
+    def special_points(self) -> dict[str, NDArray[np.float64]]:
+        """The named wavevectors of the lattice, in fractions of the reciprocal vectors."""
+        return self.lattice.path(None, npoints=0).special_points  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
 
     def _check_title(self):
         if self.title.count('$') < 2:
@@ -138,7 +155,7 @@ class Scene(Table):
         kind, wanted, periodic = self.lattice.kind, list(self.bands.supercell), int(self.lattice.cell().pbc.sum())
         if len(wanted) != periodic:
             raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {wanted}')
-        known = self.lattice.path(None, npoints=0).special_points
+        known = self.special_points
         if len(self.bands.path) > MOST_LEGS:
             raise ValueError(f'bands.path must join at most {MOST_LEGS} points, not {len(self.bands.path)}')
         legs = parse_path_string(self.bands.path)
@@ -161,7 +178,7 @@ class Scene(Table):
             return
         if self.bands is None:
             raise ValueError(f'plan.edge = {self.plan.edge!r} is an edge of bands; add a table [bands]')
-        known, branches = self.lattice.path(None, npoints=0).special_points, self.atoms().calc.dim * len(self.atoms())
+        known, branches = self.special_points, self.atoms().calc.dim * len(self.atoms())
         if self.plan.edge not in known:
             raise ValueError(f'plan.edge of the {self.lattice.kind} lattice must be one of {", ".join(known)}, '
                              f'not {self.plan.edge!r}')
@@ -197,30 +214,30 @@ class Scene(Table):
             sensible = False
         return f'; it is in metres: did you mean {meant:g}?' if sensible else ''
 
-    def cell(self):
+    def cell(self) -> Atoms:
         """One unit cell, or the oscillator, with the moving mass of the pillars but without a calculator."""
         atoms = self.lattice.cell()
         if self.foundation and self.foundation.moving_mass:
-            atoms.set_masses(atoms.get_masses() + self.foundation.moving_mass)
+            atoms.set_masses(atoms.get_masses() + self.foundation.moving_mass)  # pyright: ignore[reportArgumentType]  ASE declares text
         return atoms
 
-    def atoms(self):
+    def atoms(self) -> Atoms:
         """One unit cell, or the oscillator, with its MagneticRepulsion or AllNeighbours, `ase.Atoms` in mm, g and ms."""
         atoms = self.cell()
         foundation = self.foundation.k if self.foundation else 0.0
         if self.law.shells == ALL:
             try:
-                atoms.calc = AllNeighbours(atoms, self.law.potential(), foundation=foundation)
+                atoms.calc = AllNeighbours(atoms, self.law.potential(), foundation=foundation)  # pyright: ignore[reportArgumentType]  or it refuses
             except ValueError as error:
                 raise ValueError(f"law.shells = '{ALL}': {error}") from None
             return atoms
         atoms.calc = MagneticRepulsion(atoms, self.law.potential(), foundation=foundation, shells=self.law.shells,
                                        bonds=self.lattice.bonds)
         if self.single:  # a constant force holds it against its three magnets
-            atoms.calc = atoms.calc.balanced([self.lattice.free])
+            atoms.calc = atoms.calc.balanced([Oscillator.free])
         return atoms
 
-    def patch_atoms(self, model='complete'):
+    def patch_atoms(self, model: str = 'complete') -> Atoms:
         """The patch of [patch] with its MagneticRepulsion, `ase.Atoms` in mm, g and ms.
 
         Raises
@@ -240,7 +257,7 @@ class Scene(Table):
         patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.foundation, model=model)
         return patch
 
-    def shaken(self, model='complete'):
+    def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:
         """What [frf] asks about: the oscillator or the patch, and the particle and direction of the force and of the response.
 
         Returns
@@ -256,18 +273,19 @@ class Scene(Table):
         """
         plan = self.wanted('frf')
         if self.single:
-            atoms = self.atoms()
+            atoms, free = self.atoms(), Place(Oscillator.free, np.array([0.0, 1.0, 0.0]))
             atoms.calc.set(model=model)
-            return atoms, *2 * [Place(self.lattice.free, np.array([0.0, 1.0, 0.0]))]
+            return atoms, free, free
         atoms, picked = self.patch_atoms(model), []
         for name in ('force', 'response'):
             try:
                 picked.append(getattr(plan, name).of(atoms))
             except ValueError as error:
                 raise ValueError(f'frf.{name}{error}') from None
-        return atoms, *picked
+        source, answer = picked
+        return atoms, source, answer
 
-    def wanted(self, name):
+    def wanted(self, name: str) -> Any:
         """One of the tables that say what is wanted, such as 'bands'.
 
         Raises
@@ -282,18 +300,18 @@ class Scene(Table):
             raise ValueError(f'the scene {self.title!r} has no table [{name}]; add one, as in "magphonon scene {example}"')
         return table
 
-    def band_path(self):
+    def band_path(self) -> BandPath:
         """The path of [bands], `ase.dft.kpoints.BandPath`."""
         bands = self.wanted('bands')
-        return self.lattice.path(bands.path, bands.points)
+        return self.lattice.path(bands.path, bands.points)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator has [bands]
 
-    def supercell(self):
+    def supercell(self) -> tuple[int, ...]:
         """Phonopy's supercell in three dimensions."""
         wanted = self.wanted('bands').supercell
         return wanted + (1,) * (3 - len(wanted))
 
 
-def read_scene(path):
+def read_scene(path: str | PathLike[str]) -> Scene:
     """Read a scene file.
 
     Parameters
@@ -336,7 +354,7 @@ def read_scene(path):
         raise ValueError(f'{path}: its numbers are too large or too small to compute with ({error.args[-1]}); '
                          'check their units and exponents, first those of [law]') from None
     except ValidationError as error:
-        faults = dict.fromkeys(_fault(found['loc'], found['ctx']['error'], data) for found in error.errors())
+        faults = dict.fromkeys(_fault(found['loc'], reason(found), data) for found in error.errors())
         raise ValueError('\n'.join(f'{path}: {fault}' for fault in faults)) from None
 
 
@@ -352,13 +370,14 @@ def _fault(loc, error, data):
     return (name[1:] or 'the scene') + text if text[0] in ' .:' else text
 
 
-def ready_scenes():
+def ready_scenes() -> dict[str, Traversable]:
     """The scenes that come with the package: a dict from name to file."""
     found = (file for file in files('magphonon.data').iterdir() if file.name.endswith('.toml'))
-    return {file.name.removesuffix('.toml'): file for file in sorted(found) if file.name != 'reference.toml'}
+    ordered = sorted(found, key=lambda file: file.name)
+    return {file.name.removesuffix('.toml'): file for file in ordered if file.name != 'reference.toml'}
 
 
-def ready_scene(name):
+def ready_scene(name: str) -> Traversable:
     """The file of one of the `ready_scenes`.
 
     Raises
@@ -370,6 +389,6 @@ def ready_scene(name):
     return scenes[one_of('the scene', name, tuple(scenes))]
 
 
-def reference():
+def reference() -> dict[str, Any]:
     """Numbers to check against, in SI units: the tables of `data/reference.toml`, where each has its source."""
     return tomllib.loads((files('magphonon.data') / 'reference.toml').read_text(encoding='utf-8'))

@@ -1,5 +1,7 @@
 """What holds the particles: pillars and foundations of a scene."""
 
+from __future__ import annotations
+
 from typing import Annotated
 
 import numpy as np
@@ -26,12 +28,12 @@ class Pillar(Table):
     density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = None
 
     @property
-    def stiffness_N_per_m(self):
+    def stiffness_N_per_m(self) -> float:
         """`k = 3 E I/H^3` with `I = pi R^4/4`."""
         return 3 * self.youngs_modulus_Pa * (np.pi * self.radius_m**4 / 4) / self.height_m**3
 
     @property
-    def moving_mass_kg(self):
+    def moving_mass_kg(self) -> float:
         """Rayleigh's 33/140 of its mass, which moves with the tip; zero for a pillar of unknown density."""
         return 33 / 140 * (self.density_kg_per_m3 or 0.0) * np.pi * self.radius_m**2 * self.height_m
 
@@ -50,11 +52,11 @@ class Foundation(Table):
         return self
 
     @property
-    def k(self):
+    def k(self) -> float:
         """Stiffness in N/mm."""
         return (self.stiffness_N_per_m if self.pillar is None else self.pillar.stiffness_N_per_m) * u.N / u.m
 
     @property
-    def moving_mass(self):
+    def moving_mass(self) -> float:
         """Mass that each particle drags along in g."""
         return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0

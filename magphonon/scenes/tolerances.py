@@ -1,7 +1,9 @@
 """The table [uncertainty] of a scene: how well its parameters are known, and which lattices they allow."""
 
+from __future__ import annotations
+
 from functools import partial
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import BeforeValidator, create_model
@@ -10,6 +12,11 @@ from ..design.sensitivities import Change, exponent_change, force_change, screen
 from ..design.uncertainty import Tolerances
 from .fields import Number, Positive, Table
 from .lattices import ALL
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from .scene import Scene
 
 WHERE = {
     'spacing': ('lattice', 'spacing_m'),
@@ -54,7 +61,9 @@ Correlation = Annotated[Number, BeforeValidator(_correlation)]
 class _Uncertainty(Table):
     """Standard deviations of the parameters, absolute in the unit of the key or in percent; what is not named is exact."""
 
-    def tolerances(self, scene):
+    correlation_a_b: Correlation | None = None
+
+    def tolerances(self, scene: Scene) -> Tolerances:
         """What they mean for a scene, `magphonon.design.uncertainty.Tolerances`.
 
         Raises
@@ -95,8 +104,10 @@ class _Uncertainty(Table):
 
 _ABSOLUTE = [place[-1] for name, place in WHERE.items() if name != 'forces']  # of a table of forces: one factor for all
 _KEYS = sorted([*_ABSOLUTE, *(f'{name}_percent' for name in WHERE)])
-Uncertainty = create_model('Uncertainty', __base__=_Uncertainty, correlation_a_b=(Correlation | None, None),
-                           **dict.fromkeys(_KEYS, (Positive | None, None)))
+if TYPE_CHECKING:
+    Uncertainty = _Uncertainty  # with more keys
+else:
+    Uncertainty = create_model('Uncertainty', __base__=_Uncertainty, **dict.fromkeys(_KEYS, (Positive | None, None)))
 
 
 def _changes(scene):
@@ -118,7 +129,7 @@ def _at(table, place):
     return table
 
 
-def varied(scene, factors):
+def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
     """The scene with parameters multiplied by `factors`, a dict of their names."""
     for name, factor in factors.items():
         scene = _multiplied(scene, WHERE[name], factor)

@@ -57,7 +57,7 @@ class Site:
     weights: np.ndarray
     row: np.ndarray
 
-    def burst(self, direction, force, omega, cycles=5):
+    def burst(self, direction, force, omega, cycles: float = 5):
         """The ToneBurst of this site; `direction` in the plane, `force` in N, `omega` in rad/ms."""
         return ToneBurst(self.driven, direction, force * self.weights, omega, cycles)
 
