@@ -26,6 +26,9 @@ from ..stiffness.constraints import free_directions, freedom
 YIELDING, WATCHED = 4.0, {2: 3.0, 3: 2.5}
 """Of the shortest bond: particles up to here around one can move, in the search for the least energy and, in a plane and in
 space, in a shot."""
+NEIGHBOURS = 18
+"""Largest number of bonds of a particle, three shells of the triangular lattice or two of fcc: with more the search takes
+seconds, and with many shells minutes."""
 TRIED = 8
 """Places that are looked at closely: those that cost the least on a straight line."""
 SIDEWAYS = 0.01
@@ -91,13 +94,14 @@ def escape_speeds(atoms):
     Returns
     -------
     Escape or None
-        None where the force has no energy, constraints are not known, nothing can move, or the law ends too near.
+        None where the force has no energy, constraints are not known, nothing can move, the law ends too near, or a particle has
+        more than `NEIGHBOURS` bonds.
     """
     try:
         mobile = freedom(atoms)[0]
     except ValueError:
         return None
-    if atoms.calc.parameters.model == 'literal':
+    if atoms.calc.parameters.model == 'literal' or atoms.calc.bonds.coordination.max() > NEIGHBOURS:
         return None
     with np.errstate(all='ignore'):  # of a search that goes astray
         cheapest, least = None, np.inf

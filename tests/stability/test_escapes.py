@@ -103,6 +103,8 @@ def test_what_has_no_energy_or_a_law_that_ends_near_is_not_judged():
     cell.calc.set(model='literal')
     assert escape_speeds(cell) is None
     assert verdict(cell).safe is None
+    cell.calc = MagneticRepulsion(cell, LAW, shells=4, foundation=0.0196757)  # 30 bonds each
+    assert escape_speeds(cell) is None
     r = np.linspace(0.7, 4, 100) * L0  # on the way through the gap two neighbours are at 0.58
     cell.calc = MagneticRepulsion(cell, Tabulated(r, -LAW.dphi(r)), foundation=0.0196757)
     assert escape_speeds(cell) is None
