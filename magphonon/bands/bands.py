@@ -27,7 +27,7 @@ UNITS = {
     'names': ('', 'special points'), 'points': ('reciprocal vectors', 'special points', 'vectors'),
     'omega': ('rad/ms', 'wavevectors', 'modes'), 'vectors': ('', 'wavevectors', 'modes', 'particles', 'dim'),
 }
-"""Unit and axes of what a file of bands holds."""
+"""Units and axes of the arrays in a file of bands."""
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 LARGEST_DENOMINATOR = 6
-"""Of the exponents along a direction; the pencil grows with it, and symmetry directions need 1, 2 or 3."""
-UNIT_CIRCLE = 1e-6
-"""A decay below this per step is none: at a band edge, a double root, round-off moves xi by its own square root."""
-VANISHED = 16
-"""A decay above this per step, 1e-7, counts as infinite."""
+"""Largest denominator of the exponents along a direction.  The matrix pencil grows with it; symmetry directions need 1, 2 or
+3."""
+LEAST_DECAY = 1e-6
+"""Smallest decay per step that is not round-off: at a band edge, a double root, round-off changes xi by its own square root."""
+INFINITE_DECAY = 16
+"""Decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)."""
 
 
 @dataclass(frozen=True)
@@ -143,14 +144,14 @@ def _waves(D, omega, unit):
     A[P] -= omega * abs(omega) * np.eye(n)
     mu, v = laurent_roots(A)
     decay, phase = -np.log(abs(mu)), np.angle(mu)
-    decay[abs(decay) < UNIT_CIRCLE * unit] = 0
+    decay[abs(decay) < LEAST_DECAY * unit] = 0
     # xi and its conjugate, or xi and -xi if real: keep the half that decays or runs forwards
     half = np.lexsort((-phase, -decay))[: len(mu) // 2]
     mu, v = polished(A, mu[half], v[half])
     decay, phase = -np.log(abs(mu)) / unit, np.angle(mu) / unit
-    decay[abs(decay) < UNIT_CIRCLE] = 0
+    decay[abs(decay) < LEAST_DECAY] = 0
     order = np.lexsort((abs(phase), decay))
-    order = order[decay[order] < VANISHED]
+    order = order[decay[order] < INFINITE_DECAY]
     xi, modes = np.zeros(P * n, complex), np.zeros((P * n, n), complex)
     xi.imag = np.inf
     xi[: len(order)] = abs(phase[order]) + 1j * decay[order]

@@ -45,15 +45,15 @@ and about 5e-17 bond/distance from round-off; they meet at 2e-6 with 5e-11.  The
 first is a share of each frequency, the second does not vanish towards zero frequency.
 """
 ROUND_OFF = 1e-8
-"""Force constants along z below this fraction of the largest are the round-off of differences: nothing acts along z.
-
-Forces that do not cancel at rest are differences of large numbers over a displacement of 1e-5 bonds, and leave up to 1e-11; of
-particles in space the share is of the order of one.
-"""
+"""Fraction of the largest force constant below which force constants along z are round-off.  Forces that do not cancel at rest
+are differences of large numbers over a displacement of 1e-5 bonds and leave up to 1e-11; for a lattice in space the fraction is
+of the order of one."""
 SAME_PLACE = 1e-6
-"""Of the shortest bond: particles nearer than that are one for phonopy, which by itself takes 1e-5 of any unit of length."""
+"""Distance, as a fraction of the shortest bond, below which phonopy is told that two particles are one; its own default is 1e-5
+of any unit of length."""
 STEEPEST = 20.0
-"""Of laws that change within less than 1/20 of a bond, such as spheres in contact, that length counts as the bond."""
+"""Largest f'/f times the bond length for which the bond is the length scale of a law; a steeper law, such as that of spheres in
+contact, has the scale 20 f/f'."""
 
 
 def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, distance: float | None = None) -> Phonopy:

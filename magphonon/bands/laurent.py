@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LINK = 1e-11
-"""Of the largest coefficient: a singular value below it is a link of a chain.  In 150 random cells of up to eight particles, at
-three frequencies each, those of links were at most 2e-12, all others at least 4e-11."""
+"""Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to
+eight particles, at three frequencies each, those of links were at most 2e-12, all others at least 4e-11."""
 POLISHES = 3
-NEAR = 0.1
-"""Of log mu: a longer step of Newton's leads to another root."""
-SINGULAR = 1e-14
-"""Of the largest singular value: where two roots coincide, Newton's matrix has one that is round-off."""
+LONGEST_STEP = 0.1
+"""Longest Newton step in log mu; a longer one leads to another root."""
+SINGULAR_FRACTION = 1e-14
+"""Fraction of the largest singular value below which a singular value of Newton's matrix is round-off, as where two roots
+coincide."""
 
 
 def laurent_roots(A: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -111,11 +112,11 @@ def polished(A: NDArray[np.float64], mu: NDArray[np.complex128],
         n = v.shape[1]
         newton = np.zeros((len(mu), n + 1, n + 1), complex)
         newton[:, :n, :n], newton[:, :n, n], newton[:, n, :n] = matrix, np.einsum('rab,rb->ra', slope, v), v.conj()
-        step = np.einsum('rab,rb->ra', np.linalg.pinv(newton, SINGULAR)[:, :, :n], -rest)
+        step = np.einsum('rab,rb->ra', np.linalg.pinv(newton, SINGULAR_FRACTION)[:, :, :n], -rest)
         tried = v + step[:, :n]
         tried /= np.linalg.norm(tried, axis=1)[:, None]
         new = _at(A, powers, log + step[:, n], tried)
-        better = (new[3] < left) & (abs(step[:, n]) < NEAR)
+        better = (new[3] < left) & (abs(step[:, n]) < LONGEST_STEP)
         log, v = np.where(better, log + step[:, n], log), np.where(better[:, None], tried, v)
         matrix, slope, rest, left = (np.where(better.reshape(-1, *(1,) * (now.ndim - 1)), now, old)
                                      for now, old in zip(new, (matrix, slope, rest, left), strict=True))

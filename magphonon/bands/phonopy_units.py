@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from phonopy import Phonopy
 
-ZERO = 1e-6
-"""Frequencies below this fraction of the highest one are zero: the root of the round-off of a square."""
+ZERO_FRACTION = 1e-6
+"""Fraction of the highest frequency below which a frequency is zero: it is the square root of a rounded eigenvalue."""
 
 
 def in_phonopy_units(phonon: Phonopy) -> Phonopy:
@@ -97,7 +97,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     """
     crystal = in_phonopy_units(phonon)
     frequencies = crystal.run_mesh(np.asarray(mesh), is_gamma_center=True).frequencies
-    zero = ZERO * abs(frequencies).max()
+    zero = ZERO_FRACTION * abs(frequencies).max()
     if frequencies.min() < -zero:
         raise ValueError(f'the lattice is unstable, with frequencies down to {frequencies.min() * 1e12:.4g} Hz on this mesh: '
                          'it has no thermal equilibrium; hold it with a foundation')

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 PLANAR = (True, True, False)
 ROUND_OFF = 1e-6
-"""A frequency below this fraction of the highest one is zero: the root of a square's round-off."""
+"""Fraction of the highest frequency below which a frequency is zero: it is the square root of a rounded eigenvalue."""
 
 
 def first_zone(cell: ArrayLike) -> NDArray[np.float64]:

@@ -61,7 +61,7 @@ def _report(file, forces, choice):
 
     from .. import units as u
     from ..interactions.fits import NORMAL
-    from ..interactions.law_choice import BENT
+    from ..interactions.law_choice import LARGEST_BEND
 
     fits, bend = choice.fits, choice.bend
     some = fits['force']
@@ -84,7 +84,7 @@ def _report(file, forces, choice):
                   f'was {(forces.r[0] - some.offset) / u.m:.4g} m apart, centre to centre',
                   'An offset changes the curve in the same way as the shape of the magnets does: fit it only if the zero of the '
                   'distances is in doubt.']
-    if abs(bend) > BENT:
+    if abs(bend) > LARGEST_BEND:
         lines.append(f'No inverse power holds: the exponent {"rises" if bend > 0 else "falls"} with the distance by '
                      f'{abs(bend):.1f} standard uncertainties.')
     if choice.apart:

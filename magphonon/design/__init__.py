@@ -1,4 +1,4 @@
-"""Backwards from frequencies: sensitivities, uncertainty, and the lattice for a wanted band."""
+"""Sensitivities of frequencies to parameters, uncertainty, and the inverse design of a lattice for a wanted band."""
 
 import lazy_loader
 

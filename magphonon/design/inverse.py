@@ -1,8 +1,8 @@
-"""Spacing and foundation that give a lattice the frequencies wanted of it.
+"""Inverse design: the spacing and the foundation that give a lattice the wanted frequencies.
 
 The cut-off, the frequency of uniform motion, fixes the foundation, `k = m w^2`.  Given k, the edge of a band or the width
-of a gap fixes the spacing.  Only spacings at which this foundation holds the lattice count: their range is searched for
-places where the wanted value is crossed, and each is refined with the analytic slope.
+of a gap fixes the spacing.  Only spacings at which the lattice is stable on this foundation are considered: their range is
+searched for crossings of the wanted value, and each crossing is refined with the analytic slope.
 """
 
 from collections.abc import Callable
@@ -16,28 +16,29 @@ from ..stability.buckling import foundation_needed
 from ..stiffness.repulsion import masses_of
 from .sensitivities import Change, frequency_sensitivities, spacing_change
 
-SCAN = 49
-"""Spacings looked at in the range; between two of them the wanted value is crossed at most once."""
-VERGE = 1e-9
+SCAN_POINTS = 49
+"""Number of spacings tried in the range; between two of them the wanted value is crossed at most once."""
+VERGE_TOLERANCE = 1e-9
 """Relative accuracy of the spacing at which the lattice begins to buckle."""
-EQUAL = 1e-12
-"""Masses that differ by less than this fraction are equal: round-off of their units."""
-MESH = 24
-"""Wavevectors along each reciprocal vector among which the ends of a branch are looked for; meets M and K."""
+EQUAL_MASSES = 1e-12
+"""Relative difference of two masses below which they are equal, because of the round-off of their units."""
+MESH_POINTS = 24
+"""Number of wavevectors along each reciprocal vector among which the ends of a branch are searched for; M and K are among
+them."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """A spacing that meets what is wanted.
+    """A spacing that gives the wanted value.
 
     Attributes
     ----------
     spacing : float
         In mm.
     value, slope : float
-        What it gives, and the derivative by the logarithm of the spacing, rad/ms.
+        The value at this spacing, and its derivative by the logarithm of the spacing, rad/ms.
     needed : float
-        Foundation in N/mm that the static forces ask for there.
+        Foundation in N/mm that the static forces require there.
     """
 
     spacing: float
@@ -67,7 +68,7 @@ class Gap:
 
     def __call__(self, atoms):
         """The width, and its derivative by the logarithm of the spacing, rad/ms: that of the modes at its ends."""
-        axes = [np.arange(MESH) / MESH if periodic else [0.0] for periodic in atoms.pbc]
+        axes = [np.arange(MESH_POINTS) / MESH_POINTS if periodic else [0.0] for periodic in atoms.pbc]
         q = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
         omega, _ = bloch_modes(atoms, q)
         ends = [q[omega[:, self.branch].argmax()], q[omega[:, self.branch + 1].argmin()]]
@@ -89,7 +90,7 @@ def foundation_for(atoms, cut_off):
         For a cut-off that is not positive, or particles of different masses: on a common foundation no motion is uniform.
     """
     masses = masses_of(atoms)
-    if np.ptp(masses) > EQUAL * masses.max():
+    if np.ptp(masses) > EQUAL_MASSES * masses.max():
         raise ValueError(f'the masses range from {masses.min():g} to {masses.max():g} g: on a common foundation they swing at '
                          'different frequencies, and no motion is uniform; give all particles one mass, or look for the '
                          'foundation at which analytic_bands begin at the cut-off')
@@ -123,7 +124,7 @@ def spacings_for(build, target: Callable, wanted, between):
     low, high = finite('between', between, (2,))
     if not 0 < low < high:
         raise ValueError(f'the range of spacings must be two increasing positive numbers in mm, not {low:g} and {high:g}')
-    stretches = _stable_stretches(build, np.geomspace(low, high, SCAN))
+    stretches = _stable_stretches(build, np.geomspace(low, high, SCAN_POINTS))
     if not stretches:
         raise NoDesign(None, None)
     values = [[target(build(L))[0] for L in spacings] for spacings in stretches]
@@ -140,7 +141,7 @@ def spacings_for(build, target: Callable, wanted, between):
 
 
 class NoDesign(ValueError):
-    """No spacing in the range does what is wanted.
+    """No spacing in the range gives the wanted value.
 
     Attributes
     ----------
@@ -175,7 +176,7 @@ def _stable_stretches(build, spacings):
 
 def _verge(build, inside, outside):
     """The last stable spacing on the way from a stable to an unstable one, by bisection."""
-    while abs(outside - inside) > VERGE * inside:
+    while abs(outside - inside) > VERGE_TOLERANCE * inside:
         middle = (inside + outside) / 2
         if middle in (inside, outside):
             break

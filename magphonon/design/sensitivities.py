@@ -25,12 +25,13 @@ from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED
 
-SAME = 1e-9
-"""Of the highest frequency: branches closer than this cross."""
+CROSSING = 1e-9
+"""Difference of two branches, as a fraction of the highest frequency, below which they cross."""
 SHIFTING = BALANCED
-"""Of the largest change of a bond force: what may be left on a particle."""
-STILL = 1e-6
-"""Of the highest frequency: below it a frequency is the root of the round-off in a square."""
+"""Largest force left on a particle, as a fraction of the largest change of a bond force, for which the rest positions count as
+unchanged."""
+ZERO_FRACTION = 1e-6
+"""Fraction of the highest frequency below which a frequency is the square root of a rounded eigenvalue."""
 
 
 @dataclass(frozen=True)
@@ -126,16 +127,16 @@ def frequency_sensitivities(atoms, q, changes, model='complete'):
         W[p] = v.conj() @ mass_weighted(dD, masses) @ v.swapaxes(1, 2)
         W[p] -= change.mass * squares[..., None] * np.eye(omega.shape[1])
     dsquares = np.einsum('pqmm->pqm', W).real.copy()
-    for k in np.flatnonzero((np.diff(omega) <= SAME * highest).any(axis=1)):
-        for branches in np.split(np.arange(omega.shape[1]), np.flatnonzero(np.diff(omega[k]) > SAME * highest) + 1):
+    for k in np.flatnonzero((np.diff(omega) <= CROSSING * highest).any(axis=1)):
+        for branches in np.split(np.arange(omega.shape[1]), np.flatnonzero(np.diff(omega[k]) > CROSSING * highest) + 1):
             block = W[:, k, branches[0] : branches[-1] + 1, branches[0] : branches[-1] + 1]
             generic = np.tensordot(np.cos(1 + np.arange(len(changes))), block, axes=1)  # weights in no special ratio
             modes = np.linalg.eigh(generic)[1]
             dsquares[:, k, branches] = np.einsum('ma,pmn,na->pa', modes.conj(), block, modes).real
-    still = abs(omega) <= STILL * highest
+    still = abs(omega) <= ZERO_FRACTION * highest
     with np.errstate(divide='ignore', invalid='ignore'):
         slopes = dsquares / (2 * abs(omega))
-    slopes[:, still] = np.where(abs(dsquares[:, still]) <= STILL**2 * highest**2, 0.0, np.nan)
+    slopes[:, still] = np.where(abs(dsquares[:, still]) <= ZERO_FRACTION**2 * highest**2, 0.0, np.nan)
     return omega, slopes
 
 

@@ -1,4 +1,4 @@
-"""What tolerances of the parameters make of frequencies and responses: to first order, and by sampling.
+"""Uncertainty of frequencies and responses from the tolerances of parameters: to first order, and by Monte Carlo sampling.
 
 With the covariance C of the relative changes dp/p and the slopes S = d value/d ln p, the variance is `S^T C S`.  The
 parameters are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike.
@@ -18,7 +18,7 @@ ROUND_OFF = 1e-12
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How well the parameters of a lattice are known.
+    """Standard deviations and correlations of the parameters of a lattice.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Spread(Saved, kind='uncertainties', units={
     'values': ('rad/ms for frequencies, mm for amplitudes', '...'),
     'slopes': ('that of the values, for each relative change', 'parameters', '...'),
 }, missing=('slopes',)):
-    """Values of one kind, and what the tolerances make of them to first order.
+    """Values of one kind, and their uncertainty to first order in the tolerances.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class ResponseSpread(Spread, kind='uncertainties of a response', units={
     'slopes': ('mm for each relative change', 'parameters', 'frequencies'),
     'turns': ('rad for each relative change', 'parameters', 'frequencies'),
 }):
-    """Amplitudes of a response, and what the tolerances make of them.
+    """Amplitudes of a response, and their uncertainty.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ def response_spread(atoms, force, answer, omega, damping, tolerances):
 
 
 def sampled_frequencies(build, q, tolerances, count, seed=0):
-    """Frequencies of lattices whose parameters are drawn at random: what the linear propagation is checked against.
+    """Frequencies of lattices whose parameters are drawn at random, to check the linear propagation.
 
     Parameters
     ----------

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from .pair_laws import PairLaw
 
 COVERED = 0.95
-"""Probability with which an interval holds the truth."""
+"""Probability with which an interval contains the true value."""
 NORMAL = 1.959964
-"""Half the width of that interval in standard deviations of a normal distribution."""
+"""Half width of that interval in standard deviations of a normal distribution."""
 LEAST_EXPONENT = 0.01
-"""A force that falls more slowly than r^-0.01 is constant for a lattice, whose mechanics is that of a >= 1."""
+"""Smallest exponent of a fit: a force that falls more slowly than r^-0.01 is constant on the scale of a lattice."""
 MOST_EXPONENT = 80.0
-"""A force that falls faster is that of a wall or an outlier; b in N m^a soon has no number."""
+"""Largest exponent of a fit: a force that falls faster is that of a wall or an outlier, and b in N m^a is soon out of range."""
 
 
 @dataclass(frozen=True)

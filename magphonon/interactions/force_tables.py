@@ -26,15 +26,15 @@ LENGTHS = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm}
 FORCES = {'N': u.N, 'mN': 1e-3 * u.N, 'uN': 1e-6 * u.N}
 HEADER = 'its header must be r_m,f_N or r_m,f_N,sigma_N (or in mm, um, mN, uN: r_mm,f_mN)'
 MOST_BYTES = 100 * MEGABYTE
-"""Of a table: two million lines, read in some ten seconds."""
-FAR = 1.0 * u.m
-"""Where even the closest pair in a column r_m is farther apart than this, the column almost surely holds mm or um."""
+"""Largest size of a table of forces: two million lines, read in about ten seconds."""
+LARGEST_CLOSEST_PAIR = 1.0 * u.m
+"""Largest distance of the closest pair in a column r_m; if it is larger, the column almost surely holds mm or um."""
 FORCES_N = 1e-30, 1e12
-"""Beyond these a unit or an exponent is wrong, and squares and powers soon leave the range of numbers."""
+"""Range of forces; outside it a unit or an exponent is wrong, and squares and powers soon overflow."""
 DISTANCES_m = 1e-12, 1e6
-"""The same."""
+"""Range of distances, for the same reason."""
 REACH = 1.2
-"""Factor beyond the data up to which a law is asked for its force: farther out, nothing measured holds it."""
+"""Factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     try:
         forces = Forces(*(column * unit for column, unit in zip(columns, units, strict=True)))
         _refuse_absurd(forces)
-        if units[0] == u.m and forces.r[0] >= FAR:
+        if units[0] == u.m and forces.r[0] >= LARGEST_CLOSEST_PAIR:
             raise ValueError(f'the distances are {forces.r[0] / u.m:g} to {forces.r[-1] / u.m:g} under the header r_m; if they '
                              'are millimetres, head the column r_mm')
         if forces.r[0] < contact:

@@ -8,8 +8,8 @@ from .fits import NORMAL, Fit, curvature, fit_inverse_power
 from .force_tables import Forces
 from .smooth_laws import explained, fit_spline
 
-BENT = 3.0
-"""Standard uncertainties by which the exponent must change before an inverse power is called wrong."""
+LARGEST_BEND = 3.0
+"""Change of the exponent, in standard uncertainties, above which an inverse power is called wrong."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class LawChoice:
     @property
     def is_power(self) -> bool:
         """Whether the data leave an inverse power possible."""
-        return not (abs(self.bend) > BENT or self.apart)
+        return not (abs(self.bend) > LARGEST_BEND or self.apart)
 
     @property
     def advised(self) -> str:

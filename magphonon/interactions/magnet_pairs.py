@@ -23,13 +23,14 @@ if TYPE_CHECKING:
     from .magnets import Cuboid, Ring
 
 CLEARANCE = 0.1
-"""Gap between prisms, as a fraction of their width, at which their laws start: closer, the kink at contact spoils the series."""
-FAR = 4.0
-"""Gap in widths beyond which energies are summed over faces: the sum over rims cancels in proportion to r^3."""
-DIGITS = 1e-13
-"""Of the energy: how small the end of its series is, and how well the rims are summed."""
-ENOUGH = 1e-10
-"""The same where a series has become long: more terms would cost more than they give."""
+"""Smallest gap between two prisms, as a fraction of their width, for which the law is computed; closer, the kink at contact
+spoils the series."""
+FAR_GAP = 4.0
+"""Gap in widths above which energies are summed over faces, because the sum over edges cancels in proportion to r^3."""
+TOLERANCE = 1e-13
+"""Relative accuracy of the energy: size of the last term of its series, and accuracy of the sum over edges."""
+LONG_SERIES_TOLERANCE = 1e-10
+"""Relative accuracy at which a long series is stopped, because more terms would cost more than they add."""
 
 
 def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
@@ -39,7 +40,7 @@ def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
     h, gap = magnet.height, (r - magnet.contact) / magnet.width
     n = _rim_points(gap)
     points, normals = magnet.rim(n)
-    if gap < FAR:
+    if gap < FAR_GAP:
         d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
         terms = -2 * (h * np.arcsinh(h / d) - h**2 / (np.hypot(d, h) + d)) * (normals @ normals.T)
     else:
@@ -104,12 +105,12 @@ def _charge_coupling(first, second):
 
 
 def _rim_points(gap):
-    """How many points on a circle, or on each edge, leave an error below DIGITS, for a gap in widths of the magnets.
+    """How many points on a circle, or on each edge, leave an error below TOLERANCE, for a gap in widths of the magnets.
 
     The nearest singularity of the integrand lies where the rims would meet, off the real rim by about the gap over half
     the width; the error falls exponentially with it.
     """
-    return int(np.ceil(8 - np.log(DIGITS) / np.arcsinh(2 * gap)))
+    return int(np.ceil(8 - np.log(TOLERANCE) / np.arcsinh(2 * gap)))
 
 
 @dataclass(frozen=True)
@@ -228,7 +229,7 @@ def _series(magnet, nearest):
 
     for degree in (31, 63, 127, 255):  # long rods need the most: their faces see each other as single poles
         series = chebinterpolate(P, degree)
-        if abs(series[-3:]).max() < (DIGITS if degree < 127 else ENOUGH) * abs(series).max():
+        if abs(series[-3:]).max() < (TOLERANCE if degree < 127 else LONG_SERIES_TOLERANCE) * abs(series).max():
             return series
     raise ValueError(f'the law of {magnet} takes more than {degree} terms; such slender rods act as single poles: '
                      'take an inverse power with a = 2')

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38': (1.21, 1.25), 'N40': (1.25, 1.28),
             'N42': (1.28, 1.32), 'N45': (1.32, 1.38), 'N48': (1.37, 1.42), 'N50': (1.39, 1.45), 'N52': (1.42, 1.48)}
-"""Remanence of sintered NdFeB at 20 C, least and most in T: the widest of the ranges that makers' tables give."""
+"""Smallest and largest remanence of sintered NdFeB at 20 C in T: the widest of the ranges in manufacturers' tables."""
 
 
 def grade_remanence(grade: str) -> float:

@@ -359,8 +359,8 @@ class Tabulated:
 
 CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
 RADIUS, STEEPEST = 1e-2, 20.0
-"""The circle on which the law is sampled for its higher derivatives, to some 1e-11: its radius as a share of the bond, or
-of 20 f/f' where the law is steeper, such as that of spheres in contact."""
+"""Radius of the circle in the complex plane on which the law is sampled for its higher derivatives, to about 1e-11, as a fraction
+of the bond length, or of 20 f/f' for a steeper law such as that of spheres in contact."""
 
 
 def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:

@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from .force_tables import Forces
 
 BENDS = 0.5, 1.0, 2.0, 4.0
-"""Values of tau: an inverse power in the noise, up to the tail of a screened force (5 screening lengths apart: 4)."""
+"""Values of tau: from an inverse power within the noise to the tail of a screened force (4, at 5 screening lengths)."""
 CROSSINGS = np.array([0.75, 0.5, 0.25])
-"""Values of c between none and all: from the smallest (0) to the largest force (1), in the logarithm."""
-LIKELY = np.array([len(CROSSINGS), *np.ones_like(CROSSINGS), len(CROSSINGS)]) / (3 * len(CROSSINGS))
-"""Probabilities, beforehand, of c = infinity, of these, and of c = 0: a third for each kind of noise."""
+"""Values of c between none and all: from the smallest force (0) to the largest (1), in the logarithm."""
+PRIOR = np.array([len(CROSSINGS), *np.ones_like(CROSSINGS), len(CROSSINGS)]) / (3 * len(CROSSINGS))
+"""Prior probabilities of c = infinity, of the values of c above, and of c = 0: a third for each kind of noise."""
 SCALES = np.exp(np.arange(-1.0, 3.3, 0.3))
-"""Values of s, in units of what a quadratic through the logarithms leaves: with two degrees of freedom the tail is long."""
+"""Values of s, in units of the residual of a quadratic through the logarithms; with two degrees of freedom the tail is long."""
 NODES = 12
 MOST_POINTS = 500
 """More points than this are averaged in intervals of ln r, whose width matters by a part in 1e5 of the force."""
@@ -140,7 +140,7 @@ def _average(points, counts, design, start):
         s = scale * np.maximum(np.sqrt(np.sum(left**2, axis=1) / freedom), 1e-9 * points.f.max())
         p, hessian, probability, sigma = _fitted(points.f, s[:, None] * shape, bend, design, start, prior=np.sqrt(scale))
         share = np.array([probability[kind == one].sum() for one in kinds])
-        probability *= (LIKELY / np.sqrt(np.maximum(share, 1e-300)))[kind]
+        probability *= (PRIOR / np.sqrt(np.maximum(share, 1e-300)))[kind]
         probability /= probability.sum()
         smooth = np.exp(design @ (probability @ p))
     return p, hessian, probability, sigma

@@ -21,9 +21,9 @@ People write lattice constants with three or more digits (8.66 for 5 sqrt(3) mov
 decimals; of the usual lattices, two of the first hundred shells are never closer than 1e-3, two of the first thousand 1e-4.
 """
 EXACT = 1e-9
-"""Distances that differ by less than this fraction are equal: round-off of the positions, no rounding."""
+"""Relative difference of two distances below which they are equal up to the round-off of the positions, without rounding."""
 CLEAR = 4.0
-"""The narrowest gap between two shells must be this many times the widest one inside a shell, where positions are rounded."""
+"""Smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions."""
 CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
 """Two shells may be one that rounding split if their gap is narrow and a gap beside it is `CONTRAST` times wider.
 
@@ -34,10 +34,10 @@ lattices, where shells crowd at large distances, the ratio stays below 20 over t
 DECIMALS = range(2, 8)
 """Numbers of decimals with which positions are written on purpose; fewer are whole numbers of millimetres or their tenths."""
 UNITS = 2.0
-"""Of the last decimal of positions that have so few: where distances that differ by less follow each other, rounding may have
-split one shell as well, as two ends and a lattice vector are each off by half a unit."""
+"""Difference of two distances, in units of the last decimal of positions that have few decimals, below which rounding may have
+split one shell: two ends and a lattice vector are each off by half a unit."""
 SCATTER = 0.1
-"""Particles without a bond, while the next distance is longer by less than this fraction, betray positions that scatter."""
+"""Relative gap to the next distance below which particles without a bond show that the positions scatter."""
 
 
 def _held(atoms):

@@ -4,9 +4,9 @@
 
 
 COLOURS = ('#0072B2', '#D55E00', '#000000', '#009E73', '#CC79A7', '#E69F00', '#56B4E9')
-"""Okabe and Ito's colours, which colour-blind readers tell apart; in grey the line styles do."""
+"""Okabe and Ito's colours, which colour-blind readers can distinguish; in grey the line styles are different."""
 UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
-"""Look of every region where modes are unstable."""
+"""Style of every region where modes are unstable."""
 MARKERS = 40  # on each branch: few enough to see the line behind them
 
 

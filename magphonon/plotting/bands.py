@@ -93,7 +93,7 @@ def _from_zero(ax):
 
 
 def _print_in_suitable_unit(ax, largest):
-    """Let the frequency axis, whose data are in Hz, print kHz or MHz where numbers of Hz would be unreadable."""
+    """Label the frequency axis, whose data are in Hz, in kHz or MHz if numbers in Hz would be unreadable."""
     from matplotlib.ticker import FuncFormatter, ScalarFormatter
 
     power = 0

@@ -1,4 +1,4 @@
-"""Measured forces with fitted laws, and what the laws leave of each force, drawn on matplotlib axes."""
+"""Measured forces with fitted laws, and the residual of each law, drawn on matplotlib axes."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ..interactions.pair_laws import repulsion
 from .axes import COLOURS, legend_above
 
 MOST_POINTS = 200
-"""More points than this are averaged for the picture: they would hide each other and the laws."""
+"""Largest number of points drawn singly; more are averaged, because they would hide each other and the laws."""
 LINES = '-', '--', ':', '-.'
 
 

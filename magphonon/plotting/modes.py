@@ -14,9 +14,9 @@ WINDOW, REACH, ARROW = 2.4, 5, 0.42
 
 
 def plot_mode(atoms, bands, q, mode, ax=None):
-    """Shape of a mode: particles at rest, their orbits, and their displacements at the moment of the largest one.
+    """Shape of a mode: particles at rest, their orbits, and their displacements at the time of the largest one.
 
-    Modes of equal frequency may be mixed at will; of those one choice is drawn, and called degenerate.
+    Modes of equal frequency can be combined arbitrarily; one combination is drawn and labelled degenerate.
 
     Parameters
     ----------

@@ -5,8 +5,8 @@ import numpy as np
 from .. import units
 from .axes import COLOURS, legend_above
 
-FEW = 8
-"""Up to so many natural frequencies are bars as high as the axes, as in the paper; more are ticks on their floor."""
+MOST_BARS = 8
+"""Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
 
 
 def response_axes():
@@ -48,7 +48,7 @@ def plot_response(response, natural=(), axes=None, label=None, **line):
     axes[1].plot(f, np.degrees(np.angle(response.response)), **look)
     inside = natural[(natural >= f[0]) & (natural <= f[-1])]
     rows = len(axes[0].collections)  # of ticks, one above the other
-    low, high = (0, 1) if len(inside) <= FEW else (0.03 * rows, 0.03 * rows + 0.025)
+    low, high = (0, 1) if len(inside) <= MOST_BARS else (0.03 * rows, 0.03 * rows + 0.025)
     name = f'natural frequencies, {label}' if label else None
     axes[0].vlines(inside, low, high, transform=axes[0].get_xaxis_transform(), linewidth=0.8, label=name, colors=look['color'],
                    linestyles=look['linestyle'])

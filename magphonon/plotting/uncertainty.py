@@ -1,4 +1,4 @@
-"""Uncertainty drawn in SI: ribbons around bands and responses, and which parameter causes how much of it."""
+"""Uncertainty drawn in SI: ribbons around bands and responses, and the contribution of each parameter."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from .. import units
 from .axes import COLOURS, legend_above, new_axes
 from .bands import plot_bands
 
-WIDTH = 2
-"""Half width of a ribbon in standard deviations: 95 of 100 lattices lie within."""
+HALF_WIDTH = 2
+"""Half width of a ribbon in standard deviations; it contains 95 of 100 lattices."""
 HATCHES = ('', '////', '....', 'xxxx', '----')
-"""Tell bars apart in grey."""
+"""Hatches by which bars can be distinguished in grey."""
 
 
 def plot_band_ribbons(bands, spread, ax=None, label=None, **line):
@@ -18,8 +18,8 @@ def plot_band_ribbons(bands, spread, ax=None, label=None, **line):
     x = bands.path.get_linear_kpoint_axis()[0]
     colour = ax.lines[-1].get_color()
     for f, std in zip(bands.frequencies_Hz.T, units.hertz(spread.std.T), strict=True):
-        ax.fill_between(x, f - WIDTH * std, f + WIDTH * std, color=colour, alpha=0.3, linewidth=0)
-    top = np.nanmax(bands.frequencies_Hz + WIDTH * units.hertz(spread.std))
+        ax.fill_between(x, f - HALF_WIDTH * std, f + HALF_WIDTH * std, color=colour, alpha=0.3, linewidth=0)
+    top = np.nanmax(bands.frequencies_Hz + HALF_WIDTH * units.hertz(spread.std))
     ax.set_ylim(top=max(ax.get_ylim()[1], 1.02 * top))
     return ax
 
@@ -31,7 +31,7 @@ def plot_response_ribbon(omega, spread, force=1.0, ax=None, label=None, **line):
         ax.set(xlabel='frequency (Hz)', ylabel='displacement per force (m/N)', yscale='log')
     f, unit = units.hertz(omega), force * units.m / units.N
     (curve,) = ax.plot(f, spread.values / unit, label=label, **line)
-    low, high = spread.values - WIDTH * spread.std, spread.values + WIDTH * spread.std
+    low, high = spread.values - HALF_WIDTH * spread.std, spread.values + HALF_WIDTH * spread.std
     floor = spread.values.min() / 10  # a ribbon wider than the value it surrounds has no lower edge on a logarithmic axis
     ax.fill_between(f, np.maximum(low, floor) / unit, high / unit, color=curve.get_color(), alpha=0.3, linewidth=0)
     ax.set_xlim(f[0], f[-1])

@@ -6,10 +6,10 @@ from .. import units
 from .axes import COLOURS, legend_above, new_axes
 
 FLOOR_dB = -40
-"""The weakest power that a map shows, in decibels of its strongest."""
+"""Lowest power shown in a map, in decibels relative to the strongest."""
 LINES = {'complete': (COLOURS[0], '-'), 'conventional': (COLOURS[1], '--')}
 MARGIN = 1.4
-"""A map ends at this multiple of the highest frequency that it shows."""
+"""Ratio of the upper end of a map to the highest frequency that it shows."""
 
 
 def plot_wave(wave, ax=None):
@@ -50,12 +50,12 @@ def plot_wave(wave, ax=None):
 
 
 def plot_snapshot(patch, field, frame, site, ax=None):
-    """All particles of a patch at one moment: the darker, the farther from rest; where it is driven and measured.
+    """All particles of a patch at one time, darker for a larger displacement, with the source and the measured row.
 
     Parameters
     ----------
     patch : ase.Atoms
-        Of which the rest positions are those of its calculator.
+        Structure whose calculator stores the rest positions.
     field : Displacements
         Of all its particles.
     frame : int
@@ -80,13 +80,13 @@ def plot_snapshot(patch, field, frame, site, ax=None):
 
 
 def crossing(passage):
-    """Index of the frame of the whole patch nearest to the moment when the middle of the measured row moves most."""
+    """Index of the frame of the whole patch closest to the time of the largest displacement in the middle of the row."""
     u = np.linalg.norm(passage.row.displacements[:, len(passage.row.particles) // 2], axis=1)
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 
 
 def save_animation(path, patch, field, site):
-    """Write a GIF of all frames, each in its own scale of grey, so that a wave is seen until it has decayed."""
+    """Write a GIF of all frames, each with its own grey scale, so that a wave is visible until it has decayed."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 
     ax = plot_snapshot(patch, field, len(field.times) // 2, site)

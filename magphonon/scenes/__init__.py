@@ -1,7 +1,7 @@
-"""Scene files: what stands in one, in SI with the unit in every key, and what is wanted of it.
+"""Scene files: a lattice and the computations wanted for it, in SI with the unit in every key.
 
-`scene` reads a file, `lattices`, `laws` and `supports` build what its tables describe, `plans` and `design` hold what is asked,
-`tolerances` the uncertainty of its numbers, `fields` the numbers and texts that tables are made of.
+`scene` reads a file; `lattices`, `laws` and `supports` build the objects that its tables describe; `plans` and `design` hold the
+computations; `tolerances` holds the uncertainties of the parameters; `fields` checks the numbers and texts of the tables.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The table [design] of a scene: which frequencies the lattice shall have, in SI, and the tables that give them."""
+"""The table [design] of a scene: the wanted frequencies, in SI, and the tables of a lattice that has them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .scene import Scene
 
 HERTZ = 2 * np.pi * u.Hz
-"""rad/ms."""
+"""One hertz in rad/ms."""
 
 
 class EdgePlan(Table):
@@ -70,7 +70,7 @@ def _range(value):
 
 
 class DesignPlan(Table):
-    """What is wanted; what is not named stays as it is in the scene.
+    """The wanted frequencies; everything else stays as it is in the scene.
 
     The foundation follows from the cut-off, the spacing from an edge or a gap.
     """
@@ -85,7 +85,7 @@ class DesignPlan(Table):
         if self.edge is not None and self.gap is not None:
             raise ValueError(' has both [design.edge] and [design.gap], but only one spacing to meet them; keep one of them')
         if self.spacing_from is None and self.cut_off_Hz is None:
-            raise ValueError(' wants nothing; give cut_off_Hz, [design.edge] or [design.gap]')
+            raise ValueError(' is empty; give cut_off_Hz, [design.edge] or [design.gap]')
         if (self.spacing_from is None) != (self.spacings_m is None):
             raise ValueError('.spacings_m is the range in which a spacing for [design.edge] or [design.gap] is sought; '
                              'give it together with one of them')

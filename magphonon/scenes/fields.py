@@ -1,7 +1,7 @@
-"""What the tables of a scene file are made of: checked fields, and tables that know their keys.
+"""Checked fields for the tables of a scene file, and the base class of these tables.
 
-A check says what is wrong with a value, from its name on; `magphonon.scenes.scene` knows the tables that hold it and puts
-the name in front.
+The message of a check begins after the name of the field; `magphonon.scenes.scene` knows the name, such as law.a, and puts it in
+front.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 LONGEST_TEXT = 200
-"""Characters: a title goes over a picture."""
+"""Largest number of characters of a text; a title is printed above a picture."""
 LONGEST_LIST = 10_000
-"""Entries: a longer table of forces belongs into a file."""
+"""Largest number of entries of a list; a longer table of forces belongs in a file."""
 
 
 def _text(value):
@@ -57,7 +57,7 @@ def between(least: float, most: float, unit: str, value: float) -> float:
 
 
 def within(least: float, most: float, unit: str) -> AfterValidator:
-    """What makes a number one of this range, in the annotation of a field."""
+    """A validator for the annotation of a field: the number must lie in this range."""
     return AfterValidator(partial(between, least, most, unit))
 
 
@@ -86,14 +86,14 @@ Angles = Annotated[tuple[Angle, ...], listed]
 
 
 class Table(BaseModel):
-    """One table of a scene: its keys are the fields, no others, and it does not change once read."""
+    """One table of a scene: only its fields are allowed as keys, and it is read-only."""
 
     model_config = ConfigDict(extra='forbid', frozen=True)
 
     @model_validator(mode='wrap')
     @classmethod
     def _every_fault(cls, table: Any, check: ModelWrapValidatorHandler[Self]) -> Self:
-        """Unknown keys, missing keys and bad values in one answer, each in words of its own."""
+        """Report unknown keys, missing keys and bad values together, each with its own message."""
         if not isinstance(table, dict):
             raise ValueError(f' must be a table in brackets with the keys {", ".join(cls.model_fields)}, not {shown(table)}')
         unknown = [key for key in table if key not in cls.model_fields]
@@ -127,6 +127,6 @@ def fault(value: object, error: ValueError, place: tuple[Any, ...] = ()) -> Init
 
 
 def raise_all(faults: list[InitErrorDetails]) -> None:
-    """Raise what pydantic makes of faults of one table, if there are any."""
+    """Raise pydantic's ValidationError with all faults of one table, if there are any."""
     if faults:
         raise ValidationError.from_exception_data('scene', faults)

@@ -1,6 +1,6 @@
-"""The finite lattice that waves cross, as a table of a scene file: its shape and size, in SI.
+"""The tables [lattice] and [patch] of a scene file, in SI: the lattice, the oscillator, and the finite patch that waves cross.
 
-Its rim is held, as in `magphonon.lattices`.
+The rim of a patch is held, as in `magphonon.lattices`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
 
 MOST_CELLS = 10**6
-"""A patch of more needs gigabytes; rather than wanted it is a wrong unit."""
+"""Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
 
 
 class PatchTable(Table):
@@ -29,11 +29,11 @@ class PatchTable(Table):
 
     @property
     def sizes(self) -> str:
-        """Its keys and values, for a message."""
+        """The keys and values of the size, for a message."""
         return ', '.join(f'patch.{key} = {value!r}' for key, value in self if key != 'kind')
 
     def cells(self, cell: Atoms) -> float:
-        """How many cells it has, about; none of a lattice without a plane."""
+        """Approximate number of cells; zero for a lattice that is not planar."""
         return self.area(cell) / float(np.linalg.norm(np.cross(*cell.cell.array[:2]))) if cell.pbc[1] else 0
 
     def area(self, cell: Atoms) -> float:
@@ -185,7 +185,7 @@ class Oscillator(Table):
     mass_kg: Mass = Field(description='the mass of the free particle in kg')
 
     def cell(self) -> Atoms:
-        """All of it, `ase.Atoms` in mm and g."""
+        """The oscillator with its fixed magnets, `ase.Atoms` in mm and g."""
         atoms = lattices.oscillator(self.theta0_deg * u.deg, self.spacing_m * u.m, self.mass_kg * u.kg)
         atoms.set_constraint([*atoms.constraints, FixedLine(self.free, (0, 1, 0))])
         return atoms
@@ -193,7 +193,7 @@ class Oscillator(Table):
 
 def _known_lattice(table):
     if not isinstance(table, dict) or 'kind' not in table:
-        return Lattice.model_validate(table)  # which says what is missing
+        return Lattice.model_validate(table)  # its message says which key is missing
     one_of('.kind', table['kind'], KINDS)
     return table
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 class BandPlan(Table):
-    """What the bands are computed along, and phonopy's supercell."""
+    """The path of the bands, and phonopy's supercell."""
 
     path: Text = Field(description="the special points in order, such as 'GMKG'")
     points: AtLeastTwo = Field(description='the number of wavevectors along the path')
@@ -52,7 +52,7 @@ class BandPlan(Table):
 
 
 class Pick(Table):
-    """A particle of a patch, by where it is, and a direction in the plane."""
+    """A particle of a patch, given by its position, and a direction in the plane."""
 
     at_m: Point = Field(description='the place [x, y] of the particle in m; the nearest one is taken')
     direction_deg: Angle = Field(description='the direction in degrees from the x axis')
@@ -98,12 +98,12 @@ class FrfPlan(Table):
 
     @property
     def damping(self) -> float:
-        """In 1/ms."""
+        """Damping rate gamma in 1/ms."""
         return self.damping_per_s / u.s
 
 
 class PlanTable(Table):
-    """What a plan of the least model needs to know beyond the other tables."""
+    """Settings of "magphonon plan" that the other tables do not hold."""
 
     edge: Text | None = None
     branch: Count = 1
@@ -111,7 +111,7 @@ class PlanTable(Table):
 
 
 SPECTRUM_END = 1.4
-"""The spectrum of a Hann-windowed burst of five cycles ends at this multiple of its carrier."""
+"""Upper end of the spectrum of a Hann-windowed burst of five cycles, as a multiple of its carrier."""
 
 
 class BurstPlan(Table):
@@ -144,7 +144,7 @@ class BurstPlan(Table):
 
     @property
     def names(self) -> list[str]:
-        """Of the bursts, for people and files."""
+        """Names of the bursts, in messages and file names."""
         return [f'{f:.6g}Hz_{angle:.6g}deg' for f, angle in zip(self.carriers_Hz, self.directions_deg, strict=True)]
 
     def burst(self, k: int, site: Site) -> Burst:
@@ -170,13 +170,13 @@ class BurstPlan(Table):
 
 
 class VibrometerPlan(Table):
-    """How the row is measured."""
+    """The virtual vibrometer that measures the row."""
 
     sampling_rate_Hz: Frequency = Field(description='the sampling rate in Hz')
     noise_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(description='the standard deviation of each sample in m')
 
     def measure(self, row: Displacements, seed: int = 0) -> Displacements:
-        """The Displacements of a row as the vibrometer sees them; `seed` of its noise."""
+        """The Displacements of a row as the vibrometer measures them; `seed` is that of its noise."""
         from ..waves.vibrometer import measure
 
         return measure(row.times, row.displacements, row.particles, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)

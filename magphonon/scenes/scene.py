@@ -1,7 +1,7 @@
-"""Scene files: somebody's lattice in TOML, SI units in the keys, read, checked and built as ASE Atoms.
+"""Scene files: a lattice in TOML with SI units in the keys, read, checked and built as ASE Atoms.
 
-Every table of a scene is a frozen model: what there is in `magphonon.scenes.laws`, what is wanted of it in
-`magphonon.scenes.plans`.  A new table is a new class there and one line in `Scene`.
+Every table of a scene is a frozen model: the physical system is described in `magphonon.scenes.lattices`, `laws` and `supports`,
+the computations in `magphonon.scenes.plans` and `design`.  A new table is a new class there and one line in `Scene`.
 """
 
 from __future__ import annotations
@@ -41,23 +41,25 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DENSITIES_kg_per_m3 = 500, 5e5
-"""Of a moving mass in terms of its magnet: less than any magnet has, and more than a magnet with a heavy holder."""
+"""Range of the moving mass divided by the volume of its magnet: from less than any magnet to more than a magnet with a heavy
+holder."""
 LEAST_SHARE = 1e-12
-"""Of the foundation: the stiffness of the repulsion below which the round-off of the foundation hides it."""
+"""Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
+foundation."""
 SENSIBLE_SHARE = 1e-6
-"""Of the foundation: the stiffness of the repulsion above which a lattice is one."""
+"""Stiffness of the repulsion, as a fraction of the foundation, above which a structure behaves as a lattice."""
 MOST_SHELLS = 300
-"""Some 4000 neighbours of each particle; more are summed as all of them."""
+"""Largest number of shells, about 4000 neighbours of each particle; beyond it the sum over all neighbours is used."""
 MOST_LEGS = 100
-"""Points along a path; a picture has no room for the names of more."""
+"""Largest number of points along a path; a picture has no room for more names."""
 MOST_BYTES = 10 * MEGABYTE
-"""Of a scene file; those that come with the package have 3 kB."""
+"""Largest size of a scene file in bytes; the ready scenes have 3 kB."""
 
 
 class Scene(Table):
-    """A lattice, its law of repulsion and foundation, and what is wanted from them.
+    """A lattice, its law of repulsion, its foundation and the computations wanted for it.
 
-    The fields are the tables of the file, in SI units.  `atoms` and `band_path` are in those of the package.
+    The fields are the tables of the file, in SI units.  `atoms` and `band_path` use the units of the package.
     """
 
     title: Text = Field(description='a line that says what it is')
@@ -78,8 +80,8 @@ class Scene(Table):
         if self.single:
             self._check_oscillator()
         if self.law.shells != ALL and self.law.shells > MOST_SHELLS:
-            raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {self.law.shells}; of laws that reach farther "
-                             f"'{ALL}' sums up all neighbours")
+            raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {self.law.shells}; for a force of longer range "
+                             f"use '{ALL}', the sum over all neighbours")
         with warnings.catch_warnings():
             warnings.filterwarnings('ignore', message='.*numbers here are in mm, g, ms and N')  # refused by its keys instead
             atoms = self.atoms()
@@ -116,8 +118,8 @@ class Scene(Table):
             MathTextParser('path').parse(self.title)
         except ValueError as error:
             fault = str(error).splitlines()[-1].partition(': ')[2]  # behind the name of matplotlib's exception
-            raise ValueError(f'title is no mathematics that can be drawn: {fault}; mend what stands between the $, or write '
-                             '\\$ for a dollar') from None
+            raise ValueError(f'title holds a formula that cannot be drawn: {fault}; correct the text between the $, or write '
+                             '\\$ for a dollar sign') from None
 
     def _check_mass(self):
         if not isinstance(self.law, MagnetsLaw):
@@ -125,7 +127,7 @@ class Scene(Table):
         density = self.lattice.mass_kg / (self.law.magnet().volume / u.m**3)
         if not DENSITIES_kg_per_m3[0] <= density <= DENSITIES_kg_per_m3[1]:
             raise ValueError(f'lattice.mass_kg = {self.lattice.mass_kg!r} would give the magnet {density:.3g} kg/m3, and magnets '
-                             'have some 7500; check the unit of the mass, which is kg, and of the sizes, which is m')
+                             'have about 7500; check the unit of the mass, which is kg, and of the sizes, which is m')
 
     def _check_vibrometer(self):
         if self.burst is not None:
@@ -136,8 +138,8 @@ class Scene(Table):
 
     def _check_pillar(self):
         if self.foundation.moving_mass and (self.uncertainty or self.design):
-            raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] know pillars without mass; '
-                             'take it out, and add 33/140 of the pillar to lattice.mass_kg')
+            raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
+                             'take it out, and add 33/140 of the mass of a pillar to lattice.mass_kg')
 
     def _check_uncertainty(self):
         self.uncertainty.tolerances(self)
@@ -167,11 +169,11 @@ class Scene(Table):
         for name in ('force', 'response'):
             given = getattr(self.frf, name) is not None
             if given and self.single:
-                raise ValueError(f'frf.{name}: the oscillator is driven and seen along its line; take [frf.{name}] out')
+                raise ValueError(f'frf.{name}: the oscillator is driven and measured along its guide; take [frf.{name}] out')
             if not given and not self.single:
                 raise ValueError(f'frf lacks the table {name!r}; add [frf.{name}] with at_m and direction_deg')
         if not self.single and self.patch is None:
-            raise ValueError('frf: there is no patch to shake; add a table [patch]')
+            raise ValueError('frf: there is no patch to drive; add a table [patch]')
 
     def _check_plan(self):
         if self.plan.edge is None:
@@ -188,17 +190,17 @@ class Scene(Table):
     def _check_scale(self, atoms):
         calc = atoms.calc
         if not calc.potential.dphi(calc.bonds.lengths).any():
-            raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r} is so wide that nothing repels; spheres repel only '
-                             'where the spacing is less than their diameter')
+            raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r} is so large that nothing repels; spheres repel '
+                             'only if the spacing is less than their diameter')
         repulsion, k = abs(calc.potential.d2phi(calc.bonds.lengths)).max(), calc.foundation
         f = frequency_scale(calc)
         if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
-            raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of some {f:.1g} Hz; '
+            raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; '
                              f'check their units and exponents ({self._numbers()})')
         if not LEAST_SHARE * k <= repulsion:
             given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
-            raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r}: there the repulsion has a stiffness of '
-                             f'{lost:.1g} N/m, lost in the round-off of the foundation, {given:.3g} N/m'
+            raise ValueError(f'lattice.spacing_m = {self.lattice.spacing_m!r}: the repulsion then has a stiffness of '
+                             f'{lost:.1g} N/m, which is lost in the round-off of the foundation, {given:.3g} N/m'
                              f'{self._millimetres(calc.potential, k)}; check their units and exponents')
 
     def _numbers(self):
@@ -206,7 +208,7 @@ class Scene(Table):
         return ', '.join(f'law.{key} = {value!r}' for key, value in self.law if isinstance(value, float))
 
     def _millimetres(self, law, k):
-        """A question, where the spacing would make sense if it was written in mm."""
+        """A question for the user, if the spacing would make sense in mm."""
         meant = self.lattice.spacing_m / 1000
         try:
             sensible = law.d2phi(meant * u.m) >= SENSIBLE_SHARE * k
@@ -233,7 +235,7 @@ class Scene(Table):
             return atoms
         atoms.calc = MagneticRepulsion(atoms, self.law.potential(), foundation=foundation, shells=self.law.shells,
                                        bonds=self.lattice.bonds)
-        if self.single:  # a constant force holds it against its three magnets
+        if self.single:  # a constant force balances the repulsion of the three magnets
             atoms.calc = atoms.calc.balanced([Oscillator.free])
         return atoms
 
@@ -258,7 +260,7 @@ class Scene(Table):
         return patch
 
     def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:
-        """What [frf] asks about: the oscillator or the patch, and the particle and direction of the force and of the response.
+        """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
         Returns
         -------
@@ -286,7 +288,7 @@ class Scene(Table):
         return atoms, source, answer
 
     def wanted(self, name: str) -> Any:
-        """One of the tables that say what is wanted, such as 'bands'.
+        """One of the tables of computations, such as 'bands'.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What holds the particles: pillars and foundations of a scene."""
+"""The table [foundation] of a scene: springs or pillars that support the particles."""
 
 from __future__ import annotations
 
@@ -58,5 +58,5 @@ class Foundation(Table):
 
     @property
     def moving_mass(self) -> float:
-        """Mass that each particle drags along in g."""
+        """Mass of the pillar that moves with each particle, in g."""
         return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0

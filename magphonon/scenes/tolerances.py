@@ -1,4 +1,4 @@
-"""The table [uncertainty] of a scene: how well its parameters are known, and which lattices they allow."""
+"""The table [uncertainty] of a scene: standard deviations of its parameters, and lattices drawn from them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from .scene import Scene
 
-WHERE = {
+PLACES = {
     'spacing': ('lattice', 'spacing_m'),
     'mass': ('lattice', 'mass_kg'),
     'b': ('law', 'b_N_m_a'),
@@ -34,7 +34,8 @@ WHERE = {
     'radius': ('foundation', 'pillar', 'radius_m'),
     'height': ('foundation', 'pillar', 'height_m'),
 }
-"""Where each parameter stands in a scene.  Its key there is that of the absolute tolerance, NAME_percent of the relative one."""
+"""Place of each parameter in a scene.  The key there is that of the absolute tolerance; NAME_percent is that of the relative
+one."""
 LAW_CHANGES = {
     'inverse_power': {'b': force_change, 'a': exponent_change},
     'dipoles': {'moment': partial(force_change, power=2)},
@@ -44,9 +45,10 @@ LAW_CHANGES = {
     'magnets': {'remanence': partial(force_change, power=2)},
 }
 PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}
-"""Of k = 3 E (pi R^4/4)/H^3."""
-WIDEST = 0.5
-"""Relative standard deviation: with twice that, exponents drawn at random overflow, and half of a lattice is no small change."""
+"""Powers of the parameters in k = 3 E (pi R^4/4)/H^3."""
+LARGEST_TOLERANCE = 0.5
+"""Largest relative standard deviation: with twice this value random exponents overflow, and a change by half is no small
+change."""
 
 
 def _correlation(value):
@@ -77,7 +79,7 @@ class _Uncertainty(Table):
                              'take shells = 3 or more')
         changes = _changes(scene)
         sigma = {}
-        for name, place in WHERE.items():
+        for name, place in PLACES.items():
             percent, absolute = (getattr(self, key, None) for key in (f'{name}_percent', place[-1]))
             if percent is None and absolute is None:
                 continue
@@ -86,10 +88,11 @@ class _Uncertainty(Table):
             if percent is not None and absolute is not None:
                 raise ValueError(f'uncertainty has both {place[-1]} and {name}_percent; keep one of them')
             sigma[name] = percent / 100 if absolute is None else absolute / _at(scene, place)
-            if sigma[name] > WIDEST:
+            if sigma[name] > LARGEST_TOLERANCE:
                 key, value = (f'{name}_percent', percent) if absolute is None else (place[-1], absolute)
-                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than the {WIDEST:g} within '
-                                 'which a linear propagation says anything; measure it better, or leave it out')
+                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than '
+                                 f'the {LARGEST_TOLERANCE:g} within which a linear propagation holds; measure it better, or '
+                                 'leave it out')
         if not sigma:
             raise ValueError('uncertainty names no tolerance; add one, such as spacing_percent = 1.0')
         C = np.diag(np.square(list(sigma.values())))
@@ -102,8 +105,8 @@ class _Uncertainty(Table):
         return Tolerances({name: changes[name] for name in sigma}, C)
 
 
-_ABSOLUTE = [place[-1] for name, place in WHERE.items() if name != 'forces']  # of a table of forces: one factor for all
-_KEYS = sorted([*_ABSOLUTE, *(f'{name}_percent' for name in WHERE)])
+_ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all
+_KEYS = sorted([*_ABSOLUTE, *(f'{name}_percent' for name in PLACES)])
 if TYPE_CHECKING:
     Uncertainty = _Uncertainty  # with more keys
 else:
@@ -115,7 +118,7 @@ def _changes(scene):
     law, k = scene.law.potential(), scene.foundation.k if scene.foundation else 0.0
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
     changes |= {name: Change(law=change(law)) for name, change in LAW_CHANGES.get(scene.law.kind, {}).items()
-                if _at(scene, WHERE[name]) is not None and getattr(scene.law, 'calibration', None) is None}
+                if _at(scene, PLACES[name]) is not None and getattr(scene.law, 'calibration', None) is None}
     if k and scene.foundation.pillar:
         changes |= {name: Change(foundation=power * k) for name, power in PILLAR_POWERS.items()}
     elif k:
@@ -132,7 +135,7 @@ def _at(table, place):
 def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
     """The scene with parameters multiplied by `factors`, a dict of their names."""
     for name, factor in factors.items():
-        scene = _multiplied(scene, WHERE[name], factor)
+        scene = _multiplied(scene, PLACES[name], factor)
     return scene
 
 

@@ -242,7 +242,7 @@ def test_character_zero(tmp_path):
 
 @pytest.mark.parametrize(('title', 'words'), [
     ('"two\\nlines"', 'title must be one line'), ('"' + 300 * 'x' + '"', 'at most 200 printable characters'),
-    ('"$\\\\input{x}$"', 'title is no mathematics that can be drawn')])
+    ('"$\\\\input{x}$"', 'title holds a formula that cannot be drawn')])
 def test_titles_that_cannot_be_drawn(title, words, scene_file, capsys):
     file = scene_file({'"Prototype of arXiv:1911.10410: magnets on pillars"': title})
     assert words in refusal(file)
@@ -338,7 +338,7 @@ def test_displacements_that_no_lattice_makes(u, fine, tmp_path):
     ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e300'}, 'prototype',
      'law: b must be a positive number in N mm^a, not inf; check units and exponents of law.b_N_m_a = 1.6209e+300, law.a = 4.58'),
     ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e90'}, 'prototype',
-     'law, foundation and lattice.mass_kg give frequencies of some 6e+51 Hz; check their units and exponents (law.b_N_m_a = ')])
+     'law, foundation and lattice.mass_kg give frequencies of about 6e+51 Hz; check their units and exponents (law.b_N_m_a = ')])
 def test_refusals_name_the_keys(command, changes, scene, words, scene_file, tmp_path, capsys):
     arguments = [command, str(scene_file(changes, scene))]
     assert main(arguments + ([] if command in ('check', 'design') else ['-o', str(tmp_path / 'out')])) == 2

@@ -168,7 +168,7 @@ def test_value_met_twice_gives_both_spacings():
 
 
 @pytest.mark.parametrize(('design', 'words'), [
-    ({}, 'wants nothing'),
+    ({}, 'is empty; give cut_off_Hz'),
     (edge(-5.0), 'design.edge.frequency_Hz must be a positive number'),
     (edge(58.0, branch=3), 'design.edge.branch must be at most 2, as the triangular lattice has 2 branches, not 3'),
     (edge(58.0) | {'edge': {'point': 'X', 'branch': 1, 'frequency_Hz': 58.0}}, "must be one of G, M, K, not 'X'"),

@@ -256,7 +256,7 @@ def test_pillars_with_mass(scene_file):
     assert_allclose(scene.patch_atoms().get_masses(), expected, rtol=1e-12)
     assert expected / 0.707 == pytest.approx(1.27, abs=0.005)
     message = refusal(scene_file({'foundation.pillar.density_kg_per_m3': 2700, 'uncertainty': {'mass_kg': 1e-5}}))
-    assert message.startswith('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] know pillars without mass')
+    assert message.startswith('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless')
 
 
 def test_a_patch_of_all_neighbours_is_refused(scene_file):
@@ -308,7 +308,7 @@ def test_absurd_number_is_refused_or_computed_with(key, value, scene_file):
 
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'lattice.spacing_m': 1e-7}, 'lattice.spacing_m must lie between 1e-06 and 1e+06, not 1e-07; it is in metres'),
-    ({'law.b_N_m_a': 1e30}, 'law, foundation and lattice.mass_kg give frequencies of some 5e+21 Hz; check their units'),
+    ({'law.b_N_m_a': 1e30}, 'law, foundation and lattice.mass_kg give frequencies of about 5e+21 Hz; check their units'),
     ({'law.a': 1e3}, 'its numbers are too large or too small to compute with (')])
 def test_absurd_scale(changes, message, scene_file):
     assert refusal(scene_file(changes)).startswith(message)
