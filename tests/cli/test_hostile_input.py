@@ -120,7 +120,7 @@ def test_absurd_values_are_refused_with_their_range(key, value, bound, scene_fil
 def test_millimetres_in_place_of_metres(scene_file):
     """12 m between magnets that need 12 mm: the static forces would be 4e-17 of the foundation, below any round-off."""
     said = refusal(scene_file({'spacing_m = 0.01 ': 'spacing_m = 12 '}))
-    assert said.startswith('lattice.spacing_m = 12.0: there the repulsion has a stiffness of ')
+    assert said.startswith('lattice.spacing_m = 12.0: the repulsion then has a stiffness of ')
     assert 'did you mean 0.012?' in said
     assert read_scene(scene_file({'spacing_m = 0.01 ': 'spacing_m = 0.012 '})).lattice.spacing_m == 0.012
 
