@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST = 2**53
-"""Counts beyond it are no longer told apart by floating-point numbers; a wrong unit or exponent."""
+"""Largest count; floating-point numbers no longer distinguish larger ones."""
 LONGEST = 200
-"""Characters of a value that a message shows."""
+"""Largest number of characters of a value that a message shows."""
 
 
 def shown(value: object) -> str:

@@ -144,13 +144,13 @@ def uncertainty_cost(scene):
 
 def burst_cost(scene):
     """Cost of `magphonon burst`; without a patch, which the command refuses, the cost of its start."""
-    from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP  # with time steps, which no other command needs
+    from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP_FRACTION  # with time steps, which no other command needs
 
     if scene.patch is None:
         return Cost('burst', {'burst.duration_s': PICTURES_bytes}, PICTURES_s, 0)
     plan, particles = scene.burst, _particles(scene)
     row, top, length = particles**0.5, _top(scene), plan.duration_s * u.s
-    steps = length * top / (2 * STEP)
+    steps = length * top / (2 * STEP_FRACTION)
     frames = length * max(plan.carriers_Hz) * u.Hz * SAMPLES
     memory = {'burst.duration_s': PICTURES_bytes + SAMPLE_bytes * frames * row,
               scene.patch.size_key: particles * (SNAPSHOTS * 16 * 6 + SERIES_bytes)}

@@ -23,9 +23,9 @@ from numpy.polynomial import chebyshev
 TOLERANCE = 1e-13
 """Largest error of a fitted slope dH/de, as a fraction of the slope at rest."""
 RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
-"""Increments |e| for which polynomials are fitted; beyond the last the law itself is evaluated."""
+"""Largest increments |e| of the fitted polynomials; beyond the last one the law itself is evaluated."""
 NEAR = 1e-3
-"""Increments below which H is an integral of its slope; above it the difference keeps twelve digits."""
+"""Largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits."""
 MOST_COEFFICIENTS = 40
 POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, MOST_COEFFICIENTS - n - 1))
                    for n, row in enumerate(np.eye(MOST_COEFFICIENTS))]).T

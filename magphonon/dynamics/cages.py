@@ -2,7 +2,7 @@
 
 Only bonded pairs repel each other.  That stands for the law as long as
 
-    no bond is shorter than CONTACT or longer than FLOWN times its rest length, and
+    no bond is shorter than CONTACT or longer than BROKEN_BOND times its rest length, and
     no pair without a bond is nearer than the shortest bond at rest.
 
 In the first case particles have collided, or have left each other so far that others fit between them; in the second a
@@ -18,19 +18,21 @@ from ..lattices.bonds import bonds_within
 from ..stiffness.constraints import freedom
 
 CONTACT = 0.1
-"""Bonded particles closer than this fraction of their rest distance have collided."""
-FLOWN = 3.0
-"""Bonded particles farther apart than this multiple of their rest distance have left: two others fit in line between them, and
-the repulsion of magnets has fallen below a hundredth."""
-STILL = 0.05
-"""Of the shortest bond: displacements up to here bring no pair together, whatever the structure, and are not looked at."""
+"""Ratio of a bond to its rest length below which its particles have collided."""
+BROKEN_BOND = 3.0
+"""Ratio of a bond to its rest length above which it is broken: two other particles fit between its ends then, and the repulsion
+of magnets has fallen below a hundredth."""
+HARMLESS = 0.05
+"""Displacement, as a fraction of the shortest bond, up to which no pair can come together in any structure, so that nothing is
+checked."""
 SURVEYED = 2.5
-"""Of the shortest bond: pairs up to here are listed; farther ones must first come nearer by as much as a bond is long."""
+"""Distance, in shortest bonds, up to which pairs are listed; farther pairs must first approach each other by more than a bond
+length."""
 APART = 1.1
-"""Of the shortest bond: pairs without a bond that are nearer at rest are meant not to feel each other, as replicas; then no
-distance without a bond is judged."""
+"""Distance at rest, in shortest bonds, below which a pair without a bond is taken as intended, such as two replicas; then no
+unbonded distance is checked."""
 STRIDE = 0.1
-"""Of the shortest bond: the way of the fastest particle between two looks at most."""
+"""Largest path of the fastest particle between two checks, as a fraction of the shortest bond."""
 
 
 class Diverged(RuntimeError):
@@ -79,7 +81,7 @@ class Cages:
 
     def still(self, largest):
         """Whether displacements of at most `largest` (mm) need no look; False for one that is no number."""
-        return largest <= STILL * self.nearest or largest <= self.clearance
+        return largest <= HARMLESS * self.nearest or largest <= self.clearance
 
     def steps_between_looks(self, speed, largest, dt, most):
         """How many steps of `dt` (ms) the fastest particle may go at `speed` (mm/ms) from one look to the next.
@@ -114,7 +116,7 @@ class Cages:
         r = np.linalg.norm(bond, axis=1)
         if self.calc.parameters.model == 'conventional':
             r = np.einsum('bx,bx->b', bond, R) / r0
-        for b in np.flatnonzero((r < CONTACT * r0) | (r > FLOWN * r0))[:1]:
+        for b in np.flatnonzero((r < CONTACT * r0) | (r > BROKEN_BOND * r0))[:1]:
             raise Diverged(bonds.i[b], time, f'is {r[b]:g} mm from its neighbour {bonds.j[b]} instead of {r0[b]:g} mm')
 
     def _look_at_others(self, u, time):

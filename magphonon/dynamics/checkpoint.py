@@ -14,9 +14,9 @@ from ..stiffness.calculator import MagneticRepulsion
 from .fingerprints import Unknowable, fingerprint
 
 SAMPLES = 2000
-"""Distances at which a law is looked at, besides its parameters and code: from contact to where particles have left."""
+"""Number of distances at which a law is sampled, besides its parameters and code, from contact to broken bonds."""
 CHANGING = ('atoms', 'results')
-"""Attributes of a calculator that a run changes."""
+"""Attributes of a calculator that change in a run."""
 
 
 def run_parts(dyn, every):
@@ -90,10 +90,10 @@ def _pushes(dyn):
 
 def _sampled(calc):
     """Slope and curvature of the law from contact to where particles have left; NaN where it is not defined."""
-    from .cages import CONTACT, FLOWN
+    from .cages import BROKEN_BOND, CONTACT
 
     r0 = calc.bonds.lengths
-    r = np.geomspace(CONTACT * r0.min(initial=np.inf), FLOWN * r0.max(initial=0.0), SAMPLES) if len(r0) else np.empty(0)
+    r = np.geomspace(CONTACT * r0.min(initial=np.inf), BROKEN_BOND * r0.max(initial=0.0), SAMPLES) if len(r0) else np.empty(0)
     with np.errstate(all='ignore'):
         return [_where_defined(law, r) for law in (calc.potential.dphi, calc.potential.d2phi)]
 

@@ -20,7 +20,7 @@ from numba.extending import intrinsic, overload
 from .law_pieces import BITS, DEGREE
 
 EMPTY = 1
-"""Mark of a run of empty slots."""
+"""Flag of a run of empty slots."""
 
 
 @intrinsic

@@ -7,14 +7,14 @@ from ..stiffness.constraints import freedom
 from ..stiffness.positions import out_of_plane
 from ..stiffness.rest import components, static_forces
 from .bond_increments import RANGES, Increments
-from .cages import CONTACT, FLOWN, Cages
+from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
 from .kernels_numpy import Kernel, Motion
 from .law_pieces import pieces
 from .memory_layout import arrange
 
 PIECES = len(RANGES)
-"""Level of the law in pieces, from contact to bonds that have flown apart; one level on it is evaluated itself."""
+"""Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
 
 
 def refusal(atoms):
@@ -110,7 +110,7 @@ class Blocks:
         """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
         if self._kernel_class is Kernel:
             return None
-        kinds = [pieces(self._increments, kind, CONTACT, FLOWN) for kind in range(len(self.layout.r0))]
+        kinds = [pieces(self._increments, kind, CONTACT, BROKEN_BOND) for kind in range(len(self.layout.r0))]
         return None if None in kinds else kinds
 
     @property

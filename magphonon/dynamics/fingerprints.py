@@ -24,7 +24,7 @@ BUILT_IN = (types.BuiltinFunctionType, types.MethodWrapperType, types.WrapperDes
             types.ClassMethodDescriptorType, types.GetSetDescriptorType, types.MemberDescriptorType)
 MACHINERY = {'__dict__', '__weakref__', '__doc__', '__module__', '__firstlineno__', '__static_attributes__',
              '__dataclass_fields__', '__dataclass_params__', '__match_args__', '__annotations__', '_abc_impl'}
-"""Attributes of a class that decide nothing that it computes."""
+"""Attributes of a class that do not affect any result."""
 
 
 class Unknowable(ValueError):

@@ -7,11 +7,11 @@ from .kernels_numpy import Kernel
 from .memory_layout import LINE, aligned_zeros
 
 RUN = 256
-"""Slots treated at a time."""
+"""Number of slots processed at a time."""
 GAP = 32
-"""Holes in a run of slots that are cheaper to fill than to jump over."""
+"""Largest number of holes in a run of slots that are cheaper to fill than to skip."""
 WINDOW = 4096
-"""Slots whose bonds are kept; with those of one offset more they should fit the second-level cache."""
+"""Number of slots whose bonds are kept; together with one more offset they should fit in the second-level cache."""
 
 
 class CompiledKernel(Kernel):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 RUN = 8192
-"""Slots treated at a time: long enough for NumPy's overhead, short enough for the second-level cache."""
+"""Number of slots processed at a time: large enough for NumPy's overhead, small enough for the second-level cache."""
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 BITS = 4
-"""Binary logarithm of the pieces of one octave."""
+"""Binary logarithm of the number of pieces per octave."""
 DEGREE = 7
 TOLERANCE = 5e-13
-"""Largest error of a piece as a share of |Q| there and at rest; below it lies what the quotient itself loses by rounding."""
+"""Largest error of a piece, as a fraction of |Q| there and at rest; the quotient itself has a smaller round-off."""
 NARROWEST = 1e-9
-"""Width of a piece that is not halved any more: what happens within it, as the jump of a force, has no place to be seen."""
+"""Relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved."""
 MOST = 20_000
-"""Pieces of one kind of bond; a law that needs more is noise."""
+"""Largest number of pieces for one kind of bond; a law that needs more is noise."""
 SMALL = 1 / 16
 """Increments below which Q is the mean slope; above it the difference of forces keeps its digits.  Less by the factor
 `3 f/(r0 dH/de)` for bonds that are stiff for their force, as contacts: there the difference is better, and the mean might

@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 
 GRID_COST = 6
-"""On a grid every particle evaluates every group; so many times more evaluations than bonds still pay."""
+"""Ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there."""
 LINE = 8
-"""Numbers in a cache line."""
-SAME = 1e-10
-"""Rest vectors that differ by less than this fraction of the length form one group: far above the round-off of positions, and so
-little that the law of one serves the others (relaxed patches differ by any amount; ten times as much cost 2e-9 of a motion)."""
+"""Number of floating-point numbers in a cache line."""
+SAME_VECTOR = 1e-10
+"""Relative difference of rest vectors below which they form one group: far above the round-off of positions, and so small that
+one law serves all of them (relaxed patches differ by any amount; a limit ten times as large costs 2e-9 of a motion)."""
 
 
 def aligned_zeros(shape):
@@ -122,7 +122,7 @@ def _grid(atoms, i, j, R, mobile):
     i, j = np.where(backward, j, i), np.where(backward, i, j)
     R = np.where(backward[:, None], -R, R)
     r0 = np.linalg.norm(R, axis=1)
-    groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME * r0.min()))]),
+    groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME_VECTOR * r0.min()))]),
                                     axis=0, return_index=True, return_inverse=True)
     slots = slot.max() + 1
     if len(groups) * len(slot) > GRID_COST * len(i):
@@ -148,6 +148,6 @@ def _table(count, i, j, R):
     slot[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(count)
     i, j = slot[i], slot[j]
     r0 = np.linalg.norm(R, axis=1)
-    _, first, kind = np.unique(np.round(np.log(r0) / SAME), return_index=True, return_inverse=True)
+    _, first, kind = np.unique(np.round(np.log(r0) / SAME_VECTOR), return_index=True, return_inverse=True)
     order = np.lexsort([np.maximum(i, j), np.minimum(i, j), kind])
     return Layout(slot, count + -count % LINE, i[order], j[order], R[order], kind[order], r0[first])

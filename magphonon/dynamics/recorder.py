@@ -12,9 +12,9 @@ from ..errors import whole
 from ..files import room_for, save_arrays
 
 MEMORY = 2**26
-"""Bytes of frames kept in memory; more go to a temporary file."""
+"""Number of bytes of frames kept in memory; more frames go to a temporary file."""
 PIECE = 2**22
-"""Bytes of frames read at a time for their checksum."""
+"""Number of bytes read at a time for the checksum of the frames."""
 
 
 class Recorder:

@@ -8,7 +8,8 @@ from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE
 
 ROUGH, FINE = 1e-3, 1e-7
-"""Relative errors of the largest eigenvalue: near it others crowd, so the fine one takes long and is sought only at the limit."""
+"""Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
+stability limit."""
 
 
 def refuse_unstable(atoms, dt):

@@ -28,9 +28,9 @@ from .timestep import refuse_unstable
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 COMPILING_PAYS = 5e7
-"""Particle-steps above which the compiled kernel earns back the second that loading it takes."""
+"""Number of particle-steps above which the compiled kernel saves the second that it takes to load."""
 BLOCK = 32
-"""Most steps between two looks at the state, whether particles have collided or left."""
+"""Largest number of steps between two checks whether particles have collided or left."""
 
 
 class DrivenVerlet(VelocityVerlet):

@@ -17,8 +17,8 @@ from ..dynamics.timestep import highest_frequency
 from ..errors import positive
 from ..response.frf import frequency_response, harmonic_response
 from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
-from ..response.stepped import HEADSTART, STEADY
-from ..stability.amplitude_shifts import ALIKE, FarFromLinear, vibration
+from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
+from ..stability.amplitude_shifts import DEGENERACY, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.linear_system import LinearSystem
 from .plan import EIGENSOLVE, Method, Plan, Settings, force_cost, percent
@@ -114,7 +114,7 @@ def _peak_of_field(system, source, answer, omega, damping):
 def _turned(linear, source):
     """The same modes, rotated so that only the first of those with equal frequencies couples to the force."""
     shapes = linear.shapes.copy()
-    scale = ALIKE * linear.omega[-1]
+    scale = DEGENERACY * linear.omega[-1]
     for group in np.split(np.arange(len(shapes)), np.flatnonzero(np.diff(linear.omega) > scale) + 1):
         push = source.seen(shapes[group])
         if len(group) > 1 and push.any():
@@ -174,7 +174,7 @@ def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
                Method('complete linear', algorithm, cost, shift, shift_doubt, Settings('complete'))]
     if force:
         dt = min(np.sqrt(24 * STEP_ERROR_FRACTION * tolerance) / w, LONGEST_STEP * 2 / top)
-        steps = int(np.ceil(2 * np.log(HEADSTART / STEADY) / damping / dt))
+        steps = int(np.ceil(2 * np.log(HEADSTART / TRANSIENT_FRACTION) / damping / dt))
         methods.append(Method('nonlinear', f'velocity Verlet to the steady state at {points} frequencies, {steps} steps each',
                               points * steps * nearest * force_cost(calc.dim), float((w * dt) ** 2 / 24), 0.0,
                               Settings('complete', dt=float(dt))))

@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BLOCK = 16
-"""Vectors handed over at a time."""
-GROWN = 2.0
-"""|T_n s| never exceeds |s| if the spectrum lies in the interval; outside, it grows exponentially with n."""
+"""Number of vectors yielded at a time."""
+LARGEST_GROWTH = 2.0
+"""Largest ratio |T_n s|/|s|: it is at most one if the spectrum lies in the interval, and grows exponentially with n outside."""
 MARGIN = 1e-3
-"""By which a negative end of the spectrum is moved out, of its own size: Lanczos finds it from inside."""
+"""Relative amount by which a negative end of the spectrum is moved outwards, because Lanczos's method approaches it from
+inside."""
 
 
 class Outside(ArithmeticError):
@@ -113,7 +114,7 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
                 after = X2 @ now
                 after -= before
                 before, now = now, after
-            if not (np.linalg.norm(now, axis=0) <= GROWN * length).all():
+            if not (np.linalg.norm(now, axis=0) <= LARGEST_GROWTH * length).all():
                 raise Outside
             progress.update(BLOCK)
             yield block

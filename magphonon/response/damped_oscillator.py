@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NODES = 16
-"""Points of Gauss's rule on a panel; they integrate polynomials of degree 31."""
+"""Number of Gauss points on a panel; they integrate polynomials of degree 31 exactly."""
 TURN = 8.0
-"""Longest panel in rad of the fastest oscillator: its motion is a polynomial of degree 16 there, to round-off."""
+"""Longest panel in rad of the fastest oscillation, whose motion there is a polynomial of degree 16 up to round-off."""
 PANELS = 20_000
-"""Most panels; a force that needs more is no function of the time, or one with too many steps."""
+"""Largest number of panels; a force that needs more is not a smooth function of time."""
 _x, _w = np.polynomial.legendre.leggauss(NODES)
 POINTS, WEIGHTS = (1 + _x) / 2, _w / 2
 _TOP = (np.polynomial.legendre.legvander(_x, NODES - 1) * _w[:, None] * (np.arange(NODES) + 0.5))[:, -2:].T

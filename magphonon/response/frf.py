@@ -128,7 +128,7 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
 
 EPS = np.finfo(float).eps
 FACTORISATION = 500
-"""Products that take as long as one sparse factorisation: measured on patches of 1000 to 10 000 particles."""
+"""Number of matrix products that take as long as one sparse factorisation, measured on patches of 1000 to 10 000 particles."""
 
 
 def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: float,

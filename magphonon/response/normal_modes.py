@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 SMALL = 300
-"""Degrees of freedom up to which a structure is diagonalised; above, products with its matrix are cheaper."""
+"""Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
 SHIFT = 1e-6
-"""Of the highest squared frequency: how far below zero a large stable structure is inverted to find its lowest modes."""
+"""Shift below zero at which a large stable structure is inverted to find its lowest modes, as a fraction of the highest squared
+frequency."""
 
 
 @dataclass(frozen=True)

@@ -30,19 +30,20 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 SPAN = 2000.0
-"""Longest part in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
+"""Longest part of a propagation in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
 LARGEST = 2**22
-"""Most coefficients of a part, times by terms."""
+"""Largest number of coefficients of a part, the product of times and terms."""
 OVERFLOW = 600.0
-"""Largest exponent of growth."""
+"""Largest exponent of exponential growth."""
 RESOLVED = 1e-14
-"""Of the impulse of a drive: what round-off leaves of its kinks."""
+"""Round-off of the kinks of a drive, as a fraction of its impulse."""
 UNRESOLVED = 1e-11
-"""Of the largest coefficient: the last ones are larger only if the series is too short, never by round-off."""
+"""Size of the last coefficients, as a fraction of the largest one, above which the series is too short."""
 MOST = 8
-"""Times the terms that an oscillation of the known length needs: a series that is longer does not converge."""
+"""Largest ratio of the number of terms to that of an oscillation of the known length; a longer series does not converge."""
 IN_PLACE = 1e-14
-"""Of the largest coordinate: a displacement below it is round-off, as of a particle that stands in another image of its cell."""
+"""Displacement, as a fraction of the largest coordinate, below which it is round-off, as for a particle in another image of its
+cell."""
 EPS = np.finfo(float).eps
 
 

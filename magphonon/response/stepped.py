@@ -28,10 +28,11 @@ if TYPE_CHECKING:
 
     from .place import Place
 
-STEADY = 1e-3
-"""What the transient may leave of an amplitude; harmonics of a nonlinear motion disturb the lock-in by less."""
+TRANSIENT_FRACTION = 1e-3
+"""Largest remainder of the transient, as a fraction of the steady-state amplitude; harmonics of a nonlinear motion disturb the
+lock-in by less."""
 FRAMES = 12
-"""Of a record, to a period."""
+"""Number of recorded frames per period."""
 
 
 def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLike, damping: float, force: float,
@@ -64,7 +65,7 @@ def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLik
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
     dyn = DrivenVerlet(many, dt, [drive], damping)
     recorder = Recorder(dyn, first + answer.particle, interval=max(1, int(2 * np.pi / np.max(omega) / FRAMES / dt)))
-    amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, STEADY)
+    amplitudes, left = steady_amplitudes(dyn, recorder, omega, axis, TRANSIENT_FRACTION)
     return FrequencyResponse(np.asarray(omega), amplitudes * answer.direction[axis] / force, left)
 
 
@@ -141,9 +142,9 @@ def _joined(constraints, first):
 
 
 LEAST_PERIODS = 3
-"""Periods that a lock-in window must hold, so that its Hann window separates the frequency from zero and its double."""
+"""Smallest number of periods in a lock-in window, so that its Hann window separates the frequency from zero and its double."""
 HEADSTART = 1e3
-"""Of the transient over the steady amplitude, at most, at the start: far below or above resonance it is the larger one."""
+"""Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 
 
 def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) -> NDArray[np.complex128]:

@@ -12,7 +12,7 @@ from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE
 
 ROUND_OFF = 1e-12
-"""Of the highest squared frequency: what remains of a zero one."""
+"""Fraction of the highest squared frequency below which a squared frequency is zero."""
 
 
 @dataclass(frozen=True)
@@ -121,13 +121,13 @@ def _derivatives(potential, r):
 
 
 HARMONICS = 8
-"""Kept in the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
+"""Number of harmonics of the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
 ROUNDS = 60
-"""Most iterations; where so many do not settle the vibration, it is far from linear."""
-ALIKE = 1e-6
-"""Modes whose squared frequencies differ by less than this share are held apart by symmetry and do not drive each other."""
-SETTLED = 1e-9
-"""Relative change of the frequency in the last round."""
+"""Largest number of iterations; a vibration that has not converged by then is far from linear."""
+DEGENERACY = 1e-6
+"""Relative difference of squared frequencies below which two modes are degenerate by symmetry and do not drive each other."""
+CONVERGENCE = 1e-9
+"""Relative change of the frequency in the last iteration at which the vibration has converged."""
 
 
 @dataclass(frozen=True)
@@ -207,10 +207,10 @@ def vibration(atoms, linear, mode, amplitude):
             raise failed
         before, W = W, np.sqrt(square)
         gap = w * abs(w) - h2 * square
-        gap[1, (abs(gap[1]) < ALIKE * square) | (np.arange(len(w)) == mode)] = np.inf
+        gap[1, (abs(gap[1]) < DEGENERACY * square) | (np.arange(len(w)) == mode)] = np.inf
         A, c = c[1, mode], harmonics / gap
         c[1, mode] = A
-        if abs(W - before) <= SETTLED * W:
+        if abs(W - before) <= CONVERGENCE * W:
             return Vibration(float(W), c, rounds * len(theta))
     raise failed
 

@@ -22,9 +22,9 @@ from ..stiffness.rest import BALANCED, settled
 from .soft_waves import softest_wave
 
 ROUND_OFF = 1e-12
-"""Of the largest eigenvalue: what remains of a zero one."""
+"""Fraction of the largest eigenvalue below which an eigenvalue is zero."""
 SPACINGS = np.geomspace(0.1, 10, 21)
-"""Multiples of the present spacing among which a stable one is looked for."""
+"""Multiples of the present spacing among which a stable one is searched for."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Two speeds enclose the one that is asked for:
 
     safe      Energy is conserved, so no bond is lost before the energy of the impact is that of the cheapest way to where one
-              would be: two particles without a bond as near as the shortest bond, or a bond at CONTACT or FLOWN of its
+              would be: two particles without a bond as near as the shortest bond, or a bond at CONTACT or BROKEN_BOND of its
               length.  Two particles are dragged there slowly, while all others yield; that no other way is cheaper is not
               proved.
     leaves    The least speed at which a particle that was shot does lose its cage.  Shots in many directions are run; the
@@ -17,40 +17,41 @@ from dataclasses import dataclass
 import numpy as np
 from ase.constraints import FixAtoms
 
-from ..dynamics.cages import APART, CONTACT, FLOWN, SURVEYED, Diverged, pairs_without_bond
+from ..dynamics.cages import APART, BROKEN_BOND, CONTACT, SURVEYED, Diverged, pairs_without_bond
 from ..dynamics.verlet import DrivenVerlet
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import free_directions, freedom
 
 YIELDING, WATCHED = 4.0, {2: 3.0, 3: 2.5}
-"""Of the shortest bond: particles up to here around one can move, in the search for the least energy and, in a plane and in
-space, in a shot."""
+"""Distances in shortest bonds up to which particles around the moving one are free: in the search for the least energy, and (in
+the plane and in space) in a shot."""
 NEIGHBOURS = 18
 """Largest number of bonds of a particle, three shells of the triangular lattice or two of fcc: with more the search takes
 seconds, and with many shells minutes."""
 TRIED = 8
-"""Places that are looked at closely: those that cost the least on a straight line."""
+"""Number of places examined closely: those with the lowest energy along a straight line."""
 SIDEWAYS = 0.01
-"""Of the shortest bond: how far particles are put aside at each stage, as by symmetry the straight way may be a ridge."""
+"""Sideways displacement of particles at each stage, as a fraction of the shortest bond, because by symmetry the straight path may
+be a ridge."""
 STAGES = 8
-"""Distances on the way to a place."""
+"""Number of distances on the path to a place."""
 STIFF = 10.0
-"""Stiffness that keeps a distance, in that of a bond of this length."""
+"""Stiffness of the spring that keeps a distance, relative to that of a bond of this length."""
 SHOTS = {2: 13, 3: 5}
-"""Directions of shots of one particle in a plane and in space, where there is more to move; prime numbers, so that no two are
-alike by the symmetry of a lattice."""
+"""Number of directions in which a particle is shot, in the plane and in space (where more particles move); prime numbers, so that
+no two directions are equivalent by the symmetry of a lattice."""
 GOLDEN = (np.sqrt(5) - 1) / 2
 PASSAGE = 4.0
-"""Shortest bonds that a free particle would pass while a shot is watched."""
-STEP = 0.3
+"""Path of a free particle during a shot, in shortest bonds."""
+STEP_PHASE = 0.3
 """Time step times the frequency at the shortest distance that the energy allows."""
 FINE = 1.05
-"""Ratio of two speeds between which it is not asked any more where shots begin to leave."""
+"""Ratio of two speeds at which the search for the lowest escape speed ends."""
 FACTOR = 1.3
-"""Ratio of two speeds that are tried one after the other as long as no shot leaves."""
+"""Ratio of two speeds tried one after the other while no particle leaves."""
 FASTEST = 40.0
-"""Of the safe speed: where nothing has left by then, nothing will."""
+"""Largest speed tried, in multiples of the safe speed."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ def _places(atoms):
     nearest, lengths = bonds.lengths.min(), bonds.lengths
     other = pairs_without_bond(bonds, calc.reference, SURVEYED * nearest)
     ways = [(bonds, b, CONTACT * lengths[b]) for b in range(len(bonds))]
-    ways += [(bonds, b, FLOWN * lengths[b]) for b in range(len(bonds))]
+    ways += [(bonds, b, BROKEN_BOND * lengths[b]) for b in range(len(bonds))]
     if (other.lengths >= APART * nearest).all():
         ways += [(other, b, nearest) for b in range(len(other))]
     places = {}
@@ -340,7 +341,7 @@ class _Volley:
             spent = np.zeros(1)
         turn = r[np.flatnonzero(spent <= masses[0] * speed**2 / 2)[-1]] if len(spent) > 1 else r0
         stiffness = 2 * abs(calc.potential.d2phi(turn)) + calc.parameters.foundation
-        return min(STEP / np.sqrt(2 * stiffness / masses.min()), 0.03 * r0 / speed)
+        return min(STEP_PHASE / np.sqrt(2 * stiffness / masses.min()), 0.03 * r0 / speed)
 
 
 def _directions(axes, count):

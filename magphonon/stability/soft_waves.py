@@ -13,21 +13,23 @@ from itertools import product
 import numpy as np
 
 LONG = 2.0**-11
-"""Wavenumber of the ring over the shortest reciprocal vector: k^4 is about 1e-5 of k^2 there, and round-off 1e-9 of it."""
+"""Wavenumber of the ring, as a fraction of the shortest reciprocal vector: k^4 is about 1e-5 of k^2 there, and round-off 1e-9 of
+it."""
 DIRECTIONS = {1: 1, 2: 36, 3: 100}
-"""Points of the ring by the number of periodic directions.  It is half a circle or sphere, as -k is as soft as k."""
+"""Number of points of the ring, by the number of periodic directions.  The ring is half a circle or half a sphere, because -k is
+equivalent to k."""
 FOLLOWED = 8
-"""Minima that are followed to the bottom, the lowest first."""
+"""Largest number of minima that are refined, the lowest first."""
 MARGIN = 1 / 2
-"""Of the second differences of the mesh: how far a minimum may lie below its lowest point.  That of a parabola is at most
-1/16 below."""
+"""Fraction of the second differences of the mesh by which a minimum may lie below the lowest mesh point; for a parabola it is at
+most 1/16."""
 ROUNDS = 200
-"""Of a descent, at most."""
+"""Largest number of iterations of a descent."""
 NARROW = 2.0**-10
-"""Half the width of a stencil: narrower ones, where they see no gain, have arrived.  What lies lower beside a saddle within that
-is about NARROW^4, 1e-12 of the largest eigenvalue, deep."""
+"""Half width of the narrowest stencil.  Beside a saddle, a minimum within it is about its fourth power deep, 1e-12 of the largest
+eigenvalue."""
 FLAT = 1e-13
-"""Of the largest eigenvalue: a descent that expects to gain less has arrived."""
+"""Expected gain, as a fraction of the largest eigenvalue, at which a descent has converged."""
 
 
 def softest_wave(matrix, cell, pbc, steps):

@@ -23,7 +23,7 @@ from .buckling import highest_squared, softest_of, spacing_held, support_needed
 from .escapes import escape_speeds
 
 CENTRAL = Yukawa, Hertz
-"""Laws of particles that are no magnets."""
+"""Laws of particles that are not magnets."""
 LINEAR_ERROR = 0.01
 """Largest relative error of a frequency up to which the linear theory is called good."""
 LARGE = 0.1

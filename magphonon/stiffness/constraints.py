@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TILT = 1e-12
-"""Of a direction: a component that round-off leaves when it is turned within the plane, or about the normal."""
+"""Relative component of a direction that is round-off, as after a rotation in the plane or about the normal."""
 HELD = 1e-12
-"""Of a force: what the round-off of a direction leaves of one that is held."""
+"""Relative component of a blocked force that is left by the round-off of its direction."""
 
 
 def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[np.float64]]:

@@ -12,13 +12,14 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator, SuperLU
 
 DENSE = 200
-"""Matrices up to this size are diagonalised whole."""
+"""Largest size of a matrix that is diagonalised completely."""
 ROUGH = 1e-3
-"""Of the lowest eigenvalue: accuracy of the first look at it."""
+"""Relative accuracy of the first estimate of the lowest eigenvalue."""
 ROUND_OFF = 1e-12
-"""Of the highest eigenvalue: what is left of one that is zero."""
+"""Fraction of the highest eigenvalue below which an eigenvalue is zero."""
 SHIFT = 1e-4
-"""Of the largest eigenvalue: how far below the lowest one, as roughly known, a large matrix is inverted first."""
+"""Shift below the roughly known lowest eigenvalue at which a large matrix is first inverted, as a fraction of the largest
+eigenvalue."""
 
 
 def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]:

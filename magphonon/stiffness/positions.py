@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from .repulsion import Repulsion
 
 OUT_OF_PLANE = 0.1
-"""Of the shortest bond: the largest displacement of a finite difference; what is farther out was not meant."""
+"""Largest displacement of a finite difference, as a fraction of the shortest bond; a larger one out of the plane is refused."""
 ROUND_OFF = 1e-12
-"""Of the largest momentum: what a guide along a direction of the plane, turned by hand, leaves along z."""
+"""Fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane."""
 
 
 def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:

@@ -26,26 +26,28 @@ from .repulsion import repulsion_of
 from .rest import at_rest
 
 RESIDUAL = 1e-9
-"""Of the largest bond force: what may be left on a particle."""
+"""Largest force left on a particle, as a fraction of the largest bond force."""
 SLACK = 1e-3
-"""Of stiffness times length: what counts as the largest bond force where bonds are slack, as springs are; repulsion has more."""
+"""Least scale of the bond force, as a fraction of stiffness times length, for bonds that are slack, such as springs."""
 HANDED_OVER = 1e-6
-"""Of the largest bond force: the gradient at which Newton's steps take over, as energies no longer tell which way is down."""
+"""Gradient, as a fraction of the largest bond force, at which Newton's method takes over, because energies are no longer accurate
+enough."""
 TRUST = 0.1, 0.5
 """First and longest step in shortest bonds, over all particles together."""
 POLISHES = 6
 REGULAR = 1e-10
-"""Of the largest stiffness: added to that of every direction, as free translations have none."""
+"""Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 SADDLE = 1e-10
-"""Of the highest squared frequency: a lower one that is more negative is no round-off."""
+"""Fraction of the highest squared frequency by which a squared frequency must be negative to be no round-off."""
 PUSH = 0.05
-"""Of the shortest bond: how far the particle that moves most is pushed off a saddle."""
+"""Displacement of the particle that moves most when a saddle is left, as a fraction of the shortest bond."""
 VERGE = 1e-6
-"""Of the highest squared frequency: beside a saddle that is less unstable, round-off hides which way is down."""
+"""Fraction of the highest squared frequency below which an instability is so weak that round-off hides the direction of
+descent."""
 SADDLES = 20
-"""Most saddles that are left, one after the other."""
+"""Largest number of saddles that are left one after the other."""
 STRETCHED = 3.0
-"""Beyond so many times its length a bond is none between neighbours any more."""
+"""Ratio of the length of a bond to its rest length above which it no longer joins neighbours."""
 MEND = 'hold its rim or give it a foundation (magphonon.foundation_needed)'
 
 

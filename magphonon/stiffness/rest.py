@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from .calculator import MagneticRepulsion
 
 ROUND_OFF = 1e-11
-"""What is left of forces that cancel, below this fraction of them, is round-off."""
+"""Fraction of the cancelling forces below which their sum is round-off."""
 BALANCED = 1e-6
-"""Of the largest bond force: what may be left at rest.  It shifts a linear answer by about the same share."""
+"""Largest force left at rest, as a fraction of the largest bond force.  It changes a linear result by about the same fraction."""
 PLACES = 1e-14
-"""Of the positions: their round-off, summed over the bonds of a particle.  It moves springs that are slack at rest."""
+"""Relative round-off of the positions, summed over the bonds of a particle.  It acts on springs that are slack at rest."""
 ELSEWHERE = 1e-3
 """Of the shortest bond: particles that stand farther from the reference and are in balance have found another rest; nearer
 ones may merely be displaced by so little that their forces look balanced."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .repulsion import Repulsion
 
 FREQUENCIES_Hz = 1e-4, 1e13
-"""From a swing in three hours to the atoms of a solid; beyond these a unit or an exponent is wrong."""
+"""Range of frequencies, from a period of three hours to the atoms of a solid; outside it a unit or an exponent is wrong."""
 
 
 def frequency_scale(calc: Repulsion) -> float:

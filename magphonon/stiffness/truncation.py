@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from ..interactions.pair_laws import PairLaw
 
-MANY = 300_000
-"""Bonds of one cell that are still summed."""
+MOST_BONDS = 300_000
+"""Largest number of bonds of one cell in a lattice sum."""
 
 
 def missing_stiffness(atoms: Atoms, potential: PairLaw, cutoff: float) -> float:
@@ -96,7 +96,7 @@ def reach(atoms: Atoms, potential: PairLaw, tolerance: float = 1e-5) -> float:
     while missing_stiffness(atoms, potential, cutoff) > positive('tolerance', tolerance) * stiffness:
         cutoff *= 1.2
         pairs = len(atoms) ** 2 * cutoff ** len(periods) / np.sqrt(np.linalg.det(periods @ periods.T))
-        if pairs > MANY:
+        if pairs > MOST_BONDS:
             raise ValueError(f'{potential!r} reaches so far that {pairs:.0e} neighbours leave more than {tolerance:g} of the '
                              'stiffness; ask for less, or for AllNeighbours')
     lengths = np.unique(bonds_within(atoms, 1.1 * cutoff).lengths)

@@ -10,7 +10,7 @@ from ..errors import finite, one_of
 from .spectrum import NORMAL, RESOLVED
 
 BRANCH_POINTS = 2001
-"""Samples of a branch; straight lines between them keep 1e-6 of its highest frequency."""
+"""Number of samples of a branch; linear interpolation between them is accurate to 1e-6 of its highest frequency."""
 
 
 @dataclass(frozen=True)

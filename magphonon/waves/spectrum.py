@@ -30,23 +30,24 @@ from ..errors import finite, positive
 from ..files import Saved
 
 FEWEST = 8
-"""Frames, and points, that a map is made of at least."""
+"""Smallest number of frames, and of points, for a map."""
 PAD = 4
-"""Zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
+"""Factor of zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
 FIRST = 3
-"""Slowest frequency line that counts, in periods per record: a Hann window spreads offset and drift over the two below it."""
+"""Lowest frequency line used, in periods per record: a Hann window spreads offset and drift over the two lines below it."""
 ROUND_OFF = 1e-13
-"""Motion weaker than this share of the displacements is what subtracting offset and drift leaves of a row at rest."""
+"""Fraction of the displacements below which a motion is what the subtraction of offset and drift leaves of a row at rest."""
 LARGEST = 1e100
-"""Displacements in mm above this, or below its inverse, have squares near the ends of floating-point numbers."""
+"""Largest displacement in mm; its square is near the end of the floating-point range, as is that of the inverse."""
 LEAST_POWER = 1e-2
-"""Ridge points weaker than this share of the strongest cell of the map (-20 dB) are dropped."""
+"""Power of a ridge point, as a fraction of the strongest cell of the map (-20 dB), below which it is dropped."""
 LEAST_CONTRAST = 20
-"""Ridge points weaker than this multiple of their line's background are dropped: noise alone gets there once in 1e6 lines."""
+"""Ratio of the power of a ridge point to the background of its frequency line below which it is dropped: noise alone exceeds it
+once in 1e6 lines."""
 NORMAL = 1.96
-"""95 % of normal errors are smaller than this multiple of their standard deviation."""
+"""Half width of a 95 % interval in standard deviations of a normal distribution."""
 RESOLVED = 1.0
-"""Bins; two waves that far apart have peaks of their own, as 2 pi by the points of the row is the resolution."""
+"""Distance in bins at which two waves have separate peaks; 2 pi over the number of points is the resolution."""
 
 
 @dataclass(frozen=True)

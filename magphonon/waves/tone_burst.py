@@ -12,16 +12,16 @@ from ..errors import not_negative, positive
 from ..stiffness.repulsion import repulsion_of
 from .vibrometer import Displacements
 
-STEP = 0.1
-"""Time step as a share of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, others by less."""
+STEP_FRACTION = 0.1
+"""Time step as a fraction of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, lower ones by less."""
 SAMPLES = 20
-"""Frames of the record to a period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
+"""Number of recorded frames per period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
 SNAPSHOTS = 24
-"""Moments at which the whole patch is kept."""
+"""Number of times at which the whole patch is recorded."""
 
 
 ROUND_OFF = 1e-9
-"""Of the shortest bond: a displacement below it is none."""
+"""Displacement, as a fraction of the shortest bond, below which a particle is at rest."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def send(patch, site, drive, damping, duration, engine='auto'):
         raise ValueError(f'the carrier of {units.hertz(drive.omega):.6g} Hz lies above the highest frequency of the '
                          f'patch in the {model} model, {units.hertz(top):.6g} Hz, where nothing propagates; lower it'
                          + (' (the conventional model reaches higher)' if model == 'complete' else ''))
-    dt = STEP * 2 / top
+    dt = STEP_FRACTION * 2 / top
     interval = max(1, int(2 * np.pi / drive.omega / SAMPLES / dt))
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')

@@ -12,9 +12,10 @@ from ..textfiles import MEGABYTE, refuse_endless
 
 COLUMNS = ('time_s', 'particle', 'u_x_m', 'u_y_m')
 MOST_BYTES = 1000 * MEGABYTE
-"""Of a table of displacements; a row of 100 particles over 10 000 frames has 50 MB."""
+"""Largest size of a table of displacements in bytes; a row of 100 particles over 10 000 frames has 50 MB."""
 JITTER = 0.01
-"""Largest departure from equal time steps, as a share of one; at ten samples per period it puts -44 dB beside a wave."""
+"""Largest deviation from equal time steps, as a fraction of a step; with ten samples per period it adds a background of -44
+dB."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def measure(t, u, particles, rate, noise=0.0, seed=0):
 
 
 MOTIONS_m = 1e-24, 1e3
-"""Displacements that are possible, with much room on either side; of others the squares, their power, leave all range."""
+"""Range of possible displacements, with a wide margin; the squares of others overflow."""
 
 
 def write_displacements(path, displacements):

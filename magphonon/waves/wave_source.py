@@ -15,11 +15,11 @@ from ..lattices.patches import RIM
 
 SOURCES = ('row', 'point')
 NEAR = 0.1
-"""Particles so near to a place, in lattice constants, belong there: also in a patch that a burst has left in motion."""
+"""Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
 
 
 STRAIGHT = 1e-6
-"""Of R1: how far it may lead up or down."""
+"""Largest component of R1 along y, as a fraction of R1."""
 
 
 @dataclass(frozen=True)

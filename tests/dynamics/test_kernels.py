@@ -10,7 +10,7 @@ from oracles import LAWS
 
 from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, Tabulated, Yukawa, lattices
 from magphonon.dynamics.bond_increments import RANGES, TOLERANCE, Increments
-from magphonon.dynamics.cages import CONTACT, FLOWN
+from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
 from magphonon.dynamics.engine import PIECES, Blocks
 from magphonon.dynamics.law_pieces import octave_piece, pieces
 from magphonon.dynamics.memory_layout import arrange
@@ -261,8 +261,8 @@ def test_a_strain_that_comes_and_goes_within_a_block_is_noticed(engine):
 @pytest.mark.parametrize('name', [*LAWS, 'tight contact'])
 def test_pieces_are_the_law_from_contact_to_where_bonds_end(name, model):
     law = Increments(LAWS.get(name, Hertz(1.0, 10.05)), model, np.array([10.0]))
-    piece = pieces(law, 0, CONTACT, FLOWN)
-    assert piece.high == (FLOWN if model == 'conventional' else FLOWN**2)
+    piece = pieces(law, 0, CONTACT, BROKEN_BOND)
+    assert piece.high == (BROKEN_BOND if model == 'conventional' else BROKEN_BOND**2)
     w = np.random.default_rng(0).uniform(piece.low, piece.high, 2000)
     n = octave_piece(w) - piece.first
     while (piece.child[n] >= 0).any():
