@@ -5,8 +5,11 @@ of a gap fixes the spacing.  Only spacings at which the lattice is stable on thi
 searched for crossings of the wanted value, and each crossing is refined with the analytic slope.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +18,9 @@ from ..errors import finite, positive
 from ..stability.buckling import foundation_needed
 from ..stiffness.repulsion import masses_of
 from .sensitivities import Change, frequency_sensitivities, spacing_change
+
+if TYPE_CHECKING:
+    from ase import Atoms
 
 SCAN_POINTS = 49
 """Number of spacings tried in the range; between two of them the wanted value is crossed at most once."""
@@ -54,7 +60,7 @@ class BandEdge:
     q: np.ndarray
     branch: int
 
-    def __call__(self, atoms):
+    def __call__(self, atoms: Atoms) -> tuple[float, float]:
         """The frequency, and its derivative by the logarithm of the spacing, rad/ms."""
         omega, (slope,) = frequency_sensitivities(atoms, [self.q], [_spacing_of(atoms)])
         return omega[0, self.branch], slope[0, self.branch]
@@ -66,7 +72,7 @@ class Gap:
 
     branch: int
 
-    def __call__(self, atoms):
+    def __call__(self, atoms: Atoms) -> tuple[float, float]:
         """The width, and its derivative by the logarithm of the spacing, rad/ms: that of the modes at its ends."""
         axes = [np.arange(MESH_POINTS) / MESH_POINTS if periodic else [0.0] for periodic in atoms.pbc]
         q = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
@@ -81,7 +87,7 @@ def _spacing_of(atoms):
     return Change(law=spacing_change(atoms.calc.potential))
 
 
-def foundation_for(atoms, cut_off):
+def foundation_for(atoms: Atoms, cut_off: float) -> float:
     """Foundation stiffness in N/mm that gives uniform motion the frequency `cut_off` in rad/ms.
 
     Raises
@@ -97,7 +103,8 @@ def foundation_for(atoms, cut_off):
     return float(atoms.get_masses()[0] * positive('cut-off', cut_off, 'rad/ms') ** 2)
 
 
-def spacings_for(build, target: Callable, wanted, between):
+def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tuple[float, float]], wanted: float,
+                  between: tuple[float, float]) -> list[Design]:
     """All spacings in a range at which a lattice is stable and a target has the value wanted.
 
     Parameters
@@ -137,7 +144,11 @@ def spacings_for(build, target: Callable, wanted, between):
     if not found:
         reach = [(min(row), max(row)) for row in values]
         raise NoDesign([(s[0], s[-1]) for s in stretches], (min(lo for lo, _ in reach), max(hi for _, hi in reach)))
-    return [Design(L, *map(float, target(build(L))), foundation_needed(build(L))[0]) for L in found]
+    designs = []
+    for L in found:
+        value, slope = target(build(L))
+        designs.append(Design(L, float(value), float(slope), foundation_needed(build(L))[0]))
+    return designs
 
 
 class NoDesign(ValueError):
@@ -151,7 +162,7 @@ class NoDesign(ValueError):
         The least and the largest value in them, rad/ms.
     """
 
-    def __init__(self, stable, reach):
+    def __init__(self, stable: list[tuple[float, float]] | None, reach: tuple[float, float] | None) -> None:
         super().__init__('no spacing in the range gives the wanted value' if stable else 'no spacing in the range is stable')
         self.stable, self.reach = stable, reach
 
@@ -194,6 +205,8 @@ def _refine(build, target, wanted, low, high):
     def slope(x):
         return np.array([[target(build(float(np.exp(x[0]))))[1]]])
 
-    x = least_squares(off, [np.log(low * high) / 2], slope, bounds=([np.log(low)], [np.log(high)]),
-                      xtol=1e-15, ftol=None, gtol=None).x[0]
+    # SciPy declares the types of its defaults only
+    x = least_squares(off, [np.log(low * high) / 2], slope,  # pyright: ignore[reportArgumentType]
+                      bounds=([np.log(low)], [np.log(high)]), xtol=1e-15,
+                      ftol=None, gtol=None).x[0]  # pyright: ignore[reportArgumentType]
     return float(np.exp(x))

@@ -12,8 +12,11 @@ Then, with the Bloch matrix D and a mode v of frequency w, `2 w dw = v^+ (dD - w
 G = (H - w^2 M + i w gamma M)^-1, `dG = -G (dH - w^2 dM + i w gamma dM) G`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +27,15 @@ from ..stiffness.bond import model_stiffness
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..interactions.pair_laws import InversePower, PairLaw, Yukawa
 
 CROSSING = 1e-9
 """Difference of two branches, as a fraction of the highest frequency, below which they cross."""
@@ -38,8 +50,8 @@ ZERO_FRACTION = 1e-6
 class LawChange:
     """Derivative of a pair law by a parameter: as much of a law as stiffness asks for."""
 
-    dphi: Callable
-    d2phi: Callable
+    dphi: Callable[..., Any]
+    d2phi: Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -48,7 +60,7 @@ class Change:
 
     Attributes
     ----------
-    law : object with dphi and d2phi, optional
+    law : LawChange, optional
         Derivative of the pair law by ln p.
     foundation : float
         Derivative of the foundation stiffness by ln p, N/mm.
@@ -56,17 +68,17 @@ class Change:
         Derivative of the logarithm of every mass by ln p.
     """
 
-    law: object = None
+    law: LawChange | None = None
     foundation: float = 0.0
     mass: float = 0.0
 
 
-def force_change(potential, power=1):
+def force_change(potential: PairLaw, power: int = 1) -> LawChange:
     """Derivative of a law whose force goes with a `power` of the parameter."""
     return LawChange(lambda r: power * potential.dphi(r), lambda r: power * potential.d2phi(r))
 
 
-def spacing_change(potential):
+def spacing_change(potential: PairLaw) -> LawChange:
     """Derivative of the law along the bonds as all distances grow in proportion, directions unchanged."""
     def d2phi(r):
         step = 1e-20 * r  # complex step: exact to round-off, for any law
@@ -75,7 +87,7 @@ def spacing_change(potential):
     return LawChange(lambda r: r * potential.d2phi(r) - potential.dphi(r), d2phi)
 
 
-def exponent_change(law, length=units.m):
+def exponent_change(law: InversePower, length: float = units.m) -> LawChange:
     """Derivative of an InversePower by ln a, while b stays the same number in N `length`^a."""
     def x(r):
         return law.a * np.log(r / length)
@@ -83,13 +95,14 @@ def exponent_change(law, length=units.m):
     return LawChange(lambda r: -x(r) * law.dphi(r), lambda r: (1 - x(r)) * law.d2phi(r))
 
 
-def screening_change(law):
+def screening_change(law: Yukawa) -> LawChange:
     """Derivative of a Yukawa law by the logarithm of its screening length."""
     return LawChange(lambda r: law.kappa * (law.phi(r) + r * law.dphi(r)),
                      lambda r: law.kappa * (2 * law.dphi(r) + r * law.d2phi(r)))
 
 
-def frequency_sensitivities(atoms, q, changes, model='complete'):
+def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Change],
+                            model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the frequencies by the logarithms of parameters.
 
     Where branches cross, degenerate perturbation theory: among the modes of equal frequency those are taken in which
@@ -140,7 +153,8 @@ def frequency_sensitivities(atoms, q, changes, model='complete'):
     return omega, slopes
 
 
-def response_sensitivities(atoms, force, omega, damping, changes):
+def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega: NDArray[np.float64], damping: ArrayLike,
+                           changes: Collection[Change]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Steady displacements under a harmonic force, and their derivatives by the logarithms of parameters.
 
     Parameters

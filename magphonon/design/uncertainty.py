@@ -4,14 +4,26 @@ With the covariance C of the relative changes dp/p and the slopes S = d value/d 
 parameters are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
 from ..files import Saved
-from .sensitivities import frequency_sensitivities, response_sensitivities
+from .sensitivities import Change, frequency_sensitivities, response_sensitivities
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..response.place import Place
+    from ..stiffness.linear_system import LinearSystem
 
 ROUND_OFF = 1e-12
 
@@ -33,10 +45,10 @@ class Tolerances:
         If the covariance has another shape, or is not that of any distribution.
     """
 
-    changes: dict
+    changes: dict[str, Change]
     covariance: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = len(self.changes)
         C = finite('covariance', self.covariance, (n, n))
         if not n or not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C)[0] < -ROUND_OFF * np.trace(C):
@@ -44,7 +56,7 @@ class Tolerances:
                              f'parameters, not {C.tolist()}; check the correlations')
         object.__setattr__(self, 'covariance', C)
 
-    def samples(self, count, seed=0):
+    def samples(self, count: int, seed: int = 0) -> NDArray[np.float64]:
         """Factors by which the parameters deviate, drawn from log-normal distributions (parameters are positive).
 
         Returns
@@ -75,18 +87,18 @@ class Spread(Saved, kind='uncertainties', units={
         `d value/d ln p` in the unit of the values.
     """
 
-    names: tuple
+    names: tuple[str, ...]
     covariance: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
 
     @property
-    def std(self):
+    def std(self) -> NDArray[np.float64]:
         """Standard deviations in the unit of the values, shape (...)."""
         return _std(self.covariance, self.slopes)
 
     @property
-    def contributions(self):
+    def contributions(self) -> dict[str, NDArray[np.float64]]:
         """Standard deviation that each parameter causes alone, correlated ones together: dict of name, such as 'b, a', to (...).
 
         Their squares add up to that of `std`.
@@ -116,7 +128,7 @@ class ResponseSpread(Spread, kind='uncertainties of a response', units={
     turns: np.ndarray
 
     @property
-    def second_order(self):
+    def second_order(self) -> NDArray[np.float64]:
         """Standard deviation that the second order adds to the amplitude, shape (frequencies,), in mm.
 
         Near a resonance u = u0/(1 + z) with a small complex z, linear in the parameters.  On the peak z is imaginary: the
@@ -131,7 +143,7 @@ def _std(covariance, slopes):
     return np.sqrt(np.maximum(np.einsum('p...,pr,r...->...', slopes, covariance, slopes), 0.0))
 
 
-def frequency_spread(atoms, q, tolerances, model='complete'):
+def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: str = 'complete') -> Spread:
     """Frequencies and their uncertainty at any wavevectors.
 
     Where branches cross, each keeps its own spread; see `magphonon.design.sensitivities.frequency_sensitivities`, also for NaN.
@@ -153,7 +165,8 @@ def frequency_spread(atoms, q, tolerances, model='complete'):
     return Spread(tuple(tolerances.changes), tolerances.covariance, omega, slopes)
 
 
-def response_spread(atoms, force, answer, omega, damping, tolerances):
+def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place, omega: NDArray[np.float64], damping: ArrayLike,
+                    tolerances: Tolerances) -> ResponseSpread:
     """Amplitude of a frequency response and its uncertainty.
 
     Parameters
@@ -171,10 +184,12 @@ def response_spread(atoms, force, answer, omega, damping, tolerances):
     """
     u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
     u, du = answer.seen(u), answer.seen(du)
-    return ResponseSpread(tuple(tolerances.changes), tolerances.covariance, abs(u), (u.conj() * du).real / abs(u), (du / u).imag)
+    slopes, turns = np.real(u.conj() * du) / abs(u), np.imag(du / u)
+    return ResponseSpread(tuple(tolerances.changes), tolerances.covariance, abs(u), slopes, turns)
 
 
-def sampled_frequencies(build, q, tolerances, count, seed=0):
+def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike, tolerances: Tolerances, count: int,
+                        seed: int = 0) -> NDArray[np.float64]:
     """Frequencies of lattices whose parameters are drawn at random, to check the linear propagation.
 
     Parameters
