@@ -26,7 +26,7 @@ except ImportError:  # a system without them: what killed processes leave is not
 
 @contextmanager
 def room_for(path: str | PathLike[str]) -> Iterator[None]:
-    """Where the disk turns out to be full: raise OSError with the name of the file and what to do."""
+    """Raise OSError with the name of the file and what to do if the disk is full while a file is written."""
     try:
         yield
     except OSError as error:

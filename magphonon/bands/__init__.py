@@ -1,4 +1,4 @@
-"""Bloch bands by two roads: the analytic Bloch matrix (Eq. 18) and phonopy's finite displacements.
+"""Bloch bands by two methods: the analytic Bloch matrix (Eq. 18) and phonopy's finite displacements.
 
 `bands` and `bloch` are the analytic road, `force_constants` the other one, with its files in `phonopy_files`; `velocities` are
 group velocities and speeds of sound, `evanescent` the decaying waves inside a gap, `zone` maps over the Brillouin zone.

@@ -1,4 +1,4 @@
-"""Complex bands: the wavenumber at a given frequency, also where no wave propagates.
+"""Complex bands: the complex wavenumbers at a given frequency, also inside band gaps.
 
 Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i s xi}, with a term for each distance that
 bonds bridge, all multiples of s.  At the frequency omega its mass-weighted modes v obey

@@ -1,4 +1,4 @@
-"""The second road to the bands: phonopy's finite displacements of the calculator's forces.
+"""Bands by the second method: force constants by phonopy, from finite displacements and the calculator's forces.
 
 Nothing analytic enters here.  phonopy displaces the particles of a supercell one by one; the forces on all the
 others, divided by the displacement, are its force constants FC = -(D0 + D*) between bonded particles.

@@ -1,4 +1,4 @@
-"""Files that phonopy and its friends read: bands with their modes, and the force constants themselves.
+"""Files for phonopy and related programs: bands with their modes, and the force constants.
 
 Lengths are in mm, masses in g, forces in N, frequencies in Hz; phonopy and the viewers print what they are used to
 (Angstrom, THz, cm^-1) beside these numbers.

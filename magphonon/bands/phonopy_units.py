@@ -1,4 +1,4 @@
-"""A phonon in the units that phonopy and its friends take for granted: Angstrom, atomic mass, eV, and so THz.
+"""A phonon in the default units of phonopy and related programs: Angstrom, atomic mass unit, eV, and thus THz.
 
 Frequencies of magnets in Hz are numbers like any others, and phonopy plots and tabulates them without harm.  Where it
 multiplies them by Planck's constant it takes them for THz: heat capacities, free energies and mean square displacements

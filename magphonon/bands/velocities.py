@@ -54,7 +54,7 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
 
 
 def cut_off(atoms: Atoms) -> float | None:
-    """The cut-off frequency of a lattice on a foundation: the lowest one at Gamma, below which long waves do not run.
+    """The cut-off frequency of a lattice on a foundation: the lowest one at Gamma, below which long waves do not propagate.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def cut_off(atoms: Atoms) -> float | None:
     Returns
     -------
     float or None
-        In rad/ms; None without a foundation, where long waves are sound and run at any frequency.
+        In rad/ms; None without a foundation, because long acoustic waves then propagate at any frequency.
     """
     if not atoms.calc.foundation:
         return None
@@ -74,7 +74,7 @@ def cut_off(atoms: Atoms) -> float | None:
 def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 'complete') -> NDArray[np.float64]:
     """Speeds of sound along a direction, from the Bloch matrix to second order in k.
 
-    A foundation opens a gap and leaves no sound: the speeds are those of the lattice without it.
+    With a foundation there is no acoustic branch; the speeds returned are those of the lattice without it.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 
     ndarray, shape (dim,)
         Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  Infinite
         where repulsion reaches so far that w/k grows without bound in long waves, as in Coulomb crystals.  NaN where
-        a mechanism of the cell, a mode without stiffness at k = 0, mixes with sound (the conventional kagome lattice).
+        a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch (the conventional kagome lattice).
 
     Raises
     ------

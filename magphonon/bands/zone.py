@@ -1,4 +1,4 @@
-"""The first Brillouin zone of a planar lattice, and what the static forces change over the whole of it."""
+"""The first Brillouin zone of a planar lattice, and the effect of the static forces over the whole zone."""
 
 from __future__ import annotations
 

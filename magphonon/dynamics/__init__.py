@@ -1,4 +1,4 @@
-"""Time steps: ASE's velocity Verlet with drives and damping, and fast engines that give the same states.
+"""Time integration: ASE's velocity Verlet with drives and damping, and fast engines that compute the same states.
 
 `verlet` is the integrator, `drives` and `recorder` what acts and what is kept, `timestep` the limit 2/omega_max,
 `checkpoint` a run that survives being killed; `engine` and the two `kernels_*` move blocks of steps, `lammps` writes the same

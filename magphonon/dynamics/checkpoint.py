@@ -1,4 +1,4 @@
-"""Checkpoints: the whole state of a run in one file, which is complete or not there.
+"""Checkpoints: the complete state of a run in one file, which is written completely or not at all.
 
 A checkpoint knows the run that it belongs to by fingerprints of everything that decides a bit of it (`run_parts`), its own
 arrays by a checksum, and the frames in the files beside it by theirs.

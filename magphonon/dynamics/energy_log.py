@@ -1,4 +1,4 @@
-"""The log of a run in the package's units."""
+"""The energy log of a run, in the units of the package."""
 
 from ase.md.logger import MDLogger
 

@@ -1,4 +1,4 @@
-"""The exact state of a run between two looks at it: displacements and velocities, moved on by a kernel."""
+"""The state of a run between two reads of the atoms: displacements and velocities to full precision, advanced by a kernel."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The same scene for LAMMPS: an independent code's word on forces and trajectories, and on speed.
+"""The same scene as a LAMMPS input: forces, trajectories and speed of an independent code for comparison.
 
 `write_lammps_input` writes three files that `lmp -in in.lammps` runs as they stand; `lammps_session` runs them
 through LAMMPS's Python library (extra `peers`).  LAMMPS knows no difference from rest: it takes forces from

@@ -1,4 +1,4 @@
-"""The increment law in pieces, from contact to several spacings, where no single polynomial holds.
+"""The piecewise increment law, from contact to several spacings, a range too wide for a single polynomial.
 
 With the measure of length w, which is `(r/r0)^2 = 1 + e` where the full length counts and `r/r0 = 1 + e/2` where its
 projection does, the quotient `Q(w) = H(e)/e` is cut into polynomials of degree 7.  The first cut is the one that a floating

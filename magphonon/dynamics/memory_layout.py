@@ -1,4 +1,4 @@
-"""Where particles and bonds lie in memory for blocks of time steps: on a grid of constant offsets, or in a table.
+"""Memory layout of particles and bonds for blocks of time steps: a grid of constant offsets, or a table.
 
 In a patch made by `repeat` the bonds fall into a few groups of equal j - i and equal rest vector.  Such a group is
 a pair of shifted slices, and no index needs to be looked up.  A patch that was cut from a parallelogram is put back

@@ -67,5 +67,5 @@ def _particle_bound(system):
 def _largest_eigenvalue(D, tolerance):
     if D.shape[0] < DENSE:
         return np.linalg.eigvalsh(D.toarray()).max(initial=0.0)
-    start = np.random.default_rng(0).normal(size=D.shape[0])  # the same verdict every time
+    start = np.random.default_rng(0).normal(size=D.shape[0])  # a fixed start vector makes the result reproducible
     return sparse.linalg.eigsh(D, k=1, which='LA', v0=start, tol=tolerance, return_eigenvectors=False)[0]

@@ -189,7 +189,7 @@ def _side_by_side(first, second, offset):
 
 
 def out_of_plane_stiffness(potential: PairLaw, r: Any) -> Any:
-    """Stiffness in N/mm of a bond of round magnets against motion out of the plane, negative: they tip out of it.
+    """Stiffness in N/mm of a bond of round magnets for motion out of the plane; it is negative, which destabilises this motion.
 
     The energy of two magnets is harmonic in their displacement (Earnshaw), so that
     `U_zz = -(U_rr + U_r/r) = -(a - 1) f/r` with the local exponent a.  A central phi(r) would give `-f/r`.

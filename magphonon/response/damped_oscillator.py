@@ -1,4 +1,4 @@
-"""How a damped oscillator answers a force: `y'' + gamma y' + w2 y = f(t)`, exactly, for many w2 at once.
+"""Exact response of damped oscillators to a force: `y'' + gamma y' + w2 y = f(t)`, exactly, for many w2 at once.
 
 With W^2 = w2 - gamma^2/4, the free motion over a time t is made of
 

@@ -1,4 +1,4 @@
-"""A particle and a direction, of a force or of what it does."""
+"""A particle and a direction: the place of a force or of a measured displacement."""
 
 from __future__ import annotations
 

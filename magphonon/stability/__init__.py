@@ -1,4 +1,4 @@
-"""Will it stay: buckling, the range of linear motion, and the verdict on a structure before it runs.
+"""Stability: buckling, the range of linear motion, and the verdict on a structure before it runs.
 
 `buckling` finds the softest mode and the foundation or the spacing that holds it, `amplitude_shifts` how frequencies move with
 amplitude, `escapes` which impact takes a particle out of its cage, `verdicts` says it all in words.

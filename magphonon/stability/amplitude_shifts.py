@@ -1,4 +1,4 @@
-"""How frequencies move with amplitude: perturbation theory, and harmonic balance where it ends."""
+"""Amplitude dependence of frequencies: perturbation theory for small amplitudes, and harmonic balance beyond it."""
 
 from dataclasses import dataclass
 from itertools import product

@@ -1,4 +1,4 @@
-"""Buckling: the softest mode of a lattice, and what would hold it, a foundation or more room.
+"""Buckling: the softest mode of a lattice, and the foundation or the spacing that would make it stable.
 
 The static forces of repelling particles push every bond to turn aside.  A structure on springs k is stable if every
 eigenvalue of its stiffness matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive;
@@ -175,7 +175,7 @@ def foundation_needed(atoms, model='complete', steps=None):
     Returns
     -------
     k : float
-        In N/mm; zero if the lattice holds itself.
+        In N/mm; zero if the lattice is stable without a foundation.
     q : ndarray, shape (3,)
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
 

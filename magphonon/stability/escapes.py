@@ -1,4 +1,4 @@
-"""How hard a particle may be hit before the bonds, a list made at rest, are no longer true (`magphonon.dynamics.cages`).
+"""The largest impact on a particle that keeps the list of bonds, made at rest, valid (`magphonon.dynamics.cages`).
 
 Two speeds enclose the one that is asked for:
 

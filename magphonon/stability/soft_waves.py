@@ -1,4 +1,4 @@
-"""The softest wave of a lattice: the lowest eigenvalue of a Bloch matrix, sought over the whole zone.
+"""The softest wave of a lattice: the lowest eigenvalue of the Bloch matrix over the whole Brillouin zone.
 
 A mesh over the zone alone misses it.  Translations cost nothing, so the lowest eigenvalue is zero at k = 0 and begins with
 c(n) k^2 along a direction n.  Where c is slightly negative, it is so in a pocket around k = 0 that may be much narrower than

@@ -1,4 +1,4 @@
-"""Stiffness of one bond, D0 + D* (Eq. 4): what stretching and what turning it costs, and the two models."""
+"""Stiffness of one bond, D0 + D* (Eq. 4), against stretching and rotation, and the two models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which directions the constraints leave free: once, for time steps, modes and limits."""
+"""The directions that the constraints leave free, determined in one place for time steps, modes and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sums over all the particles of an infinite lattice, after Ewald, for every law that is a mixture of Gaussians.
+"""Lattice sums over all particles of an infinite lattice by Ewald's method, for every law that is a mixture of Gaussians.
 
     phi(r) = int_0^inf rho(t) exp(-t r^2) dt        r^-s:   rho = t^(s/2-1)/Gamma(s/2)
                                                     Yukawa: rho = c (pi t)^(-1/2) exp(-kappa^2/4t)

@@ -1,4 +1,4 @@
-"""Small motion of a structure about a rest: its masses, its stiffness and its free directions, made once and handed on.
+"""Small motion of a structure about its rest positions: masses, stiffness and free directions, computed once and passed on.
 
 About a rest the equations of motion are linear,
 

@@ -1,4 +1,4 @@
-"""The lowest eigenvalue of a stiffness matrix, or of squared frequencies, and its mode: what decides whether a rest is stable."""
+"""The lowest eigenvalue of a stiffness matrix, or of squared frequencies, and its mode, which decide whether a rest is stable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stiffness with the static forces in it: `D = D0 + D*` per bond, the Hessian and the Bloch matrix.
+"""Stiffness including the static forces: `D = D0 + D*` per bond, the Hessian and the Bloch matrix.
 
     D0 = phi'' n(x)n                  what a conventional model keeps, with frozen directions
     D* = (phi'/r) (I - n(x)n)         what the static repulsion adds (phi' < 0: it softens)

@@ -1,4 +1,4 @@
-"""Rest of a structure whose particles do not stand where their forces balance, and whether it is stable there.
+"""Relaxation of a structure that is not in equilibrium, and the stability of its rest.
 
 Inside an infinite lattice every particle is in balance by symmetry.  Beside a vacancy it is not, nor where particles scatter,
 nor at the rim of a patch as soon as particles repel beyond their nearest neighbours.  The linear theory belongs to the relaxed

@@ -1,4 +1,4 @@
-"""`Repulsion`: what both calculators answer, and the one way to ask atoms for theirs."""
+"""`Repulsion`: the protocol of both calculators, and the function that returns the calculator of atoms."""
 
 from __future__ import annotations
 

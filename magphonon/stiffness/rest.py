@@ -1,4 +1,4 @@
-"""The rest about which a linear answer is taken: positions where the forces on all that is free balance.
+"""The rest about which a structure is linearised: positions where the forces in all free directions balance.
 
 Three places belong to a particle: its anchor, where its foundation spring is slack; the reference of the calculator, from
 which displacements are counted; and where it stands now.  In a perfect lattice they are one.  Linear equations of motion hold

@@ -1,4 +1,4 @@
-"""The scale of frequencies that a law, a foundation and masses give, by which forgotten units are noticed."""
+"""The frequency scale of a law, a foundation and masses, by which missing units are detected."""
 
 from __future__ import annotations
 

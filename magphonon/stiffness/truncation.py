@@ -1,4 +1,4 @@
-"""How far neighbours must be counted for laws without an exact infinite sum: direct sums with a bound on the rest.
+"""The range of neighbours needed for laws without an exact infinite sum: direct sums with a bound on the remainder.
 
 A term that falls with the distance is smaller than its mean over the cell next to it on the inner side, so that the sum
 over all particles beyond R is less than an integral that begins one cell diameter D nearer,

@@ -1,4 +1,4 @@
-"""Branches of the bands along a row, and how far a measured ridge lies from each."""
+"""Branches of the bands along a row, and the distance of a measured ridge from each."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A tone burst sent through a patch at rest, and the record that it leaves."""
+"""A tone burst sent through a patch at rest, and its record."""
 
 from dataclasses import dataclass
 

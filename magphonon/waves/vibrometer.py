@@ -1,4 +1,4 @@
-"""Tables of displacements over time, measured or simulated, and what a vibrometer makes of a simulated record."""
+"""Tables of displacements over time, measured or simulated, and the virtual vibrometer for simulated records."""
 
 import csv
 from dataclasses import dataclass

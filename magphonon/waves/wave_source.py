@@ -1,4 +1,4 @@
-"""Where a burst enters a patch, and the row of particles that sees it pass.
+"""The source of a burst in a patch, and the row of particles along which it is measured.
 
 It enters at the lowest row inside the held rim, along all of that row or at its middle, and is measured along the
 lattice vector R2.  A row of sources makes plane waves, whose fronts run along R1; from a point the waves spread,
