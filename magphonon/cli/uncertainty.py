@@ -86,7 +86,7 @@ def _bands(folder, scene, tolerances):
     apart = abs(drawn.std(axis=0, ddof=1)[k, mode][~certain] / few.std[~certain] - 1).max(initial=0.0)
     agrees = apart <= SIGNIFICANT_DIFFERENCE and not unstable
     lines.append(f'Monte Carlo check ({SAMPLES} samples): standard deviations '
-                 + (f'agree within {100 * apart:.2g} %, as sampling noise of {100 / (2 * SAMPLES) ** 0.5:.1g} % each explains' if agrees else
+                 + (f'agree within {100 * apart:.2g} %; sampling noise is {100 / (2 * SAMPLES) ** 0.5:.1g} % each' if agrees else
                     f'differ by up to {100 * apart:.2g} %: the tolerances are too wide for the linear propagation of ribbons'))
     if unstable:
         lines.append(f'UNSTABLE: {100 * unstable:.2g} % of the samples buckle')
