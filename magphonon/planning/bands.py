@@ -11,7 +11,10 @@ The error of the reference is estimated by its change from half the reach to the
 the reach at least halves the error.  The reach is doubled until this error is a small part of the tolerance.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +25,10 @@ from ..lattices.shells import SHELL_WIDTH
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 from .plan import ALL, EIGENSOLVE, Method, Plan, Settings
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from ase.dft.kpoints import BandPath
 
 REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
 """Distances, in spacings, up to which neighbours are summed for the most complete method."""
@@ -61,7 +68,7 @@ class Edge:
     branch: int
 
 
-def plan_bands(atoms, path, tolerance, edge=None):
+def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None = None) -> Plan:
     """Plan for the bands along a path, or for one edge of them.
 
     Parameters
@@ -159,7 +166,7 @@ def _neighbours(shells):
     return 'nearest neighbours' if shells == 1 else f'{shells} shells'
 
 
-def bloch_cost(bonds, waves, size, dim, model):
+def bloch_cost(bonds: int, waves: int, size: int, dim: int, model: str) -> float:
     """Number of multiplications for the bands of a cell: bond stiffness, then phases and an eigenvalue problem per wavevector."""
     stiffness = bonds * dim**2 * (2 if model == 'complete' else 1)
     return stiffness + waves * (bonds * dim**2 + EIGENSOLVE * size**3)
@@ -173,7 +180,7 @@ def _looked_at(path):
     return path.kpts[np.unique(abs(x - wanted[:, None]).argmin(axis=1))]
 
 
-def neighbour_shells(atoms, reach):
+def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
     """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds."""
     calc = cell_of_free_particles(atoms)
     spacing = calc.bonds.lengths.min()

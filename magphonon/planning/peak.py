@@ -8,7 +8,10 @@ A force F cos(W t) drives a mode to the amplitude e.F/(gamma W), which moves the
 (`magphonon.stability.amplitude_shifts`).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +25,13 @@ from ..stability.amplitude_shifts import DEGENERACY, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.linear_system import LinearSystem
 from .plan import EIGENSOLVE, Method, Plan, Settings, force_cost, percent
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..response.place import Place
+    from ..stiffness.calculator import MagneticRepulsion
 
 LONGEST_STEP = 0.5
 """Largest time step of a run, as a fraction of the stability limit 2/omega_max."""
@@ -60,12 +70,12 @@ class Peak:
     force: float
 
     @property
-    def omega(self):
+    def omega(self) -> float:
         """Angular frequency in rad/ms."""
         return float(self.linear.omega[self.mode])
 
 
-def highest_peak(atoms, source, answer, omega, damping):
+def highest_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: NDArray[np.float64], damping: float) -> Peak:
     """The resonance that dominates the response in the range of frequencies, in the complete linear model.
 
     Parameters
@@ -123,7 +133,8 @@ def _turned(linear, source):
     return Modes(linear.omega, shapes)
 
 
-def plan_peak(atoms, source, answer, omega, damping, tolerance, force=0.0):
+def plan_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: NDArray[np.float64], damping: float,
+              tolerance: float, force: float = 0.0) -> Plan:
     """Plan for the frequency of the highest peak of a response.
 
     Parameters
@@ -200,7 +211,7 @@ def _without_dstar(system, peak, source, answer, omega, damping):
     return frozen, float(abs(between - 1).max())
 
 
-def turning(calc, peak):
+def turning(calc: MagneticRepulsion, peak: Peak) -> NDArray[np.float64]:
     """Contribution e D* e/w^2 of the static forces to the squared frequency of each rival of the peak, relative."""
     bonds, R = calc.bonds, calc.bond_vectors
     n = R / bonds.lengths[:, None]

@@ -69,11 +69,11 @@ class Method:
     settings: Settings
 
     @property
-    def at_most(self):
+    def at_most(self) -> float:
         """The error at the upper end of its uncertainty."""
         return self.error * (1 + self.doubt)
 
-    def meets(self, tolerance):
+    def meets(self, tolerance: float) -> bool:
         """Whether the error meets the tolerance even at the upper end of its uncertainty."""
         return self.at_most <= tolerance
 
@@ -105,15 +105,15 @@ class Plan:
     quantity: str
     measure: str
     tolerance: float
-    methods: tuple
-    evidence: tuple
+    methods: tuple[Method, ...]
+    evidence: tuple[str, ...]
     cost: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         positive('tolerance', self.tolerance)
 
     @property
-    def choice(self):
+    def choice(self) -> Method:
         """The cheapest method that meets the tolerance.
 
         Raises
@@ -129,7 +129,7 @@ class Plan:
                              '(--tolerance on the command line)')
         return min(good, key=lambda method: method.cost)
 
-    def report(self):
+    def report(self) -> str:
         """The methods as a table, the choice and its reasons, as text for the terminal."""
         choice = self.choice
         shown = [method for k, method in enumerate(self.methods) if k in (0, 1, len(self.methods) - 1) or method is choice
@@ -145,18 +145,18 @@ class Plan:
                           *(f'  {fact[0].upper()}{fact[1:]}.' for fact in self.evidence)])
 
 
-def percent(share):
+def percent(share: float) -> str:
     """A relative error as text."""
     if share == float('inf'):
         return 'unbounded'
     return f'{100 * share:.2g} %' if share < 1 else f'{100 * share:.0f} %'
 
 
-def times(ratio):
+def times(ratio: float) -> str:
     """A ratio as text, with two digits."""
     return f'{float(f"{ratio:.2g}"):,.0f} times' if ratio >= 10 else f'{ratio:.2g} times'
 
 
-def force_cost(dim):
+def force_cost(dim: int) -> int:
     """Number of multiplications for the force of one bond: the law, the bond length and the force components."""
     return LAW_COST + 4 * dim

@@ -3,13 +3,21 @@
 The table [plan] adds what these tables do not say: one band edge instead of all bands, and the force of a response.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
 from ..files import write_columns
-from .plan import ALL, Plan, percent
+from .plan import ALL, Plan, Settings, percent
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+    from typing import Any  # of a Scene: its room is above this one
 
 NEGLIGIBLE = 1e-3
 """Largest relative change of the bands by neglected neighbours that is not mentioned."""
@@ -34,19 +42,19 @@ class Wanted:
 
     name: str
     plan: Plan
-    answer: object
-    notes: tuple = ()
+    answer: Callable[[Path, Settings], None]
+    notes: tuple[str, ...] = ()
 
-    def report(self):
+    def report(self) -> str:
         """The plan in words."""
         return '\n'.join([self.plan.report(), *(f'  {note}' for note in self.notes)])
 
-    def run(self, folder):
+    def run(self, folder: Path) -> None:
         """Run the recommended method and write its data into the folder as plan_NAME, apart from those of other commands."""
         self.answer(folder / f'plan_{self.name}', self.plan.choice.settings)
 
 
-def scene_plans(scene, tolerance):
+def scene_plans(scene: Any, tolerance: float) -> Iterator[Wanted]:
     """Plans for all quantities that a scene asks for, one after the other, as Wanted.
 
     Parameters
@@ -101,7 +109,7 @@ def _beyond_nearest(scene):
             f'rim; including all neighbours would shift the bands by {percent(_error_of_shells(scene, 1))}.')
 
 
-def neglected(scene):
+def neglected(scene: Any) -> list[str]:
     """The effect on the bands of the neighbours that a scene leaves out: a list of one line, or empty if it is negligible.
 
     Parameters

@@ -9,7 +9,10 @@ error is the difference of the weak run from the exact linear solution, and is p
 If a whole row of particles is driven, the trial runs use a strip one cell wide.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -26,6 +29,14 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.repulsion import repulsion_of
 from .plan import Method, Plan, Settings, force_cost, percent
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..dynamics.drives import ToneBurst
+    from ..stiffness.repulsion import Repulsion
+    from ..waves.wave_source import Site
 
 PILOT_STEP = 0.25
 """Time step of a trial run, as a fraction of the stability limit 2/omega_max."""
@@ -60,7 +71,7 @@ HALVINGS = 3
 """Largest number of times that a trial run is repeated with half the step, if its result is too close to the tolerance."""
 
 
-def strip(cell, rows):
+def strip(cell: Atoms, rows: int) -> Atoms:
     """A strip one cell wide and periodic along R1, with `rows` cells along R2, of which the first and the last are held.
 
     A motion that is uniform along R1, such as a wave from a whole row of sources, is the same in the strip as in the lattice.
@@ -91,7 +102,8 @@ def strip(cell, rows):
     return atoms
 
 
-def plan_beam(cell, patch, where, drive, damping, duration, tolerance):
+def plan_beam(cell: Atoms, patch: Atoms, where: Site, drive: ToneBurst, damping: float, duration: float,
+              tolerance: float) -> Plan:
     """Plan for a burst from a whole row of a patch, from trial runs of a strip, or of the whole patch if the strip does not
     decide.
 
@@ -111,7 +123,7 @@ def plan_beam(cell, patch, where, drive, damping, duration, tolerance):
     y = pilot.positions[inside, 1]
     lowest = inside[y < y.min() + 1e-6 * cell.cell.lengths()[0]]
     copies = np.sum(patch.get_tags() != RIM) / len(inside)
-    beam = replace(drive, particles=lowest, amplitude=abs(drive.amplitude).max())
+    beam = replace(drive, particles=lowest, amplitude=np.abs(drive.amplitude).max())
     plan = plan_waveform(pilot, beam, inside[:: len(cell)], damping, duration, tolerance, copies, DOUBT_IN_A_PATCH, SIDE_EFFECT)
     linear = plan.methods[1]
     by_bound = linear.doubt == DOUBT_IN_A_PATCH  # without a trial run
@@ -121,7 +133,8 @@ def plan_beam(cell, patch, where, drive, damping, duration, tolerance):
     return replace(closer, cost=plan.cost + closer.cost)
 
 
-def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, doubt=0.0, sides=0.0):
+def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping: float, duration: float, tolerance: float,
+                  copies: float = 1.0, doubt: float = 0.0, sides: float = 0.0) -> Plan:
     """Plan for the displacements of a row while a burst passes.
 
     Parameters
@@ -177,7 +190,7 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
     if nonlinear * (1 + doubt) > tolerance:
         for halvings in range(HALVINGS + 1):
             fine, own_doubt = 2**halvings, DOUBT / 4**halvings
-            full, weak = (_stepped(atoms, replace(drive, amplitude=share * drive.amplitude), row, damping, dt / fine,
+            full, weak = (_stepped(atoms, replace(drive, amplitude=share * np.asarray(drive.amplitude)), row, damping, dt / fine,
                                    interval * fine, steps * fine) / share for share in (1, WEAK_AMPLITUDE))
             nonlinear, stepping = difference(full, weak), difference(weak, exact[:, row]) * fine**2
             cost += 2 * steps * fine * force
@@ -201,7 +214,7 @@ def plan_waveform(atoms, drive, row, damping, duration, tolerance, copies=1.0, d
     return Plan('Waveform', 'its rms', tolerance, tuple(methods), tuple(evidence), cost)
 
 
-def steepness(calc):
+def steepness(calc: Repulsion) -> float:
     """Exponent -d log phi''/d log r with which the stiffness of a nearest neighbour falls: a + 1 for a force r^-a."""
     r = calc.bonds.lengths.min()
     near, far = calc.potential.d2phi(np.array([1 - 1e-4, 1 + 1e-4]) * r)
@@ -214,7 +227,7 @@ def _strain(calc, u):
     return float((np.linalg.norm(u[:, bonds.j] - u[:, bonds.i], axis=2) / bonds.lengths).max())
 
 
-def as_model(atoms, model):
+def as_model(atoms: Atoms, model: str) -> Atoms:
     """The same structure under another model."""
     other, calc = atoms.copy(), repulsion_of(atoms)
     other.calc = calc.about(calc.reference, model=model)
@@ -232,6 +245,6 @@ def _stepped(atoms, drive, row, damping, dt, interval, steps):
     return record.displacements[1:]
 
 
-def difference(u, exact):
+def difference(u: NDArray[np.float64], exact: NDArray[np.float64]) -> float:
     """Root mean square of the difference, divided by the root mean square of the exact displacements."""
     return float(np.linalg.norm(u - exact) / np.linalg.norm(exact))
