@@ -4,9 +4,20 @@ Every function takes a result and `ax`, and returns the axes.  Without `ax` it m
 pyplot never sees: `ax.figure.savefig('bands.png')`.  To show it on a screen, pass `ax=plt.figure().gca()`.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .axes import COLOURS, MARKERS, UNSTABLE, legend_above, new_axes, point_name
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from matplotlib.axes import Axes
+
+    from ..bands.bands import Bands
 
 NEGLIGIBLE = 3e-5
 """Frequencies below this fraction of the highest one are zero in a picture, whatever their sign.
@@ -17,7 +28,7 @@ PREFIXES = {-6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
 """Prefixes of the unit by the power of ten."""
 
 
-def plot_bands(bands, ax=None, label=None, **line):
+def plot_bands(bands: Bands, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Frequencies along the path; unstable modes below zero, as -|f|, in a shaded region.
 
     Parameters
@@ -55,9 +66,10 @@ def plot_bands(bands, ax=None, label=None, **line):
         raise ValueError(f'these bands run along another path ({bands.path.path}, {x[-1]:g}/mm long) than those on the axes; '
                          'compute both on the same path')
     x, f = _broken(x, bands.frequencies_Hz, bands.path.kpts)
-    look = {'markevery': max(1, len(x) // MARKERS)} | normalize_kwargs(line, Line2D)
+    look: dict[str, Any] = {'markevery': max(1, len(x) // MARKERS)} | normalize_kwargs(line, Line2D)
     (first,) = ax.plot(x, f[:, 0], label=label, **look)
-    ax.plot(x, f[:, 1:], **{'color': first.get_color()} | look)  # unlabelled: one entry in the legend
+    others: dict[str, Any] = {'color': first.get_color()} | look
+    ax.plot(x, f[:, 1:], **others)  # unlabelled: one entry in the legend
     _from_zero(ax)
     if label is not None:
         legend_above(ax)

@@ -1,17 +1,29 @@
 """Measured forces with fitted laws, and the residual of each law, drawn on matplotlib axes."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .. import units as u
 from ..interactions.pair_laws import repulsion
 from .axes import COLOURS, legend_above
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
+
+    from ..interactions.fits import Fit
+    from ..interactions.force_tables import Forces
+
 MOST_POINTS = 200
 """Largest number of points drawn singly; more are averaged, because they would hide each other and the laws."""
 LINES = '-', '--', ':', '-.'
 
 
-def plot_fits(forces, fits):
+def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:
     """Forces and laws on logarithmic axes over the residuals of each law.
 
     Forces fall by decades, so residuals are drawn in standard uncertainties of their points, between grey lines at one of
@@ -35,7 +47,8 @@ def plot_fits(forces, fits):
     r, error = points.r / u.m, None if points.sigma is None else points.sigma / u.N
     upper.errorbar(r, points.f / u.N, error, fmt='o', color='k', markersize=4, fillstyle='none', zorder=3,
                    label='measured' if len(r) == len(forces.r) else 'measured, averaged')
-    line = np.clip(np.geomspace(*forces.r[[0, -1]], 300), *forces.r[[0, -1]])  # geomspace may end a last digit beyond
+    ends = forces.r[0], forces.r[-1]
+    line = np.clip(np.geomspace(*ends, 300), *ends)  # geomspace may end a last digit beyond
     for fit, style, colour, shift in zip(fits, LINES, COLOURS, np.linspace(-1, 1, len(fits)), strict=False):
         inside = line[line - fit.offset > 0]
         upper.plot(inside / u.m, repulsion(fit.law, inside - fit.offset) / u.N, style, color=colour, label=fit.name)

@@ -1,6 +1,9 @@
 """A mode shape drawn on its lattice."""
 
+from __future__ import annotations
+
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,11 +12,17 @@ from ..bands.zone import ROUND_OFF
 from ..stiffness.repulsion import repulsion_of
 from .axes import COLOURS, new_axes, point_name
 
+if TYPE_CHECKING:
+    from ase import Atoms
+    from matplotlib.axes import Axes
+
+    from ..bands.bands import Bands
+
 # Of a mode shape, in lattice constants: half the window, cells that fill it; and the longest arrow in bond lengths.
 WINDOW, REACH, ARROW = 2.4, 5, 0.42
 
 
-def plot_mode(atoms, bands, q, mode, ax=None):
+def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, ax: Axes | None = None) -> Axes:
     """Shape of a mode: particles at rest, their orbits, and their displacements at the time of the largest one.
 
     Modes of equal frequency can be combined arbitrarily; one combination is drawn and labelled degenerate.
@@ -54,7 +63,7 @@ def plot_mode(atoms, bands, q, mode, ax=None):
     u *= ARROW * bonds.lengths.min() / units.m / abs(u).max()  # of the longest orbit
 
     ends = np.stack([rest[:, bonds.i], rest[:, bonds.i] + bonds.vectors[:, :2] / units.m], axis=-2)
-    ax.add_collection(LineCollection(ends.reshape(-1, 2, 2), colors='0.88', linewidths=1, zorder=1))
+    ax.add_collection(LineCollection(list(ends.reshape(-1, 2, 2)), colors='0.88', linewidths=1, zorder=1))
     turn = np.exp(1j * np.linspace(0, 2 * np.pi, 49))
     orbits = rest[..., None, :] + (u[..., None, :] * turn[:, None]).real
     ax.add_collection(LineCollection(orbits.reshape(-1, len(turn), 2), colors='0.55', linewidths=0.8, zorder=2))

@@ -1,15 +1,24 @@
 """Frequency responses drawn in SI: amplitude and phase over frequency, with the natural frequencies."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .. import units
 from .axes import COLOURS, legend_above
 
+if TYPE_CHECKING:
+    from typing import Any  # of results of rooms beside this one or above it, and of axes in an array
+
+    from numpy.typing import ArrayLike
+
 MOST_BARS = 8
 """Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
 
 
-def response_axes():
+def response_axes() -> Any:
     """Two axes of a figure of its own, for amplitude and phase."""
     from matplotlib.figure import Figure
 
@@ -22,7 +31,7 @@ def response_axes():
     return axes
 
 
-def plot_response(response, natural=(), axes=None, label=None, **line):
+def plot_response(response: Any, natural: ArrayLike = (), axes: Any | None = None, label: str | None = None, **line: Any) -> Any:
     """Amplitude and phase of a response, and the natural frequencies in its range.
 
     Parameters

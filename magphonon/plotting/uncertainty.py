@@ -1,10 +1,23 @@
 """Uncertainty drawn in SI: ribbons around bands and responses, and the contribution of each parameter."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .. import units
 from .axes import COLOURS, legend_above, new_axes
 from .bands import plot_bands
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any  # of a Spread, whose room is above this one
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from ..bands.bands import Bands
 
 HALF_WIDTH = 2
 """Half width of a ribbon in standard deviations; it contains 95 of 100 lattices."""
@@ -12,7 +25,7 @@ HATCHES = ('', '////', '....', 'xxxx', '----')
 """Hatches by which bars can be distinguished in grey."""
 
 
-def plot_band_ribbons(bands, spread, ax=None, label=None, **line):
+def plot_band_ribbons(bands: Bands, spread: Any, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Bands with a ribbon of two standard deviations around each branch; `line` as in `plot_bands`."""
     ax = plot_bands(bands, ax, label=label, **line)
     x = bands.path.get_linear_kpoint_axis()[0]
@@ -24,7 +37,8 @@ def plot_band_ribbons(bands, spread, ax=None, label=None, **line):
     return ax
 
 
-def plot_response_ribbon(omega, spread, force=1.0, ax=None, label=None, **line):
+def plot_response_ribbon(omega: NDArray[np.float64], spread: Any, force: float = 1.0, ax: Axes | None = None,
+                         label: str | None = None, **line: Any) -> Axes:
     """Amplitude of a response per `force` (N) over the angular frequencies `omega`, with a ribbon of two standard deviations."""
     if ax is None:
         ax = new_axes()
@@ -40,7 +54,7 @@ def plot_response_ribbon(omega, spread, force=1.0, ax=None, label=None, **line):
     return ax
 
 
-def plot_contributions(spread, labels, ax=None):
+def plot_contributions(spread: Any, labels: Sequence[str], ax: Axes | None = None) -> Axes:
     """Bars of the standard deviation that each parameter causes alone, correlated ones together, and of all.
 
     Parameters

@@ -1,9 +1,21 @@
 """Wavenumber-frequency maps over the bands, and snapshots of waves, drawn in SI on matplotlib axes."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .. import units
 from .axes import COLOURS, legend_above, new_axes
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import Any  # of results of rooms beside this one or above it, and of axes in an array
+
+    from ase import Atoms
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FLOOR_dB = -40
 """Lowest power shown in a map, in decibels relative to the strongest."""
@@ -12,7 +24,7 @@ MARGIN = 1.4
 """Ratio of the upper end of a map to the highest frequency that it shows."""
 
 
-def plot_wave(wave, ax=None):
+def plot_wave(wave: Any, ax: Axes | None = None) -> Axes:
     """Wavenumber-frequency map with the branches of both models and the ridge over it.
 
     Parameters
@@ -49,7 +61,7 @@ def plot_wave(wave, ax=None):
     return ax
 
 
-def plot_snapshot(patch, field, frame, site, ax=None):
+def plot_snapshot(patch: Atoms, field: Any, frame: int, site: Any, ax: Axes | None = None) -> Axes:
     """All particles of a patch at one time, darker for a larger displacement, with the source and the measured row.
 
     Parameters
@@ -68,7 +80,7 @@ def plot_snapshot(patch, field, frame, site, ax=None):
     """
     ax = new_axes() if ax is None else ax
     rest = patch.calc.reference.positions[:, :2] / units.m
-    width = ax.get_position().width * ax.figure.get_figwidth()
+    width = ax.get_position().width * ax.figure.get_figwidth()  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
     diameter = 72 * width * patch.calc.bonds.lengths.min() / units.m / np.ptp(rest[:, 0])  # in points, to touch each other
     dots = ax.scatter(*rest.T, s=(0.8 * diameter) ** 2, c=_distance(field, frame), cmap='Greys', vmin=0, linewidths=0)
     ax.figure.colorbar(dots, ax=ax, label='displacement (m)', shrink=0.6)
@@ -79,13 +91,13 @@ def plot_snapshot(patch, field, frame, site, ax=None):
     return ax
 
 
-def crossing(passage):
+def crossing(passage: Any) -> int:
     """Index of the frame of the whole patch closest to the time of the largest displacement in the middle of the row."""
     u = np.linalg.norm(passage.row.displacements[:, len(passage.row.particles) // 2], axis=1)
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 
 
-def save_animation(path, patch, field, site):
+def save_animation(path: str | Path, patch: Atoms, field: Any, site: Any) -> None:
     """Write a GIF of all frames, each with its own grey scale, so that a wave is visible until it has decayed."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 
@@ -98,7 +110,8 @@ def save_animation(path, patch, field, site):
         dots.set_clim(0, distance.max() or 1)
         title.set_text(_moment(patch, field, frame))
 
-    FuncAnimation(ax.figure, show, frames=range(1, len(field.times))).save(path, writer=PillowWriter(fps=8), dpi=120)
+    moving = FuncAnimation(ax.figure, show, frames=range(1, len(field.times)))  # pyright: ignore[reportArgumentType]  no subfigure
+    moving.save(path, writer=PillowWriter(fps=8), dpi=120)
 
 
 def _distance(field, frame):
@@ -109,7 +122,7 @@ def _moment(patch, field, frame):
     return f'{patch.calc.parameters.model} model, {field.times[frame] / units.s:.3f} s after the start'
 
 
-def panels(rows, columns):
+def panels(rows: int, columns: int) -> tuple[Figure, Any]:
     """A figure of its own with `rows x columns` axes, an array of that shape."""
     from matplotlib.figure import Figure
 

@@ -1,5 +1,9 @@
 """Maps over the first Brillouin zone, drawn in SI on matplotlib axes; see `magphonon.plotting.bands`."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from ase import Atoms
 from ase.cell import Cell
@@ -10,11 +14,17 @@ from ..bands.bands import band_path
 from ..bands.zone import PLANAR, ROUND_OFF, first_zone, frequency_ratio
 from .axes import COLOURS, UNSTABLE, legend_above, new_axes, point_name
 
+if TYPE_CHECKING:
+    from ase.dft.kpoints import BandPath
+    from matplotlib.axes import Axes
+
+    from ..bands.zone import ZoneMap
+
 ARROWS = 9  # of group velocity along each reciprocal vector
 ROUND = (1, 2, 5, 10)  # contours at round numbers
 
 
-def plot_zone(path, ax=None):
+def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
     """First Brillouin zone with the path of a band diagram and its special points.
 
     Parameters
@@ -42,7 +52,7 @@ def plot_zone(path, ax=None):
     return ax
 
 
-def plot_isofrequency(complete, conventional, branch, ax=None):
+def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes | None = None) -> Axes:
     """Contours of equal frequency of one branch, complete solid and conventional dashed, with the complete group velocity.
 
     Parameters
@@ -81,7 +91,7 @@ def plot_isofrequency(complete, conventional, branch, ax=None):
         else:
             span = dict.fromkeys(f'{x:.4g}' for x in (f.min(), f.max()))
             name += f' ({" to ".join(span)} throughout)'  # too flat for a contour
-        handles.append(Line2D([], [], color=colour, linestyle=style, label=name))
+        handles.append(Line2D([], [], color=colour, linestyle=style, label=name))  # pyright: ignore[reportArgumentType]  a known word
     _draw_velocity(ax, complete, branch, zone)
     handles.append(Line2D([], [], color='0.35', linestyle='', marker=r'$\rightarrow$', markersize=12, label='group velocity'))
     handles += _hatch_unstable(ax, complete, branch, zone)
@@ -90,7 +100,7 @@ def plot_isofrequency(complete, conventional, branch, ax=None):
     return ax
 
 
-def plot_ratio(complete, conventional, branch, ax=None):
+def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes | None = None) -> Axes:
     """Map of `omega_complete/omega_conventional` of one branch over the zone.
 
     Parameters
