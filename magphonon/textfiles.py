@@ -36,6 +36,8 @@ def text_of(path: str | PathLike[str], most: int) -> str:
 
 def refuse_endless(path: str | PathLike[str], most: int) -> None:
     """Raise ValueError for a pipe or a device, and for a file of more than `most` bytes."""
+    if not str(path):
+        raise ValueError("'' names no file")
     if '\0' in str(path):
         raise ValueError(f'{str(path)!r} is no name of a file, as it holds the character 0')
     found = os.stat(path)

@@ -1,8 +1,8 @@
 """The command `magphonon`: it runs the subcommands on scene files and prints ready scenes to start from.
 
 Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command,
-the scene or the place of the results (one message, nothing written), 3 when all is written but the report on the terminal
-could not be, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
+the scene or the place of the results (one message, nothing written), 3 when all is done but the report on the terminal could
+not be shown, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
 """
 
 import argparse
@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import warnings
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from importlib import import_module
 from io import StringIO
 from threading import current_thread, main_thread
@@ -27,6 +27,7 @@ COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
 def main(arguments=None):
     """Run the command with `arguments` (by default those of the shell) and return its exit status."""
     _open_streams()
+    os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever the shell asks of matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
     report = sys.stdout if sys.stdout.isatty() else StringIO()  # what goes to a file or a pipe is written when all is done
     with redirect_stdout(report):
@@ -39,7 +40,7 @@ def main(arguments=None):
         _forget_output()
     except OSError as error:
         _forget_output()
-        print(f'magphonon: the report could not be shown ({error.strerror}); the results are written', file=sys.stderr)
+        _tell(f'the report could not be shown ({error.strerror})' + '; the results are written' * hasattr(options, 'written'))
         return status or 3
     return status
 
@@ -60,16 +61,21 @@ def _status(options):
     except (ValueError, OSError) as error:
         return _refusal(error)
     except Terminated as ended:
-        print(f'magphonon: {ended.words}', file=sys.stderr)
+        _tell(ended.words)
         return ended.status
     except KeyboardInterrupt:
-        print('magphonon: interrupted', file=sys.stderr)
+        _tell('interrupted')
         return 130
 
 
 def _refusal(words):
-    print(f'magphonon: {words}', file=sys.stderr)
+    _tell(words)
     return 2
+
+
+def _tell(words):
+    with suppress(OSError):  # a full disk behind `2>`: the exit status still tells it
+        print(f'magphonon: {words}', file=sys.stderr, flush=True)
 
 
 def _inputs(options):
@@ -148,7 +154,8 @@ def _parser():
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     for name in COMMANDS:
         command = import_module(f'.{name}', __package__)
-        subparser = commands.add_parser(name, help=command.HELP, description=command.__doc__.partition(': ')[2])
+        told = (command.__doc__ or '').partition(': ')[2]  # python -OO leaves out docstrings
+        subparser = commands.add_parser(name, help=command.HELP, description=told)
         command.add_arguments(subparser)
         subparser.set_defaults(run=command.run, command=name)
     return parser

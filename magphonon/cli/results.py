@@ -84,11 +84,11 @@ def results(options, scene=None, table=None):
 
 def _make(folder):
     """Make the folder if it is not there; whether it was made."""
-    if os.path.lexists(folder) and not folder.is_dir():
+    if os.path.lexists(folder) and not os.path.isdir(folder):
         raise NotADirectoryError(f'{folder} is a file; name a directory for the results')
-    if folder.is_dir():
+    if os.path.isdir(folder):  # unlike Path.is_dir, it says no to a name that is too long
         return False
-    if not folder.parent.is_dir():
+    if not os.path.isdir(folder.parent):
         raise FileNotFoundError(f'{folder} cannot be made, as {folder.parent} is no directory; make that first, or choose '
                                 'another place')
     try:
@@ -216,14 +216,23 @@ def _provenance(folder):
     file = folder / PROVENANCE
     try:
         known = json.loads(file.read_text(encoding='utf-8'))
-        if not all(isinstance(part, dict) and {'files', 'inputs'} <= part.keys() for part in known['results'].values()):
-            raise KeyError('files')
     except FileNotFoundError:
         return {'results': {}}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f'{file} does not say where the results beside it come from ({error}); '
-                         'name another directory, or remove this one') from None
+    except (OSError, ValueError, RecursionError):
+        known = None
+    if not _tells_origin(known):
+        raise ValueError(f'{file} does not say where the results beside it come from; name another directory, or remove this one')
     return known
+
+
+def _tells_origin(known):
+    """Whether something has the form of a provenance."""
+    if not isinstance(known, dict) or not isinstance(known.get('results'), dict):
+        return False
+    scene = known.get('scene')
+    return (all(isinstance(part, dict) and isinstance(part.get('files'), dict) and isinstance(part.get('inputs'), dict)
+                for part in known['results'].values())
+            and (scene is None or (isinstance(scene, dict) and 'title' in scene and isinstance(scene.get('tables'), dict))))
 
 
 def _move_in(stage, folder, origin, copies):

@@ -6,9 +6,11 @@ the computations in `magphonon.scenes.plans` and `design`.  A new table is a new
 
 from __future__ import annotations
 
+import re
 import tomllib
 import warnings
 from importlib.resources import files
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -164,6 +166,9 @@ class Scene(Table):
         if not all(len(leg) > 1 and set(leg) <= set(known) for leg in legs):
             raise ValueError(f'bands.path of the {kind} lattice must join points out of {", ".join(known)}, '
                              f'not {self.bands.path!r}')
+        for a, b in chain.from_iterable(map(pairwise, legs)):
+            if a == b:
+                raise ValueError(f'bands.path goes from {a} to {a} in {self.bands.path!r}; name each point once in a row')
 
     def _check_frf(self):
         for name in ('force', 'response'):
@@ -332,6 +337,8 @@ def read_scene(path: str | PathLike[str]) -> Scene:
     ValueError
         If it is not TOML or not a scene; the message names each key, its value and the mend.
     """
+    if not str(path):
+        raise ValueError("'' names no file; " + '"magphonon scene" lists scenes to start from')
     path = Path(path)
     try:
         text = text_of(path, MOST_BYTES)
@@ -345,7 +352,8 @@ def read_scene(path: str | PathLike[str]) -> Scene:
     try:
         data = tomllib.loads(text)
     except ValueError as error:
-        raise ValueError(f'{path} is not TOML ({error}); "magphonon scene prototype" prints a scene to start from') from None
+        words = re.sub(r"\('([^()]*?)',?\)", lambda keys: '[' + keys[1].replace("', '", '.') + ']', str(error))
+        raise ValueError(f'{path} is not TOML ({words}); "magphonon scene prototype" prints a scene to start from') from None
     except RecursionError:
         raise ValueError(f'{path} is not a scene: it nests lists or tables hundreds deep; "magphonon scene prototype" prints one '
                          'to start from') from None

@@ -411,10 +411,40 @@ def test_letters_that_the_terminal_lacks(tmp_path):
 
 @pytest.mark.skipif(not os.path.exists('/dev/full'), reason='a system without such files')
 def test_a_report_that_cannot_be_shown_has_a_status_of_its_own(tmp_path):
+    (tmp_path / 'law.csv').write_text('r_mm,f_N\n1,16\n2,8\n4,4\n8,2\n16,1\n')
+    fit = ('fit', tmp_path / 'law.csv', '-o', tmp_path / 'out')
+    for arguments, written in ((('scene', 'chain'), ''), (fit, '; the results are written')):
+        with open('/dev/full', 'w') as full:
+            done = command(*arguments, capture_output=False, stdout=full, stderr=subprocess.PIPE)
+        assert done.returncode == 3
+        assert done.stderr.strip() == f'magphonon: the report could not be shown (No space left on device){written}'
+
+
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='a system without such files')
+def test_a_mistake_keeps_its_status_where_its_message_cannot_be_shown(tmp_path):
     with open('/dev/full', 'w') as full:
-        done = command('scene', 'chain', capture_output=False, stdout=full, stderr=subprocess.PIPE)
-    assert done.returncode == 3
-    assert done.stderr.startswith('magphonon: the report could not be shown (No space left on device); the results are written')
+        done = command('check', tmp_path / 'none.toml', capture_output=False, stderr=full, stdout=subprocess.PIPE)
+    assert (done.returncode, done.stdout) == (2, '')
+
+
+def test_python_without_docstrings_and_a_shell_with_another_backend_change_nothing(tmp_path):
+    shell = {**os.environ, 'PYTHONOPTIMIZE': '2', 'MPLBACKEND': 'bogus'}
+    (tmp_path / 'chain.toml').write_text(ready_scene('chain').read_text())
+    done = command('bands', tmp_path / 'chain.toml', '-o', tmp_path / 'out', env=shell)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert (tmp_path / 'out' / 'bands.png').exists()
+    assert command('--version', env=shell).stdout.startswith('magphonon ')
+
+
+def test_names_and_keys_that_are_empty_or_stand_twice(tmp_path, scene_file, capsys):
+    assert main(['check', '']) == 2
+    assert "'' names no file" in capsys.readouterr().err
+    twice = tmp_path / 'twice.toml'
+    twice.write_text(ready_scene('chain').read_text() + '\n[lattice]\n')
+    assert main(['check', str(twice)]) == 2
+    assert 'is not TOML (Cannot declare [lattice] twice' in capsys.readouterr().err
+    assert main(['check', str(scene_file({'path = "GX"': 'path = "GG"'}, 'chain'))]) == 2
+    assert "bands.path goes from G to G in 'GG'" in capsys.readouterr().err
 
 
 def test_no_name_for_the_results(scene_file, capsys):

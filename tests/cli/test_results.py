@@ -120,6 +120,19 @@ def test_comments_and_new_tables_make_no_other_scene(tmp_path):
         write(out, scene_file(tmp_path))
 
 
+@pytest.mark.parametrize('text', [
+    '{"scene": 1, "results": {}}', '{"scene": {"title": "x"}, "results": {}}', '[]', 'null', '[' * 100_000,
+    '{"results": {"bands": []}}', '{"results": {"bands": {"files": 1, "inputs": 1}}}'])
+def test_a_provenance_of_another_form_is_refused(text, tmp_path, capsys):
+    (tmp_path / 'chain.toml').write_text(ready_scene('chain').read_text())
+    out = tmp_path / 'out'
+    out.mkdir()
+    (out / 'provenance.json').write_text(text)
+    assert main(['bands', str(tmp_path / 'chain.toml'), '-o', str(out)]) == 2
+    assert 'provenance.json does not say where the results beside it come from; name another' in capsys.readouterr().err
+    assert [file.name for file in out.iterdir()] == ['provenance.json']
+
+
 def test_two_tables_lie_side_by_side_but_another_one_of_the_same_name_is_refused(tmp_path):
     scene = scene_file(tmp_path)
 
