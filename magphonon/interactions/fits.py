@@ -30,6 +30,9 @@ NORMAL = 1.959964
 """Half width of that interval in standard deviations of a normal distribution."""
 LEAST_EXPONENT = 0.01
 """Smallest exponent of a fit: a force that falls more slowly than r^-0.01 is constant on the scale of a lattice."""
+FINEST = 1e-6
+"""Relative uncertainty that every force has at least: no balance does better.  Without it, the intervals of forces that were
+computed, not measured, would be those of round-off."""
 MOST_EXPONENT = 80.0
 """Largest exponent of a fit: a force that falls faster is that of a wall or an outlier, and b in N m^a is soon out of range."""
 
@@ -164,9 +167,15 @@ def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offs
         with np.errstate(over='ignore'):  # a step too far, which is taken back or ends in a residual that is not finite
             p, covariance = curve_fit(model, r, y, [ln_f, -exponent, 0.0][:2 + offset], sigma, absolute_sigma=sigma is not None,
                                       bounds=bounds, method='trf', jac=jacobian, x_scale='jac', xtol=1e-12)
+        relative = jacobian(r, *p) / (model(r, *p)[:, None] if space == 'force' else 1.0)
+        covariance = covariance + FINEST**2 * np.linalg.pinv(relative.T @ relative)
     except (RuntimeError, ValueError):
         raise ValueError('the fit does not converge; fit it without the offset, or look for an outlier') from None
-    if not p[1] > max(LEAST_EXPONENT, 2 * np.sqrt(covariance[1, 1])):
+    if p[1] > LEAST_EXPONENT and not p[1] > 2 * np.sqrt(covariance[1, 1]):
+        mend = 'is all of it noise?' if sigma is None else 'is their column sigma, or its unit, right?'
+        raise ValueError('within their uncertainties, the forces need not fall with the distance '
+                         f'(a = {p[1]:.3g} with a standard uncertainty of {np.sqrt(covariance[1, 1]):.2g}); {mend}')
+    if not p[1] > LEAST_EXPONENT:
         raise ValueError(f'the forces do not fall with the distance (a = {p[1]:.3g}); are the columns exchanged, or is all of it '
                          'noise?')
     if p[1] > MOST_EXPONENT:
@@ -234,4 +243,4 @@ def curvature(forces: Forces) -> float:
     x, y = np.log(forces.r / forces.r[0]), np.log(forces.f)
     weights = None if forces.sigma is None else forces.f / forces.sigma
     p, covariance = np.polyfit(x, y, 2, w=weights, cov='unscaled' if weights is not None else True)
-    return float(-p[0] / np.sqrt(covariance[0, 0]))
+    return float(-p[0] / np.hypot(np.sqrt(covariance[0, 0]), FINEST / x[-1] ** 2))

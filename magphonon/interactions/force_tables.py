@@ -78,6 +78,10 @@ class Forces:
 
     def check_reach(self, spacing: float) -> None:
         """Raise ValueError where the `spacing` (mm) lies more than a factor REACH beyond these distances."""
+        least, most = DISTANCES_m
+        if not least <= spacing / u.m <= most:
+            raise ValueError(f'the spacing {spacing / u.m:.3g} m must lie between {least:g} and {most:g} m; '
+                             'check its unit and exponent')
         first, last = self.r[[0, -1]]
         beyond = max(first / spacing, spacing / last)
         if beyond <= REACH:
@@ -160,8 +164,12 @@ def _parsed(path, text):
     units, rows = None, []
     for number, line in enumerate(text.splitlines(), 1):
         line = line.strip()
-        if not rows and _units(line.lstrip('#')):
-            units = _units(line.lstrip('#'))
+        named = _units(line.lstrip('#')) if 'r_' in line else None
+        if named and units and named != units:
+            raise ValueError(f'{path}, line {number}: {line[:60]!r} names other units than the header before it; '
+                             'keep one of them')
+        if named and not rows:
+            units = named
         elif line and not line.startswith('#'):
             if units is None:
                 raise ValueError(f'{path} begins with {line[:60]!r}; {HEADER}')

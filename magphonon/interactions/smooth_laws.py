@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import positive
-from .fits import COVERED, Fit, enough
+from .fits import COVERED, FINEST, Fit, enough
 from .pair_laws import Tabulated
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ SCALES = np.exp(np.arange(-1.0, 3.3, 0.3))
 NODES = 12
 MOST_POINTS = 500
 """More points than this are averaged in intervals of ln r, whose width matters by a part in 1e5 of the force."""
+ROUND_OFF = 1e-6
+"""Degrees of freedom that are left at least: where a curve passes through all points, round-off decides the sign of the rest."""
 UNLIKELY = 0.01
 """Probability of a chi2 below which the given uncertainties are too small, and are enlarged."""
 
@@ -71,7 +73,6 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
         If the points are fewer than 4, the spacing lies far outside them, or the curve does not fall everywhere.
     """
     from scipy.interpolate import CubicSpline
-    from scipy.stats import chi2 as chi_squared
 
     positive('spacing', spacing, 'mm')
     enough(forces.r, 4, 'a smooth curve')
@@ -112,8 +113,8 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     chi2, freedom = np.nan, float(len(x) - 2)
     if points.sigma is not None:
         hat = np.einsum('cn,ni,cij,nj->c', (fitted / sigma) ** 2, design, np.linalg.inv(hessian), design)
-        chi2, freedom = float(np.sum(((points.f - fitted) / points.sigma) ** 2)), float(len(x) - probability @ hat)
-        if chi_squared.sf(chi2, freedom) < UNLIKELY:
+        chi2, freedom = float(np.sum(((points.f - fitted) / sigma[0]) ** 2)), float(max(len(x) - probability @ hat, ROUND_OFF))
+        if not _likely(chi2, freedom):
             larger = np.sqrt(chi2 / freedom)
             covariance, half, spread = covariance * larger**2, half * larger, spread * larger
     return Fit(law, 'smooth curve', spacing, here, covariance, half, exponent, spread,
@@ -155,6 +156,7 @@ def _noises(f):
 
 def _fitted(f, sigma, bend, design, start, prior: Any = 1.0):
     """Gauss-Newton least squares with the prior of the departures, for all `sigma` (fits, n) and `bend` (fits,) at once."""
+    sigma = np.maximum(sigma, FINEST * f)
     k = design.shape[1]
     precision = np.append([0.0, 0.0], np.ones(k - 2)) / bend[:, None] ** 2
     products = (design[:, :, None] * design[:, None, :]).reshape(len(f), k * k)
@@ -187,6 +189,11 @@ def _half_width(probability, off, sigma):
 
 def explained(curve: Fit) -> bool:
     """Whether the uncertainties given to a curve explain its scatter; without any they do."""
-    from scipy.stats import chi2
+    return bool(np.isnan(curve.chi2)) or _likely(curve.chi2, curve.freedom)
 
-    return bool(np.isnan(curve.chi2) or chi2.sf(curve.chi2, curve.freedom) >= UNLIKELY)
+
+def _likely(chi2, freedom):
+    """Whether a chi2 is no larger than chance makes it; one below its freedom always is, however few points there are."""
+    from scipy.stats import chi2 as chi_squared
+
+    return bool(chi2 <= freedom or chi_squared.sf(chi2, freedom) >= UNLIKELY)

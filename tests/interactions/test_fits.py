@@ -428,3 +428,63 @@ def test_entry_carries_the_uncertainty_of_the_fit_to_the_bands():
     assert spread.std[0, 0] == pytest.approx(expected, rel=1e-9)
     apart = scene.uncertainty.model_copy(update={'correlation_a_b': None}).tolerances(scene)
     assert frequency_spread(scene.atoms(), [[0.5, 0, 0]], apart).std[0, 0] > 5 * expected  # the control
+
+
+# --- forces without noise ---
+
+@pytest.mark.parametrize('relative', [None, 1e-12, 1e-3])
+@pytest.mark.parametrize(('r', 'f'), [
+    ([1.0, 2.0, 4.0, 8.0, 16.0], [16.0, 8.0, 4.0, 2.0, 1.0]),
+    ([5.0, 6.0, 8.0, 10.0], [1e3 / r**2 for r in (5, 6, 8, 10)]),
+    (np.linspace(6, 20, 15), 1.6209e-10 * (np.linspace(6, 20, 15) / 1e3) ** -4.5824),
+])
+def test_computed_forces_are_fitted_as_well_as_measured_ones(r, f, relative):
+    r, f = np.array(r), np.array(f)
+    exponent = np.log(f[0] / f[-1]) / np.log(r[-1] / r[0])
+    choice = fit_laws(Forces(r, f, None if relative is None else relative * f), r[2])
+    assert (choice.advised, choice.apart, choice.scatter_explained) == ('touch', (), True)
+    for fit in choice.fits.values():
+        true = f[2] * np.array([1, -exponent / r[2]])
+        assert (abs(fit.at_spacing - true) < fit.half_width).all()
+        assert (fit.half_width > 1e-7 * abs(true)).all()  # round-off is no uncertainty of a measurement
+        assert fit.exponent == pytest.approx(exponent, rel=1e-9)  # what is left is round-off
+
+
+def test_the_command_takes_numbers_that_somebody_made_up(tmp_path, capsys):
+    assert main(['fit', write(tmp_path, 'r_mm,f_N\n1,16\n2,8\n4,4\n8,2\n16,1\n')]) == 0
+    shown = capsys.readouterr()
+    assert 'do not contradict an inverse power' in shown.out
+    law = tomllib.loads(shown.out[shown.out.index('[law]'):shown.out.index('shells')])['law']
+    assert law['a'] == pytest.approx(1, rel=1e-9)
+    assert law['b_N_m_a'] == pytest.approx(0.016, rel=1e-8)  # 4 N at 4 mm
+    assert shown.err == ''
+
+
+@pytest.mark.parametrize(('text', 'refused'), [
+    ('r_mm,f_N\n#r_mm,f_mN\n', True), ('r_m,f_N\nr_mm,f_mN\n', True), ('#r_mm,f_mN\nr_mm,f_N\n', True),
+    ('# r_mm,f_N\nr_mm,f_N\n', False), ('r_mm,f_N\n# measured on Monday\n', False),
+])
+def test_a_second_header_with_other_units_is_refused(text, refused, tmp_path, capsys):
+    assert main(['fit', write(tmp_path, text + '6,10\n7,5\n8,3\n9,2\n')]) == 2 * refused
+    shown = capsys.readouterr()
+    assert ('line 2: ' in shown.err and 'names other units than the header before it' in shown.err) == refused
+    if not refused:
+        assert read_forces(write(tmp_path, text + '6,10\n7,5\n8,3\n9,2\n')).f[2] == 3.0  # N, as its header says
+
+
+def test_units_named_after_the_numbers_are_refused_too(tmp_path):
+    with pytest.raises(ValueError, match=r'line 6: .*names other units'):
+        read_forces(write(tmp_path, 'r_mm,f_N\n6,10\n7,5\n8,3\n9,2\n# r_mm f_mN\n10,1500\n'))
+
+
+def test_what_is_wrong_with_an_uncertainty_or_a_spacing_is_said_of_it(tmp_path, capsys):
+    file = write(tmp_path, 'r_mm,f_N,sigma_N\n6,10,1e12\n7,5,1e12\n8,3,1e12\n9,2,1e12\n')
+    assert main(['fit', file]) == 2
+    assert 'need not fall with the distance (a = 3.97 ' in (said := capsys.readouterr().err)
+    assert 'is their column sigma, or its unit, right?' in said
+    assert main(['fit', str(SYNTHETIC), '--spacing', '1e-320']) == 2
+    assert 'the spacing 1e-320 m must lie between 1e-12 and 1e+06 m' in capsys.readouterr().err
+    assert main(['fit', '']) == 2
+    assert "'' names no file" in capsys.readouterr().err
+    assert main(['fit', str(SYNTHETIC), '-o', str(tmp_path / ('x' * 300))]) == 2
+    assert 'cannot be made (File name too long); choose another place' in capsys.readouterr().err
