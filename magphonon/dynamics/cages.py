@@ -50,8 +50,8 @@ class Diverged(RuntimeError):
     """
 
     def __init__(self, particle, time, what):
-        super().__init__(f'at {time:g} ms particle {particle} {what}; the atoms keep the last good state. '
-                         'Take a shorter time step, less drive, or a start nearer to rest')
+        super().__init__(f'the simulation diverged at {time:g} ms: particle {particle} {what}. The atoms keep the last good '
+                         'state. Use a shorter time step, a weaker drive, or a start closer to rest')
         self.particle, self.time, self.atoms, self.last_good = int(particle), time, None, None
 
 
@@ -101,7 +101,7 @@ class Cages:
         """
         lost = np.flatnonzero(~np.isfinite(u).all(axis=1))
         if len(lost):
-            raise Diverged(lost[0], time, 'has left for infinity')
+            raise Diverged(lost[0], time, 'has no finite position')
         if self.still(np.sqrt(np.einsum('ix,ix->i', u, u).max(initial=0.0))):
             return
         if bonded:

@@ -13,13 +13,13 @@ stability limit."""
 
 
 def refuse_unstable(atoms, dt):
-    """Raise ValueError if `dt` (ms) is over the limit 2/omega_max about rest; other calculators are not judged."""
+    """Raise ValueError if `dt` (ms) exceeds the limit 2/omega_max about rest; other calculators are not checked."""
     if not isinstance(atoms.calc, MagneticRepulsion):
         return
     omega = frequency_bound(atoms, dt)
     if omega * dt > 2:
-        raise ValueError(f'the time step of {dt:.9g} ms is over the limit of stability 2/omega_max = {2 / omega:.9g} ms; '
-                         'a tenth of the limit is accurate; allow_unstable=True runs all the same')
+        raise ValueError(f'the time step of {dt:.9g} ms exceeds the stability limit 2/omega_max = {2 / omega:.9g} ms; '
+                         'a tenth of the limit is accurate; allow_unstable=True runs anyway')
 
 
 def highest_frequency(atoms):

@@ -205,24 +205,24 @@ def _refuse_unsettled_sums(atoms):
     shortest = calc.bonds.lengths.min()
     away = np.linalg.norm(calc.displacements(atoms), axis=1).max()
     if away > ROUND_OFF * shortest:
-        raise ValueError(f'particles stand up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold there '
-                         'only; make another one at these positions')
-    if len(atoms) > 1:  # a single one is in balance by symmetry
+        raise ValueError(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
+                         'there; make another one at these positions')
+    if len(atoms) > 1:  # a single particle is in equilibrium by symmetry
         left = np.linalg.norm(calc.get_forces(atoms), axis=1)
         if left.max() > BALANCED * abs(calc.potential.dphi(shortest)):
-            raise ValueError('the cell is not at rest, and a linear answer holds about rest only: nothing balances '
-                             f'{left.max():.4g} N on particle {left.argmax()}; let it relax with an optimiser of ASE, and make '
+            raise ValueError('the cell is not at rest, and linear theory holds only about rest: a net static force of '
+                             f'{left.max():.4g} N acts on particle {left.argmax()}; relax it with an optimiser of ASE, and make '
                              'AllNeighbours at the relaxed positions')
 
 
 def _refuse(atoms, u, left):
     calc, k = atoms.calc, left.argmax()
     share = left[k] / (_largest_force(calc, u) or np.inf)
-    mend = ('let it relax, magphonon.relaxed(atoms).atoms, or give the calculator the constant force that holds it, load= or '
+    mend = ('relax it, magphonon.relaxed(atoms).atoms, or give the calculator the constant force that holds it, load= or '
             'atoms.calc.balanced(particles)')
     if np.any(u) and not unbalanced(atoms).any():
-        mend = ('set the positions back to those of atoms.calc.reference, where they balance (up to '
+        mend = ('set the positions back to those of atoms.calc.reference, where the forces balance (up to '
                 f'{np.linalg.norm(u, axis=1).max():.3g} mm away), or ' + mend)
-    raise ValueError('the structure is not at rest, and a linear answer holds about rest only: nothing balances '
-                     f'{left[k]:.4g} N on particle {k}, {share:.3g} times the largest force in a bond, and '
-                     f'{np.count_nonzero(left)} of {len(left)} particles are pushed; {mend}')
+    raise ValueError('the structure is not at rest, and linear theory holds only about rest: a net static force of '
+                     f'{left[k]:.4g} N acts on particle {k}, {share:.3g} times the largest force in a bond, and '
+                     f'{np.count_nonzero(left)} of {len(left)} particles are not in equilibrium; {mend}')

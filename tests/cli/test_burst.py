@@ -150,7 +150,7 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
     assert 'UNSTABLE: the static forces buckle this lattice.' in shown
     assert 'It needs a foundation of 40000 N/m and has 0 N/m. Lowering force_N does not help' in shown
     assert 'lower force_N' not in shown
-    assert 'less drive' not in shown
+    assert 'lower burst.force_N' not in shown
     assert not (tmp_path / 'out').exists()
 
 

@@ -244,7 +244,7 @@ def test_local_modes_of_a_missing_magnet_lie_in_the_gap():
     root = np.sqrt(np.repeat(atoms.get_masses(), 2))
     squares = np.linalg.eigvalsh((H + H.T) / 2 / (root * root[:, None]))
     assert_allclose(f, np.sqrt(squares) * HZ, rtol=1e-8)
-    with pytest.raises(ValueError, match=r'nothing balances 0.2369 N on particle \d+, 1 times .* 3 of 199 .*relaxed'):
+    with pytest.raises(ValueError, match=r'net static force of 0.2369 N acts on particle \d+, 1 times .* 3 of 199 .*relaxed'):
         modes(atoms)
 
 
@@ -378,7 +378,7 @@ def test_a_cell_out_of_balance_has_no_bands(calculator):
     cell = skewed_cell(calculator)
     path = cell.cell.bandpath('GMKG', npoints=5, pbc=cell.pbc)
     for ask in (lambda: analytic_bands(cell, path), lambda: finite_displacements(cell), lambda: foundation_needed(cell)):
-        with pytest.raises(ValueError, match='not at rest, and a linear answer holds about rest only'):
+        with pytest.raises(ValueError, match='not at rest, and linear theory holds only about rest'):
             ask()
 
 
