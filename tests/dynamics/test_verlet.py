@@ -269,7 +269,7 @@ def test_a_step_over_the_limit_is_refused_with_both_numbers():
         DrivenVerlet(patch(), 1.0001 * limit)
     dyn = DrivenVerlet(patch(), DT)
     dyn.atoms.calc.set(foundation=1e4)
-    with pytest.raises(ValueError, match='limit of stability'):
+    with pytest.raises(ValueError, match='stability limit'):
         dyn.run(10)
 
 
