@@ -15,10 +15,20 @@ and pulls its far end j (and pushes its near end i) with the force, counted from
 H has no constant term: nothing large is ever subtracted.  It is fitted through its slope, in which nothing cancels.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..interactions.pair_laws import PairLaw
 
 TOLERANCE = 1e-13
 """Largest error of a fitted slope dH/de, as a fraction of the slope at rest."""
@@ -39,46 +49,46 @@ class Increments:
 
     Attributes
     ----------
-    potential : object with dphi and d2phi
+    potential : PairLaw
     model : {'complete', 'conventional', 'literal'}
     r0 : ndarray, shape (kinds,)
         Rest length of each kind of bond, mm.
     """
 
-    potential: object
+    potential: PairLaw
     model: str
     r0: np.ndarray
 
     @property
-    def q(self):
+    def q(self) -> float:
         return 0.0 if self.model == 'conventional' else 1.0
 
     @property
-    def t(self):
+    def t(self) -> float:
         return 1.0 if self.model == 'complete' else 0.0
 
     @property
-    def g(self):
+    def g(self) -> NDArray[np.float64]:
         """Static force over length f(r0)/r0 where it turns with the bond, N/mm, shape (kinds,)."""
         return self.t * self.static / self.r0
 
     @property
-    def static(self):
+    def static(self) -> NDArray[np.float64]:
         """Static force f(r0) of each kind in N."""
         return -self.potential.dphi(self.r0)
 
-    def length(self, e, r0):
+    def length(self, e: Any, r0: Any) -> Any:
         """Bond length that enters the law, mm."""
         return r0 * (1 + e / 2) if self.model == 'conventional' else r0 * np.sqrt(1 + e)
 
-    def slope(self, e, r0):
+    def slope(self, e: Any, r0: Any) -> Any:
         """Slope dH/de in N/mm."""
         r = self.length(e, r0)
         if self.model == 'complete':
             return -(r0**2 / (2 * r**2)) * (self.potential.d2phi(r) - self.potential.dphi(r) / r)
         return -self.potential.d2phi(r) * (r0 / (2 * r) if self.model == 'literal' else 0.5)
 
-    def exact(self, e, r0):
+    def exact(self, e: NDArray[np.float64], r0: ArrayLike) -> NDArray[np.float64]:
         """H(e) from the law itself, N/mm: the integral of the slope where the difference would cancel."""
         r = self.length(e, r0)
         near = abs(e) < NEAR
@@ -89,7 +99,7 @@ class Increments:
             H[near] = e * sum(w * self.slope(x * e, r0) for x, w in zip(NODES, WEIGHTS, strict=True))
         return H
 
-    def polynomial(self, reach):
+    def polynomial(self, reach: float) -> tuple[NDArray[np.float64], float] | None:
         """Coefficients of `H = e (c0 + c1 e + ...)` for |e| <= reach, shape (kinds, coefficients), and their error.
 
         Their number is even.

@@ -9,13 +9,24 @@ In the first case particles have collided, or have left each other so far that o
 repulsion as large as any at rest would be missing.  A particle that leaves its cage passes through one of the two.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..lattices.bonds import bonds_within
 from ..stiffness.constraints import freedom
+
+if TYPE_CHECKING:
+    from typing import SupportsInt
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..lattices.bonds import Bonds
 
 CONTACT = 0.1
 """Ratio of a bond to its rest length below which its particles have collided."""
@@ -49,10 +60,12 @@ class Diverged(RuntimeError):
     last_good : float
     """
 
-    def __init__(self, particle, time, what):
+    def __init__(self, particle: SupportsInt, time: float, what: str) -> None:
         super().__init__(f'the simulation diverged at {time:g} ms: particle {particle} {what}. The atoms keep the last good '
                          'state. Use a shorter time step, a weaker drive, or a start closer to rest')
-        self.particle, self.time, self.atoms, self.last_good = int(particle), time, None, None
+        self.particle, self.time = int(particle), time
+        self.atoms: Atoms | None = None
+        self.last_good: float | None = None
 
 
 class Cages:
@@ -64,7 +77,7 @@ class Cages:
         With its MagneticRepulsion.
     """
 
-    def __init__(self, atoms):
+    def __init__(self, atoms: Atoms) -> None:
         self.calc, bonds = atoms.calc, atoms.calc.bonds
         try:
             self.mobile = freedom(atoms)[0]
@@ -73,17 +86,17 @@ class Cages:
         self.nearest = bonds.lengths.min(initial=np.inf)
 
     @cached_property
-    def clearance(self):
+    def clearance(self) -> float:
         """Displacement in mm up to which every bond holds and no other pair meets, however the particles are displaced."""
         self._survey(np.zeros((len(self.mobile), self.calc.dim)))
         self._judged = (self._distance >= APART * self.nearest).all()
         return min((1 - CONTACT) / 2 * self.nearest, self._margin.min() if self._judged else np.inf)
 
-    def still(self, largest):
+    def still(self, largest: float) -> bool:
         """Whether displacements of at most `largest` (mm) need no look; False for one that is no number."""
         return largest <= HARMLESS * self.nearest or largest <= self.clearance
 
-    def steps_between_looks(self, speed, largest, dt, most):
+    def steps_between_looks(self, speed: float, largest: float, dt: float, most: int) -> int:
         """How many steps of `dt` (ms) the fastest particle may go at `speed` (mm/ms) from one look to the next.
 
         It may go farther where nobody is displaced by more than `largest` (mm), as far as is clear: to be out and back again
@@ -94,7 +107,7 @@ class Cages:
             way = max(way, self.clearance - largest)
         return most if speed * dt * most <= way else max(1, int(way / (speed * dt)))
 
-    def look(self, u, time, bonded=True):
+    def look(self, u: NDArray[np.float64], time: float, bonded: bool = True) -> None:
         """Raise Diverged if the displacements `u` in mm, shape (particles, dim), are not finite or no cages any more.
 
         Without `bonded` the lengths of the bonds are not looked at, as somebody else has done that.
@@ -157,7 +170,7 @@ class Cages:
             np.minimum.at(self._margin, ends, (self._distance - self.nearest) / 2)
 
 
-def pairs_without_bond(bonds, atoms, cutoff):
+def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:
     """Pairs of particles within `cutoff` (mm) that no bond of the list joins.
 
     Returns

@@ -4,7 +4,10 @@ A checkpoint knows the run that it belongs to by fingerprints of everything that
 arrays by a checksum, and the frames in the files beside it by theirs.
 """
 
+from __future__ import annotations
+
 import json
+from typing import TYPE_CHECKING
 
 import ase
 import numpy as np
@@ -13,13 +16,20 @@ from ..files import whole_file
 from ..stiffness.calculator import MagneticRepulsion
 from .fingerprints import Unknowable, fingerprint
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from os import PathLike
+    from typing import Any
+
+    from .verlet import DrivenVerlet
+
 SAMPLES = 2000
 """Number of distances at which a law is sampled, besides its parameters and code, from contact to broken bonds."""
 CHANGING = ('atoms', 'results')
 """Attributes of a calculator that change in a run."""
 
 
-def run_parts(dyn, every):
+def run_parts(dyn: DrivenVerlet, every: int) -> dict[str, str]:
     """Fingerprints of what decides the bits of a run, by the name of the part: dict of str.
 
     Parameters
@@ -58,7 +68,7 @@ def _known(name, value):
 
 
 def _version():
-    from .. import __version__
+    from .. import __version__  # pyright: ignore[reportAttributeAccessIssue]  the stub beside it lists the exports only
 
     return __version__
 
@@ -107,7 +117,7 @@ def _where_defined(law, r):
         return np.concatenate([_where_defined(law, half) for half in np.array_split(r, 2)])
 
 
-def save_checkpoint(path, parts, state):
+def save_checkpoint(path: str | PathLike[str], parts: Mapping[str, str], state: Mapping[str, Any]) -> None:
     """Write a state, a dict of arrays and numbers, whole or not at all."""
     state = {'run': json.dumps(parts), **state}
     with whole_file(path, 'wb') as file:
@@ -118,7 +128,7 @@ def _checksum(state):
     return fingerprint({name: np.asarray(value) for name, value in state.items()})
 
 
-def load_checkpoint(path, parts):
+def load_checkpoint(path: str | PathLike[str], parts: Mapping[str, str]) -> dict[str, Any] | None:
     """The state that `save_checkpoint` wrote, or None if there is no such file.
 
     Raises

@@ -5,13 +5,24 @@ A drive is called with the time t in ms and returns the force in N on each of it
 (times, particles, 3).  A plain function of t acts on all particles.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import finite, positive
 from ..stiffness.constraints import refuse_held
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+Prepared = Any
+"""array_like as it is given, an array once the drive is made: `_prepare` sees to it."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +38,14 @@ class Constant:
         In N.
     """
 
-    particles: ArrayLike
-    direction: ArrayLike
-    force: ArrayLike
+    particles: Prepared
+    direction: Prepared
+    force: Prepared
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _prepare(self, 'force')
 
-    def __call__(self, t):
+    def __call__(self, t: Any) -> NDArray[np.float64]:
         return _along(self.direction, self.force + np.zeros(np.shape(t))[..., None])
 
 
@@ -58,16 +69,16 @@ class Harmonic:
         In rad.
     """
 
-    particles: ArrayLike
-    direction: ArrayLike
-    amplitude: ArrayLike
-    omega: ArrayLike
-    phase: ArrayLike = 0.0
+    particles: Prepared
+    direction: Prepared
+    amplitude: Prepared
+    omega: Prepared
+    phase: Prepared = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _prepare(self, 'amplitude', 'omega', 'phase')
 
-    def __call__(self, t):
+    def __call__(self, t: Any) -> NDArray[np.float64]:
         t = np.asarray(t)[..., None]
         return _along(self.direction, self.amplitude * np.sin(self.omega * t + self.phase))
 
@@ -91,25 +102,25 @@ class ToneBurst:
         In ms.
     """
 
-    particles: ArrayLike
-    direction: ArrayLike
-    amplitude: ArrayLike
+    particles: Prepared
+    direction: Prepared
+    amplitude: Prepared
     omega: float
     cycles: float = 5
     start: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _prepare(self, 'amplitude')
         positive('omega', self.omega, 'rad/ms')
         positive('cycles', self.cycles)
         finite('start', self.start, ())
 
     @property
-    def end(self):
+    def end(self) -> float:
         """Time in ms when the burst is over."""
         return self.start + 2 * np.pi * self.cycles / self.omega
 
-    def __call__(self, t):
+    def __call__(self, t: Any) -> NDArray[np.float64]:
         t = np.asarray(t)[..., None]
         x = self.omega * (t - self.start)
         window = np.where((t >= self.start) & (t <= self.end), (1 - np.cos(x / self.cycles)) / 2, 0.0)
@@ -142,14 +153,14 @@ def _along(direction, strength):
     return strength[..., None] * direction
 
 
-def constant_push(drives, count):
+def constant_push(drives: Sequence[Any], count: int) -> NDArray[np.float64]:
     """Sum of the Constant ones among the drives on `count` particles, in N, shape (count, 3)."""
     push, constant = np.zeros((count, 3)), Drives([drive for drive in drives if isinstance(drive, Constant)], count)
     push[constant.particles] = constant.forces(np.zeros(1))[0]
     return push
 
 
-def refuse_held_drives(drives, atoms):
+def refuse_held_drives(drives: Sequence[Any], atoms: Atoms) -> None:
     """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push."""
     for drive in drives:
         if isinstance(drive, Constant | Harmonic | ToneBurst) and drive.particles.max() < len(atoms):
@@ -179,7 +190,7 @@ class Drives:
         If a drive names a particle that is not there, or is no drive.
     """
 
-    def __init__(self, drives, count):
+    def __init__(self, drives: Sequence[Any], count: int) -> None:
         self._parts = []
         for drive in drives:
             if not callable(drive):
@@ -196,7 +207,7 @@ class Drives:
     def __bool__(self):
         return len(self.particles) > 0
 
-    def forces(self, times):
+    def forces(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Forces in N at the `times` in ms, shape (times, particles, 3).
 
         Raises

@@ -1,5 +1,9 @@
 """The state of a run between two reads of the atoms: displacements and velocities to full precision, advanced by a kernel."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..stiffness.calculator import MagneticRepulsion
@@ -10,14 +14,22 @@ from .bond_increments import RANGES, Increments
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
 from .kernels_numpy import Kernel, Motion
-from .law_pieces import pieces
+from .law_pieces import Pieces, pieces
 from .memory_layout import arrange
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
 
 PIECES = len(RANGES)
 """Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
 
 
-def refusal(atoms):
+def refusal(atoms: Atoms) -> str | None:
     """Why blocks of steps cannot integrate `atoms`, or None if they can."""
     if type(atoms.calc) is not MagneticRepulsion:
         return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
@@ -46,8 +58,9 @@ class Blocks:
         gamma in 1/ms.
     """
 
-    def __init__(self, atoms, dt, drives, damping):
-        calc, masses = atoms.calc, atoms.get_masses()
+    def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64]) -> None:
+        calc: MagneticRepulsion = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
+        masses = atoms.get_masses()
         self.atoms, self.calc, self.dt = atoms, calc, dt
         self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
         mobile, guided, barred = freedom(atoms)
@@ -67,25 +80,25 @@ class Blocks:
         self._read()
 
     @property
-    def engine(self):
+    def engine(self) -> str:
         return self._kernel.engine
 
     @property
-    def displacements(self):
+    def displacements(self) -> NDArray[np.float64]:
         """In mm, shape (particles, 2)."""
         return self.layout.gather(self._state[0]).T.copy()
 
     @property
-    def velocities(self):
+    def velocities(self) -> NDArray[np.float64]:
         """In mm/ms, shape (particles, 2)."""
         return self.layout.gather(self._state[1]).T.copy()
 
-    def steps_to_next_look(self, most):
+    def steps_to_next_look(self, most: int) -> int:
         """How many steps the next block may have, `most` at most; fewer where particles are fast."""
         largest, speed = (np.sqrt(2) * max(x.max(), -x.min()) for x in self._state[:2])
         return self.cages.steps_between_looks(speed, largest, self.dt, most)
 
-    def use(self, engine):
+    def use(self, engine: str) -> None:
         """Choose the kernel: 'numpy' or 'compiled'."""
         if engine == 'compiled':
             from .kernels_numba import CompiledKernel as kernel_class
@@ -106,18 +119,18 @@ class Blocks:
         kernel_class = Kernel if fitted is None else self._kernel_class
         self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted)
 
-    def _in_pieces(self):
+    def _in_pieces(self) -> list[Pieces] | None:
         """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
         if self._kernel_class is Kernel:
             return None
         kinds = [pieces(self._increments, kind, CONTACT, BROKEN_BOND) for kind in range(len(self.layout.r0))]
-        return None if None in kinds else kinds
+        return None if None in kinds else kinds  # pyright: ignore[reportReturnType]  none of them is None
 
     @property
     def _exact(self):
         return self._level > PIECES
 
-    def advance(self, first, steps):
+    def advance(self, first: int, steps: int) -> None:
         """Move on by a block of `steps`, from the step number `first`.
 
         Raises
@@ -163,11 +176,11 @@ class Blocks:
         return *self._state[:2], self._anchors, self._masses, atoms['positions'], atoms['momenta']
 
     @property
-    def current(self):
+    def current(self) -> bool:
         """Whether the atoms are as `write` left them; observers may change them."""
         return self._kernel.written(*self._arrays())
 
-    def write(self):
+    def write(self) -> None:
         """Put the state into the atoms, rounded to positions."""
         self._kernel.write(*self._arrays())
 
@@ -179,8 +192,9 @@ class Blocks:
     def _take(self, u, v, anchors):
         v = self._mobile * v
         v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
-        self._state = tuple(self.layout.scatter(x) for x in (u, v, 0 * v))
-        self._spare = tuple(self.layout.scatter(0 * x) for x in (u, u, u))
+        scatter = self.layout.scatter
+        self._state = scatter(u), scatter(v), scatter(0 * v)
+        self._spare = scatter(0 * u), scatter(0 * u), scatter(0 * u)
         self._anchors, self._stale = anchors, True
         level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
         if level > self._level:
@@ -195,7 +209,7 @@ class Blocks:
         e = ((2 * R + self._increments.q * du) * du).sum(axis=0) / (R**2).sum(axis=0)
         return abs(e).max(initial=0.0)
 
-    def adopt(self, old):
+    def adopt(self, old: Blocks) -> None:
         """Take over the state of other blocks on the same particles, to more digits than the positions have.
 
         Particles keep their momenta.  Blocks about another reference count other displacements: their state is not taken,
@@ -206,11 +220,11 @@ class Blocks:
         self._take(old.displacements, old.velocities * (old._masses / self._masses)[:, None], old._anchors)
         self.write()
 
-    def state(self):
+    def state(self) -> dict[str, Any]:
         """Arrays from which `restore` continues to the same bits."""
         return dict(zip('uva', self._state, strict=True)) | {'level': self._level, 'stale': self._stale}
 
-    def restore(self, state):
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a `state`; the atoms have their positions and momenta already."""
         self._fit(int(state['level']))
         for mine, name in zip(self._state, 'uva', strict=True):

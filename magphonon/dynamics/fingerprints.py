@@ -31,7 +31,7 @@ class Unknowable(ValueError):
     """A value whose fingerprint cannot be taken, such as an open file."""
 
 
-def fingerprint(value):
+def fingerprint(value: object) -> str:
     """Fingerprint of a value, 64 hexadecimal digits.
 
     Raises

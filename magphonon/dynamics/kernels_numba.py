@@ -1,10 +1,19 @@
 """The kernel of compiled steps: the structure laid out as `magphonon.dynamics.compiled_steps` takes it."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .compiled_steps import EMPTY, advance_grid, advance_table, steps_grid, steps_table, write, written
 from .kernels_numpy import Kernel
 from .memory_layout import LINE, aligned_zeros
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .kernels_numpy import State
 
 RUN = 256
 """Number of slots processed at a time."""
@@ -26,24 +35,24 @@ class CompiledKernel(Kernel):
         self._slot = layout.slot.astype(np.uint64)
         self._corrected = m.driven.astype(np.uint64), m.guided.astype(np.uint64), m.barred
         if layout.offset is not None:
-            self._steps, self._advance, self._bonds = steps_grid, advance_grid, (*_grid(layout), *law)
+            self._compiled_steps, self._advance, self._bonds = steps_grid, advance_grid, (*_grid(layout), *law)
         else:
-            self._steps, self._advance, self._bonds = steps_table, advance_table, (*_table(layout), *law)
+            self._compiled_steps, self._advance, self._bonds = steps_table, advance_table, (*_table(layout), *law)
 
-    def advance(self, state, forces, out):
+    def advance(self, state: State, forces: NDArray[np.float64], out: State) -> float:
         m = self.motion
         return self._advance(state, out, forces, (self.carry, self.push, m.dt, m.foundation), m.decay, m.mobility, self.forget,
                              self._corrected, self._bonds)
 
-    def accelerate(self, u, a, force):
+    def accelerate(self, u: NDArray[np.float64], a: NDArray[np.float64], force: NDArray[np.float64]) -> float:
         a[:] = 0
         m = self.motion
-        return self._steps(u, a, force[None], self.forget, m.mobility, 0.0, m.foundation, self._corrected, self._bonds)
+        return self._compiled_steps(u, a, force[None], self.forget, m.mobility, 0.0, m.foundation, self._corrected, self._bonds)
 
-    def write(self, *arrays):
+    def write(self, *arrays: NDArray[np.float64]) -> None:
         write(self._slot, *arrays)
 
-    def written(self, *arrays):
+    def written(self, *arrays: NDArray[np.float64]) -> bool:
         return written(self._slot, *arrays)
 
 

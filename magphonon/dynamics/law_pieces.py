@@ -6,10 +6,18 @@ number makes itself: each octave of w into 2^BITS equal pieces, found by a shift
 tolerance is halved until it does not, as a knot of a table or the edge of a contact asks for.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from .bond_increments import Increments
 
 BITS = 4
 """Binary logarithm of the number of pieces per octave."""
@@ -59,12 +67,12 @@ class Pieces:
     coefficients: np.ndarray
 
 
-def octave_piece(w):
+def octave_piece(w: ArrayLike) -> NDArray[np.int_]:
     """The bits of w that number its piece of an octave."""
     return np.asarray(w, float).view(np.int64) >> (52 - BITS)
 
 
-def pieces(increments, kind, shortest, longest):
+def pieces(increments: Increments, kind: int, shortest: float, longest: float) -> Pieces | None:
     """The law of one kind of bond from the length `shortest` to `longest`, in rest lengths.
 
     Parameters

@@ -6,10 +6,19 @@ onto it (the array 'site'), with empty slots where particles are missing.  Every
 with the particles renumbered so that neighbours lie close in memory.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..lattices.bonds import Bonds
 
 GRID_COST = 6
 """Ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there."""
@@ -20,7 +29,7 @@ SAME_VECTOR = 1e-10
 one law serves all of them (relaxed patches differ by any amount; a limit ten times as large costs 2e-9 of a motion)."""
 
 
-def aligned_zeros(shape):
+def aligned_zeros(shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Zeros that start on a cache line, as vector units like it; a third faster than where NumPy happens to put them."""
     size = int(np.prod(shape))
     memory = np.zeros(size + LINE)
@@ -64,11 +73,11 @@ class Layout:
     strength: np.ndarray | None = None
 
     @property
-    def kind_R(self):
+    def kind_R(self) -> NDArray[np.float64]:
         """Rest vector of each kind on a grid, shape (kinds, 2)."""
         return self.R[np.unique(self.kind, return_index=True)[1]]
 
-    def runs(self, gap, longest):
+    def runs(self, gap: int, longest: int) -> NDArray[np.int_]:
         """First and last + 1 slot of stretches of particles, shape (runs, 2); none overlaps another.
 
         Holes up to `gap` slots, at least a cache line, are included.  Stretches start on a cache line and are cut into
@@ -81,7 +90,7 @@ class Layout:
         last = occupied[np.append(breaks, len(occupied) - 1)] + 1
         return np.array([(s, min(s + longest, b)) for a, b in zip(first, last, strict=True) for s in range(a, b, longest)])
 
-    def gather(self, values):
+    def gather(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values of the particles, shape (2, particles), from those of the slots, shape (2, length)."""
         return values[:, : len(self.slot)] if self._whole else values[:, self.slot]
 
@@ -90,14 +99,14 @@ class Layout:
         """Whether the particles fill the slots in their own order."""
         return np.array_equal(self.slot, np.arange(len(self.slot)))
 
-    def scatter(self, values):
+    def scatter(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values of the slots, shape (..., length), zero in empty ones, from those of the particles, shape (particles, ...)."""
         slots = aligned_zeros((*values.shape[1:], self.length))
         slots[..., self.slot] = values.T
         return slots
 
 
-def arrange(atoms, bonds, mobile):
+def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_]) -> Layout:
     """The layout of a planar structure.
 
     Parameters

@@ -1,15 +1,26 @@
 """Displacements of a run, frame by frame, in bounded memory."""
 
+from __future__ import annotations
+
 import os
 from contextlib import suppress
 from hashlib import sha256
 from tempfile import SpooledTemporaryFile, gettempdir
+from typing import TYPE_CHECKING
 from weakref import finalize
 
 import numpy as np
 
 from ..errors import whole
 from ..files import room_for, save_arrays
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from os import PathLike
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from .verlet import DrivenVerlet
 
 MEMORY = 2**26
 """Number of bytes of frames kept in memory; more frames go to a temporary file."""
@@ -30,7 +41,7 @@ class Recorder:
         Steps between two frames.
     """
 
-    def __init__(self, dyn, particles=None, interval=10):
+    def __init__(self, dyn: DrivenVerlet, particles: ArrayLike | None = None, interval: int = 10) -> None:
         self._dyn, self.interval = dyn, whole('interval', interval)
         count = len(dyn.atoms)
         self.particles = np.arange(count) if particles is None else np.atleast_1d(particles)
@@ -48,7 +59,7 @@ class Recorder:
         self._file, self._place = file, place
         finalize(self, _close, file)
 
-    def __call__(self):
+    def __call__(self) -> None:
         frame = self._dyn.displacements[self.particles].tobytes()
         with room_for(self._place):
             self._file.write(frame)
@@ -57,12 +68,12 @@ class Recorder:
         self._frames.append(self._dyn.get_time())
 
     @property
-    def times(self):
+    def times(self) -> NDArray[np.float64]:
         """Times of the frames in ms, shape (frames,)."""
         return np.array(self._frames)
 
     @property
-    def displacements(self):
+    def displacements(self) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (frames, particles, dim); a read-only map of the file if they are many."""
         shape = len(self._frames), *self._shape
         if not np.prod(shape):
@@ -73,13 +84,13 @@ class Recorder:
         self._file.seek(0)
         return np.frombuffer(self._file.read()).reshape(shape)
 
-    def save(self, path):
+    def save(self, path: str | PathLike[str]) -> None:
         """Write `times` (ms), `displacements` (mm) and `particles` to a .npz file, whole or not at all."""
         save_arrays(path, {'times': self.times, 'displacements': self.displacements, 'particles': self.particles},
                     {'times': ('ms', 'frames'), 'displacements': ('mm', 'frames', 'particles', 'dim'),
                      'particles': ('', 'particles')})
 
-    def forget_after(self, time):
+    def forget_after(self, time: float) -> None:
         """Drop the frames later than `time` (ms), those of a run that has gone wrong."""
         self._cut(int(np.searchsorted(self._frames, time, side='right')))
 
@@ -101,7 +112,8 @@ class Recorder:
             size -= len(piece)
         return total
 
-    def keep_at(self, path, times=None, checksum=None):
+    def keep_at(self, path: str | PathLike[str], times: Sequence[float] | NDArray[np.float64] | None = None,
+                checksum: str | None = None) -> None:
         """Keep the frames in a file from now on; with `times`, go on after that many frames which are there already.
 
         Raises
@@ -127,7 +139,7 @@ class Recorder:
         self._file.truncate(size)  # frames later than the checkpoint are computed again
         self._file.seek(size)
 
-    def keep(self):
+    def keep(self) -> tuple[NDArray[np.float64], str]:
         """Make sure that the frames are on the disk; returns their times and their checksum."""
         with room_for(self._place):
             self._file.flush()

@@ -1,5 +1,9 @@
 """The longest stable time step of velocity Verlet, 2/omega_max."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy import sparse
 
@@ -7,12 +11,15 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE
 
+if TYPE_CHECKING:
+    from ase import Atoms
+
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
 
 
-def refuse_unstable(atoms, dt):
+def refuse_unstable(atoms: Atoms, dt: float) -> None:
     """Raise ValueError if `dt` (ms) exceeds the limit 2/omega_max about rest; other calculators are not checked."""
     if not isinstance(atoms.calc, MagneticRepulsion):
         return
@@ -22,7 +29,7 @@ def refuse_unstable(atoms, dt):
                          'a tenth of the limit is accurate; allow_unstable=True runs anyway')
 
 
-def highest_frequency(atoms):
+def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
     Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.
@@ -36,7 +43,7 @@ def highest_frequency(atoms):
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
 
 
-def frequency_bound(atoms, dt):
+def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency, no dearer than a verdict on the time step `dt` (ms) needs; in rad/ms.
 
     Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, it is the highest frequency itself.

@@ -12,7 +12,10 @@ symmetrically around ASE's step, which makes it second order in dt and leaves it
 Without damping and drives it is ASE's VelocityVerlet, bit for bit.
 """
 
+from __future__ import annotations
+
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.md.verlet import VelocityVerlet
@@ -25,6 +28,15 @@ from .drives import Drives, refuse_held_drives
 from .energy_log import EnergyLog
 from .engine import Blocks, refusal
 from .timestep import refuse_unstable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from os import PathLike
+    from pathlib import Path
+    from typing import IO, Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 COMPILING_PAYS = 5e7
@@ -77,8 +89,9 @@ class DrivenVerlet(VelocityVerlet):
         For 'compiled' without numba.
     """
 
-    def __init__(self, atoms, timestep, drives=(), damping=0.0, engine='auto', allow_unstable=False, logfile=None,
-                 loginterval=1, **kwargs):
+    def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
+                 allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None, loginterval: int = 1,
+                 **kwargs: Any) -> None:
         self.asked_engine = one_of('engine', engine, ENGINES)
         self._drive_list = list(drives)
         self.drives = Drives(self._drive_list, len(atoms))
@@ -104,16 +117,16 @@ class DrivenVerlet(VelocityVerlet):
         self.engine = 'ase' if engine == 'auto' and refusal(atoms) else engine
 
     @property
-    def damping(self):
+    def damping(self) -> NDArray[np.float64]:
         """Force per momentum in 1/ms, shape (particles,); may be set between runs, to one number or one for each particle."""
         return self._damping
 
     @damping.setter
-    def damping(self, damping):
+    def damping(self, damping: ArrayLike) -> None:
         self._damping = _damping_of(damping, len(self.atoms))
 
     @property
-    def displacements(self):
+    def displacements(self) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim); exact in the block engines.
 
         With another calculator than MagneticRepulsion they are counted from the start.
@@ -125,13 +138,13 @@ class DrivenVerlet(VelocityVerlet):
         return self.atoms.positions - self._start
 
     @property
-    def velocities(self):
+    def velocities(self) -> NDArray[np.float64]:
         """In mm/ms, shape (particles, dim); exact in the block engines."""
         if self.engine != 'ase' and self._blocks is not None:
             return self._blocks.velocities
         return self.atoms.get_velocities()[:, : getattr(self.atoms.calc, 'dim', 3)]
 
-    def step(self, forces=None):
+    def step(self, forces: Any = None) -> NDArray[np.float64]:
         t, t_next = self.nsteps * self.dt, (self.nsteps + 1) * self.dt
         self._decay()
         self._kick(t)
@@ -154,7 +167,7 @@ class DrivenVerlet(VelocityVerlet):
             momenta[self.drives.particles] += self.dt / 2 * self.drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
 
-    def irun(self, steps=50):
+    def irun(self, steps: int = 50) -> Iterator[bool]:
         """As ASE's; blocks of steps yield at their ends."""
         self._prepare(steps)
         run = super().irun(steps) if self.engine == 'ase' else self._irun_blocks(steps)
@@ -166,7 +179,7 @@ class DrivenVerlet(VelocityVerlet):
                     good = self._good_state()
                 yield converged
         except Diverged as error:
-            if self.engine == 'ase':
+            if good is not None:
                 self.nsteps, self.atoms.arrays['positions'][:], self.atoms.arrays['momenta'][:] = good
                 for recorder in self.recorders:
                     recorder.forget_after(self.get_time())
@@ -248,7 +261,7 @@ class DrivenVerlet(VelocityVerlet):
             u = self.atoms.positions - calc.reference.positions
             self._cages.look(calc.displacements(self.atoms) if np.isfinite(u).all() else u[:, : calc.dim], time)
 
-    def run(self, steps=50, checkpoint=None, every=1000):
+    def run(self, steps: int = 50, checkpoint: str | PathLike[str] | None = None, every: int = 1000) -> bool:
         """Run for `steps` more steps.
 
         Parameters
