@@ -104,7 +104,7 @@ def test_unknown_particles_and_other_files_are_refused(tmp_path, lines):
     with pytest.raises(ValueError, match='names no particle'):
         read(tmp_path, lines, particles=())
     (tmp_path / 'picture.csv').write_bytes(bytes(range(256)))
-    with pytest.raises(ValueError, match='no table of text'):
+    with pytest.raises(ValueError, match='is not a text file; export it as CSV'):
         read_displacements(tmp_path / 'picture.csv')
     with pytest.raises(FileNotFoundError):
         read_displacements(tmp_path / 'missing.csv')
