@@ -57,7 +57,7 @@ def departure(response, theory):
 
 
 def closed_form(theta0, omega, model='complete'):
-    """Vertical displacement per vertical force in mm/N, shape (frequencies,); on a vertical line, as at pi/2 it is unstable off it."""
+    """Vertical displacement per vertical force in mm/N, shape (frequencies,), on a vertical line: off it pi/2 is unstable."""
     push = np.zeros((4, 3))
     push[3, 1] = 1
     atoms = oscillator(theta0, model)
