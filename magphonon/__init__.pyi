@@ -68,3 +68,5 @@ from .stiffness import (
     MagneticRepulsion as MagneticRepulsion,
     relaxed as relaxed,
 )
+
+__version__: str

@@ -3,8 +3,12 @@
 The exit status is 0 if the bands were computed, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
 ZERO_FRACTION = 1e-5
@@ -13,12 +17,12 @@ LEAST_WRITTEN_N_per_mm = 1e-6
 """Smallest force constant that phonopy's files keep with enough digits: they have 15 decimals, too few for electrons."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import phonopy_bands
     from ..scenes.scene import read_scene
@@ -34,7 +38,7 @@ def run(options):
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)
         _draw(folder, scene, bands)
-        report = _report(scene, atoms, bands, phonon)
+        report = '\n'.join([*_frequencies(scene, atoms, bands), '', *_stability(scene, atoms, bands, phonon)])
     print(report)
     print(f'pictures and data are in {options.output}')
 
@@ -86,9 +90,9 @@ def _draw(folder, scene, bands):
     road = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
     plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=road)
     ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'bands.png')
+    ax.figure.savefig(folder / 'bands.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
     if tuple(scene.atoms().pbc) == PLANAR:
-        plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')
+        plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
 
 
 def _in_words(value):
@@ -100,18 +104,14 @@ def _in_words(value):
     return f'{value:.7g}' if not isinf(value) else 'unbounded' if value > 0 else '-unbounded'
 
 
-def _report(scene, atoms, bands, phonon):
-    """The report on the terminal: frequencies at the special points by each method, sound, foundation and stability."""
+def _frequencies(scene, atoms, bands):
+    """Lines of the report: frequencies at the special points by each method, the cut-off frequency, and the speeds of sound."""
     import numpy as np
     from ase.dft.kpoints import parse_path_string
 
     from .. import units
-    from ..bands.force_constants import foundation_recovered
     from ..bands.velocities import cut_off, sound_speeds
     from ..interactions.pair_laws import repulsion
-    from ..planning.scene import neglected
-    from ..scenes.lattices import ALL
-    from ..stability.buckling import foundation_needed
 
     def rows(label, columns, highest):
         table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
@@ -120,7 +120,6 @@ def _report(scene, atoms, bands, phonon):
 
     path, lattice, cutoff = bands['complete'].path, scene.lattice, cut_off(atoms)
     highest = max(result.frequencies_Hz.max() for result in bands.values())
-    everyone = scene.law.shells == ALL
     force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
     lines = [scene.title,
              f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N', '',
@@ -140,15 +139,28 @@ def _report(scene, atoms, bands, phonon):
 
     if 'conventional' not in bands:
         lines += ['', 'no conventional model: the sums of D0 and D* diverge separately and converge only together']
+    return lines
+
+
+def _stability(scene, atoms, bands, phonon):
+    """Lines of the report: the foundation, how far phonopy is from the complete model, and whether the lattice is stable."""
+    import numpy as np
+
+    from .. import units
+    from ..bands.force_constants import foundation_recovered
+    from ..planning.scene import neglected
+    from ..scenes.lattices import ALL
+    from ..stability.buckling import foundation_needed
+
     needed, softest = foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
     given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.foundation, recovered, needed))
     squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
     difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
-    lines += ['', f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
-              f'phonopy differs from complete by at most {difference.max():.1e} of the highest squared frequency']
-    if everyone:
-        waves = path.kpts * scene.supercell()
+    lines = [f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
+             f'phonopy differs from complete by at most {difference.max():.1e} of the highest squared frequency']
+    if scene.law.shells == ALL:
+        waves = bands['complete'].path.kpts * scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
         lines[-1] += f', and by {difference[fits].max(initial=0):.1e}'
         lines.append('  at wavevectors commensurate with the supercell; it interpolates between them, because no finite '
@@ -160,8 +172,8 @@ def _report(scene, atoms, bands, phonon):
     if given >= needed:
         place = ' in the plane' if atoms.calc.dim == 2 else ''
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'
-        return '\n'.join([*lines, f'Stable{place}{why}.'])
+        return [*lines, f'Stable{place}{why}.']
     where = ', '.join(f'{x:.3g}' for x in softest)
-    return '\n'.join([*lines, '', f'UNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).',
-                      f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',
-                      'negative frequencies. The conventional model does not show this.'])
+    return [*lines, '', f'UNSTABLE: the static forces buckle this lattice; the softest mode is at q = ({where}).',
+            f'It needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m. Unstable modes are drawn and saved as',
+            'negative frequencies. The conventional model does not show this.']

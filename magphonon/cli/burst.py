@@ -3,19 +3,23 @@
 The exit status is 0 if all bursts ran to their end, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst], as in "magphonon scene ideal"')
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
     parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     from tqdm import tqdm
 
     from ..planning.scene import neglected

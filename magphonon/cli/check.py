@@ -3,8 +3,12 @@
 The exit status is 1 if there is a problem, such as a lattice that buckles, and 0 otherwise.
 """
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'check a scene before it runs: equilibrium, stability, time step, supports, linear range, supercell, cost'
 JUDGED = 20_000
@@ -12,15 +16,16 @@ JUDGED = 20_000
 with the third power of the side."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
 
 
-def run(options):
+def run(options: Namespace) -> int:
     """Print the verdicts and return the exit status: 0 if no problem was found, 1 otherwise."""
     from .. import units
     from ..bands.velocities import cut_off
     from ..planning.scene import neglected
+    from ..scenes.lattices import Oscillator
     from ..scenes.scene import read_scene
     from ..stability.verdicts import verdict
     from .costs import USABLE_FRACTION, costs, free_memory, too_much
@@ -31,7 +36,7 @@ def run(options):
     faults = [too_much(scene, cost, free) for cost in expected if cost.bytes > USABLE_FRACTION * free]
     atoms = scene.atoms()
     if scene.single:
-        print(f'A constant force of {atoms.calc.load[scene.lattice.free, 1] / units.N:.6g} N along the guide is assumed to '
+        print(f'A constant force of {atoms.calc.load[Oscillator.free, 1] / units.N:.6g} N along the guide is assumed to '
               'balance the repulsion of the three magnets.')
     supercell = scene.supercell() if scene.bands is not None else None
     verdicts = {'Oscillator' if scene.single else 'Lattice': verdict(atoms, supercell=supercell)}

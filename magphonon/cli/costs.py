@@ -8,10 +8,13 @@ only takes long.
 Names end in the unit, bytes or seconds.
 """
 
+from __future__ import annotations
+
 import os
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +23,9 @@ from ..bands.bloch import bloch_modes
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
+
+if TYPE_CHECKING:
+    from ..scenes.scene import Scene
 
 USABLE_FRACTION = 0.5
 """Fraction of the free memory that a command may use; the rest is kept for the system and for errors of the estimates."""
@@ -70,30 +76,30 @@ class Cost:
     """
 
     table: str
-    memory: dict
+    memory: dict[str, float]
     seconds: float
     files: int
 
     @property
-    def bytes(self):
+    def bytes(self) -> float:
         """Total memory in bytes."""
         return sum(self.memory.values())
 
     @property
-    def key(self):
+    def key(self) -> str:
         """The key that needs most of the memory."""
-        return max(self.memory, key=self.memory.get)
+        return max(self.memory, key=lambda key: self.memory[key])
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f'[{self.table}] {amount(self.bytes)} of memory, {duration(self.seconds)}, {self.files} files'
 
 
-def amount(size):
+def amount(size: float) -> str:
     """A number of bytes in words; what every process needs is not resolved."""
     return 'less than 0.1 GB' if size < 0.1 * GIGABYTE else f'about {size / GIGABYTE:.2g} GB'
 
 
-def duration(seconds):
+def duration(seconds: float) -> str:
     """A time in words."""
     for unit, length in (('years', 3.15e7), ('days', 86400), ('hours', 3600), ('minutes', 60)):
         if seconds >= 2 * length:
@@ -101,7 +107,7 @@ def duration(seconds):
     return f'about {seconds:.0f} s' if seconds >= 5 else 'a few seconds'
 
 
-def bands_cost(scene):
+def bands_cost(scene: Scene) -> Cost:
     """Cost of `magphonon bands`."""
     points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.atoms().calc.bonds)
     pairs = (particles * np.prod(scene.supercell(), dtype=float)) ** 2
@@ -110,7 +116,7 @@ def bands_cost(scene):
     return Cost('bands', memory, PICTURES_s + POINT_s * particles * points + PAIR_s * pairs, 8)
 
 
-def frf_cost(scene):
+def frf_cost(scene: Scene) -> Cost:
     """Cost of `magphonon frf`."""
     plan, particles = scene.frf, _particles(scene)
     size = 2 * particles
@@ -126,7 +132,7 @@ def frf_cost(scene):
     return Cost('frf', memory, PICTURES_s + len(MODELS) * work + DENSE_s * dense**3, 4)
 
 
-def uncertainty_cost(scene):
+def uncertainty_cost(scene: Scene) -> Cost:
     """Cost of `magphonon uncertainty`."""
     memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s, 0
     parameters = len(scene.uncertainty.model_fields_set)
@@ -142,7 +148,7 @@ def uncertainty_cost(scene):
     return Cost('uncertainty', memory, seconds, files)
 
 
-def burst_cost(scene):
+def burst_cost(scene: Scene) -> Cost:
     """Cost of `magphonon burst`; without a patch, which the command refuses, the cost of its start."""
     from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP_FRACTION  # with time steps, which no other command needs
 
@@ -180,12 +186,12 @@ def _top(scene):
 COSTS = {'bands': bands_cost, 'frf': frf_cost, 'burst': burst_cost, 'uncertainty': uncertainty_cost}
 
 
-def costs(scene):
+def costs(scene: Scene) -> tuple[Cost, ...]:
     """The cost of every table of a scene that a command works on, a tuple of Cost."""
     return tuple(estimate(scene) for name, estimate in COSTS.items() if getattr(scene, name) is not None)
 
 
-def refuse_costly(scene, *tables):
+def refuse_costly(scene: Scene, *tables: str) -> None:
     """Raise ValueError if a table needs more memory than is available; the message names the key.
 
     Parameters
@@ -200,7 +206,7 @@ def refuse_costly(scene, *tables):
             raise ValueError(too_much(scene, cost, free))
 
 
-def too_much(scene, cost, free):
+def too_much(scene: Scene, cost: Cost, free: float) -> str:
     """The message for a cost that is too high: the key, its value and what to do."""
     value = scene
     for key in cost.key.split('.'):
@@ -210,7 +216,7 @@ def too_much(scene, cost, free):
             'lower it')
 
 
-def free_memory():
+def free_memory() -> int:
     """Number of bytes that this process may still allocate: what the system has left, within the limits of the process."""
     free = [8 * GIGABYTE]  # where the system does not tell
     with suppress(ValueError, OSError, AttributeError):

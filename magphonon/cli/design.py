@@ -1,16 +1,20 @@
 """`magphonon design SCENE.toml`: the spacing and the foundation that give the frequencies wanted in [design]."""
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'spacing and foundation for a wanted cut-off, band edge or gap'
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [design]; its [law] tells the magnets')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     from .. import units as u
     from ..scenes.design import HERTZ, tables
     from ..scenes.scene import read_scene

@@ -3,10 +3,17 @@
 docs/coverage.md says how often its 95 % intervals contain the true value, for several kinds of law and noise.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+
 HELP = 'the law of repulsion from measured forces'
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('file', metavar='FILE.csv', help='table with the columns r_m,f_N or r_m,f_N,sigma_N (or r_mm, f_mN, ...)')
     parser.add_argument('--spacing', metavar='M', type=float, help='working spacing in m (default: the middle distance)')
     parser.add_argument('--contact', metavar='M', type=float,
@@ -16,7 +23,7 @@ def add_arguments(parser):
     parser.add_argument('-o', '--output', metavar='DIR', help='directory for the picture and the entries for a scene file')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     from .. import units as u
     from ..errors import not_negative, positive
     from ..interactions.fits import scene_entry

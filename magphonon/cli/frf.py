@@ -1,7 +1,11 @@
 """`magphonon frf SCENE.toml -o DIR`: displacement per harmonic force over frequency, for the oscillator or a patch."""
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'frequency response of the oscillator or of a patch'
 SHOWN_PEAKS = 12
@@ -11,12 +15,12 @@ MOST_DIRECTIONS = 3000
 minute."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene oscillator" prints one to start from')
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for the picture and data')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     import numpy as np
 
     from ..plotting.response import plot_response

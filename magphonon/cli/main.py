@@ -5,6 +5,8 @@ the scene or the place of the results (one message, nothing written), 3 when all
 not be shown, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
 """
 
+from __future__ import annotations
+
 import argparse
 import os
 import signal
@@ -14,9 +16,13 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from importlib import import_module
 from io import StringIO
 from threading import current_thread, main_thread
+from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'scene', 'spectrum', 'uncertainty')
 """The commands; each is a module of `magphonon.cli`."""
@@ -24,17 +30,16 @@ COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
 """The commands that need a table of the same name in the scene."""
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command with `arguments` (by default those of the shell) and return its exit status."""
     _open_streams()
     os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever the shell asks of matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
-    report = sys.stdout if sys.stdout.isatty() else StringIO()  # what goes to a file or a pipe is written when all is done
-    with redirect_stdout(report):
+    kept = StringIO()  # what goes to a file or a pipe is written when all is done
+    with redirect_stdout(sys.stdout if sys.stdout.isatty() else kept):
         status = _status(options)
     try:
-        if report is not sys.stdout:
-            sys.stdout.write(report.getvalue())
+        sys.stdout.write(kept.getvalue())
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, `head` for one, has seen enough
         _forget_output()
@@ -94,7 +99,7 @@ def _open_streams():
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, 'w'))  # noqa: SIM115  as long as the process
     if hasattr(sys.stdout, 'reconfigure'):  # not where a test catches it
-        sys.stdout.reconfigure(errors='backslashreplace')
+        sys.stdout.reconfigure(errors='backslashreplace')  # pyright: ignore[reportAttributeAccessIssue]  which hasattr asks for
 
 
 def _forget_output():
@@ -105,7 +110,7 @@ def _forget_output():
 class Terminated(KeyboardInterrupt):
     """Raised for SIGTERM or SIGHUP, so that temporary files are removed before the process ends."""
 
-    def __init__(self, number):
+    def __init__(self, number: int) -> None:
         self.status, self.words = 128 + number, 'terminated' if number == signal.SIGTERM else 'the terminal was closed'
 
 

@@ -1,14 +1,18 @@
 """`magphonon plan SCENE.toml --tolerance 1e-3 [--run -o DIR]`: the cheapest method that meets a tolerance, and its run."""
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'the cheapest method that answers a scene within a tolerance, and its run'
 LEAST_TOLERANCE = 1e-7
 """Smallest relative tolerance: at Gamma a frequency is the square root of a rounded eigenvalue, a few 1e-8 of the highest one."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [bands], [frf] or [burst], and [plan] for details')
     parser.add_argument('--tolerance', metavar='X', type=float, default=1e-3,
                         help='relative error allowed in what the scene asks for (default: 1e-3)')
@@ -16,7 +20,7 @@ def add_arguments(parser):
     parser.add_argument('-o', '--output', metavar='DIR', help='directory for the data of --run')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     from ..errors import positive
     from ..planning.scene import scene_plans
     from ..scenes.scene import read_scene

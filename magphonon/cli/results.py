@@ -9,6 +9,8 @@ If a step fails, what was there before is put back.  If the process is killed me
 Commands that write into the same folder at once do so one after the other.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import platform
@@ -22,9 +24,17 @@ from errno import ENOSPC
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..files import lock, still_there, whole_file
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Iterator
+    from os import PathLike
+
+    from ..scenes.scene import Scene
 
 PROVENANCE, SCENE = 'provenance.json', 'scene.toml'
 PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib')
@@ -34,7 +44,7 @@ READY, ASIDE = '.ready', '.aside'
 
 
 @contextmanager
-def results(options, scene=None, table=None):
+def results(options: Namespace, scene: Scene | None = None, table: str | PathLike[str] | None = None) -> Iterator[Path]:
     """A directory to write into, whose files appear in the folder `options.output` together, when all are complete.
 
     The folder is made if it does not exist, but its parent must.  Files of an earlier run of the same command for the same

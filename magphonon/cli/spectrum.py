@@ -1,19 +1,23 @@
 """`magphonon spectrum FILE.csv SCENE.toml -o DIR`: a measured table of displacements, analysed like a simulated one."""
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'map and ridges of a measured table of displacements, over the bands of a scene'
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('table', metavar='FILE.csv', help='displacements, columns time_s, particle, u_x_m, u_y_m; particles are '
                                                           'numbered as in the row.csv that "magphonon burst" writes')
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst]: the row, and its bands')
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     from pathlib import Path
 
     from ..planning.scene import neglected
@@ -37,7 +41,7 @@ def run(options):
         own = f'spectrum_{name}'  # beside the results of `burst`, and of other tables
         for wave in found:
             wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
-            plot_wave(wave).figure.savefig(folder / f'{own}_{wave.motion}.png')
+            plot_wave(wave).figure.savefig(folder / f'{own}_{wave.motion}.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
         write_ridges(folder / f'{own}_ridges.csv', {name: found})
         text = '\n'.join([scene.title, '', report({name: found}), '', *neglected(scene)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')

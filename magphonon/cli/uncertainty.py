@@ -1,7 +1,11 @@
 """`magphonon uncertainty SCENE.toml -o DIR`: standard deviations of bands and responses from the tolerances in [uncertainty]."""
 
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
 
 HELP = 'bands and responses with the uncertainty that follows from tolerances'
 SAMPLES = 1000
@@ -15,12 +19,12 @@ LINEAR_RANGE = 0.3
 """Relative standard deviation of an amplitude above which the flank of a peak is not a straight line."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file with a table [uncertainty]')
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
 
 
-def run(options):
+def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
     from .results import results
@@ -57,7 +61,7 @@ def _bands(folder, scene, tolerances):
     _write_table(folder / 'band_uncertainty.csv', path, spread)
     ax = plot_band_ribbons(Bands(path, spread.values), spread, label=r'complete, $\pm 2\sigma$')
     ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'band_uncertainty.png')
+    ax.figure.savefig(folder / 'band_uncertainty.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
 
     # at the special points, each frequency once
     points = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
@@ -71,7 +75,7 @@ def _bands(folder, scene, tolerances):
     k, mode = np.transpose(kept)
     few = type(at)(at.names, at.covariance, at.values[k, mode], at.slopes[:, k, mode])
     ax = plot_contributions(few, [f'{point_name(name)}, branch {branch}' for name, branch in labels])
-    ax.figure.savefig(folder / 'contributions.png')
+    ax.figure.savefig(folder / 'contributions.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
 
     unit = 2 * np.pi * units.Hz
     lines = ['', f'{"frequency (Hz)":18}{"":>12}{"std":>10}' + ''.join(f'{name:>{len(name) + 3}}' for name in few.contributions)]
@@ -124,7 +128,7 @@ def _response(folder, scene, tolerances):
                   [f, spread.values / unit, spread.std / unit])
     ax = plot_response_ribbon(omega, spread, label=r'complete, $\pm 2\sigma$')
     ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'frf_uncertainty.png')
+    ax.figure.savefig(folder / 'frf_uncertainty.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
     relative = spread.std / spread.values
     lost = np.mean(relative > LINEAR_RANGE)
     lines = ['', f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '
