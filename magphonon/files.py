@@ -170,24 +170,84 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
         np.savez(file, units=told, **arrays)
 
 
-@contextmanager
-def saved_arrays(path: str | PathLike[str], kind: str) -> Iterator[dict[str, Any]]:
-    """The arrays of a .npz file of `kind`, such as 'bands', for reading.
+def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple[str, ...]], missing: Collection[str] = (),
+                 optional: Collection[str] = ()) -> dict[str, Any]:
+    """The arrays of a .npz file that `save_arrays` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+    kind : str
+        What it holds, such as 'bands'.
+    units, missing
+        As for `save_arrays`.
+    optional : collection of str
+        Arrays that need not be there.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it is truncated or holds something else: whatever goes wrong while its arrays are used.
+        If it is truncated or holds something else: an array is missing, has other axes, or holds numbers in other units or
+        none.
     """
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
-            yield data
+            arrays = dict(data)
+            told = json.loads(str(arrays.pop('units', 'null')))
     except FileNotFoundError:
         raise FileNotFoundError(f'there is no file {path}; compute {kind} and save() them there') from None
     except Exception as error:
-        raise ValueError(f'{path} is no complete file of {kind} ({error}); compute them again and save()') from error
+        raise not_saved(path, kind, 'it cannot be read as one') from error
+    if told is not None and not isinstance(told, dict):
+        raise not_saved(path, kind, 'its units are none')
+    needed = {*units} - {*optional} | {*(told or ())}
+    for name in sorted(needed - arrays.keys()):
+        raise not_saved(path, kind, f'it lacks the array {name}')
+    arrays = {name: arrays[name] for name in units if name in arrays}
+    fault = _wrong_unit(told, units, arrays) or _wrong_shape(units, arrays) or _wrong_number(units, arrays, missing)
+    if fault:
+        raise not_saved(path, kind, fault)
+    return arrays
+
+
+def not_saved(path: str | PathLike[str], kind: str, fault: str) -> ValueError:
+    """The error of a file that is none of `kind`."""
+    return ValueError(f'{path} is no complete file of {kind} ({fault}); compute them again and save()')
+
+
+def _wrong_unit(told, units, arrays):
+    for name in arrays if told is not None else ():  # files of earlier versions tell none
+        entry = told.get(name)
+        unit = entry.get('unit') if isinstance(entry, dict) else None
+        if unit != units[name][0]:
+            return f'the unit of {name} is {units[name][0]!r}, and not {unit!r}'
+    return None
+
+
+def _wrong_shape(units, arrays):
+    lengths = {}
+    for name, array in arrays.items():
+        axes = units[name][1:]
+        if array.ndim != len(axes) and not ('...' in axes and array.ndim >= len(axes) - 1):
+            return f'{name} has {array.ndim} axes'
+        for axis, length in zip(axes, array.shape, strict=False):
+            if axis == '...':  # from here on, nothing is known of them
+                break
+            first, known = lengths.setdefault(axis, (name, length))
+            if known != length and axis not in ('dim', 'vectors'):  # 2 or 3, in a file of a lattice in the plane
+                return f'{first} is for {known} {axis}, but {name} for {length}'
+    return None
+
+
+def _wrong_number(units, arrays, missing):
+    for name, array in arrays.items():
+        if units[name][0] and array.dtype.kind not in 'iufc':
+            return f'{name} holds no numbers'
+        if array.dtype.kind in 'fc' and (np.isinf(array) if name in missing else ~np.isfinite(array)).any():
+            return f'{name} holds NaN or infinity'
+    return None
 
 
 class Saved:
@@ -232,8 +292,8 @@ class Saved:
         ValueError
             If it is truncated or holds something else.
         """
-        with saved_arrays(path, cls._kind) as data:
-            return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls)})
+        data = saved_arrays(path, cls._kind, cls._units, cls._missing)
+        return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls)})
 
 
 def _restored(array, kind):

@@ -69,6 +69,28 @@ def test_every_array_has_a_unit_and_a_name_for_each_axis(kind, prototype, tmp_pa
                    for name, array in arrays.items() if hasattr(again, name) and name != 'path')
 
 
+@pytest.mark.parametrize('kind', MADE, ids=lambda kind: kind.__name__)
+def test_every_array_that_lacks_is_infinite_or_cut_is_refused(kind, prototype, tmp_path):
+    MADE[kind](prototype).save(tmp_path / 'x.npz')
+    with np.load(tmp_path / 'x.npz') as data:
+        arrays = dict(data)
+    kind.load(tmp_path / 'x.npz')  # the control
+    lengths = [axis for entry in told(tmp_path / 'x.npz')[1].values() for axis in entry['axes']]
+    for name, array in arrays.items():
+        entry = told(tmp_path / 'x.npz')[1].get(name)
+        if entry is None:  # the units
+            continue
+        spoiled = [{other: arrays[other] for other in arrays if other != name}]
+        if array.dtype.kind in 'fc':
+            spoiled.append(arrays | {name: np.full_like(array, np.inf)})
+        if entry['axes'] and entry['axes'][0] not in ('...', 'dim', 'vectors') and lengths.count(entry['axes'][0]) > 1:
+            spoiled.append(arrays | {name: array[1:]})
+        for content in spoiled:
+            np.savez(tmp_path / 'y.npz', **content)
+            with pytest.raises(ValueError, match=r'no complete file of .* compute them again'):
+                kind.load(tmp_path / 'y.npz')
+
+
 def test_units_are_what_the_numbers_are_in(prototype, paper, tmp_path):
     """The frequencies at M from the file alone, against the reference in Hz."""
     path = prototype.cell.bandpath('GM', npoints=5, pbc=prototype.pbc)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from ase import Atoms
 from ase.cell import Cell
-from ase.dft.kpoints import BandPath
+from ase.dft.kpoints import BandPath, parse_path_string
 
 from .. import units
-from ..files import save_arrays, saved_arrays
+from ..files import not_saved, save_arrays, saved_arrays
 from .bloch import bloch_modes
 
 if TYPE_CHECKING:
@@ -92,10 +92,17 @@ class Bands(units.InHertz):
         ValueError
             If the file is truncated or holds something else.
         """
-        with saved_arrays(path, 'bands') as data:
-            special = dict(zip(data['names'].tolist(), data['points'], strict=True))
-            band_path = BandPath(Cell(data['cell']), data['kpts'], special, str(data['path']))
-            return cls(band_path, data['omega'], data.get('vectors'))
+        data = saved_arrays(path, 'bands', UNITS, optional=('vectors',))
+        for name in ('cell', 'kpts', 'points', 'omega'):
+            if data[name].dtype.kind != 'f' or (name != 'omega' and data[name].shape[-1] != 3) or data['cell'].shape != (3, 3):
+                raise not_saved(path, 'bands', f'{name} has the shape {data[name].shape} and the type {data[name].dtype}')
+        modes = data.get('vectors')
+        if modes is not None and modes.shape[2] * modes.shape[3] != data['omega'].shape[1]:
+            raise not_saved(path, 'bands', f'vectors has the shape {modes.shape}, but omega {data["omega"].shape}')
+        special = dict(zip(map(str, data['names']), data['points'], strict=True))
+        for name in {name for section in parse_path_string(str(data['path'])) for name in section} - special.keys():
+            raise not_saved(path, 'bands', f'its path goes through {name}, of which it has no coordinates')
+        return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes)
 
 
 def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vectors: bool = False) -> Bands:

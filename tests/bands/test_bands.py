@@ -1,5 +1,7 @@
 """Bands: closed forms, group velocities and sound speeds against differences, labels, files."""
 
+import json
+
 import numpy as np
 import pytest
 from ase import Atoms
@@ -332,6 +334,52 @@ def test_truncated_files_are_refused(tmp_path):
         file.write_bytes(whole[:length])
         with pytest.raises(ValueError, match='no complete file of bands'):
             Bands.load(file)
+
+
+def _other_unit(arrays):
+    told = json.loads(str(arrays['units']))
+    told['omega']['unit'] = 'THz'
+    return json.dumps(told)
+
+
+# what of a good file is changed, to what, and what is said of it
+SPOILED = {
+    'one frequency less': ('omega', lambda a: a['omega'][:-1], 'kpts is for 12 wavevectors, but omega for 11'),
+    'one wavevector less': ('kpts', lambda a: a['kpts'][:-1], 'kpts is for 11 wavevectors, but omega for 12'),
+    'all NaN': ('omega', lambda a: a['omega'] * np.nan, 'omega holds NaN or infinity'),
+    'NaN in the cell': ('cell', lambda a: a['cell'] * np.nan, 'cell holds NaN or infinity'),
+    'another unit': ('units', _other_unit, "the unit of omega is 'rad/ms', and not 'THz'"),
+    'units that are none': ('units', lambda a: '[]', 'its units are none'),
+    'units that are no JSON': ('units', lambda a: '{', 'it cannot be read as one'),
+    'units without one': ('units', lambda a: '{}', "the unit of cell is 'mm', and not None"),
+    'a short cell': ('cell', lambda a: a['cell'][:2], r'cell has the shape \(2, 3\)'),
+    'wavevectors in the plane': ('kpts', lambda a: a['kpts'][:, :2], r'kpts has the shape \(12, 2\)'),
+    'fewer points than names': ('points', lambda a: a['points'][1:], 'but points for'),
+    'text': ('omega', lambda a: a['omega'].astype(str), 'omega holds no numbers'),
+    'one axis more': ('omega', lambda a: a['omega'][None], 'omega has 3 axes'),
+    'complex frequencies': ('omega', lambda a: 1j * a['omega'], 'omega has .* the type complex128'),
+    'a path elsewhere': ('path', lambda a: 'GZ', 'goes through Z'),
+    'modes of another lattice': ('vectors', lambda a: a['vectors'][..., :1], 'vectors has the shape'),
+    'no frequencies': ('omega', None, 'it lacks the array omega'),
+    'no modes': ('vectors', None, 'it lacks the array vectors'),  # that it says it has
+}
+
+
+@pytest.mark.parametrize(('name', 'spoil', 'words'), SPOILED.values(), ids=SPOILED)
+def test_files_whose_arrays_do_not_fit_are_refused(name, spoil, words, tmp_path):
+    atoms = cell_of('triangular')
+    file = tmp_path / 'bands.npz'
+    analytic_bands(atoms, atoms.cell.bandpath('GM', npoints=12, pbc=atoms.pbc), vectors=True).save(file)
+    Bands.load(file)  # the control
+    with np.load(file) as data:
+        arrays = dict(data)
+    if spoil is None:
+        del arrays[name]
+    else:
+        arrays[name] = spoil(arrays)
+    np.savez(file, **arrays)
+    with pytest.raises(ValueError, match=rf'no complete file of bands \(.*{words}.*\); compute them again'):
+        Bands.load(file)
 
 
 def test_a_patch_has_no_bands():
