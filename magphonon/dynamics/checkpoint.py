@@ -14,7 +14,7 @@ import numpy as np
 
 from ..files import whole_file
 from ..stiffness.calculator import MagneticRepulsion
-from .fingerprints import Unknowable, fingerprint
+from .fingerprints import Unknowable, attributes, fingerprint
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
     from .verlet import DrivenVerlet
 
+PARTS = ('bonds', 'parameters', '_potential', '_anchors', '_load')
+"""Attributes of a calculator that are parts of a run by themselves."""
+OF_ASE = ('_directory', 'get_spin_polarized')
+"""Attributes that every calculator of ASE has and that do not affect the forces; the second one refers to the calculator."""
 SAMPLES = 2000
 """Number of distances at which a law is sampled, besides its parameters and code, from contact to broken bonds."""
 CHANGING = ('atoms', 'results')
@@ -76,8 +80,7 @@ def _version():
 def _calculator(calc, atoms):
     """The class and settings of a calculator; of one that is not of this package, its forces at the start, too."""
     if isinstance(calc, MagneticRepulsion):  # law, bonds, anchors and the like are parts by themselves
-        own = {name: value for name, value in vars(calc).items()
-               if not name.startswith('_') and name not in (*CHANGING, 'bonds', 'parameters')}
+        own = {name: value for name, value in attributes(calc).items() if name not in (*CHANGING, *PARTS, *OF_ASE)}
         return type(calc), own
     return type(calc), dict(calc.parameters), calc.get_forces(atoms)
 
