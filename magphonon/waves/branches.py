@@ -1,6 +1,9 @@
 """Branches of the bands along a row, and the distance of a measured ridge from each."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,6 +11,12 @@ from .. import units
 from ..bands.bloch import bloch_modes
 from ..errors import finite, one_of
 from .spectrum import NORMAL, RESOLVED
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike
+
+    from .spectrum import Ridge
 
 BRANCH_POINTS = 2001
 """Number of samples of a branch; linear interpolation between them is accurate to 1e-6 of its highest frequency."""
@@ -29,7 +38,7 @@ class Branch(units.InHertz):
     omega: np.ndarray
 
 
-def branch(atoms, direction, mode, model='complete'):
+def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete') -> Branch:
     """Branch of the analytic bands for the waves that a row of particles sees.
 
     Parameters
@@ -84,7 +93,7 @@ class Misfit:
     points: int
 
     @property
-    def agrees(self):
+    def agrees(self) -> bool:
         """Whether the ridge may be a wave of this branch.
 
         At least half of its points are within 1.96 of their uncertainties, and all together within a bin: two waves a bin
@@ -93,7 +102,7 @@ class Misfit:
         return self.within >= 0.5 and self.bins <= RESOLVED
 
 
-def compare(ridge, branch):
+def compare(ridge: Ridge, branch: Branch) -> Misfit:
     """Distance between a ridge and a branch along either axis.
 
     A branch that nowhere reaches a frequency is met where it comes nearest: there the wave is evanescent, and the

@@ -20,7 +20,10 @@ frequency and cancel at the next, so that the ridge jumps from line to line: how
 curve is the other part of the uncertainty.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import stdtrit
@@ -28,6 +31,9 @@ from scipy.special import stdtrit
 from .. import units
 from ..errors import finite, positive
 from ..files import Saved
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 FEWEST = 8
 """Smallest number of frames, and of points, for a map."""
@@ -84,17 +90,17 @@ class Spectrum(units.InHertz, Saved, kind='spectra', units={
     bin_omega: float
 
     @property
-    def peak(self):
+    def peak(self) -> float:
         """Power of the strongest cell, offset and drift apart."""
         return self.power[FIRST * PAD :].max()
 
     @property
-    def loudest(self):
+    def loudest(self) -> float:
         """Angular frequency of that cell in rad/ms."""
-        return self.omega[FIRST * PAD + self.power[FIRST * PAD :].max(axis=1).argmax()]
+        return self.omega[FIRST * PAD + int(self.power[FIRST * PAD :].max(axis=1).argmax())]
 
 
-def wavenumber_frequency(displacements, dt):
+def wavenumber_frequency(displacements: ArrayLike, dt: float) -> Spectrum:
     """Wavenumber-frequency map of one displacement component along a row, Hann windows in time and space.
 
     Each particle may be offset from its rest and drift steadily: both are taken off first, see `without_drift`.
@@ -143,7 +149,7 @@ def wavenumber_frequency(displacements, dt):
                     2 * np.pi / points, 2 * np.pi / (frames * dt))
 
 
-def without_drift(displacements):
+def without_drift(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
     """Displacements without the constant and the steady drift of each point, shape (frames, points).
 
     Both are fitted with the weights of the window, so that the map of what is left vanishes at zero frequency.
@@ -206,7 +212,7 @@ class Ridge(units.InHertz):
     bin_omega: float
 
 
-def ridge(spectrum):
+def ridge(spectrum: Spectrum) -> Ridge:
     """Crest of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
 
     With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity, d

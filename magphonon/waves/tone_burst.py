@@ -1,6 +1,9 @@
 """A tone burst sent through a patch at rest, and its record."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +14,12 @@ from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, positive
 from ..stiffness.repulsion import repulsion_of
 from .vibrometer import Displacements
+
+if TYPE_CHECKING:
+    from ase import Atoms
+
+    from ..dynamics.drives import ToneBurst
+    from .wave_source import Site
 
 STEP_FRACTION = 0.1
 """Time step as a fraction of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, lower ones by less."""
@@ -43,7 +52,7 @@ class Passage:
     largest: float
 
 
-def send(patch, site, drive, damping, duration, engine='auto'):
+def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto') -> Passage:
     """Send a burst through a copy of a patch at rest and record it.
 
     Parameters
@@ -88,8 +97,8 @@ def send(patch, site, drive, damping, duration, engine='auto'):
     field = Recorder(dyn, interval=max(1, steps // SNAPSHOTS))
     dyn.run(steps)
     largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))
-    return Passage(*(Displacements(record.times, record.particles, record.displacements) for record in (row, field)),
-                   float(largest))
+    on_row, everywhere = (Displacements(record.times, record.particles, record.displacements) for record in (row, field))
+    return Passage(on_row, everywhere, float(largest))
 
 
 def _at_rest(patch):

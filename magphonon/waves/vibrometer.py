@@ -1,7 +1,10 @@
 """Tables of displacements over time, measured or simulated, and the virtual vibrometer for simulated records."""
 
+from __future__ import annotations
+
 import csv
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +12,12 @@ from .. import units
 from ..errors import finite, not_negative, positive
 from ..files import refuse_overflow, whole_file
 from ..textfiles import MEGABYTE, refuse_endless
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from os import PathLike
+
+    from numpy.typing import ArrayLike, NDArray
 
 COLUMNS = ('time_s', 'particle', 'u_x_m', 'u_y_m')
 MOST_BYTES = 1000 * MEGABYTE
@@ -37,11 +46,11 @@ class Displacements:
     displacements: np.ndarray
 
     @property
-    def dt(self):
+    def dt(self) -> float:
         """Time between frames in ms."""
         return (self.times[-1] - self.times[0]) / (len(self.times) - 1)
 
-    def along(self, direction):
+    def along(self, direction: ArrayLike) -> NDArray[np.float64]:
         """Component along a direction (need not be normalised), in mm, shape (frames, points)."""
         direction = finite('direction', direction, (2,))
         if not direction.any():
@@ -49,7 +58,7 @@ class Displacements:
         return self.displacements @ (direction / np.linalg.norm(direction))
 
 
-def measure(t, u, particles, rate, noise=0.0, seed=0):
+def measure(t: ArrayLike, u: ArrayLike, particles: ArrayLike, rate: float, noise: float = 0.0, seed: int = 0) -> Displacements:
     """A simulated record as a vibrometer sees it: at its own sampling rate, with its noise.
 
     Parameters
@@ -92,7 +101,7 @@ MOTIONS_m = 1e-24, 1e3
 """Range of possible displacements, with a wide margin; the squares of others overflow."""
 
 
-def write_displacements(path, displacements):
+def write_displacements(path: str | PathLike[str], displacements: Displacements) -> None:
     """Write a table in SI, columns time_s, particle, u_x_m, u_y_m, to the last digit; whole or not at all."""
     t, u = displacements.times / units.s, displacements.displacements / units.m
     refuse_overflow(path, {'time_s': t, 'u_x_m and u_y_m': u})
@@ -103,7 +112,7 @@ def write_displacements(path, displacements):
                 print(float(time), int(particle), float(x), float(y), sep=',', file=file)
 
 
-def read_displacements(path, particles=None):
+def read_displacements(path: str | PathLike[str], particles: Sequence[int] | None = None) -> Displacements:
     """Read a table of displacements in SI: time_s, particle, u_x_m, u_y_m, one sample a row, rows in any order.
 
     Other columns, blank lines and lines that start with # are passed over.

@@ -1,6 +1,9 @@
 """Waves along a row of particles, simulated or measured: map and ridge of each polarisation, compared with the bands."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +12,15 @@ from ..files import refuse_overflow, whole_file
 from .branches import Branch, branch, compare
 from .spectrum import LEAST_POWER, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
 from .wave_source import polarisations, wavevector
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from os import PathLike
+
+    from ase import Atoms
+
+    from .branches import Misfit
+    from .vibrometer import Displacements
 
 MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
@@ -39,22 +51,22 @@ class Wave:
 
     motion: str
     spectrum: Spectrum
-    branches: dict[tuple, Branch]
+    branches: dict[tuple[str, str], Branch]
     ridge: Ridge | None
 
     @property
-    def misfits(self):
+    def misfits(self) -> dict[tuple[str, str], Misfit]:
         """Distance of the ridge from each branch, a dict of Misfit; empty without a ridge."""
         return {name: compare(self.ridge, branch) for name, branch in self.branches.items()} if self.ridge else {}
 
     @property
-    def agrees_with(self):
+    def agrees_with(self) -> tuple[tuple[str, str], ...]:
         """Model and name of the branches that agree with the ridge within its uncertainties, the nearest first."""
         misfits = self.misfits
         return tuple(sorted((name for name in misfits if misfits[name].agrees), key=lambda name: misfits[name].bins))
 
 
-def waves(row, cell, source):
+def waves(row: Displacements, cell: Atoms, source: str) -> list[Wave]:
     """The waves along a row, the strongest polarisation first; one that is 20 dB weaker than the other is left out.
 
     Waves from a point source move the row both across and along its line: a ridge of one motion may follow the branch of the
@@ -98,7 +110,7 @@ def _ridge_of(spectrum):
         return None
 
 
-def report(records):
+def report(records: Mapping[str, Sequence[Wave]]) -> str:
     """Distances of the ridges from the branches, as a table in words.
 
     Parameters
@@ -111,7 +123,7 @@ def report(records):
     str
     """
     names = [f'{name}{mark}' for mark in ('', "'") for name in BRANCHES]
-    rows = [('record', 'motion', 'power', 'points', *names, 'sigma')]
+    rows: list[tuple[str, ...]] = [('record', 'motion', 'power', 'points', *names, 'sigma')]
     for record, found in records.items():
         strongest = found[0].spectrum.peak
         for wave in found:
@@ -169,7 +181,7 @@ def _doubts(records):
     return lines
 
 
-def write_ridges(path, records):
+def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]]) -> None:
     """Table of ridge points in SI, with the branches that the ridge agrees with or 'none'; written completely or not at all.
 
     Parameters

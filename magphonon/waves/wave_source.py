@@ -5,13 +5,20 @@ lattice vector R2.  A row of sources makes plane waves, whose fronts run along R
 and along a direction of symmetry those seen run along the measured row.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..dynamics.drives import ToneBurst
 from ..errors import one_of
 from ..lattices.patches import RIM
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
 
 SOURCES = ('row', 'point')
 NEAR = 0.1
@@ -57,12 +64,12 @@ class Site:
     weights: np.ndarray
     row: np.ndarray
 
-    def burst(self, direction, force, omega, cycles: float = 5):
+    def burst(self, direction: ArrayLike, force: ArrayLike, omega: float, cycles: float = 5) -> ToneBurst:
         """The ToneBurst of this site; `direction` in the plane, `force` in N, `omega` in rad/ms."""
         return ToneBurst(self.driven, direction, force * self.weights, omega, cycles)
 
 
-def wavevector(cell, source):
+def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
     """Wavevector of xi = 2 pi along R2, in fractions of the reciprocal vectors, for `branch` and `complex_bands`.
 
     Parameters
@@ -79,14 +86,14 @@ def wavevector(cell, source):
     return np.array([0.0 if one_of('source', source, SOURCES) == 'row' else R1 @ R2 / (R2 @ R2), 1.0, 0.0])
 
 
-def polarisations(cell, source):
+def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
     """Unit vectors across and along the wavevector: a dict of 'transverse' and 'longitudinal', each of shape (2,)."""
     k = (wavevector(cell, source) @ cell.cell.reciprocal().array)[:2]
     along = k / np.linalg.norm(k)
     return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
 
 
-def site(cell, patch, source):
+def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     """Where to drive a patch and where to measure it.
 
     Ends of a row of sources send waves of their own across the fronts: at the measured row they move the ridge by more
