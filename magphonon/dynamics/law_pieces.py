@@ -88,7 +88,8 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
     r0 = increments.r0[kind]
     per_increment, power = (0.5, 1) if increments.model == 'conventional' else (1.0, 2)
 
-    near = SMALL * min(1.0, 3 * abs(increments.static[kind] / r0 / increments.slope(0.0, r0)))
+    with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
+        near = SMALL * min(1.0, 3 * abs(increments.static[kind] / r0 / increments.slope(0.0, r0)))
 
     def quotient(w):
         e = (w - 1) / per_increment
@@ -110,7 +111,8 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
         c, h = (a + b) / 2, np.maximum((b - a) / 2, NARROWEST / 4)
         powers = _FIT @ quotient(c + h * _NODES[:, None])
         checks = quotient(c + h * _CHECKS[:, None])
-        error = abs(np.vander(_CHECKS, DEGREE + 1, increasing=True) @ powers - checks) / (abs(checks) + scale)
+        with np.errstate(invalid='ignore'):  # of a law that is zero there, as far as numbers go
+            error = abs(np.vander(_CHECKS, DEGREE + 1, increasing=True) @ powers - checks) / (abs(checks) + scale)
         rough = (error.max(axis=0) > TOLERANCE) & (2 * h > NARROWEST)
         count += len(a)
         if count > MOST or not np.isfinite(powers).all():

@@ -220,6 +220,7 @@ class DrivenVerlet(VelocityVerlet):
             self.engine = 'ase' if refusal(self.atoms) else 'compiled' if long else 'numpy'
         setting = self._current_setting()
         if setting != self._setting:
+            self._refuse_other_clock()
             if not self.allow_unstable:
                 refuse_unstable(self.atoms, self.dt)
             self._blocks = self._cages = None
@@ -235,6 +236,13 @@ class DrivenVerlet(VelocityVerlet):
             if fresh and old is not None and old.current:
                 self._blocks.adopt(old)
             self.engine = self._blocks.engine
+
+    def _refuse_other_clock(self):
+        before = self._setting[1]
+        if self.dt != before and self.nsteps and (self._drive_list or self.recorders):
+            raise ValueError(f'the time step was {before:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time of '
+                             'drives and records is the number of steps times the time step; set it back, or go on with a new '
+                             'DrivenVerlet(atoms, ...), whose time begins at zero')
 
     def _current_setting(self):
         atoms, calc = self.atoms, self.atoms.calc

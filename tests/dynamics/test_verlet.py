@@ -17,8 +17,10 @@ from magphonon import (
     Harmonic,
     InversePower,
     MagneticRepulsion,
+    Recorder,
     Tabulated,
     ToneBurst,
+    Yukawa,
     lattices,
     units as u,
 )
@@ -75,6 +77,39 @@ def test_motion_is_told_before_the_first_step_and_between_runs(engine):
     np.testing.assert_allclose(dyn.displacements, (atoms.positions - atoms.calc.reference.positions)[:, :2], atol=1e-14)
     np.testing.assert_allclose(dyn.velocities * atoms.get_masses()[:, None], atoms.get_momenta()[:, :2], atol=1e-14)
     assert abs(dyn.displacements - u[:, :2]).max() > 0.01
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+@pytest.mark.parametrize('what', ['drive', 'record'])
+def test_another_time_step_would_turn_the_clock_back_and_is_refused(engine, what):
+    atoms = patch(speed=0.05)
+    dyn = DrivenVerlet(atoms, DT, [Harmonic([24], (1, 0), 1e-4, 1.3)] if what == 'drive' else [], engine=engine)
+    if what == 'record':
+        Recorder(dyn, [24], 5)
+    dyn.dt = DT / 3  # nothing has happened yet
+    dyn.run(20)
+    dyn.dt = DT
+    with pytest.raises(ValueError, match=r'for 20 steps .* time of drives and records is the number of steps'):
+        dyn.run(10)
+    dyn.dt = DT / 3
+    dyn.run(10)
+    assert dyn.get_time() == pytest.approx(10 * DT)
+
+
+@pytest.mark.parametrize('kappa', [40.0, 50.0])
+def test_shells_at_which_a_law_underflows_say_nothing(kappa):
+    """e^-693 is the last of them; warnings are errors in these tests."""
+    atoms = lattices.hexagon(lattices.triangular(L0, MASS), 3 * L0)
+    free = np.flatnonzero(atoms.get_tags() == 0)
+    near, both = (MagneticRepulsion(atoms, Yukawa(1.0, kappa), shells=shells, foundation=0.5).balanced(free) for shells in (1, 3))
+    ends = []
+    for calc in (near, both):
+        atoms = calc.reference.copy()
+        atoms.calc = calc
+        atoms.positions[free[3], 0] += 0.1
+        DrivenVerlet(atoms, DT, engine='numpy').run(50)
+        ends.append(atoms.positions)
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-250)  # forces of 1e-300 N change nothing
 
 
 @pytest.mark.parametrize('held', [True, False])
