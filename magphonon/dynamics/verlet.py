@@ -240,8 +240,8 @@ class DrivenVerlet(VelocityVerlet):
     def _refuse_other_clock(self):
         before = self._setting[1]
         if self.dt != before and self.nsteps and (self._drive_list or self.recorders):
-            raise ValueError(f'the time step was {before:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time of '
-                             'drives and records is the number of steps times the time step; set it back, or go on with a new '
+            raise ValueError(f'the time step was {before:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
+                             'of drives and records is the number of steps times the time step; set it back, or go on with a new '
                              'DrivenVerlet(atoms, ...), whose time begins at zero')
 
     def _current_setting(self):
