@@ -107,10 +107,11 @@ class _Fingerprint:
             return _hash(kind.__name__, *(self.of(getattr(value, name, None)) for name in names))
         if isinstance(value, np.ufunc) and value is getattr(np, value.__name__, None):
             return _hash('ufunc', value.__name__)
-        if _is_library(kind.__module__) and isinstance(getattr(value, 'py_func', None), types.FunctionType):  # numba's
-            return _hash('py_func', self.of(value.py_func))
-        if isinstance(getattr(value, '__wrapped__', None), types.FunctionType):  # as functools.lru_cache has it
-            return _hash('__wrapped__', self.of(value.__wrapped__), self._object(value, kind))
+        compiled, wrapped = (getattr(value, name, None) for name in ('py_func', '__wrapped__'))
+        if _is_library(kind.__module__) and isinstance(compiled, types.FunctionType):  # by numba
+            return _hash('py_func', self.of(compiled))
+        if isinstance(wrapped, types.FunctionType):  # as functools.lru_cache has it
+            return _hash('__wrapped__', self.of(wrapped), self._object(value, kind))
         return self._object(value, kind)
 
     def _object(self, value, kind):
