@@ -1,7 +1,10 @@
 """Amplitude dependence of frequencies: perturbation theory for small amplitudes, and harmonic balance beyond it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -10,6 +13,13 @@ from .. import units
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    from ase import Atoms
+
 
 ROUND_OFF = 1e-12
 """Fraction of the highest squared frequency below which a squared frequency is zero."""
@@ -33,12 +43,12 @@ class Shifts(units.InHertz):
     omega: np.ndarray
     curvature: np.ndarray
 
-    def amplitude(self, error):
+    def amplitude(self, error: float) -> float:
         """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite without modes."""
         return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
 
 
-def frequency_shifts(atoms):
+def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
     """Shifts of the modes that bound the spectrum of a structure; the complete model is meant, whatever that of `atoms` is.
 
     Of a periodic cell these are the standing waves with q = 0 or 1/2 along the reciprocal vectors, the edges of its bands;
@@ -158,14 +168,14 @@ class FarFromLinear(ValueError):
         Forces on all particles that it took all the same.
     """
 
-    def __init__(self, reach, share, evaluations):
+    def __init__(self, reach: float, share: float, evaluations: int) -> None:
         super().__init__(f'no periodic vibration of {reach:.4g} mm, {100 * share:.3g} % of the shortest bond, was found by '
                          'starting from the linear mode: it is too far from linear; take a smaller amplitude or force, or step '
                          'it in time (DrivenVerlet)')
         self.evaluations = evaluations
 
 
-def vibration(atoms, linear, mode, amplitude):
+def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Callable[[float], float]) -> Vibration:
     """The periodic vibration of one mode at a finite amplitude.
 
     Parameters

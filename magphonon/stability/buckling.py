@@ -5,8 +5,11 @@ eigenvalue of its stiffness matrix, D(q) + k of a periodic cell or the condensed
 masses do not matter for that.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
@@ -20,6 +23,14 @@ from ..stiffness.matrices import bloch_matrix, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, settled
 from .soft_waves import softest_wave
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from ..lattices.bonds import Bonds
 
 ROUND_OFF = 1e-12
 """Fraction of the largest eigenvalue below which an eigenvalue is zero."""
@@ -44,12 +55,14 @@ class Softest:
     q: np.ndarray
 
     @property
-    def needed(self):
+    def needed(self) -> float:
         """What must be added to the stiffness so that no eigenvalue is negative; zero if none is."""
         return float(-self.lowest) if -self.lowest > ROUND_OFF * abs(self.highest) else 0.0
 
 
-def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0, masses=None, steps=None):
+def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, cell: NDArray[np.float64] | None = None,
+            pbc: Sequence[bool] | NDArray[np.bool_] = (False, False, False), foundation: float = 0.0,
+            masses: NDArray[np.float64] | None = None, steps: int | None = None) -> Softest:
     """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
 
     Of a periodic cell of more than 200 freedoms only waves that fit into one or two cells along each vector are seen, q = 0 or
@@ -79,7 +92,8 @@ def softest(bonds, K, free, cell=None, pbc=(False, False, False), foundation=0.0
     Softest
     """
     if masses is not None:
-        free = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1]))) @ free
+        root: Any = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1])))
+        free = root @ free
     if not any(pbc) or free.shape[1] > DENSE:
         edges = np.array(list(product(*((0.0, 0.5) if along else (0.0,) for along in pbc))))
         found = [lowest_mode(free.T @ hessian(bonds, K, foundation, q) @ free) for q in edges]
@@ -94,7 +108,8 @@ def _over_zone(matrix, cell, pbc, particles, steps):
     return Softest(*softest_wave(matrix, cell, pbc, steps))
 
 
-def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, weighted=False, steps=None):
+def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: float = 1.0, foundation: float = 0.0,
+               weighted: bool = False, steps: int | None = None) -> Softest:
     """`softest` of `atoms` about the reference of their calculator, whose own foundation does not enter.
 
     Parameters
@@ -113,7 +128,7 @@ def softest_of(atoms, model='complete', scale=1.0, foundation=0.0, weighted=Fals
     if isinstance(atoms, Atoms):
         if not atoms.calc.pairwise:
             return _softest_of_sums(atoms, model, foundation, weighted, steps)
-        atoms = LinearSystem.about(atoms.calc, atoms)
+        atoms = LinearSystem.about(atoms.calc, atoms)  # pyright: ignore[reportArgumentType]  it is pairwise
     calc, cell = atoms.calc, atoms.atoms
     K = model_stiffness(scale * calc.bond_vectors, calc.potential, model)
     return softest(calc.bonds, K, atoms.free, cell.cell.array, cell.pbc, foundation, atoms.masses if weighted else None, steps)
@@ -128,7 +143,7 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
     return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.cell.array, atoms.pbc, len(atoms), steps)
 
 
-def highest_squared(atoms):
+def highest_squared(atoms: Atoms | LinearSystem) -> float:
     """Highest squared frequency over the zone of a periodic cell, of the calculator's model and with its foundation.
 
     Parameters
@@ -157,7 +172,8 @@ def _steps_of_sums(calc):
     return 24 if calc.dim == 2 else 8  # as dear as they are
 
 
-def foundation_needed(atoms, model='complete', steps=None):
+def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
+                      steps: int | None = None) -> tuple[float, NDArray[np.float64]]:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
     A periodic cell of more than 200 freedoms stands for waves that fit into one or two of it only, see `softest`.
@@ -188,7 +204,7 @@ def foundation_needed(atoms, model='complete', steps=None):
     return found.needed, found.q
 
 
-def spacing_held(atoms):
+def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
     """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
 
     All bonds are stretched alike.  The nearest change between holding and buckling is returned, from 0.1 to 10 times
@@ -217,7 +233,7 @@ def spacing_held(atoms):
     for scale in SPACINGS[SPACINGS > 1] if buckles else SPACINGS[SPACINGS < 1][::-1]:
         try:
             if (lacking(scale) > 0) != buckles:
-                return brentq(lacking, last, scale, rtol=1e-9)
+                return brentq(lacking, last, scale, rtol=1e-9)  # pyright: ignore[reportReturnType, reportArgumentType]  a float, both
         except ValueError:  # the end of a tabulated law
             return None
         last = scale
@@ -237,7 +253,7 @@ def _leans(calc):
     return pull.max() > BALANCED * abs(calc.potential.dphi(calc.bonds.lengths)).max()
 
 
-def support_needed(atoms, magnets=True):
+def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[float, float]:
     """Stiffness out of the plane that the supports of planar particles must provide.
 
     The energy of two rigid magnets obeys Laplace's equation.  For magnets normal to the plane and round it reads
@@ -268,5 +284,5 @@ def support_needed(atoms, magnets=True):
     mobile[system.free.nonzero()[0] // calc.dim] = True
     free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(mobile)]
     K = per_bond[:, None, None]
-    alone = sum(np.bincount(end, -per_bond, len(system)) for end in (calc.bonds.i, calc.bonds.j))
+    alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
     return softest(calc.bonds, K, free, cell.cell.array, cell.pbc).needed, float(alone[mobile].max(initial=0.0))

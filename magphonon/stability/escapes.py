@@ -12,7 +12,10 @@ Two speeds enclose the one that is asked for:
 Particles farther away are held, as what happens there comes too late.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -22,6 +25,9 @@ from ..dynamics.verlet import DrivenVerlet
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import free_directions, freedom
+
+if TYPE_CHECKING:
+    from ase import Atoms
 
 YIELDING, WATCHED = 4.0, {2: 3.0, 3: 2.5}
 """Distances in shortest bonds up to which particles around the moving one are free: in the search for the least energy, and (in
@@ -84,7 +90,7 @@ class Place:
     distance: float
 
 
-def escape_speeds(atoms):
+def escape_speeds(atoms: Atoms) -> Escape | None:
     """Enclose the speed of an impact that takes a particle out of its cage.
 
     Parameters
@@ -122,7 +128,7 @@ def escape_speeds(atoms):
         return Escape(safe, *left) if left else Escape(safe, None, cheapest.i, np.zeros(atoms.calc.dim))
 
 
-def surroundings(atoms, particle, radius):
+def surroundings(atoms: Atoms, particle: int, radius: float) -> Atoms:
     """Particles within `radius` shortest bonds of one, and those bonded to them, which are held; the one itself comes first.
 
     Returns

@@ -8,9 +8,18 @@ a step of the mesh.  Elsewhere too a minimum may lie lower than the points of th
 - every local minimum of the mesh that may hide the lowest value is followed to its bottom.
 """
 
+from __future__ import annotations
+
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import Any
+
+    from numpy.typing import NDArray
 
 LONG = 2.0**-11
 """Wavenumber of the ring, as a fraction of the shortest reciprocal vector: k^4 is about 1e-5 of k^2 there, and round-off 1e-9 of
@@ -32,7 +41,8 @@ FLAT = 1e-13
 """Expected gain, as a fraction of the largest eigenvalue, at which a descent has converged."""
 
 
-def softest_wave(matrix, cell, pbc, steps):
+def softest_wave(matrix: Callable[[Any], NDArray[Any]], cell: NDArray[np.float64], pbc: Sequence[bool] | NDArray[np.bool_],
+                 steps: int) -> tuple[float, float, NDArray[np.float64]]:
     """Lowest eigenvalue of `matrix(q)` over the zone.
 
     Parameters
@@ -76,7 +86,7 @@ def softest_wave(matrix, cell, pbc, steps):
 def _mesh(spectrum, dim, steps):
     """Points of the mesh, shape (points, dim), the lowest eigenvalue on it, shape (steps, ...), and the highest of all."""
     index = np.stack(np.unravel_index(np.arange(steps**dim), (steps,) * dim), axis=-1)
-    opposite = np.ravel_multi_index(tuple((-index % steps).T), (steps,) * dim)
+    opposite: Any = np.ravel_multi_index(tuple((-index % steps).T), (steps,) * dim)
     half = np.flatnonzero(np.arange(steps**dim) <= opposite)
     values = spectrum(index[half] / steps)
     lowest = np.empty(steps**dim)

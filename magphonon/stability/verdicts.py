@@ -1,6 +1,9 @@
 """The verdict on a structure before it runs: equilibrium, stability, time step, supports and range of the linear theory."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -21,6 +24,12 @@ from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
 from .buckling import highest_squared, softest_of, spacing_held, support_needed
 from .escapes import escape_speeds
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from ase import Atoms
 
 CENTRAL = Yukawa, Hertz
 """Laws of particles that are not magnets."""
@@ -118,22 +127,22 @@ class Verdict:
     supercell: str | None
 
     @property
-    def timestep_limit(self):
+    def timestep_limit(self) -> float:
         """2/omega_max in ms; infinite where nothing vibrates."""
         return 2 / self.omega_max if self.omega_max > 0 else np.inf
 
     @property
-    def stable(self):
+    def stable(self) -> bool:
         """Whether the foundation holds the structure."""
         return self.needed <= self.foundation
 
     @property
-    def fine(self):
+    def fine(self) -> bool:
         """Whether no fault was found."""
         return not self.faults
 
     @property
-    def faults(self):
+    def faults(self) -> tuple[str, ...]:
         """What makes a run fail or mean nothing, each a sentence or two; a tuple of str."""
         found = []
         if self.residual:
@@ -162,7 +171,7 @@ class Verdict:
         return tuple(found)
 
     @property
-    def notes(self):
+    def notes(self) -> tuple[str, ...]:
         """What is good to know; a tuple of str."""
         said = []
         if not self.residual:
@@ -230,7 +239,7 @@ class Verdict:
         return (f'A finite-difference displacement of {self.distance / u.m:.3g} m is too {reason} changes the stiffness by more '
                 f'than a fraction of {DERIVATIVE_ERROR:g}. Use {least:.2g} to {most:.2g} m.')
 
-    def __str__(self):
+    def __str__(self) -> str:
         count = f'{len(self.faults)} problem{"s" * (len(self.faults) > 1)}'
         head = 'OK' if self.fine else f'NOT OK ({count})' if self.stable else f'UNSTABLE ({count})'
         return '\n'.join([head, *(f'  ! {text}' for text in self.faults), *(f'  - {text}' for text in self.notes)])
@@ -247,7 +256,8 @@ def _stiffness(k):
     return f'{k / (u.N / u.m):.4g} N/m'
 
 
-def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
+def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = None, supercell: Sequence[int] | None = None,
+            distance: float | None = None) -> Verdict:
     """Judge a structure before it runs.
 
     A periodic cell is judged as the lattice that it stands for, by its whole zone; one of more than 200 freedoms only by
@@ -313,7 +323,7 @@ def verdict(atoms, drives=(), timestep=None, supercell=None, distance=None):
         force=float(-calc.potential.dphi(shortest)),
         residual=float(pushes.max(initial=0.0)),
         particle=int(pushes.argmax()),
-        pushed=np.count_nonzero(pushes),
+        pushed=int(np.count_nonzero(pushes)),
         foundation=k,
         needed=bare.needed,
         softest=bare.q,

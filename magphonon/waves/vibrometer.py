@@ -14,7 +14,6 @@ from ..files import refuse_overflow, whole_file
 from ..textfiles import MEGABYTE, refuse_endless
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from os import PathLike
 
     from numpy.typing import ArrayLike, NDArray
@@ -112,7 +111,7 @@ def write_displacements(path: str | PathLike[str], displacements: Displacements)
                 print(float(time), int(particle), float(x), float(y), sep=',', file=file)
 
 
-def read_displacements(path: str | PathLike[str], particles: Sequence[int] | None = None) -> Displacements:
+def read_displacements(path: str | PathLike[str], particles: ArrayLike | None = None) -> Displacements:
     """Read a table of displacements in SI: time_s, particle, u_x_m, u_y_m, one sample a row, rows in any order.
 
     Other columns, blank lines and lines that start with # are passed over.
