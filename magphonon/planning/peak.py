@@ -41,6 +41,9 @@ RIVAL_RATIO = 0.9
 """Ratio to the highest peak above which another peak may be the highest too, because D* and overlap can change the order."""
 ROUND_OFF = 1e-12
 """Relative difference of two frequencies that is round-off."""
+DECOUPLED = 1e-10
+"""Force on a mode times what is seen of it, as a fraction of the largest such values of all modes, below which it is round-off:
+without D*, the rows and columns of a square lattice are chains that do not move each other."""
 MOST_DIRECTIONS = 1000
 """Largest number of degrees of freedom of a structure that is diagonalised, which takes about 0.3 s."""
 DOUBT_ONE_PATTERN = 10.0
@@ -101,7 +104,7 @@ def highest_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omeg
     refuse_growing(w[0] * abs(w[0]), w[-1] ** 2)
     linear = _turned(linear, source)
     push, seen = (place.seen(linear.shapes) for place in (source, answer))
-    resonant = (w >= omega[0]) & (w <= omega[-1]) & (w > 0) & (push * seen != 0)
+    resonant = (w >= omega[0]) & (w <= omega[-1]) & (w > 0) & (abs(push * seen) > DECOUPLED * abs(push).max() * abs(seen).max())
     # The height is that of the whole response at each natural frequency, because close modes overlap.
     height = np.zeros(len(w))
     height[resonant] = [abs((push * seen / (w * abs(w) - W**2 + 1j * damping * W)).sum()) for W in w[resonant]]
@@ -158,7 +161,8 @@ def plan_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: 
     w = peak.omega
     frozen, most = _without_dstar(system, peak, source, answer, omega, damping)
     where = f'the peak is at {units.hertz(w):.6g} Hz'
-    evidence = [f'{where}; D* shifts it by {percent(frozen)}' if frozen else
+    evidence = [f'{where}; without D* there is none in the range' if frozen == np.inf else
+                f'{where}; D* shifts it by {percent(frozen)}' if frozen else
                 f'{where}; no bond rotates in this mode, so D* does not change it']
     shift, evaluations = 0.0, 0
     if force:

@@ -3,8 +3,11 @@
 The effect of D* is the difference of the exact linear solutions with and without it.  The effect of nonlinearity is bounded by
 the largest strain s of a bond: the first nonlinear term is (a + 1) s/2 of the linear one, for a force that falls as r^-a.  Only
 if this bound does not decide, trial runs with long time steps are made: one of the full burst, and one of a weak burst with 1e-6
-of the amplitude, which is linear.  Their difference is the effect of nonlinearity, without the time-step error.  The time-step
-error is the difference of the weak run from the exact linear solution, and is proportional to the square of the step.
+of the amplitude, which is linear.  Their difference is the effect of nonlinearity, without the time-step error.
+
+The time-step error is proportional to the square of the step.  Without a trial run it is bounded by the third derivative of the
+exact linear solution, because a lattice also vibrates at its own frequencies, not only at that of the carrier.  With a trial run
+it is the change of the full burst when the step is doubled, because the amplitude shifts the frequencies.
 
 If a whole row of particles is driven, the trial runs use a strip one cell wide.
 """
@@ -18,6 +21,7 @@ import numpy as np
 from ase.constraints import FixAtoms
 
 from ..dynamics.cages import Diverged
+from ..dynamics.drives import Drives
 from ..dynamics.recorder import Recorder
 from ..dynamics.timestep import highest_frequency
 from ..dynamics.verlet import DrivenVerlet
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..dynamics.drives import ToneBurst
+    from ..response.propagation import Transient
     from ..stiffness.repulsion import Repulsion
     from ..waves.wave_source import Site
 
@@ -51,8 +56,13 @@ BOUND_FACTOR, BUILD_UP_STEPS = 5, 30
 """Safety factor of the bound of nonlinearity, and the number of steps along a row beyond which the factor grows with the square
 root of their number, because harmonics build up on the way.  The largest ratios measured, without foundation, are 3 along 20
 steps and 3.9 along 60."""
-STRONG_NONLINEARITY = 0.5
-"""Relative nonlinearity above which the time-step error cannot be taken from the weak burst."""
+LARGEST_CHANGE = 0.2
+"""Largest relative change of the motion, when the step is doubled, that is still proportional to the square of the step."""
+CANCELLATION = 1.5
+"""Safety factor of the time-step error without a trial run, for parts of the third derivative that cancel at one time while
+their errors do not.  Of 70 bursts tried the true error was at most 0.7 of the bound with it."""
+STEP_DOUBT = 0.5
+"""Relative uncertainty of the time-step error of a full burst from runs with two steps, as its higher orders are unknown."""
 STEP_ERROR_FRACTION = 0.6
 """Fraction of the tolerance allotted to the time-step error."""
 FRAMES = 12
@@ -170,7 +180,7 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     system = LinearSystem.of(atoms)
     calc, top = system.calc, highest_frequency(system)
     dt = PILOT_STEP * 2 / top
-    interval = max(1, int(2 * np.pi / drive.omega / FRAMES / dt))
+    interval = 2 * max(1, int(np.pi / drive.omega / FRAMES / dt))  # even, so that runs with twice the step have the same frames
     steps = int(duration / dt)
     times = dt * np.arange(interval, steps + 1, interval)
     linear = {model: propagate(as_model(atoms, model), times, [drive], damping, tolerance=LINEAR_TOLERANCE)
@@ -179,38 +189,40 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     frozen = difference(linear['conventional'].displacements[:, row], exact[:, row])
     strain = _strain(calc, exact)
     nonlinear = BOUND_FACTOR * max(1.0, np.sqrt(len(row) / BUILD_UP_STEPS)) * steepness(calc) / 2 * strain
-    stepping = drive.omega**3 * dt**2 * duration / 24  # the error of the frequency w of a wave is w (w dt)^2/24
+    stepping, step_doubt = linear_step_error(system, linear['complete'], drive, damping, row, dt), 0.0
     force = len(calc.bonds) * force_cost(calc.dim)
     evidence = [f'D* changes the waveform by {percent(frozen)}'
                 + (f', and by up to {percent(sides)} at the sides of the beam' if sides else ''),
                 f'bonds stretch and rotate by at most {percent(strain)}, so nonlinearity changes the waveform by less than '
                 f'{percent(nonlinear)}']
     cost = sum(answer.products for answer in linear.values()) * system.K.nnz
-    own_doubt = 0.0  # the bound has no uncertainty
+    own_doubt, longest = 0.0, LONGEST_STEP * 2 / top  # the bound has no uncertainty
     if nonlinear * (1 + doubt) > tolerance:
+        full, weak = (_Trial(atoms, replace(drive, amplitude=share * np.asarray(drive.amplitude)), row, damping, dt, interval,
+                             steps, share) for share in (1, WEAK_AMPLITUDE))
         for halvings in range(HALVINGS + 1):
             fine, own_doubt = 2**halvings, DOUBT / 4**halvings
-            full, weak = (_stepped(atoms, replace(drive, amplitude=share * np.asarray(drive.amplitude)), row, damping, dt / fine,
-                                   interval * fine, steps * fine) / share for share in (1, WEAK_AMPLITUDE))
-            nonlinear, stepping = difference(full, weak), difference(weak, exact[:, row]) * fine**2
-            cost += 2 * steps * fine * force
+            nonlinear = difference(full(fine), weak(fine))
             if doubt or abs(nonlinear / tolerance - 1) > 2 * own_doubt:
                 break
         evidence[1] = (f'nonlinearity: {percent(nonlinear)} (from a trial run of {len(atoms)} particles and {steps * fine} '
-                       f'steps; its own time-step error is {percent(stepping / fine**2)})')
-        if nonlinear > STRONG_NONLINEARITY:
-            evidence.append('the time-step error cannot be estimated at this amplitude: halve the step, and compare')
-    doubt += own_doubt
+                       f'steps; its own time-step error is {percent(difference(weak(fine), exact[:, row]))} at small amplitude)')
+        stepping, step_doubt, longest = full.step_error(fine), STEP_DOUBT, full.longest
+        cost += (full.steps + weak.steps) * force
+        if stepping == np.inf:
+            evidence.append('time steps do not converge at this amplitude, so their error is unknown: run the nonlinear model '
+                            'with shorter and shorter steps, and compare')
 
     methods = []
     for model, error in (('conventional', frozen + sides + nonlinear), ('complete', nonlinear)):
         products, entries = linear[model].products, LinearSystem.of(as_model(atoms, model)).K.nnz
         methods.append(Method(f'{model} linear', f'exact propagation in {products} products with the stiffness matrix',
-                              copies * products * entries, error, doubt, Settings(model)))
-    dt_run = min(dt * np.sqrt(STEP_ERROR_FRACTION * tolerance / stepping), LONGEST_STEP * 2 / top)
+                              copies * products * entries, error, doubt + own_doubt, Settings(model)))
+    known = stepping < np.inf
+    dt_run = min(dt * np.sqrt(STEP_ERROR_FRACTION * tolerance / stepping), longest) if known else longest / 2
     count = int(np.ceil(duration / dt_run))
     methods.append(Method('nonlinear', f'velocity Verlet in {count} steps', copies * count * force,
-                          float(stepping * (dt_run / dt) ** 2), doubt, Settings('complete', dt=float(dt_run))))
+                          float(stepping * (dt_run / dt) ** 2), doubt + step_doubt, Settings('complete', dt=float(dt_run))))
     return Plan('Waveform', 'its rms', tolerance, tuple(methods), tuple(evidence), cost)
 
 
@@ -234,15 +246,94 @@ def as_model(atoms: Atoms, model: str) -> Atoms:
     return other
 
 
-def _stepped(atoms, drive, row, damping, dt, interval, steps):
-    """Displacements of a row, every `interval` steps from rest."""
-    dyn = DrivenVerlet(as_model(atoms, 'complete'), dt, [drive], damping, engine='numpy')
-    record = Recorder(dyn, row, interval)
-    try:
-        dyn.run(steps)
-    except Diverged as error:
-        raise ValueError(f'particles collide or leave their cages, so there is nothing to plan: {error}') from None
-    return record.displacements[1:]
+def linear_step_error(system: LinearSystem, motion: Transient, drive: ToneBurst, damping: float, row: NDArray[np.int_],
+                      dt: float) -> float:
+    """Upper bound of the relative error of time steps in a row, from the exact linear motion of all particles.
+
+    A time step dt raises each frequency w by w (w dt)^2/24, which changes what was sent at t = 0 by t dt^2/24 of its third
+    derivative j, and what was sent later by less; the factor `CANCELLATION` is for parts of j that cancel.  Amplitudes change by
+    dt^2/12 of the acceleration a.  Each damping step adds terms with gamma in place of w.  The derivatives contain every
+    frequency in the motion with its own weight.
+    """
+    h = 1e-4 / drive.omega  # of a central difference, with a relative error of 1e-8
+    m, pushes = np.repeat(system.masses, system.dim), Drives([drive], len(system.masses))
+
+    def force(times):
+        f = np.zeros((len(times), len(system.masses), system.dim))
+        f[:, pushes.particles] = pushes.forces(times)[..., : system.dim]
+        return system.shapes.T @ f.reshape(len(times), -1).T
+
+    def reduced(u):
+        return system.shapes.T @ (m * u.reshape(len(u), -1)).T
+
+    v = reduced(motion.velocities)
+    a = force(motion.times) - system.K @ reduced(motion.displacements) - damping * v
+    j = (force(motion.times + h) - force(motion.times - h)) / (2 * h) - system.K @ v - damping * a
+
+    def size(y):
+        return np.linalg.norm((system.shapes @ y).T.reshape(motion.displacements.shape)[:, row])
+
+    t = CANCELLATION * motion.times
+    error = (size(t * j) + damping * size(t * a) + damping**2 * size(t * v)) / 24 + size(a) / 12
+    return float(dt**2 * error / np.linalg.norm(motion.displacements[:, row]))
+
+
+class _Trial:
+    """Trial runs of one burst from rest, each made once: the displacements of a row, divided by the share of the amplitude.
+
+    Parameters
+    ----------
+    atoms, drive, row, damping
+        As for `plan_waveform`.
+    dt, interval, steps
+        Time step, steps between two frames, and length of the run with fine = 1.
+    share : float
+
+    Attributes
+    ----------
+    steps : float
+        Number of steps made in all runs.
+    longest : float
+        Longest step in ms of a run that is known to converge.
+    """
+
+    def __init__(self, atoms, drive, row, damping, dt, interval, steps, share):
+        self._atoms, self._drive, self._row, self._damping, self._share = atoms, drive, row, damping, share
+        self._dt, self._interval, self._length = dt, interval, steps
+        self._runs, self.steps, self.longest = {}, 0.0, dt
+
+    def __call__(self, fine):
+        """With the step dt/fine, where 1/2 is the smallest fine."""
+        if fine not in self._runs:
+            steps = int(self._length * fine)
+            dyn = DrivenVerlet(as_model(self._atoms, 'complete'), self._dt / fine, [self._drive], self._damping, engine='numpy')
+            record = Recorder(dyn, self._row, int(self._interval * fine))
+            try:
+                dyn.run(steps)
+            except Diverged as error:
+                raise ValueError(f'particles collide or leave their cages, so there is nothing to plan: {error}') from None
+            self._runs[fine], self.steps = record.displacements[1:] / self._share, self.steps + steps
+        return self._runs[fine]
+
+    def change(self, fine):
+        """Relative change of the motion if the step dt/fine is doubled; infinite if it then leaves its cages."""
+        exact = self(fine)
+        try:
+            return difference(self(fine / 2), exact)
+        except ValueError:
+            return np.inf
+
+    def step_error(self, fine):
+        """Relative error of the step dt, from the change of the motion when a step, dt/fine or finer, is doubled.
+
+        An error that grows with the square of the step changes by three times itself.  It is infinite if the change does not
+        become small with `HALVINGS` more halvings of the step.
+        """
+        for finer in fine * 2.0 ** np.arange(HALVINGS + 1):
+            change, self.longest = self.change(finer), 2 * self._dt / finer
+            if change <= LARGEST_CHANGE:
+                return change / 3 * finer**2
+        return np.inf
 
 
 def difference(u: NDArray[np.float64], exact: NDArray[np.float64]) -> float:
