@@ -67,8 +67,8 @@ def _report(file, forces, choice):
     import numpy as np
 
     from .. import units as u
-    from ..interactions.fits import NORMAL
-    from ..interactions.law_choice import LARGEST_BEND
+    from ..interactions.law_choice import LARGEST_BEND, RARELY
+    from ..interactions.offsets import WIDE
 
     fits, bend = choice.fits, choice.bend
     some = fits['force']
@@ -86,11 +86,19 @@ def _report(file, forces, choice):
     lines += ['  '.join([row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))])
               for row in rows]
     lines.append('')
-    if some.offset:
-        lines += [f'zero of the distances: {some.offset / u.m:.4g} +- {NORMAL * some.offset_sigma / u.m:.2g} m: the first pair '
-                  f'was {(forces.r[0] - some.offset) / u.m:.4g} m apart, centre to centre',
+    zero = fits.get('curve', some)
+    if zero.offset:
+        lines += [f'zero of the distances: {zero.offset / u.m:.4g} +- {zero.offset_half_width / u.m:.2g} m: the first pair '
+                  f'was {(forces.r[0] - zero.offset) / u.m:.4g} m apart, centre to centre',
+                  'The intervals of all rows take in the uncertainty of this zero. It is found from the inverse power that the '
+                  'points follow best.',
                   'An offset changes the curve in the same way as the shape of the magnets does: fit it only if the zero of the '
                   'distances is in doubt.']
+        if forces.r[-1] < WIDE * forces.r[0]:
+            lines.append(f'The farthest distance is less than {WIDE:g} times the nearest: another zero looks like another '
+                         'exponent there. With a noise of some percent, the intervals of 95 % with this offset hold the truth '
+                         'less often (docs/coverage.md). Measure over a wider range, or leave --offset out.')
+    assumed = 'assumes one only for the zero of the distances' if zero.offset else 'does not assume an inverse power'
     if abs(bend) > LARGEST_BEND:
         lines.append(f'No inverse power holds: the exponent {"rises" if bend > 0 else "falls"} with the distance by '
                      f'{abs(bend):.1f} standard uncertainties.')
@@ -102,10 +110,15 @@ def _report(file, forces, choice):
         lines.append('Three points do not show whether an inverse power holds; the intervals assume that it does.')
     elif choice.is_power:
         lines.append(f'These data do not contradict an inverse power: its exponent changes by {abs(bend):.1f} standard '
-                     'uncertainties. Use the interval of the smooth curve, which does not assume an inverse power.')
+                     f'uncertainties. Use the interval of the smooth curve, which {assumed}.')
     else:
         lines.append('Use the smooth curve: the intervals of the inverse powers assume a law that does not hold.')
     if not choice.scatter_explained:
-        lines.append('The points scatter more than sigma_N says: the intervals of the smooth curve are enlarged by the square '
-                     'root of its chi2/freedom. Look for an outlier.')
+        larger = ('are not enlarged, as three points do not say by how much' if np.isnan(bend) else
+                  'of the smooth curve are enlarged by the square root of its chi2/freedom')
+        lines.append(f'The points scatter more than sigma_N says: the intervals {larger}. Look for an outlier.')
+    elif choice.notices_twice < RARELY:
+        lines.append(f'So few points hardly test sigma_N, on which the intervals rest: if it were half of the true noise, chi2 '
+                     f'would show that in {100 * choice.notices_twice:.0f} of 100 measurements. Measure more points, or leave '
+                     'sigma_N out if you doubt it.')
     return '\n'.join(lines)

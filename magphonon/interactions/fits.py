@@ -63,8 +63,9 @@ class Fit:
         Sum of squared residuals over their uncertainties, about `freedom` if the law holds; NaN where none were given.
     freedom : float
         Points less parameters.
-    offset, offset_sigma : float
-        Zero of the distance scale in mm, 0 where it was not fitted.
+    offset, offset_sigma, offset_half_width : float
+        Zero of the distance scale in mm, its standard uncertainty, and half the width of its interval of 95 %; 0 where it was
+        not fitted.
     """
 
     law: PairLaw
@@ -80,6 +81,7 @@ class Fit:
     freedom: float
     offset: float = 0.0
     offset_sigma: float = 0.0
+    offset_half_width: float = 0.0
 
     @property
     def sigma(self) -> NDArray[np.float64]:
@@ -181,8 +183,7 @@ def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offs
     if p[1] > MOST_EXPONENT:
         raise ValueError(f'the forces fall as r^-{p[1]:.3g}, and no repulsion does that; look for an outlier')
     if offset and most - p[2] < 1e-6 * r[0]:
-        raise ValueError(f'the fit of the offset moves the first distance, {r[0] / u.m:g} m, down to contact at '
-                         f'{contact / u.m:g} m: what bends this law is not the zero of the distances; leave --offset out')
+        raise at_contact(r[0], contact)
     return _power_fit(forces, spacing, space, p, covariance, y - model(r, *p), sigma)
 
 
@@ -197,11 +198,18 @@ def _power_fit(forces, spacing, space, p, covariance, residuals, sigma):
     freedom = len(forces.r) - len(p)
     local = turn @ covariance[:2, :2] @ turn.T
     wide = NORMAL if sigma is not None else t.ppf((1 + COVERED) / 2, freedom)
+    c_sigma = float(np.sqrt(covariance[2, 2])) if len(p) == 3 else 0.0
     return Fit(law, f'inverse power, least squares in {"force" if space == "force" else "log force"}', spacing,
                np.array([force, -a * force / spacing]), local, wide * np.sqrt(np.diag(local)),
                float(a), float(np.sqrt(covariance[1, 1])), forces.f - repulsion(law, forces.r - c),
                float(np.nan if sigma is None else np.sum((residuals / sigma) ** 2)), freedom,
-               float(c), float(np.sqrt(covariance[2, 2])) if len(p) == 3 else 0.0)
+               float(c), c_sigma, float(wide * c_sigma))
+
+
+def at_contact(first: float, contact: float) -> ValueError:
+    """The error of an offset that moves the first distance down to contact, both in mm."""
+    return ValueError(f'the fit of the offset moves the first distance, {first / u.m:g} m, down to contact at '
+                      f'{contact / u.m:g} m: what bends this law is not the zero of the distances; leave --offset out')
 
 
 def scene_entry(fit: Fit) -> str:
@@ -213,7 +221,7 @@ def scene_entry(fit: Fit) -> str:
                 zip(fit.at_spacing, fit.half_width, (u.N, u.N / u.m), ('N', 'N/m'), strict=True))
     lines = ['[law]', f'# {fit.name}: f = {f}, df/dr = {slope} (intervals of 95 %) at {fit.spacing / u.m:g} m']
     if fit.offset:
-        lines.append(f'# distances are those measured less {fit.offset / u.m:.4g} +- {fit.offset_sigma / u.m:.1g} m')
+        lines.append(f'# distances are those measured less {fit.offset / u.m:.4g} +- {fit.offset_half_width / u.m:.2g} m')
     if isinstance(fit.law, InversePower):
         lines += ['# all digits: b makes sense only with the a beside it', 'kind = "inverse_power"',
                   f'b_N_m_a = {fit.law.b / (u.N * u.m**fit.law.a)!r}', f'a = {fit.law.a!r}']

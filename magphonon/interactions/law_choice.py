@@ -4,12 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .fits import NORMAL, Fit, curvature, fit_inverse_power
+from .fits import Fit, curvature, fit_inverse_power
 from .force_tables import Forces
-from .smooth_laws import explained, fit_spline
+from .offsets import Offset, fit_offset
+from .smooth_laws import UNLIKELY, explained, fit_spline
 
 LARGEST_BEND = 3.0
 """Change of the exponent, in standard uncertainties, above which an inverse power is called wrong."""
+RARELY = 0.5
+"""Probability of `LawChoice.notices_twice` below which the report says that the given uncertainties are hardly tested."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,19 @@ class LawChoice:
     @property
     def scatter_explained(self) -> bool:
         """Whether the given uncertainties explain how the points scatter about the curve."""
-        return 'curve' not in self.fits or explained(self.fits['curve'])
+        tested = self.fits['curve' if 'curve' in self.fits else 'force']
+        return bool(np.isnan(tested.chi2)) or explained(tested.chi2, tested.freedom)
+
+    @property
+    def notices_twice(self) -> float:
+        """Probability that chi2 shows given uncertainties of half the true size; NaN where none were given."""
+        from scipy.stats import chi2
+
+        tested = self.fits['curve' if 'curve' in self.fits else 'force']
+        if np.isnan(tested.chi2):
+            return np.nan
+        limit = max(chi2.isf(UNLIKELY, tested.freedom), tested.freedom)  # of `explained`
+        return float(chi2.sf(limit / 2**2, tested.freedom))
 
 
 def fit_laws(forces: Forces, spacing: float, offset: bool = False, contact: float = 0.0) -> LawChoice:
@@ -57,8 +72,8 @@ def fit_laws(forces: Forces, spacing: float, offset: bool = False, contact: floa
     spacing : float
         Working spacing in mm, a true distance: all laws are compared there.
     offset : bool
-        Fit the zero of the distances too; the curve is then that of the distances of the inverse power, with the
-        uncertainty of their zero.
+        Fit the zero of the distances too; that of the curve is `magphonon.interactions.offsets.fit_offset`, whose uncertainty
+        is a part of the curve's.
     contact : float
         As for `fit_inverse_power`.
 
@@ -74,10 +89,9 @@ def fit_laws(forces: Forces, spacing: float, offset: bool = False, contact: floa
     fits: dict[str, Fit] = {space: fit_inverse_power(forces, spacing, space, offset, contact) for space in ('force', 'log')}
     if len(forces.r) < 4:
         return LawChoice(fits, np.nan, ())
-    power = fits['force']
-    true = Forces(forces.r - power.offset, forces.f, forces.sigma)
-    curve = fit_spline(true, spacing)
-    fits['curve'] = _with_offset(curve, power.offset, power.offset_sigma) if offset else curve
+    zero = fit_offset(forces, spacing, fits['force'].offset, contact) if offset else Offset(0.0, 0.0, 0.0)
+    true = Forces(forces.r - zero.value, forces.f, forces.sigma)
+    fits['curve'] = _with_offset(fit_spline(true, spacing), zero)
     fits['touch'] = fits['curve'].touching
     apart = tuple(name for name, other in (('force', 'log'), ('log', 'force'))
                   if _apart(fits[name], fits['curve']) or _apart(fits[name], fits[other]))
@@ -93,9 +107,15 @@ def _intervals(fit):
     yield fit.exponent, fit.exponent_half_width
 
 
-def _with_offset(fit: Fit, offset, sigma):
-    """The fit with the uncertainty that the zero of the distances adds."""
+def _with_offset(fit: Fit, zero: Offset):
+    """The fit with what the uncertainty of the zero of the distances adds to that of force, slope and exponent.
+
+    At the true distance r0 the force is that measured at r0 + c, so that f, f' and -r0 f'/f change with c by f', f'' and
+    f'/f: those of an inverse power, as c too is that of an inverse power.  The fit is one given c, so that the variances add.
+    """
     f, slope = fit.at_spacing
-    moved = sigma * np.array([slope, slope**2 / f - slope / fit.spacing])  # of an inverse power: f'' = f'^2/f - f'/r
-    return replace(fit, offset=offset, offset_sigma=sigma, covariance=fit.covariance + np.outer(moved, moved),
-                   half_width=np.hypot(fit.half_width, NORMAL * moved))
+    by_offset = np.array([slope, slope**2 / f - slope / fit.spacing])  # f'' = f'^2/f - f'/r
+    return replace(fit, offset=zero.value, offset_sigma=zero.sigma, offset_half_width=zero.half_width,
+                   covariance=fit.covariance + zero.sigma**2 * np.outer(by_offset, by_offset),
+                   half_width=np.hypot(fit.half_width, zero.half_width * by_offset),
+                   exponent_sigma=float(np.hypot(fit.exponent_sigma, zero.sigma * slope / f)))

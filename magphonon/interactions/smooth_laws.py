@@ -86,8 +86,8 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     basis = CubicSpline(nodes, values)
     design, at = basis(x), np.stack([basis(0.0), basis(0.0, 1)])
 
-    start = _quadratic(x, points, counts)
-    p, hessian, probability, sigma = _average(points, counts, design, start)
+    start = quadratic(x, points, counts)
+    p, hessian, probability, sigma = average_fits(points, counts, design, start, BENDS)
     mean = probability @ p
     fitted = np.exp(design @ mean)
     r = spacing * np.exp(nodes)
@@ -106,7 +106,7 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     here = np.exp(at[0] @ mean) * np.array([1, at[1] @ mean / spacing])
     off = parts - here
     covariance = np.einsum('c,cij->ij', probability, within_f + off[:, :, None] * off[:, None, :])
-    half = np.array([_half_width(probability, off[:, k], np.sqrt(within_f[:, k, k])) for k in range(2)])
+    half = np.array([half_width(probability, off[:, k], np.sqrt(within_f[:, k, k])) for k in range(2)])
     exponent = float(-at[1] @ mean)
     spread = float(np.sqrt(probability @ (within[:, 1, 1] + (a - exponent) ** 2)))
 
@@ -114,32 +114,55 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     if points.sigma is not None:
         hat = np.einsum('cn,ni,cij,nj->c', (fitted / sigma) ** 2, design, np.linalg.inv(hessian), design)
         chi2, freedom = float(np.sum(((points.f - fitted) / sigma[0]) ** 2)), float(max(len(x) - probability @ hat, ROUND_OFF))
-        if not _likely(chi2, freedom):
+        if not explained(chi2, freedom):
             larger = np.sqrt(chi2 / freedom)
             covariance, half, spread = covariance * larger**2, half * larger, spread * larger
     return Fit(law, 'smooth curve', spacing, here, covariance, half, exponent, spread,
                forces.f - np.exp(CubicSpline(nodes, values @ mean)(np.log(forces.r / spacing))), chi2, freedom)
 
 
-def _quadratic(x, points, counts):
+def quadratic(x, points, counts):
     """Forces of a parabola through the logarithms, shape (n,): where the search starts, and the size of the noise."""
     weights = np.sqrt(counts * points.f) if points.sigma is None else points.f / points.sigma
     return np.exp(np.polyval(np.polyfit(x, np.log(points.f), min(2, len(x) - 3), w=weights), x))
 
 
-def _average(points, counts, design, start):
-    """Fits for all noises and bends: parameters (fits, k), Hessians (fits, k, k), probabilities and sigma (fits, n)."""
+def average_fits(points, counts, design, start, bends):
+    """Least squares of `ln f = design p` for all noises and bends: the parts of a mixture of normal distributions.
+
+    Parameters
+    ----------
+    points : Forces
+    counts : ndarray, shape (n,)
+        How many measurements each point is the average of.
+    design : ndarray, shape (n, k)
+    start : ndarray, shape (n,)
+        Forces from which the search starts, N.
+    bends : tuple of float or None
+        Values of tau, the prior standard deviation of the parameters from the third on; None where all of them are free.
+
+    Returns
+    -------
+    p : ndarray, shape (fits, k)
+    hessian : ndarray, shape (fits, k, k)
+        Inverse of the covariance of each part.
+    probability : ndarray, shape (fits,)
+    sigma : ndarray, shape (fits, n)
+        The noise of each part, N.
+    """
+    free = design.shape[1] if bends is None else 2
+    bends = np.array(bends or [np.inf])
     if points.sigma is not None:
-        return _fitted(points.f, np.tile(points.sigma, (len(BENDS), 1)), np.array(BENDS), design, start)
+        return _fitted(points.f, np.tile(points.sigma, (len(bends), 1)), bends, design, start, free)
     kinds = range(len(CROSSINGS) + 2)
-    kind, scale, bend = (np.array(column) for column in zip(*product(kinds, SCALES, BENDS), strict=True))
+    kind, scale, bend = (np.array(column) for column in zip(*product(kinds, SCALES, bends), strict=True))
     smooth = start
     for _ in range(2):  # the noise grows with the smooth force, not with the measured one, which is low where the noise is
         shape = _noises(smooth)[kind] / np.sqrt(counts)
         left = (points.f - start) / shape
         freedom = max(len(start) - 3, 1)
         s = scale * np.maximum(np.sqrt(np.sum(left**2, axis=1) / freedom), 1e-9 * points.f.max())
-        p, hessian, probability, sigma = _fitted(points.f, s[:, None] * shape, bend, design, start, prior=np.sqrt(scale))
+        p, hessian, probability, sigma = _fitted(points.f, s[:, None] * shape, bend, design, start, free, prior=np.sqrt(scale))
         share = np.array([probability[kind == one].sum() for one in kinds])
         probability *= (PRIOR / np.sqrt(np.maximum(share, 1e-300)))[kind]
         probability /= probability.sum()
@@ -154,11 +177,11 @@ def _noises(f):
     return shapes / np.exp(np.log(shapes).mean(axis=1, keepdims=True))
 
 
-def _fitted(f, sigma, bend, design, start, prior: Any = 1.0):
-    """Gauss-Newton least squares with the prior of the departures, for all `sigma` (fits, n) and `bend` (fits,) at once."""
+def _fitted(f, sigma, bend, design, start, free, prior: Any = 1.0):
+    """Gauss-Newton least squares with the prior of the parameters from `free` on, for all `sigma` (fits, n), `bend`."""
     sigma = np.maximum(sigma, FINEST * f)
     k = design.shape[1]
-    precision = np.append([0.0, 0.0], np.ones(k - 2)) / bend[:, None] ** 2
+    precision = np.append(np.zeros(free), np.ones(k - free)) / bend[:, None] ** 2
     products = (design[:, :, None] * design[:, None, :]).reshape(len(f), k * k)
     first = np.linalg.solve(design.T @ design + 1e-6 * np.diag(precision[-1] > 0), design.T @ np.log(start))
     p = np.tile(first, (len(sigma), 1))
@@ -171,12 +194,13 @@ def _fitted(f, sigma, bend, design, start, prior: Any = 1.0):
         if change.max() < 1e-6:  # Gauss and Newton gain digits fast: what is left is far below the noise
             break
     evidence = (-np.sum(((f - np.exp(p @ design.T)) / sigma) ** 2, axis=1) / 2 - np.sum(np.log(sigma), axis=1)
-                - np.sum(precision * p**2, axis=1) / 2 - (k - 2) * np.log(bend) - np.linalg.slogdet(hessian)[1] / 2)
+                - np.sum(precision * p**2, axis=1) / 2
+                - (np.log(bend) * (k - free) if k > free else 0.0) - np.linalg.slogdet(hessian)[1] / 2)
     probability = np.exp(evidence - evidence.max()) * prior
     return p, hessian, probability / probability.sum(), sigma
 
 
-def _half_width(probability, off, sigma):
+def half_width(probability, off, sigma) -> float:
     """Distance from zero within which a mixture of normal distributions has the probability COVERED."""
     from scipy.optimize import brentq
     from scipy.special import ndtr
@@ -184,16 +208,12 @@ def _half_width(probability, off, sigma):
     def beyond(h):
         return probability @ (ndtr((h - off) / sigma) - ndtr((-h - off) / sigma)) - COVERED
 
-    return brentq(beyond, 0.0, np.max(abs(off) + 10 * sigma))
+    width: Any = brentq(beyond, 0.0, np.max(abs(off) + 10 * sigma))
+    return width
 
 
-def explained(curve: Fit) -> bool:
-    """Whether the uncertainties given to a curve explain its scatter; without any they do."""
-    return bool(np.isnan(curve.chi2)) or _likely(curve.chi2, curve.freedom)
-
-
-def _likely(chi2, freedom):
-    """Whether a chi2 is no larger than chance makes it; one below its freedom always is, however few points there are."""
+def explained(chi2: float, freedom: float) -> bool:
+    """Whether chance makes a chi2 as large as this; one below its freedom it does, however few points there are."""
     from scipy.stats import chi2 as chi_squared
 
     return bool(chi2 <= freedom or chi_squared.sf(chi2, freedom) >= UNLIKELY)

@@ -338,6 +338,47 @@ def test_with_an_offset_all_laws_are_compared_at_one_place():
     assert (abs(apart.at_spacing - TRUE) > apart.half_width).all()
 
 
+def shown_with_offset(tmp_path, capsys, last):
+    r = np.linspace(8, last, 8)
+    f = 0.38 * ((r - 0.8) / L0) ** -4.0
+    f *= 1 + 0.01 * np.random.default_rng(3).normal(size=len(r))
+    rows = ''.join(f'{x / 1e3!r},{y!r},{y / 100!r}\n' for x, y in zip(r.tolist(), f.tolist(), strict=True))
+    file = write(tmp_path, 'r_m,f_N,sigma_N\n' + rows)
+    assert main(['fit', file, '--offset', '--contact', '0.002', '--spacing', '0.01']) == 0
+    return capsys.readouterr().out
+
+
+def test_the_report_says_what_the_intervals_owe_to_the_offset(tmp_path, capsys):
+    wide, narrow = (shown_with_offset(tmp_path, capsys, last) for last in (25, 16))
+    for out in (wide, narrow):
+        assert 'The intervals of all rows take in the uncertainty of this zero.' in out
+        assert 'does not assume an inverse power' not in out
+    assert 'which assumes one only for the zero of the distances' in wide
+    # over so few distances a zero elsewhere looks like another exponent
+    assert 'another zero looks like' not in wide
+    assert 'The farthest distance is less than 3 times the nearest: another zero looks like another exponent' in narrow
+    assert 'the intervals of 95 % with this offset hold the truth less often (docs/coverage.md)' in narrow
+
+
+@pytest.mark.parametrize(('n', 'hardly'), [(3, True), (4, True), (15, False)])
+def test_few_points_hardly_test_their_uncertainties(n, hardly, tmp_path, capsys):
+    r = np.linspace(8, 15, n)
+    f = repulsion(LAW, r)
+    rows = ''.join(f'{x / 1e3!r},{y!r},0.001\n' for x, y in zip(r.tolist(), f.tolist(), strict=True))
+    assert main(['fit', write(tmp_path, 'r_m,f_N,sigma_N\n' + rows)]) == 0
+    assert ('So few points hardly test sigma_N, on which the intervals rest' in capsys.readouterr().out) == hardly
+
+
+def test_sigma_of_half_the_noise_is_noticed_as_often_as_the_report_says():
+    """With three points, whose inverse power has one freedom; the noise is drawn, the probability is that of a chi2."""
+    r, sets = np.linspace(8, 15, 3), 200
+    choices = [fit_laws(Forces(r, synthetic_forces(LAW, r, 2 * NOISE, seed).f, np.full(3, NOISE)), L0) for seed in range(sets)]
+    noticed = sum(not choice.scatter_explained for choice in choices)
+    assert abs(noticed - sets * choices[0].notices_twice) < 3 * np.sqrt(sets * 0.2 * 0.8)  # 40 +- 6
+    right = [fit_laws(synthetic_forces(LAW, r, NOISE, seed), L0).scatter_explained for seed in range(100)]
+    assert sum(right) > 93  # control: of 100 right ones one is called wrong on average
+
+
 # --- tables ---
 
 
