@@ -126,7 +126,7 @@ class Plan:
             best = min(self.methods, key=lambda method: method.error)
             raise ValueError(f'no model here gives {self.quantity} to {percent(self.tolerance)}: '
                              f'the best, {best.name}, is off by {percent(best.error)}; allow more '
-                             '(--tolerance on the command line)')
+                             '(--tolerance on the command line)' + ''.join(f'; {fact}' for fact in self.evidence))
         return min(good, key=lambda method: method.cost)
 
     def report(self) -> str:

@@ -117,7 +117,7 @@ def test_steps_that_do_not_converge_are_no_promise(monkeypatch):
     assert plan.methods[2].error == np.inf
     assert plan.methods[2].settings.dt > 0
     assert 'their error is unknown' in plan.evidence[-1]
-    with pytest.raises(ValueError, match='no model here gives'):
+    with pytest.raises(ValueError, match=r'no model here gives .* time steps do not converge'):
         _ = plan.choice
 
 
