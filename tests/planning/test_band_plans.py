@@ -10,7 +10,7 @@ from workflows.situations import EDGES, Bands
 LAWS = {'2': InversePower(1.0, 2.0), '3': InversePower(1.0, 3.0), '4.58': InversePower(1.0, 4.58), 'Yukawa': Yukawa(1.0, 1.0)}
 FOUNDATIONS = {'chain': 8.0, 'square': 30.0, 'triangular': 1.0, 'honeycomb': 16.0, 'kagome': 16.0}
 """About as large as hold these lattices, so that the softest frequencies show every error."""
-TOLERANCES = 1e-1, 1e-3
+TOLERANCES = 1e-1, 1e-2, 1e-3
 ROUND_OFF = 1e-9
 """Of the highest frequency: what is left where truth and estimate are the same sum."""
 
@@ -37,10 +37,10 @@ def understated(found):
     return wrong, count
 
 
-def test_no_method_is_worse_than_told():
+def test_no_method_of_eighty_plans_is_worse_than_told():
     wrong, count = understated(situations())
     assert wrong == []
-    assert count > 600
+    assert count > 1000
 
 
 def hardly_nearer(shells):
