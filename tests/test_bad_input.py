@@ -272,7 +272,7 @@ CASES = {
 FILE_CASES = {
     'bands missing': (lambda d: Bands.load(d / 'x.npz'), 'x.npz', 'compute bands and save()'),
     'bands foreign': (lambda d: in_file(b'not bands at all')(d, Bands.load), '/x ', 'compute them again and save()'),
-    'bands of other arrays': (lambda d: in_file(npz_bytes(omega=np.ones(3)))(d, Bands.load), 'names', 'compute them again'),
+    'bands of other arrays': (lambda d: in_file(npz_bytes(omega=np.ones(3)))(d, Bands.load), 'lacks', 'compute them again'),
     'bands nowhere': (lambda d: bands().save(d / 'no' / 'x.npz'), 'no/x.npz', 'choose another place'),
     'zone map foreign': (lambda d: in_file(b'')(d, ZoneMap.load), '/x ', 'and save()'),
     'band.yaml nowhere': (lambda d: write_band_yaml(finite_displacements(cell()), path(), d / 'no' / 'band.yaml'), 'no/band.yaml',
