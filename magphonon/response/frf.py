@@ -18,6 +18,7 @@ from ..files import Saved
 from ..stiffness.constraints import refuse_held
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import ROUND_OFF
+from ..stiffness.rest import components
 from .chebyshev import BLOCK, chebyshev_blocks, stable_interval
 from .normal_modes import SMALL, recorded, refuse_growing, refuse_unstable, sizes
 
@@ -86,14 +87,21 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     ValueError
         For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, an
         undamped resonance, a structure that is not at rest, one that is unstable and has no steady state, a force on held
-        particles only.
+        particles only or out of the plane of a planar structure.
     """
     system = LinearSystem.of(atoms)
     n = len(system)
-    force = np.asarray(force, dtype=complex)
-    finite('force', abs(force), (n, 3))
-    refuse_held(force, system.atoms, 'the force')
+    force = _force_on(system, force)
     return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(system, omega, damping)])
+
+
+def _force_on(system, force):
+    """Amplitudes of a force, shape (particles, 3), complex; refused where it acts on nothing that can move."""
+    force = np.asarray(force, dtype=complex)
+    finite('force', abs(force), (len(system), 3))
+    components(force, system.dim)
+    refuse_held(force, system.atoms, 'the force')
+    return force
 
 
 def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
@@ -164,13 +172,11 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     ------
     ValueError
         For another shape, a negative damping, an undamped resonance, a structure that is not at rest, one that is
-        unstable and has no steady state, or a force on held particles only.
+        unstable and has no steady state, or a force on held particles only or out of the plane of a planar structure.
     """
     system = LinearSystem.of(atoms).moving()
     omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')
-    force = np.asarray(force, dtype=complex)
-    finite('force', abs(force), (len(system), 3))
-    refuse_held(force, system.atoms, 'the force')
+    force = _force_on(system, force)
     positive('tolerance', tolerance)
     particles = recorded(particles, len(system))
     s = system.shapes.T @ force[:, : system.dim].ravel()

@@ -100,7 +100,7 @@ def _shaken(calc):
 def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:
     """Components of forces in the dimensions of the structure, shape (..., dim); a force out of its plane is refused."""
     if dim == 2 and forces[..., 2].any():
-        raise ValueError('a drive pushes along z, but the structure is planar; give it a direction in the plane')
+        raise ValueError('a force pushes along z, but the structure is planar; give it a direction in the plane')
     return forces[..., :dim]
 
 

@@ -10,7 +10,7 @@ from magphonon.dynamics.drives import Constant, Harmonic
 from magphonon.dynamics.recorder import Recorder
 from magphonon.dynamics.verlet import DrivenVerlet
 from magphonon.interactions.pair_laws import InversePower
-from magphonon.response.frf import FrequencyResponse, harmonic_response
+from magphonon.response.frf import FrequencyResponse, frequency_response, harmonic_response
 from magphonon.response.stepped import fourier, impulse_response, lock_in, remaining_transient, steady_amplitudes
 from magphonon.stiffness.calculator import MagneticRepulsion
 
@@ -320,3 +320,16 @@ def test_response_finds_its_peak_and_comes_back_from_a_file(tmp_path):
     path.write_bytes(b'PK' + path.read_bytes()[2:-30])
     with pytest.raises(ValueError, match='no complete file of frequency responses'):
         FrequencyResponse.load(path)
+
+
+@pytest.mark.parametrize('respond', [frequency_response, harmonic_response])
+@pytest.mark.parametrize('direction', [(0, 0, 1), (1, 0, 1e-3)])
+def test_a_force_out_of_the_plane_is_refused_and_not_answered_by_zero(respond, direction):
+    patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
+    patch.calc = MagneticRepulsion(patch, InversePower(3e3, 4.6), foundation=0.5)
+    force = np.zeros((len(patch), 3))
+    force[18] = direction
+    with pytest.raises(ValueError, match='pushes along z, but the structure is planar'):
+        respond(patch, force, [0.3], 0.1)
+    force[18] = 1, 0, 0
+    assert abs(respond(patch, force, [0.3], 0.1)).max() > 1
