@@ -10,31 +10,23 @@ Thousands of comparisons, and structures of up to 150 particles: `python -m pyte
 """
 
 from collections import defaultdict
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
-from ase import Atoms
-from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from ase.dft.kpoints import BandPath
-from oracles import Pairs, free_basis, lattice
 from scipy.linalg import eigvalsh, expm
+from structures import structure, weighted
 
 from magphonon import (
     Harmonic,
-    InversePower,
-    MagneticRepulsion,
-    Yukawa,
     finite_displacements,
     foundation_needed,
     frequency_response,
-    lattices,
     modes,
     phonopy_bands,
     propagate,
-    relaxed,
     verdict,
 )
 from magphonon.bands.bloch import bloch_modes
@@ -42,212 +34,8 @@ from magphonon.dynamics.timestep import frequency_bound, highest_frequency
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
 
-L0 = 10.0
-REACHES = {
-    'chain': (1.5, 2.5, 3.5), 'square': (1.2, 1.7, 2.1), 'triangular': (1.3, 1.9, 2.2), 'honeycomb': (1.3, 1.85, 2.1),
-    'kagome': (1.3, 1.85, 2.1), 'fcc': (1.2, 1.55, 1.85), 'bcc': (1.07, 1.3, 1.8),
-}
-"""Between the shells of neighbours, in spacings."""
-LAWS = [InversePower(b=0.2 * L0**a, a=a) for a in (2.0, 4.5824, 9.0)] + [Yukawa(c=20.0, kappa=0.3)]
-"""About 0.2 N at the spacing, so that D* is of the order of 0.02 N/mm."""
 EXACT = 1e-10
 """Of the highest squared frequency: round-off of matrices of a hundred rows, times the bonds that cancel in them."""
-STATES = 'perfect', 'relaxed', 'held', 'held elsewhere', 'held'
-MODELS = 'complete', 'complete', 'conventional'
-PATCHES = ['parallelogram', 'rectangle', 'hexagon', 'half_hexagon']
-
-
-@dataclass(frozen=True)
-class Truth:
-    """A structure as the oracle sees it: where its particles belong, where they are, what they weigh and what holds them."""
-
-    perfect: Atoms
-    x: np.ndarray
-    law: object
-    reach: float
-    model: str
-    masses: np.ndarray
-    k: float
-    lost: int | None = None
-
-    @property
-    def displaced(self):
-        """How far particles are from where they belong, mm."""
-        return abs(self.x - self.perfect.positions).max()
-
-    def pairs_of(self, perfect):
-        pairs = Pairs(perfect, self.law, self.reach, self.model)
-        return pairs if self.lost is None else pairs.without(self.lost % len(pairs.i))
-
-    @cached_property
-    def pairs(self):
-        return self.pairs_of(self.perfect)
-
-    @cached_property
-    def scale(self):
-        """Stiffness of the stiffest bond, N/mm."""
-        return self.pairs.stiffest(self.x)
-
-    def fastest(self, squares):
-        """Highest angular frequency or rate, rad/ms; that of one bond where round-off is all there is."""
-        return np.sqrt(max(abs(squares).max(), self.scale / self.masses.max()))
-
-    @cached_property
-    def stiffness(self):
-        """Dense matrix of the structure, N/mm."""
-        return self.pairs.hessian(self.x) + self.k * np.eye(self.pairs.n * self.pairs.dim)
-
-    def waves(self, q):
-        """Stiffness for the wavevectors q, shape (waves, rows, rows)."""
-        return self.pairs.bloch(self.x, q) + self.k * np.eye(len(self.stiffness))
-
-    def repeated(self, repeat):
-        """Dense matrix of several cells with periodic borders, and the masses of its rows."""
-        cells = self.perfect.repeat(repeat)
-        count = len(cells) // len(self.x)
-        H = self.pairs_of(cells).hessian(cells.positions + np.tile(self.x - self.perfect.positions, (count, 1)))
-        return H + self.k * np.eye(len(H)), np.tile(self.rows, count)
-
-    @property
-    def rows(self):
-        """The mass that belongs to each row of the matrix."""
-        return np.repeat(self.masses, self.pairs.dim)
-
-
-@dataclass(frozen=True)
-class Case:
-    """A structure, what is true of it, and the number that it and all that is asked about it were drawn from."""
-
-    atoms: Atoms
-    truth: Truth
-    seed: int
-
-    @property
-    def dim(self):
-        return self.atoms.calc.dim
-
-    @property
-    def rng(self):
-        """The same draws each time: a wrong truth is asked the same."""
-        return np.random.default_rng([self.seed, 1])
-
-    def on_foundation(self, k):
-        """The same structure at the same rest on springs of the stiffness k."""
-        atoms = self.atoms.copy()
-        atoms.calc = self.atoms.calc.about(self.atoms, foundation=k).balanced(np.arange(len(atoms)))
-        return replace(self, atoms=atoms)
-
-    def reduced(self, truth):
-        """Stiffness within what the constraints leave free, its masses, and the basis."""
-        B = free_basis(self.atoms, self.dim)
-        return B.T @ truth.stiffness @ B, B.T @ (truth.rows[:, None] * B), B
-
-
-def weighted(H, m):
-    return H / np.sqrt(m * m[:, None])
-
-
-def cell_and_reach(rng):
-    """One cell, and a reach between two shells with their number, if it has a name."""
-    name = str(rng.choice([*REACHES, 'oblique']))
-    if name != 'oblique':
-        shells = int(rng.integers(1, 4))
-        return name, lattice(name, L0), REACHES[name][shells - 1] * L0, shells
-    angle, side = np.deg2rad(rng.uniform(62, 88)), rng.uniform(0.85, 1.3)
-    cell = Atoms('Nd', cell=L0 * np.array([[1, 0, 0], [side * np.cos(angle), side * np.sin(angle), 0], [0, 0, 2]]), pbc=(1, 1, 0))
-    images = np.array(list(product(range(-4, 5), repeat=2))) @ cell.cell.array[:2]
-    distances = np.sort(np.linalg.norm(images, axis=1))
-    distances = distances[(distances > L0 * max(1, side) * 1.001) & (distances < 2.4 * L0)]
-    widest = np.diff(distances).argmax()
-    return name, cell, distances[widest : widest + 2].mean(), None
-
-
-def supercell(rng, cell, most):
-    counts = np.where(cell.pbc, rng.integers(1, 4, 3), 1)
-    while np.prod(counts) * len(cell) > most:
-        counts[counts.argmax()] -= 1
-    return cell.repeat(counts)
-
-
-def patch(rng, name, cell, most):
-    """A line, or a shape of roughly `most` particles; its edge is held or free."""
-    if name == 'chain':
-        atoms = cell.repeat((int(rng.integers(4, max(most, 4) + 1)), 1, 1))
-        atoms.pbc = False
-        return atoms
-    side, shape = np.sqrt(most * abs(np.linalg.det(cell.cell.array[:2, :2])) / len(cell)), str(rng.choice(PATCHES))
-    if shape == 'parallelogram':
-        atoms = lattices.parallelogram(cell, *np.maximum(np.round(side / cell.cell.lengths()[:2]).astype(int), 4))
-    elif shape == 'rectangle':
-        long = side * rng.uniform(0.9, 1.2)
-        atoms = lattices.rectangle(cell, max(long, 4 * L0), max(side**2 / long, 4 * L0))
-    else:
-        atoms = getattr(lattices, shape)(cell, max(side / (1.6 if shape == 'hexagon' else 1.1), 3.2 * L0))
-    if rng.random() < 0.5:
-        atoms.set_constraint()
-    return atoms
-
-
-def held_by(atoms):
-    return atoms.constraints[0].index if atoms.constraints else np.array([], int)
-
-
-def with_holes(rng, perfect):
-    """Whether one or two inner particles were taken out."""
-    inner = rng.permutation(np.setdiff1d(np.arange(len(perfect)), held_by(perfect)))
-    if len(inner) < 5 or rng.random() < 0.5:
-        return False
-    del perfect[inner[: rng.integers(1, 3)].tolist()]
-    return True
-
-
-def guides(rng, perfect, dim):
-    """Some of: a particle that is held, one on an oblique line, two on planes."""
-    free = rng.permutation(np.setdiff1d(np.arange(len(perfect)), held_by(perfect)))
-    if len(free) < 5:
-        return []
-    angle = rng.uniform(0, 2 * np.pi)
-    chosen = [FixAtoms(free[:1])]
-    if dim == 2:
-        chosen += [FixedLine(free[1:2], (np.cos(angle), np.sin(angle), 0)), FixedPlane(free[2:4], (0.6, 0.8, 0))]
-    return [guide for guide in chosen if rng.random() < 0.5]
-
-
-def structure(seed, periodic=None, most=24, constrained=True):
-    """A structure at rest with its calculator, and the truth about it."""
-    rng = np.random.default_rng(seed)
-    name, cell, reach, shells = cell_and_reach(rng)
-    periodic = rng.random() < 0.5 if periodic is None else periodic
-    perfect = supercell(rng, cell, most) if periodic or cell.pbc.all() else patch(rng, name, cell, most)
-    holes = with_holes(rng, perfect)
-    n, dim = len(perfect), 3 if perfect.pbc.all() else 2
-    masses = rng.uniform(0.5, 1.5, n) if rng.random() < 0.5 else np.full(n, 0.7)
-    perfect.set_masses(masses)
-    if constrained:
-        perfect.set_constraint([*perfect.constraints, *guides(rng, perfect, dim)])
-
-    law, model, state = LAWS[rng.integers(len(LAWS))], MODELS[rng.integers(len(MODELS))], STATES[rng.integers(len(STATES))]
-    k = 0.3 if state == 'relaxed' else float(rng.choice([0.0, 0.03, 0.3]))
-    scatter, moved = np.zeros((2, n, 3))
-    if state != 'perfect':
-        scatter[:, :dim] = rng.choice([0.0, 0.4]) * rng.uniform(-1, 1, (n, dim))
-        moved[:, :dim] = rng.choice([0.01, 0.6]) * rng.uniform(-1, 1, (n, dim))
-    named = shells and not holes and rng.random() < 0.5  # a hole may empty a shell
-    calc = MagneticRepulsion(perfect, law, foundation=k, model=model, anchors=perfect.positions + scatter,
-                             **({'shells': shells} if named else {'cutoff': reach}))
-    atoms = perfect.copy()
-    if state == 'relaxed':
-        atoms.calc = calc
-        atoms = relaxed(atoms).atoms
-    else:
-        atoms.positions += moved
-        atoms.calc = calc.about(atoms).balanced(np.arange(n))
-        if state == 'held elsewhere':
-            atoms.calc = atoms.calc.about(perfect)
-    x = atoms.get_positions()
-    if rng.random() < 0.5:  # in another image of the cell
-        atoms.positions += np.where(perfect.pbc, rng.integers(-1, 2, (n, 3)), 0) @ perfect.cell.array
-    return Case(atoms, Truth(perfect, x, law, reach, model, masses, k), seed)
 
 
 def compare(found, expected, scale=0.0):

@@ -11,7 +11,6 @@ from magphonon import Tabulated, units as u
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_energy, pair_force
 from magphonon.interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence, moment, out_of_plane_stiffness
 from magphonon.interactions.pair_laws import local_exponent, repulsion
-from magphonon.scenes.scene import read_scene, ready_scene
 
 RING = Ring(6.35, 1.5875, 3.175, 1.3 * u.T)
 MAGNETS = {
@@ -349,61 +348,3 @@ def test_grades():
 def test_impossible_magnets_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
-
-
-# --- scenes ---
-
-SCENE = ready_scene('rings').read_text()
-
-
-def write(folder, *changes):
-    text = SCENE
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    (folder / 'scene.toml').write_text(text)
-    return folder / 'scene.toml'
-
-
-RING_TABLE = SCENE[SCENE.index('[law.ring]'):SCENE.index('# [law.calibration]')]
-
-
-def test_a_scene_of_magnets_by_grade_by_remanence_and_calibrated(tmp_path):
-    law = read_scene(write(tmp_path)).law
-    assert law.magnet() == RING
-    assert read_scene(write(tmp_path, ('remanence_T = 1.30', 'grade = "N42"'))).law.potential() == law.potential()
-    calibrated = read_scene(write(tmp_path, *[(f'# {line}', line) for line in ('[law.calibration]', 'distance_m', 'force_N')]))
-    assert repulsion(calibrated.law.potential(), 10.0) == pytest.approx(0.2369, rel=1e-12)
-
-
-@pytest.mark.parametrize(('table', 'magnet'), [
-    ('[law.disc]\ndiameter_m = 6e-3\nheight_m = 2e-3', Ring(6, 0, 2, 1.3 * u.T)),
-    ('[law.sphere]\ndiameter_m = 5e-3', Sphere(5, 1.3 * u.T)),
-    ('[law.cuboid]\nlength_m = 4e-3\nwidth_m = 5e-3\nheight_m = 6e-3', Cuboid(4, 5, 6, 1.3 * u.T)),
-])
-def test_scenes_of_other_shapes(tmp_path, table, magnet):
-    scene = read_scene(write(tmp_path, (RING_TABLE, table + '\n')))
-    assert scene.law.magnet() == magnet
-    assert scene.atoms().calc.potential.dphi(10.0) < 0
-
-
-@pytest.mark.parametrize(('changes', 'message'), [
-    ([('remanence_T = 1.30', 'grade = "N99"')], "law.grade must be one of 'N30'"),
-    ([('remanence_T = 1.30', '')], 'law has neither; give grade or remanence_T'),
-    ([('remanence_T = 1.30', 'remanence_T = 1.30\ngrade = "N42"')], 'law has grade and remanence_T; give grade or remanence_T'),
-    ([('remanence_T = 1.30', 'remanence_T = -1')], 'law.remanence_T must be a positive number, not -1'),
-    ([(RING_TABLE, '')], r'law has neither; give one of \[law.ring\], \[law.disc\]'),
-    ([(RING_TABLE, '[law.cube]\nside_m = 1')], "law has no key 'cube'; did you mean 'cuboid'"),
-    ([(RING_TABLE, '[law.sphere]\nradius_m = 1')], "law.sphere has no key 'radius_m'"),
-    ([(RING_TABLE, '[law.disc]\ndiameter_m = 6e-3')], "law.disc lacks the key 'height_m'; add the height in m"),
-    ([('inner_diameter_m = 1.5875e-3', 'inner_diameter_m = 7e-3')], 'inner must be less than outer = 6.35 mm, not 7'),
-    ([('spacing_m = 0.01', 'spacing_m = 0.0065')], '6.5 mm apart are too close'),
-    ([(RING_TABLE, '[law.sphere]\ndiameter_m = 12e-3\n')], '10 mm apart are too close: their law starts at 12 mm'),
-    ([('# [law.cal', '[law.cal'), ('# distance_m = 0.01', 'distance_m = 0.006'), ('# force_N', 'force_N')],
-     '6 mm apart are too close'),
-    ([('# [law.cal', '[law.cal'), ('# distance_m', 'distance_m'), ('# force_N = 0.2369', 'force_N = -1')],
-     'law.calibration.force_N must be a positive number, not -1'),
-])
-def test_mistakes_in_a_scene_of_magnets_are_named(tmp_path, changes, message):
-    with pytest.raises(ValueError, match=message):
-        read_scene(write(tmp_path, *changes))

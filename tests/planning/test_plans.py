@@ -28,94 +28,12 @@ from magphonon.planning.waveform import plan_waveform, strip
 from magphonon.response import propagation
 from magphonon.response.normal_modes import modes
 from magphonon.response.place import Place
-from magphonon.response.stepped import stepped_response
 from magphonon.scenes.scene import read_scene, ready_scene
-from magphonon.stability.amplitude_shifts import frequency_shifts, vibration
 from magphonon.stiffness import bond
 from workflows.planning import judge, met_by, without_amplitude, without_dstar
 from workflows.situations import Bands, Beam, Peak, Waveform
 
 LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
-UP = Place(3, [0.0, 1.0, 0.0])
-
-
-def oscillator(degrees, law=LAW):
-    atoms = lattices.oscillator(np.deg2rad(degrees), 1.0, 1.0)
-    atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
-    atoms.calc = MagneticRepulsion(atoms, law, bonds=lattices.OSCILLATOR_BONDS).balanced([3])
-    return atoms
-
-
-# --- the backbone ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(('degrees', 'coefficient'), [(0, -275 / 48), (90, -35 / 48)])
-def test_small_amplitudes_follow_the_closed_form(degrees, coefficient):
-    atoms = oscillator(degrees)
-    linear = modes(atoms)
-    for A in (1e-3, 1e-2):
-        shift = vibration(atoms, linear, 0, lambda W, A=A: A).omega / linear.omega[0] - 1
-        # the next term is (A/L0)^2 of the first, times 5 and less
-        assert shift == pytest.approx(coefficient * A**2, rel=10 * A**2, abs=1e-12)
-
-
-def test_a_vibration_of_a_patch_returns_after_its_period():
-    """Started in the shape found, time stepping comes back to it; with the period of the linear mode it does not."""
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, LAW)
-    patch = lattices.hexagon(cell, 2.0)
-    patch.calc = MagneticRepulsion(patch, LAW)
-    linear = modes(patch)
-    found = vibration(patch, linear, 0, lambda W: 0.05)
-    start = np.einsum('m,mix->ix', found.harmonics.sum(axis=0), linear.shapes)
-
-    def miss(omega):
-        atoms, steps = patch.copy(), 2000
-        atoms.calc = patch.calc
-        atoms.positions[:, :2] += start
-        dyn = DrivenVerlet(atoms, 2 * np.pi / omega / steps, engine='numpy')
-        dyn.run(steps)
-        return abs(dyn.displacements - start).max() / abs(start).max()
-
-    # steps of T/2000 turn the phase by 2 pi (2 pi/2000)^2/24 = 3e-6, and the ends of an oscillation are flat
-    assert miss(found.omega) < 1e-4
-    assert abs(found.omega / linear.omega[0] - 1) > 1e-3
-    assert miss(linear.omega[0]) > 10 * miss(found.omega)
-
-
-def test_the_backbone_starts_with_the_curvature_of_second_order():
-    """Of a patch without symmetry, softest and stiffest mode; the other way there contracts third and fourth derivatives."""
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, LAW)
-    patch = lattices.parallelogram(cell, 5, 6)
-    patch.calc = MagneticRepulsion(patch, LAW, foundation=0.3)
-    linear, shifts, A = modes(patch), frequency_shifts(patch), 1e-3
-    for mode, curvature in zip((0, -1), shifts.curvature, strict=True):
-        largest = np.linalg.norm(linear.shapes[mode], axis=1).max()
-        found = vibration(patch, linear, mode, lambda W, largest=largest: A / largest)
-        # the next order is A^2 times some hundred
-        assert found.omega / linear.omega[mode] - 1 == pytest.approx(curvature * A**2, rel=3e-4)
-
-
-def test_the_driven_peak_stands_on_the_backbone():
-    """The steady response in time steps peaks where the plan says, not at the linear frequency."""
-    atoms, damping = oscillator(90), 0.1
-    linear = modes(atoms)
-    force = 0.08 * damping * linear.omega[0]
-    swing = vibration(atoms, linear, 0, lambda W: force / (damping * W))
-    off = np.linspace(-0.012, 0.012, 13)
-    response = abs(stepped_response(atoms, UP, UP, swing.omega * (1 + off), damping, force, dt=0.02).response)
-    curve, fine = np.polyfit(off, response, 4), np.linspace(-0.012, 0.012, 2001)
-    peak = fine[np.polyval(curve, fine).argmax()]
-    # damping moves the peak by -(gamma/2w)^2 = -2e-4, time steps by (w dt)^2/24 = 2e-4, the transient the fit by as much
-    assert peak == pytest.approx(0, abs=8e-4)
-    assert linear.omega[0] / swing.omega - 1 > 4e-3
-
-
-def test_a_vibration_through_the_magnets_is_refused_as_none():
-    atoms = oscillator(0)
-    with pytest.raises(ValueError, match=r'no periodic vibration of 2 mm, 200 % of the shortest bond.* smaller amplitude'):
-        vibration(atoms, modes(atoms), 0, lambda W: 2.0)
 
 
 # --- the choice ------------------------------------------------------------------------------------------------------
@@ -216,9 +134,9 @@ def test_along_a_line_of_magnets_no_dstar_is_assembled(monkeypatch):
     atoms.positions[0] = 0, 1, 0
     atoms.set_constraint([FixedLine(2, (0, 1, 0)), FixedLine([0, 1], (0, 1, 0))])
     atoms.calc = MagneticRepulsion(atoms, LAW, bonds=[(0, 2), (1, 2)], foundation=1.0).balanced([0, 1])
-    called = []
+    called, place = [], Place(2, [0.0, 1.0, 0.0])
     monkeypatch.setattr('magphonon.planning.peak.bond_stiffness', lambda *given: called.append(given))
-    plan = plan_peak(atoms, replace(UP, particle=2), replace(UP, particle=2), np.linspace(0.5, 10, 50), 0.05, 1e-6)
+    plan = plan_peak(atoms, place, place, np.linspace(0.5, 10, 50), 0.05, 1e-6)
     assert plan.choice.name == 'conventional linear'
     assert plan.choice.error == 0.0
     assert not called
@@ -363,117 +281,3 @@ def test_one_particle_needs_no_lattice(monkeypatch):
         monkeypatch.setattr(name, lattice)
     (wanted,) = scene_plans(scene, 1e-3)
     assert wanted.plan.choice.algorithm == 'its closed form'
-
-
-# --- scenes and the command ------------------------------------------------------------------------------------------
-
-
-def scene_file(folder, name, extra):
-    file = folder / 'scene.toml'
-    file.write_text(ready_scene(name).read_text(encoding='utf-8') + extra, encoding='utf-8')
-    return file
-
-
-def test_the_plan_of_an_edge_is_that_of_its_frequency():
-    """Of the prototype's shear at M all neighbours make 67.4 Hz out of 58.2: 14 %."""
-    scene = read_scene(ready_scene('prototype'))
-    plan = next(iter(scene_plans(scene, 1e-2))).plan
-    nearest = next(method for method in plan.methods if method.settings == Settings('complete', 1))
-    true = 1 - 58.2326897819 / 67.4525  # of docs and README, from the exact sums
-    assert true <= nearest.error <= true + 0.25e-2  # a quarter of the tolerance may be lacking in the reference
-
-
-@pytest.mark.parametrize(('name', 'extra', 'files'), [
-    ('chain', '', ['plan_bands.csv', 'plan_bands.npz', 'provenance.json', 'scene.toml']),
-    ('oscillator', '', ['plan_frf.csv', 'plan_frf.npz', 'provenance.json', 'scene.toml']),
-])
-def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
-    from magphonon.cli.main import main
-
-    scene = scene_file(tmp_path, name, extra)
-    assert main(['plan', str(scene), '--tolerance', '1e-3', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert sorted(file.name for file in (tmp_path / 'out').iterdir()) == files
-    text = capsys.readouterr().out
-    assert '<- recommended' in text
-    assert 'Recommended: complete linear' in text
-    if name == 'oscillator':  # its stiffness: 4 f/L0 of the lower magnet, f/8L0 of each outer one, with f = 1e4 N, L0 = 1 m, 1 kg
-        f, amplitude, _ = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1).T
-        w = 2 * np.pi * f
-        assert amplitude == pytest.approx(1 / abs(4.5e4 - w**2 + 12j * w), rel=1e-9)
-
-
-def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
-    from magphonon.cli.main import main
-
-    text = ready_scene('oscillator').read_text(encoding='utf-8')
-    for old, new in (('force_N = 20.0', 'force_N = 40.0'), ('points = 961', 'points = 5'), ('from_Hz = 16.0', 'from_Hz = 32.0'),
-                     ('to_Hz = 64.0', 'to_Hz = 36.0')):
-        assert old in text
-        text = text.replace(old, new)
-    scene = tmp_path / 'scene.toml'
-    scene.write_text(text)
-    assert main(['plan', str(scene), '--tolerance', '1e-5', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert 'Recommended: nonlinear, by velocity Verlet' in capsys.readouterr().out
-    rows = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1)
-    assert rows[:, 0] == pytest.approx([32, 33, 34, 35, 36])
-    assert rows[:, 1].argmax() == 2  # 33.76 Hz
-
-
-def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
-    from magphonon.cli.main import main
-
-    text = ready_scene('ideal').read_text(encoding='utf-8')
-    text = text.replace('cells_1 = 60', 'cells_1 = 12').replace('cells_2 = 60', 'cells_2 = 12')
-    (tmp_path / 'scene.toml').write_text(text[:text.index('[bands]')] if text.index('[bands]') > text.index('[burst]') else text)
-    called = []
-    real = propagation.propagate
-    monkeypatch.setattr('magphonon.response.propagation.propagate', lambda *a, **k: called.append(a) or real(*a, **k))
-    assert main(['plan', str(tmp_path / 'scene.toml'), '--tolerance', '2e-2', '--run', '-o', str(tmp_path / 'out')]) == 0
-    assert len(list((tmp_path / 'out').glob('plan_burst_*.csv'))) == 2
-    assert 'exact propagation' in capsys.readouterr().out
-    assert called
-    burst = read_scene(tmp_path / 'scene.toml').burst
-    for (patch, times, drives, damping, row), carrier, name in zip(called, burst.carriers_Hz, burst.names, strict=True):
-        assert damping == pytest.approx(2 * 0.01 * 2 * np.pi * carrier / 1e3)  # 2 zeta omega, in 1/ms
-        table = np.loadtxt(tmp_path / 'out' / f'plan_burst_{name}.csv', delimiter=',', skiprows=1)
-        expected = real(patch, times, drives, damping, row).displacements
-        assert table[:, 0] == pytest.approx(np.repeat(times, len(row)) / 1e3)
-        assert table[:, 2:] == pytest.approx(expected.reshape(-1, 2) / 1e3, rel=1e-12)
-
-
-@pytest.mark.parametrize(('extra', 'arguments', 'message'), [
-    ('', ['--tolerance', '-1'], '--tolerance must be a positive number'),
-    ('', ['--tolerance', '1e-8'], '--tolerance must lie between 1e-07 and 1, not 1e-08'),
-    ('', ['--tolerance', '5'], '--tolerance must lie between 1e-07 and 1, not 5'),
-    ('', ['--run'], '--run and -o DIR belong together'),
-    ('\n[plan]\nedge = "K"\n', [], 'plan.edge of the chain lattice must be one of'),
-    ('\n[plan]\nedge = "X"\nbranch = 3\n', [], 'plan.branch must be at most 2, not 3'),
-    ('\n[plan]\nforce = 1.0\n', [], "plan has no key 'force'; did you mean 'force_N'?"),
-])
-def test_bad_plans_are_refused_with_words(tmp_path, capsys, extra, arguments, message):
-    from magphonon.cli.main import main
-
-    assert main(['plan', str(scene_file(tmp_path, 'chain', extra)), *arguments]) == 2
-    assert message in capsys.readouterr().err
-
-
-def test_an_edge_at_zero_frequency_and_a_burst_that_scatters_the_lattice_are_refused(tmp_path, capsys):
-    from magphonon.cli.main import main
-
-    text = ready_scene('ideal').read_text(encoding='utf-8')
-    (tmp_path / 'scene.toml').write_text(text + '\n[plan]\nedge = "G"\n')
-    assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
-    assert 'Frequency of branch 1 at G is zero or imaginary' in capsys.readouterr().err
-    text = text.replace('force_N = 1.0', 'force_N = 1e12').replace('= 60 ', '= 10 ')
-    (tmp_path / 'scene.toml').write_text(text)
-    assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
-    assert 'there is nothing to plan' in capsys.readouterr().err
-
-
-def test_a_scene_that_asks_for_nothing_is_refused(tmp_path, capsys):
-    from magphonon.cli.main import main
-
-    text = ready_scene('chain').read_text(encoding='utf-8')
-    (tmp_path / 'scene.toml').write_text(text[:text.index('[bands]')])
-    assert main(['plan', str(tmp_path / 'scene.toml')]) == 2
-    assert 'has nothing to plan; add a table [bands], [frf] or [burst]' in capsys.readouterr().err

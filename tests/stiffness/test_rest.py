@@ -14,12 +14,10 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from numpy.testing import assert_allclose
 
 from magphonon import (
-    AllNeighbours,
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
     analytic_bands,
-    finite_displacements,
     foundation_needed,
     frequency_response,
     lattices,
@@ -183,7 +181,7 @@ def test_linear_tools_about_a_relaxed_rest(case):
 @settings(MANY, max_examples=1000)
 @given(structures())
 def test_linear_tools_about_many_relaxed_rests(case):
-    """`pytest -m long tests/test_rest.py`: the same on a thousand."""
+    """`pytest -m long tests/stiffness/test_rest.py`: the same on a thousand."""
     check_structure(case)
 
 
@@ -360,36 +358,6 @@ def test_motion_about_a_relaxed_rest_is_that_of_time_steps():
         errors.append(abs(dyn.displacements - exact).max() / abs(exact).max())
     assert errors[1] < 2e-3
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.02)  # of second order towards it, not to something else
-
-
-# --- refusals --------------------------------------------------------------------------------------------------------
-
-
-def skewed_cell(calculator=MagneticRepulsion):
-    """A cell of two whose second particle stands off its place of symmetry."""
-    cell = lattices.honeycomb(10.0, 0.7)
-    cell.positions[1, 0] += 0.2
-    cell.calc = calculator(cell, LAW) if calculator is AllNeighbours else calculator(cell, LAW, cutoff=12.0)
-    return cell
-
-
-@pytest.mark.parametrize('calculator', [MagneticRepulsion, AllNeighbours])
-def test_a_cell_out_of_balance_has_no_bands(calculator):
-    cell = skewed_cell(calculator)
-    path = cell.cell.bandpath('GMKG', npoints=5, pbc=cell.pbc)
-    for ask in (lambda: analytic_bands(cell, path), lambda: finite_displacements(cell), lambda: foundation_needed(cell)):
-        with pytest.raises(ValueError, match='not at rest, and linear theory holds only about rest'):
-            ask()
-
-
-def test_a_cell_that_was_relaxed_has_the_bands_of_its_rest():
-    cell = skewed_cell()
-    rest = relaxed(cell).atoms
-    path = cell.cell.bandpath('GMKG', npoints=7, pbc=cell.pbc)
-    perfect = lattices.honeycomb(10.0, 0.7)
-    perfect.calc = MagneticRepulsion(perfect, LAW)
-    expected = analytic_bands(perfect, path).omega
-    assert_allclose(analytic_bands(rest, path).omega, expected, atol=1e-7 * expected.max())
 
 
 @pytest.mark.parametrize('mass', [np.nan, 0.0, -1.0])

@@ -1,0 +1,136 @@
+"""DrivenVerlet as any dynamics of ASE: observers, files, runs after runs, engines, arguments."""
+
+import sys
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixCartesian
+from ase.io import read
+from motion import DT, apart, patch, states_of
+
+from magphonon import Constant, DrivenVerlet, Harmonic, Tabulated
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_observers_are_called_as_by_ase(engine):
+    calls = {3: [], 7: [], -11: []}
+    dyn = DrivenVerlet(patch(speed=0.01), DT, engine=engine)
+    for interval, steps in calls.items():
+        dyn.attach(lambda steps=steps: steps.append(dyn.nsteps), interval)
+    dyn.run(20)
+    dyn.run(4)
+    assert calls == {3: [0, 3, 6, 9, 12, 15, 18, 21, 24], 7: [0, 7, 14, 21], -11: [11]}
+
+
+def test_an_observer_may_change_the_motion():
+    def run(engine):
+        atoms = patch(speed=0.05)
+        dyn = DrivenVerlet(atoms, DT, engine=engine)
+        dyn.attach(lambda: atoms.set_momenta(0.5 * atoms.get_momenta()), -20)
+        dyn.attach(lambda: atoms.positions.__setitem__(24, atoms.positions[24] + (0.1, 0, 0)), -40)
+        dyn.run(100)
+        return dyn.displacements
+
+    assert apart(run('numpy'), run('ase')) < 1e-9
+
+
+def test_trajectory_and_log(tmp_path):
+    atoms = patch(speed=0.05)
+    with DrivenVerlet(atoms, DT, trajectory=tmp_path / 'run.traj', logfile=str(tmp_path / 'run.log'), loginterval=5) as dyn:
+        dyn.run(20)
+    frames = read(tmp_path / 'run.traj', ':')
+    assert len(frames) == 5
+    assert np.array_equal(frames[-1].positions, atoms.positions)
+    assert frames[-1].get_potential_energy() == atoms.get_potential_energy()
+    names, *lines = (tmp_path / 'run.log').read_text().splitlines()
+    assert names.split() == ['Time[ms]', 'Etot[mJ]', 'Epot[mJ]', 'Ekin[mJ]']
+    logged = np.array([line.split() for line in lines], float)
+    np.testing.assert_allclose(logged[:, 0], DT * np.arange(0, 21, 5), rtol=1e-9)
+    assert logged[-1, 2] == pytest.approx(atoms.get_potential_energy(), rel=1e-11)
+    v = atoms.get_momenta() / atoms.get_masses()[:, None]
+    assert logged[-1, 3] == pytest.approx(0.5 * np.sum(atoms.get_masses()[:, None] * v**2), rel=1e-11)
+    assert logged[:, 1] == pytest.approx(logged[:, 2:].sum(axis=1), rel=1e-10)
+    assert logged[0, 3] > 0  # in four decimals, as ASE writes them, it is not much more than zero
+
+
+def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():
+    pytest.importorskip('numba')
+    whole = states_of(patch(), 200, 10, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
+    dyn = DrivenVerlet(patch(), DT, drives=[Harmonic([24], (1, 0), 1e-11, 0.3)], engine='numpy')
+    dyn.run(70)
+    dyn.asked_engine = 'compiled'
+    dyn.run(60)
+    dyn.atoms.set_constraint([*dyn.atoms.constraints, FixAtoms([0])])  # nothing new: 0 is on the rim
+    dyn.run(70)
+    assert dyn.engine == 'compiled'
+    assert apart(dyn.displacements, whole[-1]) < 1e-11  # through positions nothing would be left
+
+
+def test_masses_and_damping_may_change_between_runs():
+    def run(engine):
+        dyn = DrivenVerlet(patch(speed=0.05), DT, damping=0.01, engine=engine)
+        dyn.run(50)
+        dyn.atoms.set_masses(1.5 * dyn.atoms.get_masses())
+        dyn.run(50)
+        dyn.damping = np.full(49, 0.1)
+        dyn.run(50)
+        return dyn.displacements
+
+    assert apart(run('numpy'), run('ase')) < 1e-9  # the round-off of test_blocks_follow_ases_loop
+
+
+def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.run(2)
+    assert dyn.engine == 'numpy'
+    atoms = patch()
+    atoms.set_constraint(FixCartesian([0]))
+    dyn = DrivenVerlet(atoms, DT)
+    assert dyn.engine == 'ase'
+    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* FixCartesian.*use engine='ase'"):
+        DrivenVerlet(atoms, DT, engine='numpy')
+    atoms = patch()
+    atoms.set_momenta(np.outer(np.arange(49) == 24, (0, 0, 1)))
+    with pytest.raises(ValueError, match=r'particle 24 moves out of the plane.*FixedPlane'):  # nothing acts along z
+        DrivenVerlet(atoms, DT).run(2)
+    with pytest.raises(ValueError, match=r"engine='numpy' cannot .* out of the plane"):
+        DrivenVerlet(atoms, DT, engine='numpy')
+    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 1)
+    monkeypatch.setattr('magphonon.dynamics.verlet.find_spec', lambda name: None)
+    dyn = DrivenVerlet(patch(), DT)
+    dyn.run(2)
+    assert dyn.engine == 'numpy'
+    with pytest.raises(ImportError, match=r'magphonon\[fast\]'):
+        DrivenVerlet(patch(), DT, engine='compiled')
+
+
+def test_a_run_of_blocks_imports_no_numba():
+    import subprocess
+
+    code = ('import sys; from magphonon import *; a = lattices.parallelogram(lattices.square(1., 1.), 5, 5); '
+            'a.calc = MagneticRepulsion(a, InversePower(1., 4.), foundation=1.); DrivenVerlet(a, .01).run(20); '
+            'print("numba" in sys.modules, "matplotlib" in sys.modules)')
+    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert out.stdout.split() == ['False', 'False']
+
+
+@pytest.mark.parametrize('reach', [0.02, 0.3])
+def test_a_law_that_no_polynomial_fits_is_evaluated_itself(reach):
+    r = np.array([4, 6, 8, 9, 10 - 0.4 * reach, 10 + 0.3 * reach, 11, 13, 16, 20])  # knots within reach of the motion
+    law = Tabulated(r, 8900 * r**-4.5 * (1 + 0.01 * np.sin(3 * r)))
+    ase, numpy = (states_of(patch(speed=reach, law=law), 100, 10, engine=engine) for engine in ('ase', 'numpy'))
+    assert apart(numpy, ase) < 1e-8
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    ({'timestep': 0}, 'timestep must be a positive number in ms, not 0'),
+    ({'timestep': np.nan}, 'timestep must be a positive number'),
+    ({'damping': -1}, 'damping must be zero or positive'),
+    ({'damping': [1, 2]}, 'one for each of the 49 particles'),
+    ({'engine': 'fast'}, "engine must be one of 'auto', 'ase', 'numpy', 'compiled', not 'fast'"),
+    ({'drives': [3]}, 'a drive must be'),
+    ({'drives': [Constant(49, (1, 0), 1.0)]}, 'particle 49, but the structure has particles 0 to 48'),
+])
+def test_bad_arguments_are_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        DrivenVerlet(patch(), **{'timestep': DT, **arguments})

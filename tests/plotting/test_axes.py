@@ -1,0 +1,98 @@
+"""What holds for all drawings: pyplot is left alone, given axes are used, and axes have the units of their labels."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cells import prototype
+from figures import bands_of, drawn, maps_of
+
+from magphonon import InversePower
+from magphonon.interactions.force_tables import Forces
+from magphonon.plotting.bands import plot_bands
+from magphonon.plotting.fits import plot_fits
+from magphonon.plotting.modes import plot_mode
+from magphonon.plotting.response import plot_response
+from magphonon.plotting.uncertainty import plot_response_ribbon
+from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
+from magphonon.response.frf import FrequencyResponse
+
+
+def test_pyplot_and_its_settings_are_left_alone():
+    import matplotlib as mpl
+    import matplotlib.pyplot as plt
+
+    before = dict(mpl.rcParams)
+    cell = prototype()
+    bands = bands_of(cell, vectors=True)
+    for ax in (plot_bands(bands, label='complete'), plot_zone(bands.path), plot_mode(cell, bands, 'M', 0),
+               plot_ratio(*maps_of(cell), 0), plot_isofrequency(*maps_of(cell), 0)):
+        drawn(ax)
+    assert dict(mpl.rcParams) == before
+    assert plt.get_fignums() == []
+
+
+def test_given_axes_are_drawn_on():
+    from matplotlib.figure import Figure
+
+    cell = prototype()
+    bands = bands_of(cell, vectors=True)
+    maps = maps_of(cell)
+    axes = Figure().subplots(5)
+    for ax, plot in zip(axes, (lambda ax: plot_bands(bands, ax=ax), lambda ax: plot_zone(bands.path, ax=ax),
+                               lambda ax: plot_mode(cell, bands, 'M', 0, ax=ax), lambda ax: plot_ratio(*maps, 0, ax=ax),
+                               lambda ax: plot_isofrequency(*maps, 0, ax=ax)), strict=True):
+        assert plot(ax) is ax
+        assert ax.has_data()
+
+
+def test_matplotlib_is_imported_only_to_draw():
+    code = "import sys, magphonon.plotting.bands, magphonon.plotting.zone; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
+
+
+# Units of the axes: 1 rad/ms is 1000/2 pi Hz, 1 mm/N is 1e-3 m/N, 1 mm is 1e-3 m
+
+
+def test_responses_are_drawn_in_metres_per_newton_over_hertz():
+    omega, response = np.array([0.1, 0.2, 0.3]), np.array([1.0, 4.0j, -2.0])
+    amplitude, phase = (ax.lines[0] for ax in plot_response(FrequencyResponse(omega, response)))
+    np.testing.assert_allclose(amplitude.get_xdata(), omega * 1e3 / (2 * np.pi))
+    np.testing.assert_allclose(amplitude.get_ydata(), [1e-3, 4e-3, 2e-3])
+    np.testing.assert_allclose(phase.get_ydata(), [0, 90, 180])
+
+
+def test_the_ribbon_of_a_response_has_the_units_of_its_line():
+    spread = SimpleNamespace(values=np.array([6.0, 8.0, 6.0]), std=np.array([0.5, 1.0, 0.5]))  # mm, under 2 N
+    ax = plot_response_ribbon(np.array([0.1, 0.2, 0.3]), spread, force=2.0)
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), [3e-3, 4e-3, 3e-3])
+    x, y = ax.collections[0].get_paths()[0].vertices.T
+    np.testing.assert_allclose([x.min(), x.max()], np.array([0.1, 0.3]) * 1e3 / (2 * np.pi))
+    np.testing.assert_allclose([y.min(), y.max()], [2.5e-3, 5e-3])  # two standard deviations to each side
+
+
+def test_measured_forces_and_laws_share_the_axis_in_metres():
+    law = InversePower(b=1.0, a=2.0)
+    forces = Forces(np.array([8.0, 10.0, 14.0]), law.b * np.array([8.0, 10.0, 14.0]) ** -2)
+    fit = SimpleNamespace(law=law, name='inverse power', offset=0.0, spacing=10.0)
+    upper, lower = plot_fits(forces, [fit]).axes
+    points, curve = (next(line for line in upper.lines if line.get_label() == name) for name in ('_nolegend_', fit.name))
+    np.testing.assert_allclose(points.get_xdata(), [8e-3, 10e-3, 14e-3])
+    np.testing.assert_allclose(curve.get_xdata()[[0, -1]], [8e-3, 14e-3])
+    np.testing.assert_allclose(curve.get_ydata()[[0, -1]], forces.f[[0, -1]])
+    residuals = next(line for line in lower.lines if len(line.get_xdata()) == 3)
+    np.testing.assert_allclose(residuals.get_ydata(), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize('sigma', [None, np.array([2e-3, 1e-3, 5e-5])])
+def test_residuals_of_far_points_are_seen_beside_those_of_near_ones(sigma):
+    law, r = InversePower(b=1e4, a=4.0), np.array([8.0, 10.0, 30.0])
+    f = law.b * r**-4
+    off = 0.03 * f * np.array([1, -1, 1]) if sigma is None else 2 * sigma * np.array([1, -1, 1])
+    fit = SimpleNamespace(law=law, name='inverse power', offset=0.0, spacing=10.0)
+    _, lower = plot_fits(Forces(r, f + off, sigma), [fit]).axes
+    drawn = next(line for line in lower.lines if len(line.get_xdata()) == 3).get_ydata()
+    np.testing.assert_allclose(drawn, [3, -3, 3] if sigma is None else [2, -2, 2])
+    assert lower.get_ylabel() == ('measured - fitted (%)' if sigma is None else 'measured - fitted (sigma)')

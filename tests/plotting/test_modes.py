@@ -1,0 +1,70 @@
+"""Modes drawn on their lattice."""
+
+import numpy as np
+import pytest
+from cells import prototype
+from figures import arrows_of, bands_of, drawn, ideal
+
+from magphonon import lattices, units as u
+from magphonon.plotting.modes import plot_mode
+
+
+def test_shear_and_longitudinal_mode_at_M():
+    cell = prototype()
+    bands = bands_of(cell, vectors=True)
+    ax = drawn(plot_mode(cell, bands, 'M', 0))
+    assert ax.get_title() == 'M, branch 1\n58.23 Hz, transverse'
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ('$x$ (m)', '$y$ (m)')
+    (x, y), (ux, uy) = arrows_of(ax)
+    k = 2 * np.pi / (np.sqrt(3) * 0.010)  # rad/m, along y: neighbouring rows 8.66 mm apart move against each other
+    largest = ux[np.hypot(x, y).argmin()]
+    assert 0.2 * 0.010 < abs(largest) < 0.5 * 0.010  # m: seen, and not reaching the neighbour's
+    np.testing.assert_allclose(ux, largest * np.cos(k * y), atol=1e-9 * abs(largest))
+    np.testing.assert_allclose(uy, 0, atol=1e-9 * abs(largest))
+    _, (ux, uy) = arrows_of(plot_mode(cell, bands, 'M', 1))  # control: the other branch moves the other way
+    np.testing.assert_allclose(ux, 0, atol=1e-9 * abs(uy).max())
+    assert abs(uy).max() == pytest.approx(abs(largest), rel=1e-9)
+
+
+def test_mode_far_from_special_points_and_at_a_crossing():
+    cell = prototype()
+    bands = bands_of(cell, vectors=True)
+    assert plot_mode(cell, bands, 40, 1).get_title().startswith(f'$q$ = (0, {bands.path.kpts[40, 1]:.3g}), branch 2\n')
+    assert plot_mode(cell, bands, 'K', 0).get_title() == 'K, branch 1\n119.9 Hz, degenerate'
+
+
+def test_light_and_heavy_particles_swing_by_their_masses():
+    # At Gamma the optical mode of a honeycomb cell leaves the centre of mass at rest: u1/u2 = -m2/m1.
+    cell = ideal(lattices.honeycomb)
+    cell.set_masses([1 * u.kg, 4 * u.kg])
+    bands = bands_of(cell, vectors=True)
+    _, (ux, uy) = arrows_of(plot_mode(cell, bands, 'G', 3))
+    first, second = (np.array([ux[k::2], uy[k::2]]) for k in (0, 1))
+    np.testing.assert_allclose(first, -4 * second, atol=1e-9 * abs(first).max())
+
+
+def test_unstable_mode_shows_its_growth_rate():
+    cell = ideal(lattices.square)
+    title = plot_mode(cell, bands_of(cell, 'GXMG', vectors=True), 'X', 0).get_title()
+    assert title == 'X, branch 1\nunstable, grows at 200 1/s'  # sqrt(4 f/(L M))
+
+
+@pytest.mark.parametrize(('q', 'mode', 'message'), [
+    ('X', 0, "the path has no special point 'X'; it knows G"),
+    (300, 0, 'index from 0 to 299, not 300'),
+    (-1, 0, 'index from 0 to 299, not -1'),
+    ('M', 2, 'mode must be 0 to 1, not 2'),
+    ('M', -1, 'mode must be 0 to 1, not -1'),
+])
+def test_modes_that_do_not_exist_are_refused(q, mode, message):
+    cell = prototype()
+    with pytest.raises(ValueError, match=message):
+        plot_mode(cell, bands_of(cell, vectors=True), q, mode)
+
+
+def test_modes_need_vectors_and_a_path_through_the_point():
+    cell = prototype()
+    with pytest.raises(ValueError, match='ask for them with vectors=True'):
+        plot_mode(cell, bands_of(cell), 'M', 0)
+    with pytest.raises(ValueError, match='the path GM does not pass through K; choose a path that does'):
+        plot_mode(cell, bands_of(cell, 'GM', vectors=True), 'K', 0)

@@ -1,0 +1,213 @@
+"""The calculator as a part of ASE: results, copies, files, optimisers, units."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from cells import LAW, triangular_patch
+from oracles import LAWS, lattice, small_cluster
+from scipy import sparse
+
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, units as u
+from magphonon.interactions.pair_laws import repulsion
+
+# As a part of ASE
+
+
+class Counting(InversePower):
+    """Counts the evaluations of the force."""
+
+    calls = 0
+
+    def dphi(self, r):
+        type(self).calls += 1
+        return super().dphi(r)
+
+
+def test_one_calculation_answers_all_questions():
+    rest = lattice('triangular').repeat((2, 2, 1))
+    rest.calc = MagneticRepulsion(rest, Counting(b=1.0, a=4.0))
+    rest.get_forces()
+    calls = Counting.calls
+    for question in (rest.get_forces, rest.get_potential_energy, rest.get_potential_energies):
+        question()
+    assert Counting.calls == calls
+    rest.positions[0, 0] += 0.1
+    rest.get_potential_energy()
+    assert Counting.calls == calls + 1
+
+
+def test_the_smallest_move_is_seen():
+    # ASE's own comparison overlooks moves below 1e-15, and a foundation alone would let them pass unnoticed
+    atoms = lattice('triangular')
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=2.0)
+    assert not atoms.get_forces().any()
+    for move in (1e-17, 5e-324):
+        atoms.positions[0, 0] = move
+        assert atoms.get_forces()[0, 0] == -2.0 * move
+    atoms.positions[0, 0] = 0.0
+    assert not atoms.get_forces().any()
+
+
+def test_changed_arrays_are_seen_and_returned_arrays_are_copies():
+    atoms = triangular_patch()
+    forces = atoms.get_forces()
+    forces[:] = 0
+    assert atoms.get_forces().any()
+
+
+def test_setting_a_parameter_forgets_the_results():
+    atoms = triangular_patch(foundation=0.02)
+    with_springs = atoms.get_forces()
+    atoms.calc.set(foundation=0.0)
+    assert abs(atoms.get_forces() - with_springs).max() > 1e-4
+    conventional = triangular_patch(model='conventional').get_forces()
+    atoms.calc.set(model='conventional')
+    np.testing.assert_array_equal(atoms.get_forces(), conventional)
+
+
+def test_unknown_parameters_are_refused():
+    calc = triangular_patch().calc
+    with pytest.raises(ValueError, match="'foundation', 'model', not 'fundation'"):
+        calc.set(fundation=1.0)
+    with pytest.raises(ValueError, match='foundation must be a zero or positive number in N/mm, not -1'):
+        calc.set(foundation=-1)
+    assert calc.parameters.foundation == 0
+
+
+@pytest.mark.parametrize('copied', [copy.deepcopy, lambda calc: pickle.loads(pickle.dumps(calc))], ids=['deepcopy', 'pickle'])
+@pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
+def test_copies(copied, law):
+    atoms = triangular_patch(foundation=0.02)
+    atoms.calc = MagneticRepulsion(atoms.calc.reference, law, foundation=0.02)
+    forces = atoms.get_forces()  # fills what the calculator remembers
+    other = atoms.copy()
+    other.calc = copied(atoms.calc)
+    np.testing.assert_array_equal(other.get_forces(), forces)
+    other.calc.set(foundation=1.0)
+    assert atoms.calc.parameters.foundation == 0.02
+    np.testing.assert_array_equal(atoms.get_forces(), forces)
+
+
+def test_hessian_is_a_property_that_no_file_sees():
+    atoms = triangular_patch(foundation=0.02)
+    H = atoms.calc.get_property('hessian', atoms)
+    assert sparse.issparse(H)
+    assert H.shape == (36, 36)
+    assert 'hessian' not in atoms.calc.results
+    assert atoms.calc.get_property('hessian', atoms, allow_calculation=False) is None
+    parts = [atoms.calc.get_hessian(atoms, part) for part in ('D0', 'Dstar', 'foundation')]
+    assert abs(sum(parts) - H).max() < 1e-15 * abs(H).max() * 12
+
+
+@pytest.mark.parametrize('name', ['a.traj', 'a.extxyz'])
+def test_written_and_read_again(tmp_path, name):
+    import ase.io
+
+    atoms = triangular_patch(foundation=0.02)
+    forces, energy = atoms.get_forces(), atoms.get_potential_energy()
+    ase.io.write(tmp_path / name, atoms)
+    back = ase.io.read(tmp_path / name)
+    # extxyz keeps eight decimals; a trajectory keeps all
+    tolerance = {'rtol': 0, 'atol': 1e-8 if name.endswith('xyz') else 0}
+    np.testing.assert_allclose(back.positions, atoms.positions, **tolerance)
+    np.testing.assert_allclose(back.get_forces(), forces, **tolerance)
+    assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
+
+
+def test_a_literal_run_is_written_too(tmp_path):
+    import ase.io
+
+    atoms = triangular_patch(model='literal')
+    forces = atoms.get_forces()
+    ase.io.write(tmp_path / 'a.traj', atoms)
+    np.testing.assert_array_equal(ase.io.read(tmp_path / 'a.traj').get_forces(), forces)
+
+
+def test_repeated_atoms_need_a_calculator_of_their_own():
+    atoms = triangular_patch()
+    twice = atoms.repeat((2, 1, 1))
+    assert twice.calc is None
+    twice.calc = atoms.calc
+    with pytest.raises(ValueError, match=r'made for 12 particles, not 24.*calculator\.on\(supercell\)'):
+        twice.get_forces()
+
+
+def test_another_cell_is_refused():
+    atoms = triangular_patch()
+    atoms.set_cell(atoms.cell * 1.01, scale_atoms=True)
+    with pytest.raises(ValueError, match='cell or its periodicity differs from the reference'):
+        atoms.get_forces()
+
+
+def test_bonds_of_another_structure_are_refused():
+    with pytest.raises(ValueError, match='the bonds join 12 particles, but the reference has 1'):
+        MagneticRepulsion(lattice('triangular'), LAW, bonds=triangular_patch().calc.bonds)
+
+
+def test_ases_optimiser_finds_the_rest_configuration():
+    from ase.optimize import BFGS
+
+    atoms = triangular_patch(foundation=0.02)
+    BFGS(atoms, logfile=None, alpha=LAW.d2phi(10.0)).run(fmax=1e-10)
+    # fmax over the softest stiffness, the foundation
+    assert abs(atoms.calc.displacements(atoms)).max() < 2 * 1e-10 / 0.02
+
+
+def test_fixed_particles_keep_their_forces_for_those_who_ask():
+    patch = lattices.hexagon(lattice('triangular'), 30)
+    patch.calc = MagneticRepulsion(patch, LAW)
+    rim = patch.get_tags() == lattices.RIM
+    assert not patch.get_forces()[rim].any()
+    assert np.linalg.norm(patch.get_forces(apply_constraint=False)[rim], axis=1).min() > 0
+
+
+def test_a_cluster_balances_no_momentum():
+    cluster = small_cluster()
+    cluster.calc = MagneticRepulsion(cluster, LAW, cutoff=13.0)
+    forces = cluster.get_forces()
+    assert abs(forces).max() > repulsion(LAW, 13.0)  # an expanding cluster
+    assert abs(forces.sum(axis=0)).max() < 1e-14 * abs(forces).max() * len(cluster)
+
+
+def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():
+    # A tenth of a period out of the cell; wrapped it stands nine tenths away, less than a period.
+    atoms = lattice('triangular').repeat((4, 4, 1))
+    atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=0.02)
+    atoms.positions[0] -= 0.1 * atoms.cell[0]
+    forces = atoms.get_forces()
+    wrapped = atoms.copy()
+    wrapped.positions[0] += atoms.cell[0]
+    assert np.linalg.norm(wrapped.positions[0] - atoms.calc.reference.positions[0]) < np.linalg.norm(atoms.cell[0])
+    # positions of 40 mm are rounded to 1e-14; the stiffness is of the order of forces per mm
+    assert abs(atoms.calc.get_forces(wrapped) - forces).max() < 1e-11 * abs(forces).max()
+
+
+@pytest.mark.parametrize('calculator', [MagneticRepulsion, AllNeighbours])
+def test_numbers_in_si_without_their_units_are_noticed(calculator):
+    """The prototype's law with b left in N m^a: sqrt(a b L^-(a+1)/M)/2 pi = 8.4e-6 Hz instead of 60 Hz."""
+    cell = lattices.triangular(10.0, 0.7)
+    with pytest.warns(UserWarning, match=r'InversePower.*some 8e-06 Hz.*mm, g, ms and N'):
+        calculator(cell, InversePower(b=1.6209e-10, a=4.5824))
+    with pytest.warns(UserWarning, match=r'some \d+e\+\d+ Hz'):
+        calculator(cell, InversePower(b=1e30, a=4.0))
+    calculator(cell, InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824))  # every warning is an error here
+
+
+def test_a_calculator_made_of_another_does_not_warn_again():
+    cell = lattices.triangular(10.0, 0.7)
+    with pytest.warns(UserWarning, match='mm, g, ms and N') as told:
+        calc = MagneticRepulsion(cell, InversePower(b=1.6209e-10, a=4.5824))
+    assert len(told) == 1
+    assert told[0].filename == __file__  # the line that made it, not one of the package
+    calc.about(cell, foundation=0.0)
+    calc.on(cell.repeat((2, 2, 1)))
+
+
+@pytest.mark.parametrize(('spacing', 'mass', 'frequency'),
+                         [(1e4, 1e7, 0.01), (0.3, 5e-10, 10), (1e-3, 1e-27, 1e9), (3e-7, 6.6e-23, 1e12)])
+def test_slow_and_fast_lattices_that_exist_are_left_in_peace(spacing, mass, frequency):
+    """Blocks of ten tonnes, dust, trapped ions and atoms: spacing in mm, mass in g, about so many Hz."""
+    stiffness = mass * (2 * np.pi * frequency * u.Hz) ** 2
+    MagneticRepulsion(lattices.square(spacing, mass), InversePower(b=stiffness / 4 * spacing**5, a=4.0))

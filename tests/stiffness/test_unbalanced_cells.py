@@ -1,0 +1,34 @@
+"""Cells out of balance have no bands; relaxed ones have those of their rest."""
+
+import pytest
+from motion import LAW
+from numpy.testing import assert_allclose
+
+from magphonon import AllNeighbours, MagneticRepulsion, analytic_bands, finite_displacements, foundation_needed, lattices, relaxed
+
+
+def skewed_cell(calculator=MagneticRepulsion):
+    """A cell of two whose second particle stands off its place of symmetry."""
+    cell = lattices.honeycomb(10.0, 0.7)
+    cell.positions[1, 0] += 0.2
+    cell.calc = calculator(cell, LAW) if calculator is AllNeighbours else calculator(cell, LAW, cutoff=12.0)
+    return cell
+
+
+@pytest.mark.parametrize('calculator', [MagneticRepulsion, AllNeighbours])
+def test_a_cell_out_of_balance_has_no_bands(calculator):
+    cell = skewed_cell(calculator)
+    path = cell.cell.bandpath('GMKG', npoints=5, pbc=cell.pbc)
+    for ask in (lambda: analytic_bands(cell, path), lambda: finite_displacements(cell), lambda: foundation_needed(cell)):
+        with pytest.raises(ValueError, match='not at rest, and linear theory holds only about rest'):
+            ask()
+
+
+def test_a_cell_that_was_relaxed_has_the_bands_of_its_rest():
+    cell = skewed_cell()
+    rest = relaxed(cell).atoms
+    path = cell.cell.bandpath('GMKG', npoints=7, pbc=cell.pbc)
+    perfect = lattices.honeycomb(10.0, 0.7)
+    perfect.calc = MagneticRepulsion(perfect, LAW)
+    expected = analytic_bands(perfect, path).omega
+    assert_allclose(analytic_bands(rest, path).omega, expected, atol=1e-7 * expected.max())
