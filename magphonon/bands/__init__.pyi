@@ -6,7 +6,12 @@ from .bands import (
 )
 from .bloch import (
     bloch_modes as bloch_modes,
+    cell_at_rest as cell_at_rest,
     cell_of_free_particles as cell_of_free_particles,
+)
+from .edges import (
+    edge_rows as edge_rows,
+    edge_weights as edge_weights,
 )
 from .evanescent import (
     ComplexBands as ComplexBands,

@@ -97,7 +97,7 @@ class Bands(units.InHertz):
             if data[name].dtype.kind != 'f' or (name != 'omega' and data[name].shape[-1] != 3) or data['cell'].shape != (3, 3):
                 raise not_saved(path, 'bands', f'{name} has the shape {data[name].shape} and the type {data[name].dtype}')
         modes = data.get('vectors')
-        if modes is not None and modes.shape[2] * modes.shape[3] != data['omega'].shape[1]:
+        if modes is not None and (modes.shape[:2] != data['omega'].shape or modes.shape[2] * modes.shape[3] < modes.shape[1]):
             raise not_saved(path, 'bands', f'vectors has the shape {modes.shape}, but omega {data["omega"].shape}')
         special = dict(zip(map(str, data['names']), data['points'], strict=True))
         for name in {name for section in parse_path_string(str(data['path'])) for name in section} - special.keys():

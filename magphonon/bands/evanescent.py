@@ -22,6 +22,7 @@ from .. import units
 from ..errors import finite, one_of
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import mass_weighted
+from .bloch import condensed
 from .laurent import laurent_roots, polished
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion.
+        One cell with its MagneticRepulsion; held particles, such as the walls of a channel, do not move.
     direction : array_like, shape (3,)
         Wavevector of xi = 2 pi in fractions of the reciprocal vectors, as for `spectrum.branch`: in the triangular
         lattice along R2, (0, 1, 0) for a row of sources along R1 and (1/2, 1, 0) for a point source.
@@ -88,16 +89,22 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
         If the bonds bridge no whole fractions of a step along the direction, or none of them leads along it, or a band
         is flat at one of the frequencies: there it holds every wavenumber.
     """
-    system = LinearSystem.of(atoms)
-    calc = system.calc
+    system = LinearSystem.of(atoms).moving()
+    calc, free = system.calc, system.free.toarray()
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
-    exponents, unit = _exponents(calc.bonds.shift @ direction)
-    D = _laurent(calc, model, exponents, system.masses)
-    _refuse_flat(calc, model, direction, system.masses, omega)
+    exponents, unit = _exponents(_steps(system) @ direction)
+    D = condensed(_laurent(calc, model, exponents, system.masses), free)
+    _refuse_flat(condensed(_far_from_symmetry(calc, model, direction, system.masses), free), omega)
     waves = [_waves(D, w, unit) for w in omega]
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
-    return ComplexBands(omega, xi, v.reshape(*xi.shape, len(system), calc.dim))
+    return ComplexBands(omega, xi, (v @ free.T).reshape(*xi.shape, len(system), calc.dim))
+
+
+def _steps(system):
+    """Cells that each bond bridges, shape (bonds, 3); a bond to a held particle carries no wave and bridges none."""
+    bonds, moves = system.calc.bonds, np.diff(system.free.indptr).reshape(len(system), -1).any(axis=1)
+    return bonds.shift * (moves[bonds.i] & moves[bonds.j])[:, None]
 
 
 def _exponents(steps):
@@ -129,9 +136,14 @@ def _laurent(calc, model, exponents, masses):
     return mass_weighted(D, masses)
 
 
-def _refuse_flat(calc, model, direction, masses, omega):
-    xi = np.array([0.7, 1.9, 2.6])  # no phases of symmetry: only a flat band has one frequency at all three
-    bands = np.linalg.eigvalsh(mass_weighted(calc.bloch_matrix(xi[:, None] / (2 * np.pi) * direction, model), masses))
+def _far_from_symmetry(calc, model, direction, masses):
+    """Bloch matrices at three phases: only a flat band has one frequency at all of them."""
+    xi = np.array([0.7, 1.9, 2.6])
+    return mass_weighted(calc.bloch_matrix(xi[:, None] / (2 * np.pi) * direction, model), masses)
+
+
+def _refuse_flat(D, omega):
+    bands = np.linalg.eigvalsh(D)
     hit = abs(bands - (omega * abs(omega))[:, None, None]) < 1e-10 * abs(bands).max()
     for k in np.flatnonzero(hit.any(axis=2).all(axis=1))[:1]:
         raise ValueError(f'a band is flat at omega = {omega[k]:.9g} rad/ms and holds every wavenumber; move the frequency')

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from ase import Atoms
+from ase.constraints import FixAtoms
 from ase.dft.kpoints import BandPath
 from ase.geometry import minkowski_reduce
 from tqdm import tqdm
@@ -21,10 +22,11 @@ from tqdm import tqdm
 from .. import units
 from ..errors import positive, whole
 from ..stiffness.bond import bond_stiffness
+from ..stiffness.constraints import freedom
 from ..stiffness.matrices import signed_root
 from ..stiffness.repulsion import repulsion_of
 from .bands import Bands, analytic_bands, path_of
-from .bloch import cell_of_free_particles
+from .bloch import cell_at_rest, cell_of_free_particles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,6 +65,10 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     less symmetry (a chain in the plane does not act along z, bonds may be listed explicitly), and the search costs
     more than it saves.
 
+    Particles that FixAtoms holds are not phonopy's: its cell has the free ones alone, in their order, and the held ones stand
+    still among them.  What the rows of the force constants sum up to is then the foundation with the springs to the held
+    particles.
+
     phonopy takes every frequency for THz where it multiplies by Planck's constant: take `thermal_properties`, and
     `in_phonopy_units` for programs that know only Angstrom and eV.
 
@@ -87,39 +93,45 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     Raises
     ------
     ValueError
-        For atoms that are not one periodic cell with such a calculator or hold constraints, a supercell in which
-        two bonds join the same two particles or which repeats a direction that is not periodic, an impossible distance.
+        For atoms that are not one periodic cell with such a calculator or hold other constraints than FixAtoms, a supercell in
+        which two bonds join the same two particles or which repeats a direction that is not periodic, an impossible distance.
     """
     from phonopy import Phonopy
     from phonopy.structure.atoms import PhonopyAtoms
 
-    calc = _cell_calculator(atoms)
+    calc, free = _cell_calculator(atoms)
     rest = calc.reference
     cells = _enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
     distance = default_distance(calc) if distance is None else _checked_distance(distance, calc.bonds.lengths.min())
 
-    cell = PhonopyAtoms(symbols=atoms.get_chemical_symbols(), masses=atoms.get_masses(), cell=rest.cell.array,
-                        positions=rest.positions)
+    moving, held = atoms[free], rest[~free]
+    cell = PhonopyAtoms(symbols=moving.get_chemical_symbols(), masses=moving.get_masses(), cell=rest.cell.array,
+                        positions=rest.positions[free])
     phonon = Phonopy(cell, np.diag(cells), primitive_matrix='P', is_symmetry=False,
                      symprec=SAME_PLACE * calc.bonds.lengths.min())
     phonon.unit_conversion_factor = TO_HZ
     phonon.generate_displacements(distance, is_plusminus=True, is_diagonal=False)
 
-    displaced = _supercell_atoms(phonon, rest.pbc)
+    displaced = _supercell_atoms(phonon, rest.pbc) + held.repeat(cells)
     displaced.calc = calc.on(displaced)  # phonopy's order of particles, not that of `repeat`
     forces = []
     for structure in tqdm(phonon.supercells_with_displacements, desc='displacements', delay=2, disable=None, leave=False):
-        displaced.positions = structure.positions
-        forces.append(displaced.get_forces())
+        displaced.positions[: len(structure)] = structure.positions
+        forces.append(displaced.get_forces(apply_constraint=False)[: len(structure)])
     phonon.forces = forces
     phonon.produce_force_constants(calculate_full_force_constants=False)
     return phonon
 
 
 def _cell_calculator(atoms):
+    """The calculator of a cell that phonopy can take, and which particles move, shape (particles,)."""
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic, it has no bands; displace the unit cell from which it was made')
-    calc = cell_of_free_particles(atoms)
+    calc, _ = cell_at_rest(atoms)
+    for guide in atoms.constraints:
+        if not isinstance(guide, FixAtoms):
+            raise ValueError(f'phonopy moves particles in every direction, but the cell holds the constraint {guide}; remove '
+                             'it, or take analytic_bands')
     calc.displacements(atoms)  # refuses atoms that are not those of the reference
     if 'X' in atoms.symbols:
         raise ValueError(f"phonopy refuses the symbol 'X' of particle {atoms.symbols.search('X')[0]}; "
@@ -127,7 +139,7 @@ def _cell_calculator(atoms):
     if not calc.reference.cell.rank == 3:
         raise ValueError(f'phonopy needs three lattice vectors, not {calc.reference.cell.rank}; give the cell one of about two '
                          'spacings along each direction that is not periodic, then make the calculator')
-    return calc
+    return calc, freedom(atoms)[0]
 
 
 def _enough_cells(calc):
@@ -266,7 +278,8 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     ndarray, shape (bonds, dim, dim)
         In N/mm, in the order of `atoms.calc.bonds`; to be compared with `bond_stiffness(...)[1]`.
     """
-    calc = repulsion_of(atoms)
+    calc: Any = cell_of_free_particles(atoms, 'D* is that of the bonds')
+    repulsion_of(atoms)
     FC = force_constants_of(phonon)
     home = phonon.primitive.p2s_map
     bonds = calc.on(_supercell_atoms(phonon, calc.reference.pbc)).bonds

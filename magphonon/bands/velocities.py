@@ -10,7 +10,7 @@ from ..errors import finite
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.repulsion import repulsion_of
 from .bands import _mean_over_crossings
-from .bloch import _wavevectors, bloch_modes, cell_of_free_particles
+from .bloch import _wavevectors, bloch_modes, cell_at_rest, cell_of_free_particles
 
 if TYPE_CHECKING:
     from typing import Any
@@ -40,7 +40,7 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
         In mm/ms = m/s; NaN where the frequency is zero or imaginary.
     """
     repulsion_of(atoms)
-    calc: Any = cell_of_free_particles(atoms)  # one whose bonds are known
+    calc: Any = cell_at_rest(atoms)[0]  # one whose bonds are known
     q = _wavevectors(q)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     v = vectors.reshape(*omega.shape, -1)
@@ -54,7 +54,8 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
 
 
 def cut_off(atoms: Atoms) -> float | None:
-    """The cut-off frequency of a lattice on a foundation: the lowest one at Gamma, below which long waves do not propagate.
+    """The cut-off frequency of a lattice on a foundation or between walls: the lowest one at Gamma, below which long waves do not
+    propagate.
 
     Parameters
     ----------
@@ -64,9 +65,9 @@ def cut_off(atoms: Atoms) -> float | None:
     Returns
     -------
     float or None
-        In rad/ms; None without a foundation, because long acoustic waves then propagate at any frequency.
+        In rad/ms; None without foundation and held particles, because long acoustic waves then propagate at any frequency.
     """
-    if not atoms.calc.foundation:
+    if not (np.any(atoms.calc.foundation) or atoms.constraints):
         return None
     return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
 
@@ -94,9 +95,9 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 
     Raises
     ------
     ValueError
-        For a direction of zero length or of another dimension.
+        For a direction of zero length or of another dimension, or held particles, which leave no uniform motion.
     """
-    calc = cell_of_free_particles(atoms)
+    calc = cell_of_free_particles(atoms, 'speeds of sound are those')
     along = finite('direction', np.eye(calc.dim)[0] if direction is None else direction, (calc.dim,))
     if not along.any():
         raise ValueError(f'the direction must not be zero, not {along}')

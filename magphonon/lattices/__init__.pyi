@@ -27,4 +27,5 @@ from .patches import (
     hexagon as hexagon,
     parallelogram as parallelogram,
     rectangle as rectangle,
+    ribbon as ribbon,
 )

@@ -1,4 +1,4 @@
-"""Finite patches cut out of a lattice, with a held rim."""
+"""Finite patches and endless ribbons cut out of a lattice, with a held rim."""
 
 from __future__ import annotations
 
@@ -63,32 +63,61 @@ def half_hexagon(cell: Atoms, side: float) -> Atoms:
     return _cut(cell, side, lambda x, y: np.maximum(_beyond_hexagon(x, y, side), -y))
 
 
+def ribbon(cell: Atoms, rows: int) -> Atoms:
+    """Ribbon of `rows` cells across a planar lattice, endless along its first lattice vector, with a rim as in `parallelogram`.
+
+    Deleting the constraint, or the part of it on one side, leaves a free edge.  The tag stays and tells where the edges are.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        Planar unit cell, pbc (1, 1, 0).
+    rows : int
+        Number of cells along the second lattice vector.
+
+    Returns
+    -------
+    ase.Atoms
+        One cell of the ribbon, pbc (1, 0, 0).
+    """
+    rows = whole('rows', rows)
+    ribbon = _planar(cell).repeat((1, rows, 1))
+    ribbon.pbc = (True, False, False)
+    return _with_rim(ribbon, find_bonds(cell), np.arange(len(ribbon)) % len(cell))
+
+
 def _beyond_hexagon(x, y, side):
     return np.maximum(abs(y), (abs(y) + np.sqrt(3) * abs(x)) / 2) - side * np.sqrt(3) / 2
 
 
 def _cut(cell, radius, beyond):
     """Patch within a shape that fits in a circle of `radius`; `beyond(x, y)` is the distance outside its border."""
-    if tuple(cell.pbc) != (True, True, False):
-        raise ValueError(f'a patch is cut from a planar cell with pbc (1, 1, 0), not {tuple(map(int, cell.pbc))}')
-    rows = cell.cell.reciprocal()[:2]  # their inverse lengths are the distances between lattice rows
+    rows = _planar(cell).cell.reciprocal()[:2]  # their inverse lengths are the distances between lattice rows
     n1, n2 = 2 * np.ceil(radius * np.linalg.norm(rows, axis=1)).astype(int) + 3
     return _patch(cell, n1, n2, beyond)
 
 
 def _patch(cell, n1, n2, beyond):
-    if tuple(cell.pbc) != (True, True, False):
-        raise ValueError(f'a patch is cut from a planar cell with pbc (1, 1, 0), not {tuple(map(int, cell.pbc))}')
-    shell = find_bonds(cell)
+    shell = find_bonds(_planar(cell))
     patch = cell.repeat((n1, n2, 1))
     patch.positions -= cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
     patch.set_array('site', np.arange(len(patch)))
     x, y = patch.positions[:, :2].T
     inside = beyond(x, y) <= 1e-9 * shell.lengths[0]  # a particle on the border belongs to the patch
-    coordination = np.tile(shell.coordination, n1 * n2)[inside]
     patch = patch[inside]
     patch.pbc, patch.cell = False, None
-    rim = bonds_within(patch, shell.cutoff or 0.0).coordination < coordination if len(patch) else np.array([True])
+    return _with_rim(patch, shell, patch.arrays['site'] % len(cell))
+
+
+def _planar(cell):
+    if tuple(cell.pbc) != (True, True, False):
+        raise ValueError(f'a patch is cut from a planar cell with pbc (1, 1, 0), not {tuple(map(int, cell.pbc))}')
+    return cell
+
+
+def _with_rim(patch, shell, image):
+    """The patch with its rim tagged and held, where a particle has fewer neighbours than its `image` in the lattice."""
+    rim = bonds_within(patch, shell.cutoff or 0.0).coordination < shell.coordination[image] if len(patch) else np.array([True])
     if rim.all():
         raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
     patch.set_tags(np.where(rim, RIM, 0))

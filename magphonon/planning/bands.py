@@ -107,7 +107,7 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
 
 def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     """Plan with the neighbours within `reach` spacings, compared at `q`; `spent` is the cost of earlier estimates."""
-    calc, size = cell_of_free_particles(atoms), len(atoms) * atoms.calc.dim
+    calc, size = cell_of_free_particles(atoms, 'plans for bands are those'), len(atoms) * atoms.calc.dim
     shells = neighbour_shells(atoms, reach)
     counts = np.unique(np.floor(SHELL_RATIO ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(SHELL_RATIO)))).astype(int))
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
@@ -182,7 +182,7 @@ def _looked_at(path):
 
 def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
     """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds."""
-    calc = cell_of_free_particles(atoms)
+    calc = cell_of_free_particles(atoms, 'plans for bands are those')
     spacing = calc.bonds.lengths.min()
     every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else CHAIN_FACTOR * reach) * spacing)
     order = np.argsort(every.lengths, kind='stable')

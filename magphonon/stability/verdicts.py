@@ -301,7 +301,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
         structure = LinearSystem.about(calc, atoms) if pushes.any() else LinearSystem.of(atoms)
         dense = structure.free.shape[1] <= DENSE
     else:  # without an edge
-        calc, pushes, closest, away = cell_of_free_particles(atoms), np.zeros(1), 1.0, 0.0
+        calc, pushes, closest, away = cell_of_free_particles(atoms, 'with AllNeighbours a verdict is one'), np.zeros(1), 1.0, 0.0
         structure, dense = atoms, True
     shortest, k = calc.bonds.lengths.min(), calc.foundation
     small = near and dense

@@ -208,7 +208,8 @@ def _refuse_unsettled_sums(atoms):
         raise ValueError(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
                          'there; make another one at these positions')
     if len(atoms) > 1:  # a single particle is in equilibrium by symmetry
-        left = np.linalg.norm(calc.get_forces(atoms), axis=1)
+        P, forces = free_directions(atoms), calc.get_forces(atoms)[:, : calc.dim]
+        left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
         if left.max() > BALANCED * abs(calc.potential.dphi(shortest)):
             raise ValueError('the cell is not at rest, and linear theory holds only about rest: a net static force of '
                              f'{left.max():.4g} N acts on particle {left.argmax()}; relax it with an optimiser of ASE, and make '

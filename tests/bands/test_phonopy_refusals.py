@@ -70,7 +70,7 @@ def foreign():
 
 @pytest.mark.parametrize(('make', 'message'), [
     (lambda: lattices.triangular(10, 0.707), 'attach atoms.calc = MagneticRepulsion'),
-    (lambda: held(prototype()), r'constraint FixAtoms.*remove it with atoms.set_constraint\(\)'),
+    (lambda: held(prototype()), 'the constraints hold every particle; free one'),
     (patch, 'not periodic, it has no bands'),
     (ghost, "symbol 'X' of particle 0"),
     (flat, 'three lattice vectors, not 2'),

@@ -1,0 +1,291 @@
+"""Bands of structures some of whose particles are held: strips between walls, ribbons, guided particles."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixedLine, FixedPlane
+from numpy.testing import assert_allclose
+
+from magphonon import InversePower, MagneticRepulsion, Yukawa, lattices, relaxed
+from magphonon.bands import (
+    analytic_bands,
+    band_path,
+    complex_bands,
+    cut_off,
+    edge_weights,
+    extracted_dstar,
+    finite_displacements,
+    foundation_recovered,
+    group_velocities,
+    phonopy_bands,
+    sound_speeds,
+)
+from magphonon.bands.bloch import bloch_modes
+from magphonon.bands.edges import edge_rows
+from magphonon.stiffness import AllNeighbours
+from tests.oracles import Pairs, free_basis
+
+LAW = InversePower(2.3e4, 4.1)
+REACH = 17.4  # of all these lattices the first two shells
+MODELS = 'complete', 'conventional'
+
+
+def strip(seed, guides=True):
+    """A ribbon drawn at random: lattice, width, masses, foundation, which rows are held, which particles are guided."""
+    rng = np.random.default_rng(seed)
+    name = ('triangular', 'square', 'honeycomb', 'kagome')[seed % 4]
+    atoms = lattices.ribbon(getattr(lattices, name)(10.0, 0.7), 3 if name in ('honeycomb', 'kagome') else int(rng.integers(3, 6)))
+    atoms.set_masses(0.7 * rng.uniform(0.5, 2, len(atoms)))
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=rng.choice([0.0, 0.07]), cutoff=REACH).balanced(range(len(atoms)))
+    held = np.union1d(atoms.constraints[0].index, rng.choice(len(atoms), 1))[rng.integers(2) :]
+    free = np.setdiff1d(np.arange(len(atoms)), held)
+    constraints = [FixAtoms(held)]
+    if guides and len(free) > 2:
+        one, other = rng.choice(free, 2, replace=False)
+        constraints += [FixedLine([one], (*rng.normal(size=2), 0)), FixedPlane([other], (*rng.normal(size=2), 0))]
+    atoms.set_constraint(constraints)
+    return atoms
+
+
+def truth(atoms, q, model='complete', masses=None):
+    """Frequencies by the energy of single bonds, found by brute force; the barred directions are struck out."""
+    n, calc = len(atoms), atoms.calc
+    P = free_basis(atoms, 2) / np.sqrt(np.repeat(atoms.get_masses() if masses is None else masses, 2))[:, None]
+    D = Pairs(atoms, LAW, REACH, model).bloch(atoms.positions, q) + calc.foundation * np.eye(2 * n)
+    squares = np.linalg.eigvalsh(P.T @ D @ P)
+    return np.sign(squares) * np.sqrt(abs(squares))
+
+
+def along(seed, n=4):
+    return np.pad(np.random.default_rng(seed).uniform(-1, 1, (n, 1)), ((0, 0), (0, 2)))
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('seed', range(8))
+def test_what_is_held_does_not_move(seed, model):
+    """The tolerance is round-off of squares: 1e-13 of the highest is 3e-7 of it for the frequency."""
+    atoms, q = strip(seed), along(seed)
+    omega, modes = bloch_modes(atoms, q, model, vectors=True)
+    exact = truth(atoms, q, model)
+    assert_allclose(omega * abs(omega), exact * abs(exact), rtol=0, atol=1e-12 * abs(exact).max() ** 2)
+    assert not modes[:, :, atoms.constraints[0].index].any()
+    assert_allclose((abs(modes) ** 2).sum(axis=(2, 3)), 1, rtol=1e-12)
+    D = atoms.calc.bloch_matrix(q, model) / np.sqrt(np.outer(*2 * [np.repeat(atoms.get_masses(), 2)]))
+    v = modes.reshape(*omega.shape, -1)
+    energy = np.einsum('qma,qab,qmb->qm', v.conj(), D, v).real
+    assert_allclose(energy, omega * abs(omega), rtol=0, atol=1e-12 * abs(exact).max() ** 2)
+    # control: the lattice whose walls are free
+    atoms.set_constraint()
+    free = bloch_modes(atoms, q, model)[0]
+    assert free.shape[1] > exact.shape[1]
+    assert abs(free[:, : exact.shape[1]] - exact).max() > 0.1 * abs(exact).max()
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_walls_are_particles_of_endless_mass(seed):
+    atoms, q = strip(seed, guides=False), along(seed + 50)
+    held = atoms.constraints[0].index
+    walls = bloch_modes(atoms, q)[0]
+    masses = atoms.get_masses()
+    masses[held] *= 1e13
+    atoms.set_masses(masses)
+    atoms.set_constraint()
+    heavy = bloch_modes(atoms, q)[0]
+    order = np.sort(heavy * abs(heavy), axis=1)
+    still = np.argsort(abs(order), axis=1)[:, : 2 * len(held)]  # the walls hardly move
+    moving = np.array([np.delete(row, at) for row, at in zip(order, still, strict=True)])
+    assert_allclose(moving, walls * abs(walls), rtol=0, atol=1e-9 * abs(walls).max() ** 2)
+
+
+def test_a_channel_by_hand():
+    """One row of magnets in a groove between two rows of fixed ones: springs to six neighbours, four of which are held."""
+    law = InversePower(2.3e4, 4.1)
+    cell = lattices.ribbon(lattices.triangular(10.0, 0.7), 3)
+    cell.calc = MagneticRepulsion(cell, law)
+    q = np.linspace(0, 0.5, 7)
+    omega = bloch_modes(cell, np.stack([q, 0 * q, 0 * q], axis=1))[0]
+    f, K = -law.dphi(10.0), law.d2phi(10.0)
+    along_row, across = K, -f / 10
+    walls = np.diag([K + 3 * across, 3 * K + across])  # four bonds at 60 degrees: cos^2 = 1/4, sin^2 = 3/4
+    x = walls[0, 0] + 2 * along_row * (1 - np.cos(2 * np.pi * q))
+    y = walls[1, 1] + 2 * across * (1 - np.cos(2 * np.pi * q))
+    assert_allclose(omega**2, np.sort([x, y], axis=0).T / 0.7, rtol=1e-12)
+    assert cut_off(cell) == pytest.approx(np.sqrt(min(x[0], y[0]) / 0.7), rel=1e-12)
+    with pytest.raises(ValueError, match='speeds of sound are those of free particles'):
+        sound_speeds(cell)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_phonopy_displaces_the_free_particles_among_the_held_ones(seed):
+    atoms = strip(seed, guides=False)
+    atoms.cell[2] = 0, 0, 30.0
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=atoms.calc.foundation, cutoff=REACH, load=atoms.calc.load)
+    path = band_path(atoms, 'GX', 6)
+    phonon = finite_displacements(atoms)
+    exact = analytic_bands(atoms, path).omega
+    found = phonopy_bands(phonon, path, vectors=True)
+    # 1e-9 of the highest squared frequency, of the displacement by 1e-5 of a bond
+    assert_allclose(found.omega * abs(found.omega), exact * abs(exact), rtol=0, atol=5e-9 * abs(exact).max() ** 2)
+    held = atoms.constraints[0].index
+    assert found.vectors.shape[2] == len(phonon.unitcell) == len(atoms) - len(held)
+    # moving the free particles together stretches the springs to the held ones, and the foundation
+    free = np.setdiff1d(np.arange(len(atoms)), held)
+    H = truth_hessian(atoms)
+    springs = H[np.ix_(free, free)].sum(axis=1)
+    assert_allclose(foundation_recovered(phonon), springs, rtol=0, atol=1e-8 * abs(H).max())
+    assert abs(springs - atoms.calc.foundation * np.eye(2)).max() > 1e-2 * abs(H).max()  # the control: not the foundation alone
+    with pytest.raises(ValueError, match=r'D\* is that of the bonds of free particles'):
+        extracted_dstar(phonon, atoms)
+    atoms.set_constraint([*atoms.constraints, FixedLine([free[0]], (1, 0, 0))])
+    with pytest.raises(ValueError, match='phonopy moves particles in every direction'):
+        finite_displacements(atoms)
+
+
+def truth_hessian(atoms):
+    """Shape (particles, particles, 2, 2) at zero wavevector."""
+    n = len(atoms)
+    H = Pairs(atoms, LAW, REACH).hessian(atoms.positions) + atoms.calc.foundation * np.eye(2 * n)
+    return H.reshape(n, 2, n, 2).swapaxes(1, 2)
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('seed', [1, 4, 6])
+def test_group_velocity_of_waves_in_a_strip(seed, model):
+    atoms, q, h = strip(seed), along(seed, 2), 1e-5
+    omega, velocity = group_velocities(atoms, q, model)
+    up, down = (truth(atoms, q + np.array([sign * h, 0, 0]), model) for sign in (1, -1))
+    axis = atoms.cell[0, 0] / (2 * np.pi)  # dk along the ribbon, which lies along x
+    slopes = (up - down) / (2 * h) * axis
+    assert np.isnan(velocity[omega < 0]).all()
+    known = omega > 0.05 * omega.max()  # towards zero the root steepens without bound
+    assert known.mean() > 0.5
+    # differences over 1e-5 of the zone: 1e-10 of curvature, 1e-10 of round-off, more towards zero frequency
+    assert_allclose(velocity[..., 0][known], slopes[known], rtol=0, atol=1e-5 * abs(slopes).max())
+    assert not velocity[..., 1][known].any()  # the bands do not depend on a wavevector across the ribbon
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2, 5])
+def test_evanescent_waves_of_a_channel(seed):
+    """A propagating wave of the strip is one of its waves at that frequency; far above the bands all of them decay."""
+    atoms = strip(seed, guides=False)
+    xi = 0.9
+    omega = truth(atoms, [xi / (2 * np.pi), 0, 0])
+    wave = complex_bands(atoms, (1, 0, 0), omega[omega > 0])
+    nearest = abs(wave.xi - xi).min(axis=1)
+    assert nearest.max() < 1e-6
+    assert not wave.vectors[:, :, atoms.constraints[0].index].any()
+    above = complex_bands(atoms, (1, 0, 0), 1.5 * omega.max())
+    assert (above.xi.imag > 0).all()
+    # every finite wave obeys the equation of motion of the free particles, written with its complex phase
+    free = np.setdiff1d(np.arange(len(atoms)), atoms.constraints[0].index)
+    rows = (2 * free[:, None] + [0, 1]).ravel()
+    M = np.repeat(atoms.get_masses(), 2)
+    for phase, mode in zip(above.xi[0], above.vectors[0], strict=True):
+        if np.isinf(phase.imag):
+            continue
+        D = laurent(atoms, np.exp(1j * phase)) / np.sqrt(np.outer(M, M))
+        v = mode.ravel()
+        size = abs(D).max()
+        assert abs((D @ v - above.omega[0] ** 2 * v)[rows]).max() < 1e-8 * size
+
+
+def laurent(atoms, mu):
+    """The Bloch matrix at a complex phase mu of one cell."""
+    pairs = Pairs(atoms, LAW, REACH)
+    K, n = pairs._derivatives(atoms.positions)[1], len(atoms)
+    D = np.zeros((n, n, 2, 2), complex)
+    np.add.at(D, (pairs.i, pairs.i), K)
+    np.add.at(D, (pairs.i, pairs.j), -K * (mu ** pairs.cell[:, 0])[:, None, None])
+    return D.swapaxes(1, 2).reshape(2 * n, 2 * n) + atoms.calc.foundation * np.eye(2 * n)
+
+
+def test_ribbons_with_held_and_free_edges():
+    """A free edge carries waves of its own; a held edge has none."""
+    cell, law = lattices.triangular(10.0, 0.7), InversePower(2.3e4, 4.1)
+    ribbon = lattices.ribbon(cell, 14)
+    ribbon.calc = MagneticRepulsion(ribbon, law, foundation=0.3)
+    path = band_path(ribbon, 'GX', 9)
+    held = analytic_bands(ribbon, path, vectors=True)
+    middle = ribbon.positions[:, 1] < np.median(ribbon.positions[:, 1])
+    free = ribbon.copy()
+    free.calc = ribbon.calc
+    free.set_constraint(FixAtoms(np.flatnonzero((ribbon.get_tags() == 1) & middle)))  # the lower edge stays
+    free = relaxed(free).atoms
+    bands = analytic_bands(free, path, vectors=True)
+    depth = 2 * 8.7
+    at_held, at_free = edge_weights(ribbon, held, depth), edge_weights(free, bands, depth)
+    edge = at_free[-1, :, 1].argmax()  # at the end of the zone
+    assert at_free[-1, edge, 1] > 0.95
+    assert at_free[-1, edge, 0] < 1e-4
+    assert at_held[-1].max() < 0.8
+    # what these shares are: kinetic energy in the rows counted by hand
+    rows = free.positions[:, 1] >= free.positions[:, 1].max() - depth
+    motion = abs(bands.vectors[-1, edge]) ** 2
+    assert at_free[-1, edge, 1] == pytest.approx(motion[rows].sum() / motion.sum(), rel=1e-12)
+    assert rows.sum() == 2  # the free edge has moved outwards
+    assert edge_rows(free, 1e4).sum(axis=1).tolist() == [13, 13]
+    assert_allclose(edge_weights(free, bands, 1e4), 1, rtol=1e-9)
+
+
+def test_edge_weights_of_crossing_branches_are_shared():
+    """Both edges alike: their waves have one frequency, and any mixture of them is a mode."""
+    ribbon = lattices.ribbon(lattices.square(10.0, 0.7), 9)
+    ribbon.set_constraint()
+    masses = ribbon.get_masses()
+    masses[[0, -1]] = 0.35  # light edges
+    ribbon.set_masses(masses)
+    ribbon.calc = MagneticRepulsion(ribbon, Yukawa(9e3, 0.3), foundation=0.5).balanced(range(9))
+    bands = analytic_bands(ribbon, band_path(ribbon, 'GX', 5), vectors=True)
+    weights = edge_weights(ribbon, bands, depth=1.0)
+    assert_allclose(weights[-1, -2:], weights[-1, -2:][:, ::-1], rtol=1e-6)
+
+
+def test_one_sum_of_all_neighbours_between_walls():
+    """Walls and the row between them, each particle with all others: a wide cell that holds two of three rows."""
+    cell = lattices.triangular(10.0, 0.7).repeat((1, 3, 1))
+    cell.calc = AllNeighbours(cell, InversePower.dipoles(2e3))
+    cell.set_constraint(FixAtoms([0, 2]))
+    q = [[0.2, 0.1, 0]]
+    omega = bloch_modes(cell, q)[0]
+    D = cell.calc.bloch_matrix(np.array(q))[0][2:4, 2:4] / 0.7
+    assert_allclose(omega[0] ** 2, np.linalg.eigvalsh(D), rtol=1e-10)
+
+
+def test_unsuitable_structures_are_refused():
+    ribbon = lattices.ribbon(lattices.square(10.0, 0.7), 5)
+    ribbon.calc = MagneticRepulsion(ribbon, LAW)
+    path = band_path(ribbon, 'GX', 3)
+    bands = analytic_bands(ribbon, path)
+    with pytest.raises(ValueError, match='computed without modes'):
+        edge_weights(ribbon, bands)
+    wide = lattices.square(10.0, 0.7)
+    wide.calc = MagneticRepulsion(wide, LAW)
+    with pytest.raises(ValueError, match='periodic in one direction, not in 2'):
+        edge_weights(wide, bands)
+    modes = analytic_bands(ribbon, path, vectors=True)
+    other = lattices.ribbon(lattices.square(10.0, 0.7), 6)
+    other.calc = MagneticRepulsion(other, LAW)
+    with pytest.raises(ValueError, match='those of 5 particles, but the ribbon has 6'):
+        edge_weights(other, modes)
+    with pytest.raises(ValueError, match='depth must be a positive number'):
+        edge_weights(ribbon, modes, depth=-1)
+    ribbon.set_constraint(FixAtoms(range(5)))
+    with pytest.raises(ValueError, match='hold every particle'):
+        bloch_modes(ribbon, [[0.1, 0, 0]])
+    ribbon.set_constraint()
+    with pytest.raises(ValueError, match='not at rest'):
+        bloch_modes(ribbon, [[0.1, 0, 0]])
+    with pytest.raises(ValueError, match='none of them inside its rim'):
+        lattices.ribbon(lattices.square(10.0, 0.7), 2)
+    with pytest.raises(ValueError, match='cut from a planar cell'):
+        lattices.ribbon(lattices.chain(10.0, 0.7), 4)
+
+
+def test_bands_of_held_particles_come_back_from_a_file(tmp_path):
+    from magphonon.bands import Bands
+
+    atoms = strip(2)
+    bands = analytic_bands(atoms, band_path(atoms, 'GX', 4), vectors=True)
+    bands.save(tmp_path / 'bands.npz')
+    again = Bands.load(tmp_path / 'bands.npz')
+    assert np.array_equal(again.omega, bands.omega)
+    assert np.array_equal(again.vectors, bands.vectors)
