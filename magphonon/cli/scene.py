@@ -1,4 +1,4 @@
-"""`magphonon scene [NAME]`: print a ready scene, or list them."""
+"""`magphonon scene [NAME]`: print a ready scene, or list them; with --keys the keys that a scene may have."""
 
 from __future__ import annotations
 
@@ -7,18 +7,49 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-HELP = 'print a ready scene, or list them'
+    from ..scenes.keys import Key
+
+HELP = 'print a ready scene, or list them; list the keys of a scene'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', nargs='?', help='without it: the names and titles')
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument('name', metavar='NAME', nargs='?', help='without it: the names and titles')
+    chosen.add_argument('--keys', metavar='TABLE', nargs='?', const='',
+                        help='every key: type, unit, default, range, meaning, example; of one table such as law, or of all')
 
 
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene, ready_scene, ready_scenes
 
-    if options.name is None:
+    if options.keys is not None:
+        _print_keys(options.keys or None)
+    elif options.name is None:
         for name, file in ready_scenes().items():
             print(f'{name:12}{read_scene(str(file)).title}')
     else:
         print(ready_scene(options.name).read_text(encoding='utf-8'), end='')
+
+
+def _print_keys(table: str | None) -> None:
+    from ..scenes.keys import scene_keys
+
+    last = ''
+    for key in scene_keys(table):
+        if key.table != last:
+            print(f'\n[{key.table}]')
+            last = key.table
+        print(_described(key))
+
+
+def _described(key: Key) -> str:
+    """A key in a few lines of at most 100 characters."""
+    from textwrap import fill
+
+    default = {'required': 'required', 'none': 'optional'}.get(key.default, f'{key.default} if left out')
+    kinds = f'of the kind {" or ".join(key.kinds)}' if key.kinds else ''
+    facts = [f'{key.type}, {key.unit}' if key.unit else key.type, default, *filter(None, (key.allowed, kinds))]
+    lines = ['; '.join(facts), key.description, f'e.g. {key.example}' if key.example else '']
+    margin = 28 * ' '
+    text = '\n'.join(fill(line, 100, initial_indent=margin, subsequent_indent=margin) for line in lines if line)
+    return f'  {key.name:26}{text.lstrip()}'

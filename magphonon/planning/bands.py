@@ -112,7 +112,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     counts = np.unique(np.floor(SHELL_RATIO ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(SHELL_RATIO)))).astype(int))
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
     near = _within_half(shells)
-    beyond = {len(shells): continuum, near: _continuum(atoms, shells[near - 1].lengths.mean(), q)}
+    beyond = [(near, _continuum(atoms, shells[near - 1].lengths.mean(), q)), (len(shells), continuum)]
     errors = _errors(atoms, q, edge, shells, counts, beyond)
 
     waves, doubt = (len(path.kpts), DOUBT) if edge is None else (1, DOUBT_AT_EDGE)
@@ -142,14 +142,14 @@ def _within_half(shells):
 def _errors(atoms, q, edge, shells, counts, continua):
     """Error of the conventional model with one shell, then of the complete one with each number of shells in `counts`.
 
-    `continua` maps the number of summed shells to the continuum beyond them, for the two references: all shells and the nearer
-    half.
+    `continua` holds the number of summed shells and the continuum beyond them, for the two references: the nearer half of the
+    shells and all of them.  Both are the same where a measured table knows only the nearest.
     """
     calc = atoms.calc
     parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.potential) for shell in shells]
     D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
                  for k in (0, 1))
-    references = [D0[n - 1] + Dstar[n - 1] + continua[n] for n in sorted(continua)]
+    references = [D0[n - 1] + Dstar[n - 1] + continuum for n, continuum in continua]
     D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], references]) + calc.foundation * np.eye(D0.shape[-1])
     *omega, exact = signed_root(np.linalg.eigvalsh(mass_weighted(D, atoms.get_masses())))
     if edge is None:

@@ -116,12 +116,16 @@ def neglected(scene: Any) -> list[str]:
     ----------
     scene : Scene
     """
+    from .bands import REACHES, neighbour_shells
+
     if scene.single or scene.law.shells == ALL:
         return []
+    counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
+    if len(neighbour_shells(_cell(scene), REACHES[0])) <= scene.law.shells:
+        return [f'{counted}: the table of forces ends before the next ones, so that their effect is not known.']
     error = _error_of_shells(scene, scene.law.shells)
     if error < NEGLIGIBLE:
         return []
-    counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
     return [f'{counted}: including all neighbours would shift the bands by up to {percent(error)}; '
             '"magphonon plan" shows the cost of including more.']
 

@@ -1,3 +1,7 @@
+from .keys import (
+    Key as Key,
+    scene_keys as scene_keys,
+)
 from .scene import (
     Scene as Scene,
     read_scene as read_scene,

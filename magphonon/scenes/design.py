@@ -44,8 +44,8 @@ class EdgePlan(Table):
 class GapPlan(Table):
     """Gap between a branch and the next one, over the whole zone."""
 
-    above_branch: Count = Field(description='the branch below the gap, counted from 1 by frequency')
-    width_Hz: Frequency = Field(description='the wanted width in Hz')
+    above_branch: Count = Field(description='the branch below the gap, counted from 1 by frequency', examples=[1])
+    width_Hz: Frequency = Field(description='the wanted width in Hz', examples=[10.0])
 
     key: ClassVar = 'design.gap.width_Hz'
     name = property(lambda self: f'gap above branch {self.above_branch}')
@@ -75,10 +75,11 @@ class DesignPlan(Table):
     The foundation follows from the cut-off, the spacing from an edge or a gap.
     """
 
-    cut_off_Hz: Frequency | None = None
+    cut_off_Hz: Frequency | None = Field(None, description='the wanted lowest frequency at Gamma in Hz; the foundation follows')
     edge: EdgePlan | None = None
     gap: GapPlan | None = None
-    spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = None
+    spacings_m: Annotated[tuple[Spacing, ...], listed, AfterValidator(_range)] | None = Field(
+        None, description='the least and the largest spacing in m between which one is sought for an edge or a gap')
 
     @model_validator(mode='after')
     def _something(self):

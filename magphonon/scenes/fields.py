@@ -61,15 +61,19 @@ def within(least: float, most: float, unit: str) -> AfterValidator:
     return AfterValidator(partial(between, least, most, unit))
 
 
+class Allowed(str):
+    """What the check beside it in an annotation lets pass, in words, for the list of keys; it checks nothing itself."""
+
+
 _number = partial(number, '')
 listed = BeforeValidator(_list)
-Positive = Annotated[float, BeforeValidator(partial(positive, ''))]
-NotNegative = Annotated[float, BeforeValidator(partial(not_negative, ''))]
-Count = Annotated[int, BeforeValidator(partial(whole, ''))]
+Positive = Annotated[float, BeforeValidator(partial(positive, '')), Allowed('above 0')]
+NotNegative = Annotated[float, BeforeValidator(partial(not_negative, '')), Allowed('0 or more')]
+Count = Annotated[int, BeforeValidator(partial(whole, '')), Allowed('1 or more')]
 Number = Annotated[float, BeforeValidator(_number)]
-Point = Annotated[tuple[float, float], BeforeValidator(_point)]
-AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2))]
-Text = Annotated[str, BeforeValidator(_text)]
+Point = Annotated[tuple[float, float], BeforeValidator(_point), Allowed('-1e6 to 1e6 each')]
+AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2)), Allowed('2 or more')]
+Text = Annotated[str, BeforeValidator(_text), Allowed(f'one line of at most {LONGEST_TEXT} characters')]
 Counts = Annotated[tuple[Count, ...], listed]
 # Beyond these ranges a unit or an exponent is wrong, and squares and powers soon leave the range of numbers.
 Spacing = Annotated[Positive, within(1e-6, 1e6, 'metres')]  # phonopy takes particles closer than 1e-5 mm for one

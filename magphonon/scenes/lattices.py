@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from .. import lattices, units as u
 from ..bands.bands import band_path
 from ..errors import MOST, not_negative, one_of, shown, whole
-from .fields import Count, Length, Mass, Positive, Spacing, Table, listed, within
+from .fields import Allowed, Count, Length, Mass, Positive, Spacing, Table, listed, within
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -131,7 +131,7 @@ def _shells(value):
         raise ValueError(f' must be a whole number from 1 to {MOST}, or {ALL!r}, not {shown(value)}') from None
 
 
-Shells = Annotated[int | Literal['all'], BeforeValidator(_shells),
+Shells = Annotated[int | Literal['all'], BeforeValidator(_shells), Allowed('1 or more'),
                    Field(description=f"the number of shells of neighbours that interact, or '{ALL}'")]
 
 
@@ -143,7 +143,8 @@ class Lattice(Table):
     kind: LatticeKind = Field(description='one of ' + ', '.join(KINDS))
     spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
     mass_kg: Mass = Field(description='the mass of a particle in kg')
-    relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = None
+    relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = Field(
+        None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
 
     @model_validator(mode='after')
     def _one_mass_each(self):
@@ -179,7 +180,7 @@ class Oscillator(Table):
     free: ClassVar = 3  # the index of the free magnet
 
     kind: Literal['oscillator']
-    theta0_deg: Annotated[float, BeforeValidator(_right_angle)] = Field(
+    theta0_deg: Annotated[float, BeforeValidator(_right_angle), Allowed('0 to 90')] = Field(
         description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
     spacing_m: Spacing = Field(description='the length of its three bonds in m')
     mass_kg: Mass = Field(description='the mass of the free particle in kg')

@@ -14,7 +14,7 @@ from ..interactions.force_tables import read_forces
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
 from ..interactions.pair_laws import Hertz, InversePower, Tabulated, Yukawa
-from .fields import Force, Length, Positive, Pressure, Table, Text, listed, within
+from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, within
 from .lattices import Shells
 from .supports import _poisson_ratio
 
@@ -48,7 +48,7 @@ class DiscShape(Table):
 class SphereShape(Table):
     """Sphere."""
 
-    diameter_m: Length = Field(description='the diameter in m')
+    diameter_m: Length = Field(description='the diameter in m', examples=[0.005])
 
     def magnet(self, remanence: float) -> Sphere:
         return Sphere(self.diameter_m * u.m, remanence)
@@ -57,9 +57,9 @@ class SphereShape(Table):
 class CuboidShape(Table):
     """Cuboid facing its neighbours squarely; its law neglects that the force is not quite central."""
 
-    length_m: Length = Field(description='the length in m, towards the neighbour')
-    width_m: Length = Field(description='the width in m')
-    height_m: Length = Field(description='the height in m, along the magnetisation')
+    length_m: Length = Field(description='the length in m, towards the neighbour', examples=[0.005])
+    width_m: Length = Field(description='the width in m', examples=[0.005])
+    height_m: Length = Field(description='the height in m, along the magnetisation', examples=[0.003])
 
     def magnet(self, remanence: float) -> Cuboid:
         return Cuboid(self.length_m * u.m, self.width_m * u.m, self.height_m * u.m, remanence)
@@ -68,8 +68,8 @@ class CuboidShape(Table):
 class Calibration(Table):
     """A measured force, which sets the remanence in place of the datasheet."""
 
-    distance_m: Length = Field(description='the distance of the centres in m')
-    force_N: Force = Field(description='the measured force at this distance in N')
+    distance_m: Length = Field(description='the distance of the centres in m', examples=[0.01])
+    force_N: Force = Field(description='the measured force at this distance in N', examples=[0.2369])
 
 
 class Datasheet(Table):
@@ -81,8 +81,9 @@ class Datasheet(Table):
     disc: DiscShape | None = None
     sphere: SphereShape | None = None
     cuboid: CuboidShape | None = None
-    grade: Grade | None = None
-    remanence_T: Annotated[Positive, within(1e-6, 100, 'teslas')] | None = None
+    grade: Grade | None = Field(None, description='the grade of the datasheet, which tells the remanence', examples=['N42'])
+    remanence_T: Annotated[Positive, within(1e-6, 100, 'teslas')] | None = Field(
+        None, description='the remanence in T, in place of a grade')
     calibration: Calibration | None = None
 
     @model_validator(mode='after')
@@ -143,7 +144,7 @@ class DipoleLaw(ClosedForm):
     """Point dipoles normal to the plane."""
 
     kind: Literal['dipoles']
-    moment_A_m2: Positive = Field(description='the magnetic moment of a particle in A m^2')
+    moment_A_m2: Positive = Field(description='the magnetic moment of a particle in A m^2', examples=[0.01])
     shells: Shells
 
     def potential(self) -> PairLaw:
@@ -179,7 +180,8 @@ class HertzLaw(ClosedForm):
     kind: Literal['hertz']
     diameter_m: Length = Field(description='the diameter of the spheres in m')
     youngs_modulus_Pa: Pressure = Field(description="Young's modulus of the spheres in Pa")
-    poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio)] = Field(description="Poisson's ratio of the spheres")
+    poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio), Allowed('above 0, up to 0.5')] = Field(
+        description="Poisson's ratio of the spheres")
     shells: Shells
 
     def potential(self) -> PairLaw:
@@ -191,9 +193,13 @@ class TableLaw(Table):
 
     kind: Literal['table']
     distances_m: Annotated[tuple[Length, ...], listed] = Field(
-        description="the distances in m, increasing, or file = 'law.csv' with the columns r_m,f_N")
-    forces_N: Annotated[tuple[Force, ...], listed] = Field(description='the forces in N at these distances')
-    file: Text | None = None
+        description="the distances in m, increasing, or file = 'law.csv' with the columns r_m,f_N",
+        examples=[[0.008, 0.01, 0.012, 0.015]])
+    forces_N: Annotated[tuple[Force, ...], listed] = Field(
+        description='the forces in N at these distances', examples=[[0.66, 0.24, 0.10, 0.037]])
+    file: Text | None = Field(
+        None, description='a table of forces beside the scene with the columns r_m,f_N, in place of distances_m and forces_N',
+        examples=['law.csv'])
     shells: Shells
 
     @model_validator(mode='before')

@@ -105,9 +105,9 @@ class FrfPlan(Table):
 class PlanTable(Table):
     """Settings of "magphonon plan" that the other tables do not hold."""
 
-    edge: Text | None = None
-    branch: Count = 1
-    force_N: Force | None = None
+    edge: Text | None = Field(None, description='the special point for whose frequency to plan; without it for all bands')
+    branch: Count = Field(1, description='the branch at that point, counted from 1 by frequency')
+    force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it the force vanishes')
 
 
 SPECTRUM_END = 1.4

@@ -25,7 +25,8 @@ class Pillar(Table):
     youngs_modulus_Pa: Pressure = Field(description="Young's modulus in Pa")
     radius_m: Length = Field(description='the radius in m')
     height_m: Length = Field(description='the height in m')
-    density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = None
+    density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = Field(
+        None, description='the density in kg/m3; with it 33/140 of the mass of a pillar moves with its particle')
 
     @property
     def stiffness_N_per_m(self) -> float:
@@ -41,7 +42,8 @@ class Pillar(Table):
 class Foundation(Table):
     """Springs that tie each particle to its place, by their stiffness or as pillars."""
 
-    stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = None
+    stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = Field(
+        None, description='the stiffness in N/m of the spring that ties each particle to its place')
     pillar: Pillar | None = None
 
     @model_validator(mode='after')

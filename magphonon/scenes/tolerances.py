@@ -6,11 +6,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from pydantic import BeforeValidator, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from ..design.sensitivities import Change, exponent_change, force_change, screening_change, spacing_change
 from ..design.uncertainty import Tolerances
-from .fields import Number, Positive, Table
+from .fields import Allowed, Number, Positive, Table
 from .lattices import ALL
 
 if TYPE_CHECKING:
@@ -57,13 +57,13 @@ def _correlation(value):
     return float(value)
 
 
-Correlation = Annotated[Number, BeforeValidator(_correlation)]
+Correlation = Annotated[Number, BeforeValidator(_correlation), Allowed('between -1 and 1')]
 
 
 class _Uncertainty(Table):
     """Standard deviations of the parameters, absolute in the unit of the key or in percent; what is not named is exact."""
 
-    correlation_a_b: Correlation | None = None
+    correlation_a_b: Correlation | None = Field(None, description='the correlation of a and b, as "magphonon fit" prints it')
 
     def tolerances(self, scene: Scene) -> Tolerances:
         """What they mean for a scene, `magphonon.design.uncertainty.Tolerances`.
@@ -106,11 +106,13 @@ class _Uncertainty(Table):
 
 
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all
-_KEYS = sorted([*_ABSOLUTE, *(f'{name}_percent' for name in PLACES)])
+_KEYS = {key: Field(None, description='the standard deviation, in the unit of the parameter') for key in _ABSOLUTE} | {
+    f'{name}_percent': Field(None, description='the standard deviation in percent', examples=[1.0]) for name in PLACES}
 if TYPE_CHECKING:
     Uncertainty = _Uncertainty  # with more keys
 else:
-    Uncertainty = create_model('Uncertainty', __base__=_Uncertainty, **dict.fromkeys(_KEYS, (Positive | None, None)))
+    Uncertainty = create_model('Uncertainty', __base__=_Uncertainty, __doc__=_Uncertainty.__doc__,
+                               **{key: (Positive | None, _KEYS[key]) for key in sorted(_KEYS)})
 
 
 def _changes(scene):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from magphonon import InversePower, Yukawa
-from magphonon.planning import bands as planner
+from magphonon import InversePower, Yukawa, read_scene, ready_scene
+from magphonon.planning import bands as planner, neglected, scene_plans
 from workflows.situations import EDGES, Bands
 
 LAWS = {'2': InversePower(1.0, 2.0), '3': InversePower(1.0, 3.0), '4.58': InversePower(1.0, 4.58), 'Yukawa': Yukawa(1.0, 1.0)}
@@ -70,3 +70,13 @@ def test_the_continuum_is_the_sum_over_what_lies_beyond():
     # the sum has an edge of whole particles, which lie within half a spacing of R: 1/(2 R) of it at the most
     np.testing.assert_allclose(spring, summed * np.eye(2), rtol=0.5 / R, atol=1e-12)
     np.testing.assert_allclose(planner._continuum(cell, R, np.zeros((1, 3)))[0], 0, atol=1e-12)
+
+
+def test_a_table_that_ends_at_the_nearest_neighbours_is_no_reason_to_fail():
+    scene = read_scene(ready_scene('measured'))
+    assert neglected(scene) == ['Nearest neighbours only: the table of forces ends before the next ones, so that their effect is '
+                                'not known.']
+    longer = scene.model_copy(update={'law': read_scene(ready_scene('rings')).law})
+    assert 'would shift the bands' in neglected(longer)[0]  # the control: the same law without an end
+    with pytest.raises(ValueError, match='no model here gives'):  # nothing is known of them that would bound the error
+        _ = next(scene_plans(scene, 1e-2)).plan.choice

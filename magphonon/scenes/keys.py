@@ -1,0 +1,217 @@
+"""Every key of a scene, read from the models that check it: type, unit, default, allowed values, meaning, an example."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+import types
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+
+from ..errors import one_of
+from .fields import Allowed, Table, between
+from .scene import Scene, ready_scenes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from pydantic.fields import FieldInfo
+
+UNITS = {'_N_m_a': 'N m^a', '_kg_per_m3': 'kg/m^3', '_N_per_m': 'N/m', '_A_m2': 'A m^2', '_J_m': 'J m', '_per_s': '1/s',
+         '_percent': '%', '_Hz': 'Hz', '_kg': 'kg', '_Pa': 'Pa', '_deg': 'degrees', '_m': 'm', '_N': 'N', '_T': 'T', '_C': 'C',
+         '_s': 's'}
+"""Unit of a key by the end of its name, the longest ends first."""
+TYPES = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false'}
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a table of a scene.
+
+    Attributes
+    ----------
+    table : str
+        Dotted name of its table, as 'law.disc'; empty for the scene itself.
+    kinds : tuple of str
+        The kinds of the table that have this key; empty if all have it.
+    name : str
+    type : str
+        In words, as 'list of numbers'.
+    unit : str
+        Empty for a number without unit and for everything else.
+    default : str
+        'required', 'none' for a key that may be left out, or the value that is taken then.
+    allowed : str
+        Range or choices, in words.
+    description : str
+    example : str
+        A line of a scene, as `a = 4.5824`; empty for a table.
+    """
+
+    table: str
+    kinds: tuple[str, ...]
+    name: str
+    type: str
+    unit: str
+    default: str
+    allowed: str
+    description: str
+    example: str
+
+    @property
+    def place(self) -> str:
+        """Dotted name with the table, as in messages: 'law.a'."""
+        return f'{self.table}.{self.name}' if self.table else self.name
+
+
+def scene_keys(table: str | None = None) -> list[Key]:
+    """All keys of a scene, table by table, or those of one table and of the tables in it.
+
+    Parameters
+    ----------
+    table : str, optional
+        Name of a table, such as 'law' or 'law.disc'.
+
+    Returns
+    -------
+    list of Key
+
+    Raises
+    ------
+    ValueError
+        For a table that no scene has.
+
+    Examples
+    --------
+    >>> from magphonon.scenes import scene_keys
+    >>> key = scene_keys('foundation.pillar')[1]
+    >>> key.place, key.unit, key.default
+    ('foundation.pillar.radius_m', 'm', 'required')
+    """
+    found = list(_keys_of('', (Scene,), _examples()))
+    if table is None:
+        return found
+    one_of('the table', table, tuple(dict.fromkeys(key.table for key in found if key.table)))
+    return [key for key in found if f'{key.table}.'.startswith(f'{table}.')]
+
+
+def _keys_of(table: str, models: tuple[type[Table], ...], examples: dict[tuple[str, str, str], Any]) -> Iterator[Key]:
+    """The keys of one table, which has one model for each kind of it, then those of the tables in it."""
+    fields: dict[str, list[tuple[tuple[str, ...], FieldInfo]]] = {}
+    for model in models:
+        for name, field in model.model_fields.items():
+            fields.setdefault(name, []).append((_kinds(model), field))
+    inner = []
+    for name, alike in fields.items():
+        tables = tuple(dict.fromkeys(part for _, field in alike for part in _tables(field.annotation)))
+        kinds = tuple(kind for some, _ in alike for kind in some) if len(alike) < len(models) else ()
+        key = _key(table, kinds, name, [field for _, field in alike], tables, examples)
+        yield replace(key, description='; '.join(map(_told, models))) if name == 'kind' and len(models) > 1 else key
+        if tables:
+            inner.append((f'{table}.{name}' if table else name, tables))
+    for place, tables in inner:
+        yield from _keys_of(place, tables, examples)
+
+
+def _key(table: str, kinds: tuple[str, ...], name: str, fields: list[FieldInfo], tables: tuple[type[Table], ...],
+         examples: dict[tuple[str, str, str], Any]) -> Key:
+    field, whole = fields[0], f'{table}.{name}' if table else name
+    default = 'required' if field.is_required() else 'none' if field.default is None else _toml(field.default)
+    described = dict.fromkeys(field.description for field in fields if field.description)
+    if tables:
+        described = dict.fromkeys(filter(None, map(_told, tables)))
+    allowed = [dict.fromkeys(_allowed([field.annotation, *field.metadata])) for field in fields]
+    kind = kinds[0] if kinds else ''
+    value = next((found for found in (examples.get((table, kind, name)), examples.get((table, '', name)),
+                                      *(field.examples or ())) if found is not None), None)
+    example = f'{name} = {_toml(value)}' if value is not None and not tables else ''
+    unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), '') if not tables else ''
+    written = f'table [{whole}]' if tables else ' or '.join(dict.fromkeys(_types(field.annotation)))
+    either = ', ' if name == 'kind' else '; or '  # the choices of one table, or what its kinds ask for
+    ranges = either.join(dict.fromkeys(', '.join(words) for words in allowed if words))
+    return Key(table, kinds, name, written, unit, default, ranges, '; or '.join(described), example)
+
+
+def _told(model: type[Table]) -> str:
+    """What a table is, in the first sentence of its model, with its kinds in front."""
+    first = (model.__doc__ or '').strip().partition('\n')[0].rstrip('.')  # python -OO leaves out docstrings
+    return f'{" or ".join(_kinds(model))}: {first}' if first and _kinds(model) else first
+
+
+def _kinds(model: type[Table]) -> tuple[str, ...]:
+    kind = model.model_fields.get('kind')
+    return tuple(get_args(kind.annotation)) if kind is not None and get_origin(kind.annotation) is Literal else ()
+
+
+def _tables(annotation: Any) -> Iterator[type[Table]]:
+    """The models of tables within the annotation of a field."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        yield annotation
+    for part in get_args(annotation) if get_origin(annotation) in (Annotated, Union, types.UnionType) else ():
+        yield from _tables(part)
+
+
+def _types(annotation: Any) -> Iterator[str]:
+    """The types within the annotation of a field, in words."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        yield 'text'
+    elif origin is tuple:
+        yield 'place [x, y]' if parts[-1] is not Ellipsis else f'list of {next(_types(parts[0]))}s'
+    elif annotation in TYPES:
+        yield TYPES[annotation]
+    elif origin in (Annotated, Union, types.UnionType):
+        for part in parts if origin is not Annotated else parts[:1]:
+            yield from _types(part)
+
+
+def _allowed(parts: Any) -> Iterator[str]:
+    """Range and choices within annotations and their checks, in words; a range says more than that a number is positive."""
+    ranged = any(_is_range(part) for part in parts)
+    for part in parts:
+        if ranged and not _is_range(part):
+            continue
+        if isinstance(part, Allowed):
+            yield str(part)
+        elif get_origin(part) is Literal:
+            yield ', '.join(map(_toml, get_args(part)))
+        elif _is_range(part):
+            yield f'{part.func.args[0]:g} to {part.func.args[1]:g}'
+        elif isinstance(check := getattr(part, 'func', None), partial) and check.func is one_of:
+            yield ', '.join(map(_toml, check.keywords['choices']))
+        elif not (isinstance(part, type) and issubclass(part, Table)):
+            yield from _allowed(get_args(part))
+
+
+def _is_range(part: Any) -> bool:
+    check = getattr(part, 'func', None)
+    return isinstance(check, partial) and check.func is between
+
+
+def _toml(value: Any) -> str:
+    """A value as a scene file writes it; a long list is cut."""
+    if isinstance(value, list | tuple):
+        shown = [_toml(entry) for entry in value]
+        return f'[{", ".join(shown[:4])}{", ..." * (len(shown) > 4)}]'
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else f'{value:.12g}'
+
+
+def _examples() -> dict[tuple[str, str, str], Any]:
+    """Values that ready scenes give to keys, by table, kind of the table ('' for any) and name; of several the
+    prototype's or the first.
+    """
+    found: dict[tuple[str, str, str], Any] = {}
+
+    def visit(place: str, table: dict[str, Any]) -> None:
+        for name, value in table.items():
+            if isinstance(value, dict):
+                visit(f'{place}.{name}' if place else name, value)
+            else:
+                for kind in (str(table.get('kind', '')), ''):
+                    found.setdefault((place, kind, name), value)
+
+    ready = ready_scenes()
+    for file in dict.fromkeys([ready['prototype'], *ready.values()]):
+        visit('', tomllib.loads(file.read_text(encoding='utf-8')))
+    return found
