@@ -75,7 +75,7 @@ class ZoneMap(units.InHertz, Saved, kind='frequencies over the zone', units={
     velocity: np.ndarray
 
     @property
-    def k(self) -> NDArray[np.float64]:
+    def wavevectors(self) -> NDArray[np.float64]:
         """Wavevectors in rad/mm, shape (n1, n2, 2)."""
         return 2 * np.pi * (self.q @ Cell(self.cell).reciprocal().array)[..., :2]
 
@@ -133,7 +133,8 @@ def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.floa
     ValueError
         If the maps belong to different lattices or meshes.
     """
-    if complete.omega.shape != conventional.omega.shape or not np.allclose(complete.k, conventional.k, rtol=1e-9, atol=0):
+    k = complete.wavevectors
+    if complete.omega.shape != conventional.omega.shape or not np.allclose(k, conventional.wavevectors, rtol=1e-9, atol=0):
         raise ValueError(f'the two maps belong to different meshes, {complete.omega.shape} and {conventional.omega.shape}, '
                          'or lattices; compute both from the same atoms and steps')
     zero = abs(conventional.omega) <= ROUND_OFF * abs(conventional.omega).max()

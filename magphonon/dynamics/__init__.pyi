@@ -25,7 +25,7 @@ from .recorder import (
 from .timestep import (
     frequency_bound as frequency_bound,
     highest_frequency as highest_frequency,
-    refuse_unstable as refuse_unstable,
+    refuse_long_step as refuse_long_step,
 )
 from .verlet import (
     DrivenVerlet as DrivenVerlet,

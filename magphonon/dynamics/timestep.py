@@ -19,7 +19,7 @@ ROUGH, FINE = 1e-3, 1e-7
 stability limit."""
 
 
-def refuse_unstable(atoms: Atoms, dt: float) -> None:
+def refuse_long_step(atoms: Atoms, dt: float) -> None:
     """Raise ValueError if `dt` (ms) exceeds the limit 2/omega_max about rest; other calculators are not checked."""
     if not isinstance(atoms.calc, MagneticRepulsion):
         return

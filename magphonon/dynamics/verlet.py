@@ -27,7 +27,7 @@ from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
 from .energy_log import EnergyLog
 from .engine import Blocks, refusal
-from .timestep import refuse_unstable
+from .timestep import refuse_long_step
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -105,7 +105,7 @@ class DrivenVerlet(VelocityVerlet):
         if engine == 'compiled' and find_spec('numba') is None:
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
         if not allow_unstable:
-            refuse_unstable(atoms, positive('timestep', timestep, 'ms'))
+            refuse_long_step(atoms, positive('timestep', timestep, 'ms'))
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
         if logfile:
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
@@ -222,7 +222,7 @@ class DrivenVerlet(VelocityVerlet):
         if setting != self._setting:
             self._refuse_other_clock()
             if not self.allow_unstable:
-                refuse_unstable(self.atoms, self.dt)
+                refuse_long_step(self.atoms, self.dt)
             self._blocks = self._cages = None
             self._setting = setting
         if self.engine == 'ase':

@@ -84,7 +84,7 @@ def _cell(scene, shells=1):
     from ..stiffness.calculator import MagneticRepulsion
 
     atoms = scene.cell()
-    foundation = scene.foundation.k if scene.foundation else 0.0
+    foundation = scene.foundation.stiffness if scene.foundation else 0.0
     if shells == ALL:
         atoms.calc = AllNeighbours(atoms, scene.law.potential(), foundation=foundation)
         return atoms

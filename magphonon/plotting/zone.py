@@ -167,7 +167,7 @@ def _cartesian(cell, q):
 
 
 def _mesh(zone_map):
-    return np.moveaxis(zone_map.k * units.m, -1, 0)
+    return np.moveaxis(zone_map.wavevectors * units.m, -1, 0)
 
 
 def _special_points(cell):
@@ -204,7 +204,7 @@ def _draw_velocity(ax, zone_map, branch, zone):
     n1, n2 = (size // 2 for size in zone_map.q.shape[:2])  # Gamma
     stride = max(1, round(1 / (ARROWS * zone_map.q[n1 + 1, n2, 0])))
     some = np.s_[n1 % stride :: stride, n2 % stride :: stride]
-    k, v = zone_map.k[some].reshape(-1, 2) * units.m, zone_map.velocity[some][:, :, branch].reshape(-1, 2)
+    k, v = zone_map.wavevectors[some].reshape(-1, 2) * units.m, zone_map.velocity[some][:, :, branch].reshape(-1, 2)
     speed = np.linalg.norm(v, axis=1)
     moving = zone.get_path().contains_points(k) & (speed > ROUND_OFF * np.nanmax(speed, initial=0))
     direction = v[moving] / speed[moving, None]

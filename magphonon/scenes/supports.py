@@ -54,7 +54,7 @@ class Foundation(Table):
         return self
 
     @property
-    def k(self) -> float:
+    def stiffness(self) -> float:
         """Stiffness in N/mm."""
         return (self.stiffness_N_per_m if self.pillar is None else self.pillar.stiffness_N_per_m) * u.N / u.m
 

@@ -117,7 +117,7 @@ else:
 
 def _changes(scene):
     """Every parameter that the scene has, and what it changes."""
-    law, k = scene.law.potential(), scene.foundation.k if scene.foundation else 0.0
+    law, k = scene.law.potential(), scene.foundation.stiffness if scene.foundation else 0.0
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
     changes |= {name: Change(law=change(law)) for name, change in LAW_CHANGES.get(scene.law.kind, {}).items()
                 if _at(scene, PLACES[name]) is not None and getattr(scene.law, 'calibration', None) is None}

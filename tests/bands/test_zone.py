@@ -146,7 +146,7 @@ def rotated(zone_of, degrees):
     """Values of (omega, velocity) at the mesh points and at the same points rotated, where both are on the mesh."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     R = np.array([[c, -s], [s, c]])
-    images = (zone_of.k @ R.T) @ zone_of.cell[:2, :2].T / (2 * np.pi) * STEPS
+    images = (zone_of.wavevectors @ R.T) @ zone_of.cell[:2, :2].T / (2 * np.pi) * STEPS
     index = np.round(images).astype(int)
     assert abs(images - index).max() < 1e-9, 'the mesh lacks this symmetry'
     index += np.array(zone_of.q.shape[:2]) // 2

@@ -35,7 +35,7 @@ def test_every_shape(table, model, scene_with):
     patch, cut = scene.patch_atoms(model), SHAPES[table](lattices.triangular(L0, 0.707))
     np.testing.assert_allclose(patch.positions, cut.positions, rtol=1e-14, atol=1e-12 * L0)
     assert patch.calc.parameters.model == model
-    assert patch.calc.parameters.foundation == scene.foundation.k
+    assert patch.calc.parameters.foundation == scene.foundation.stiffness
     inside = patch.get_tags() != RIM
     # full shells balance; the rim pushes outwards with a force of the order of f(L0) = 0.24 N
     assert abs(patch.get_forces(apply_constraint=False)[inside]).max() < 1e-12

@@ -40,7 +40,7 @@ def test_prototype_is_the_papers(tmp_path):
     numbers = reference()['prototype']
     scene = read_scene(ready_scene('prototype'))
     atoms = scene.atoms()
-    assert_allclose(scene.foundation.k / (u.N / u.m), numbers['k_eq'], rtol=1e-9)
+    assert_allclose(scene.foundation.stiffness / (u.N / u.m), numbers['k_eq'], rtol=1e-9)
     assert_allclose(repulsion(atoms.calc.potential, 10 * u.mm) / u.N, numbers['f_at_spacing'], rtol=1e-9)
     path = scene.band_path()
     assert len(path.kpts) == 300
@@ -174,7 +174,7 @@ def test_scenes_of_all_neighbours(name):
 
 def with_bonds(scene, shells):
     atoms = scene.cell()
-    k = scene.foundation.k if scene.foundation else 0.0
+    k = scene.foundation.stiffness if scene.foundation else 0.0
     atoms.calc = MagneticRepulsion(atoms, scene.law.potential(), shells=shells, foundation=k)
     return atoms
 

@@ -1,0 +1,191 @@
+"""What the tables of a scene must not say against one another; `Scene` calls `check` when all its tables are read.
+
+A check that fails raises ValueError with the key in front, the value and how to mend it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING
+
+from ase.dft.kpoints import parse_path_string
+
+from .. import units as u
+from ..stiffness.scale import FREQUENCIES_Hz, frequency_scale
+from .fields import fault, raise_all
+from .lattices import ALL
+from .laws import MagnetsLaw
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ..interactions.pair_laws import PairLaw
+    from ..stiffness.repulsion import Repulsion
+    from .scene import Scene
+
+DENSITIES_kg_per_m3 = 500, 5e5
+"""Range of the moving mass divided by the volume of its magnet: from less than any magnet to more than a magnet with a heavy
+holder."""
+LEAST_SHARE = 1e-12
+"""Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
+foundation."""
+SENSIBLE_SHARE = 1e-6
+"""Stiffness of the repulsion, as a fraction of the foundation, above which a structure behaves as a lattice."""
+MOST_SHELLS = 300
+"""Largest number of shells, about 4000 neighbours of each particle; beyond it the sum over all neighbours is used."""
+MOST_LEGS = 100
+"""Largest number of points along a path; a picture has no room for more names."""
+
+
+def check(scene: Scene) -> None:
+    """Raise all faults that the tables of a scene have together.
+
+    Raises
+    ------
+    ValueError
+        If the oscillator, the number of shells or the magnitudes are at fault; then nothing else can be checked.
+    pydantic.ValidationError
+        With all other faults.
+    """
+    if scene.single:
+        _oscillator(scene)
+    if scene.law.shells != ALL and scene.law.shells > MOST_SHELLS:
+        raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
+                         f"use '{ALL}', the sum over all neighbours")
+    with warnings.catch_warnings():
+        warnings.filterwarnings('ignore', message='.*numbers here are in mm, g, ms and N')  # refused by its keys instead
+        calc: Any = scene.atoms().calc
+    _scale(scene, calc)
+    faults = []
+    for table, checked in (('title', _title), ('law', _mass), ('bands', _bands), ('frf', _frf), ('plan', _plan),
+                           ('vibrometer', _vibrometer), ('foundation', _pillar), ('uncertainty', _uncertainty),
+                           ('design', _design)):
+        try:
+            if getattr(scene, table) is not None:
+                checked(scene)
+        except ValueError as error:
+            faults.append(fault(scene, error))
+    raise_all(faults)
+
+
+def _title(scene: Scene) -> None:
+    if scene.title.count('$') < 2:
+        return
+    from matplotlib.mathtext import MathTextParser  # late: it takes half a second
+
+    try:
+        MathTextParser('path').parse(scene.title)
+    except ValueError as error:
+        fault = str(error).splitlines()[-1].partition(': ')[2]  # behind the name of matplotlib's exception
+        raise ValueError(f'title holds a formula that cannot be drawn: {fault}; correct the text between the $, or write '
+                         '\\$ for a dollar sign') from None
+
+
+def _mass(scene: Scene) -> None:
+    if not isinstance(scene.law, MagnetsLaw):
+        return
+    density = scene.lattice.mass_kg / (scene.law.magnet().volume / u.m**3)
+    if not DENSITIES_kg_per_m3[0] <= density <= DENSITIES_kg_per_m3[1]:
+        raise ValueError(f'lattice.mass_kg = {scene.lattice.mass_kg!r} would give the magnet {density:.3g} kg/m3, and magnets '
+                         'have about 7500; check the unit of the mass, which is kg, and of the sizes, which is m')
+
+
+def _vibrometer(scene: Scene) -> None:
+    if scene.burst is not None:
+        scene.vibrometer.refuse_aliasing(scene.burst.carriers_Hz)
+    if scene.vibrometer.noise_m > scene.lattice.spacing_m:
+        raise ValueError(f'vibrometer.noise_m must be less than the spacing of {scene.lattice.spacing_m!r} m, not '
+                         f'{scene.vibrometer.noise_m!r}')
+
+
+def _pillar(scene: Scene) -> None:
+    if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
+        raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
+                         'take it out, and add 33/140 of the mass of a pillar to lattice.mass_kg')
+
+
+def _uncertainty(scene: Scene) -> None:
+    scene.uncertainty.tolerances(scene)
+
+
+def _design(scene: Scene) -> None:
+    scene.design.check(scene)
+
+
+def _oscillator(scene: Scene) -> None:
+    if scene.law.shells != 1:
+        raise ValueError(f'law.shells of the oscillator must be 1, not {scene.law.shells}: its bonds all have one length')
+    if scene.bands is not None:
+        raise ValueError('bands: the oscillator is one particle and has no bands; take the table [bands] out')
+
+
+def _bands(scene: Scene) -> None:
+    kind, wanted, periodic = scene.lattice.kind, list(scene.bands.supercell), int(scene.lattice.cell().pbc.sum())
+    if len(wanted) != periodic:
+        raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {wanted}')
+    known = scene.special_points
+    if len(scene.bands.path) > MOST_LEGS:
+        raise ValueError(f'bands.path must join at most {MOST_LEGS} points, not {len(scene.bands.path)}')
+    legs = parse_path_string(scene.bands.path)
+    if not all(len(leg) > 1 and set(leg) <= set(known) for leg in legs):
+        raise ValueError(f'bands.path of the {kind} lattice must join points out of {", ".join(known)}, '
+                         f'not {scene.bands.path!r}')
+    for a, b in chain.from_iterable(map(pairwise, legs)):
+        if a == b:
+            raise ValueError(f'bands.path goes from {a} to {a} in {scene.bands.path!r}; name each point once in a row')
+
+
+def _frf(scene: Scene) -> None:
+    for name in ('force', 'response'):
+        given = getattr(scene.frf, name) is not None
+        if given and scene.single:
+            raise ValueError(f'frf.{name}: the oscillator is driven and measured along its guide; take [frf.{name}] out')
+        if not given and not scene.single:
+            raise ValueError(f'frf lacks the table {name!r}; add [frf.{name}] with at_m and direction_deg')
+    if not scene.single and scene.patch is None:
+        raise ValueError('frf: there is no patch to drive; add a table [patch]')
+
+
+def _plan(scene: Scene) -> None:
+    if scene.plan.edge is None:
+        return
+    if scene.bands is None:
+        raise ValueError(f'plan.edge = {scene.plan.edge!r} is an edge of bands; add a table [bands]')
+    known, branches = scene.special_points, scene.atoms().calc.dim * len(scene.atoms())
+    if scene.plan.edge not in known:
+        raise ValueError(f'plan.edge of the {scene.lattice.kind} lattice must be one of {", ".join(known)}, '
+                         f'not {scene.plan.edge!r}')
+    if scene.plan.branch > branches:
+        raise ValueError(f'plan.branch must be at most {branches}, not {scene.plan.branch}')
+
+
+def _scale(scene: Scene, calc: Repulsion) -> None:
+    if not calc.potential.dphi(calc.bonds.lengths).any():
+        raise ValueError(f'lattice.spacing_m = {scene.lattice.spacing_m!r} is so large that nothing repels; spheres repel '
+                         'only if the spacing is less than their diameter')
+    repulsion, k = abs(calc.potential.d2phi(calc.bonds.lengths)).max(), calc.foundation
+    f = frequency_scale(calc)
+    if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
+        raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; '
+                         f'check their units and exponents ({_numbers(scene)})')
+    if not LEAST_SHARE * k <= repulsion:
+        given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
+        raise ValueError(f'lattice.spacing_m = {scene.lattice.spacing_m!r}: the repulsion then has a stiffness of '
+                         f'{lost:.1g} N/m, which is lost in the round-off of the foundation, {given:.3g} N/m'
+                         f'{_millimetres(scene, calc.potential, k)}; check their units and exponents')
+
+
+def _numbers(scene: Scene) -> str:
+    """The numbers of the law, for a message."""
+    return ', '.join(f'law.{key} = {value!r}' for key, value in scene.law if isinstance(value, float))
+
+
+def _millimetres(scene: Scene, law: PairLaw, k: float) -> str:
+    """A question for the user, if the spacing would make sense in mm."""
+    meant = scene.lattice.spacing_m / 1000
+    try:
+        sensible = law.d2phi(meant * u.m) >= SENSIBLE_SHARE * k
+    except (ValueError, ArithmeticError):
+        sensible = False
+    return f'; it is in metres: did you mean {meant:g}?' if sensible else ''
