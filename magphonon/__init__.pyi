@@ -67,6 +67,7 @@ from .stiffness import (
     AllNeighbours as AllNeighbours,
     MagneticRepulsion as MagneticRepulsion,
     relaxed as relaxed,
+    restored as restored,
 )
 
 __version__: str

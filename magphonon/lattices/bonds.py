@@ -81,7 +81,7 @@ class Bonds:
 
             jump = change - find_mic(change, atoms.cell, atoms.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
             shift = shift - np.round(jump @ np.linalg.pinv(atoms.cell.array)).astype(int)
-            vectors = vectors - jump
+            vectors = atoms.positions[self.j] + shift @ atoms.cell.array - atoms.positions[self.i]
         same = np.allclose(vectors, self.vectors, rtol=0, atol=1e-9 * self.lengths.max(initial=0))
         return Bonds(self.i, self.j, shift, vectors, self.particles, self.cutoff if same else None)
 

@@ -57,6 +57,9 @@ from .rest import (
     static_forces as static_forces,
     unbalanced as unbalanced,
 )
+from .restart import (
+    restored as restored,
+)
 from .truncation import (
     missing_stiffness as missing_stiffness,
     reach as reach,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from ase.calculators.calculator import Calculator, all_changes
+from ase.calculators.calculator import all_changes
 from ase.geometry import find_mic
 
 from ..errors import not_negative, one_of
@@ -15,6 +15,7 @@ from .bond import MODELS
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .positions import from_reference, refuse_motion_out_of_the_plane
+from .restartable import Restartable
 from .scale import warn_of_units
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
 
-class AllNeighbours(Calculator):
+class AllNeighbours(Restartable):
     """Repulsion of all particles of an infinite lattice, whatever their distance, with foundation springs.
 
     The counterpart of `MagneticRepulsion` for periodic cells and laws that reach far, with the sums of
@@ -58,6 +59,7 @@ class AllNeighbours(Calculator):
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'forces']
+    saved: ClassVar[tuple[str, ...]] = ('foundation', 'split')
     pairwise = False
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
@@ -101,9 +103,18 @@ class AllNeighbours(Calculator):
         """Models of which there is a Bloch matrix: in Coulomb crystals in space the sums of D0 and D* diverge each by itself."""
         return MODELS if self.sums.splits else MODELS[:1]
 
+    @property
+    def split(self) -> float:
+        """Where the sums are divided between lattice and reciprocal lattice."""
+        return self.sums.split
+
+    def __repr__(self) -> str:
+        return (f'{type(self).__name__}({self.potential!r}, foundation={self.foundation!r}) of {len(self.reference)} particles '
+                'per cell')
+
     def on(self, supercell: Atoms) -> AllNeighbours:
         """The same calculator on a supercell of its reference."""
-        return AllNeighbours(supercell, self.potential, foundation=self.foundation, split=self.sums.split)
+        return AllNeighbours(supercell, self.potential, foundation=self.foundation, split=self.split)
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image.

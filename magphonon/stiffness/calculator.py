@@ -7,7 +7,7 @@ from threading import RLock
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
+from ase.calculators.calculator import PropertyNotImplementedError, all_changes
 from scipy import sparse
 
 from ..errors import finite, not_negative, one_of
@@ -16,6 +16,7 @@ from .bond import MODELS, bond_stiffness, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .repulsion import masses_of
+from .restartable import Restartable
 from .scale import warn_of_units
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 NO_ENERGY = "the literal conventional force does work around a closed loop: it has no energy or Hessian; use model='conventional'"
 
 
-class MagneticRepulsion(Calculator):
+class MagneticRepulsion(Restartable):
     """Pair repulsion between particles about their rest positions, with foundation springs.
 
     With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
@@ -89,6 +90,7 @@ class MagneticRepulsion(Calculator):
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'hessian']
     default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
+    saved: ClassVar[tuple[str, ...]] = ('foundation', 'model', 'bonds', 'anchors', 'load')
     pairwise = True
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
@@ -107,6 +109,8 @@ class MagneticRepulsion(Calculator):
         self._potential = potential
         self.dim = 3 if reference.pbc.all() else 2
         first = not isinstance(bonds, Bonds)  # what is made of another calculator hands on its bonds
+        reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
+        self._reach = reach if bonds is None else f'bonds={len(bonds)}'
         if bonds is None:
             bonds = find_bonds(self.reference, shells, cutoff)
         elif not isinstance(bonds, Bonds):
@@ -214,6 +218,10 @@ class MagneticRepulsion(Calculator):
         load = self.load.copy()
         load[particles, : self.dim] -= self._forces(np.zeros((len(load), self.dim)))[particles]
         return self.about(self.reference, load)
+
+    def __repr__(self) -> str:
+        return (f'{type(self).__name__}({self.potential!r}, {self._reach}, foundation={self.foundation!r}, '
+                f'model={self.model!r}) of {len(self.reference)} particles')
 
     # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.
     def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:

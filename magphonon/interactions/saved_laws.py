@@ -1,0 +1,45 @@
+"""Pair laws as dictionaries of numbers, for files, and back: the laws of this package by their names."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import one_of
+from .magnet_pairs import MagnetLaw, SphereLaw
+from .pair_laws import Hertz, InversePower, Tabulated, Yukawa
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from .pair_laws import PairLaw
+
+LAWS: dict[str, Any] = {law.__name__: law for law in (InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw)}
+"""The laws that a file can name."""
+
+
+def law_to_dict(law: PairLaw) -> dict[str, Any]:
+    """The name of a law and its parameters in mm, mJ; of a law that is not of this package, its name and its text alone."""
+    if LAWS.get(type(law).__name__) is not type(law):
+        return {'law': type(law).__qualname__, 'text': repr(law)}
+    parameters = {field.name: getattr(law, field.name) for field in fields(law) if field.init}  # pyright: ignore[reportArgumentType]  all are dataclasses
+    return {'law': type(law).__name__} | parameters
+
+
+def law_from_dict(saved: dict[str, Any]) -> PairLaw:
+    """The law that `law_to_dict` wrote, with the same parameters to the last bit.
+
+    Raises
+    ------
+    ValueError
+        For a law that is not of this package, whose formula no file can tell.
+    """
+    parameters = dict(saved)
+    name = parameters.pop('law')
+    if 'text' in parameters:
+        raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(LAWS)}, and its formula is not in the file; '
+                         'give the law itself, fromdict(parameters, potential=law)')
+    arrays = {key: np.array(value) if np.ndim(value) else float(value) for key, value in parameters.items()}
+    return LAWS[one_of('the law', name, tuple(LAWS))](**arrays)

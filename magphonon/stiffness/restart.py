@@ -1,0 +1,60 @@
+"""Atoms from ASE's files with their calculator again, so that what was built in Python goes on where it ended.
+
+ASE writes `calc.todict()` beside the atoms, into .traj files and into databases.  It holds all that the forces depend on, rest
+positions, anchors and bonds included::
+
+    atoms = magphonon.restored(ase.io.read('relaxed.traj'))
+
+    row = ase.db.connect('lattices.db').get(id=1)
+    atoms = magphonon.restored(row.toatoms(), row.calculator_parameters)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..errors import one_of
+from .all_neighbours import AllNeighbours
+from .calculator import MagneticRepulsion
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+
+    from ..interactions.pair_laws import PairLaw
+
+CALCULATORS = {calculator.__name__: calculator for calculator in (MagneticRepulsion, AllNeighbours)}
+
+
+def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: PairLaw | None = None) -> Atoms:
+    """A copy of the atoms with the calculator that they had when they were written.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        As `ase.io.read` returns them from a .traj file, or a row of ase.db.
+    parameters : dict, optional
+        Of the calculator; by default those that ASE's reader left on `atoms.calc`.  Rows of ase.db keep them in
+        `row.calculator_parameters`.
+    potential : PairLaw, optional
+        In place of the one in the file, which names the laws of this package only.
+
+    Returns
+    -------
+    ase.Atoms
+
+    Raises
+    ------
+    ValueError
+        If nothing of the kind was written with them, or the law is not one of this package.
+    """
+    calc: Any = atoms.calc
+    found = getattr(calc, 'parameters', None) if parameters is None else parameters
+    if not isinstance(found, dict) or 'calculator' not in found:
+        raise ValueError('these atoms were written without a calculator of magphonon; of a row of ase.db give '
+                         'row.calculator_parameters, of other files attach MagneticRepulsion(atoms, potential, ...) again')
+    cls = CALCULATORS[one_of('the calculator', found['calculator'], tuple(CALCULATORS))]
+    atoms = atoms.copy()
+    atoms.calc = cls.fromdict(found, potential)
+    return atoms

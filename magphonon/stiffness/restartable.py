@@ -1,0 +1,101 @@
+"""`Restartable`: a calculator as a dictionary that ASE's files and databases keep, and back, to the same bits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from ase import Atoms
+from ase.calculators.calculator import Calculator
+
+from ..errors import shown
+from ..interactions.saved_laws import law_from_dict, law_to_dict
+from ..lattices.bonds import Bonds
+
+if TYPE_CHECKING:
+    from typing import Any, Self
+
+    from ..interactions.pair_laws import PairLaw
+
+UNITS = 'mm, g, ms'
+"""What the numbers in such a dictionary are in; it stands there for whoever reads the file without this package."""
+
+
+class Restartable(Calculator):
+    """An ASE calculator of a `reference` and a `potential` that its dictionary makes again.
+
+    Attributes
+    ----------
+    saved : tuple of str
+        Keywords of the constructor that the forces depend on; each is an attribute of the same name.
+    """
+
+    saved: ClassVar[tuple[str, ...]]
+    reference: Atoms
+    potential: Any
+
+    def todict(self, skip_default: bool = True) -> dict[str, Any]:
+        """All that the forces depend on, for ASE's files and databases; `fromdict` makes the same calculator of it."""
+        parts = {name: getattr(self, name) for name in self.saved}
+        return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
+                'potential': law_to_dict(self.potential),
+                **{name: _bonds_to_dict(part) if isinstance(part, Bonds) else part for name, part in parts.items()}}
+
+    @classmethod
+    def fromdict(cls, parameters: dict[str, Any], potential: PairLaw | None = None) -> Self:
+        """The calculator that `todict` wrote, to the same bits.
+
+        Parameters
+        ----------
+        parameters : dict
+            As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
+        potential : PairLaw, optional
+            In place of the one in the dictionary, which names the laws of this package only.
+
+        Raises
+        ------
+        ValueError
+            For the dictionary of something else, or a law that is not of this package.
+        """
+        parts = _checked(parameters, cls)
+        reference = _reference_from_dict(parts['reference'])
+        law = law_from_dict(parts['potential']) if potential is None else potential
+        given: Any = {name: _bonds_from_dict(parts[name], reference) if name == 'bonds' else parts[name] for name in cls.saved}
+        return cls(reference, law, **given)
+
+
+def _checked(parameters, cls):
+    name = cls.__name__
+    of = parameters.get('calculator') if isinstance(parameters, dict) else None
+    if of is None:
+        raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
+    if of != name:
+        raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or magphonon.restored(atoms)')
+    if missing := [key for key in ('reference', 'potential', *cls.saved) if key not in parameters]:
+        raise ValueError(f'the parameters of {name} lack {", ".join(missing)}; write them again with this version')
+    return parameters
+
+
+def _reference_to_dict(atoms):
+    """Rest positions, cell, masses, tags and constraints, without what is no structure."""
+    parts = atoms.todict()
+    parts.pop('info', None)
+    return parts | {'constraints': [constraint.todict() for constraint in atoms.constraints]}
+
+
+def _reference_from_dict(parts):
+    constraints = parts['constraints']
+    arrays = {name: np.array(value) for name, value in parts.items() if name != 'constraints'}
+    return Atoms.fromdict(arrays | {'constraints': constraints})
+
+
+def _bonds_to_dict(bonds):
+    """Which particles are bonded, in their order; their vectors follow from the reference."""
+    return {'i': bonds.i, 'j': bonds.j, 'shift': bonds.shift, 'cutoff': bonds.cutoff}
+
+
+def _bonds_from_dict(parts, reference):
+    i, j, shift = (np.array(parts[name], int) for name in ('i', 'j', 'shift'))
+    shift = shift.reshape(-1, 3)
+    vectors = reference.positions[j] + shift @ reference.cell.array - reference.positions[i]
+    return Bonds(i, j, shift, vectors, len(reference), parts['cutoff'])

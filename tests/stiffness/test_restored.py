@@ -1,0 +1,147 @@
+"""Calculators in ASE's files and databases, and from them again to the same bits."""
+
+import ase.db
+import ase.io
+import numpy as np
+import pytest
+from ase import Atoms
+from ase.constraints import FixAtoms, FixedLine
+from ase.io.jsonio import decode, encode
+
+from magphonon import MagneticRepulsion, lattices, magnet_law, relaxed, restored
+from magphonon.interactions.magnets import Cuboid, Sphere
+from magphonon.stiffness import AllNeighbours
+from tests.oracles import LAWS, Gaussian
+
+OWN = {name: law for name, law in LAWS.items() if name != 'foreign'}
+
+
+def patch(seed):
+    """A structure drawn at random: crystal, hole, masses, tags, a guide; at times relaxed, at times displaced."""
+    rng = np.random.default_rng(seed)
+    name = ('triangular', 'square', 'honeycomb')[seed % 3]
+    cell = getattr(lattices, name)(10.0 + rng.uniform(), 0.7)
+    atoms = cell.repeat((4, 4, 1)) if seed % 2 else lattices.parallelogram(cell, 5, 4)
+    atoms.set_masses(rng.uniform(0.5, 1.5, len(atoms)))
+    atoms.set_tags(rng.integers(0, 3, len(atoms)))
+    law = list(OWN.values())[seed % len(OWN)]
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=rng.uniform(3, 4) * law.d2phi(10.5),
+                                   model=('complete', 'conventional')[seed % 2],
+                                   load=np.pad(-0.01 * law.dphi(10.5) * rng.normal(size=(len(atoms), 2)), ((0, 0), (0, 1))))
+    guide = FixedLine([len(atoms) // 2], (0.6, 0.8, 0))  # of norm one: ASE normalises any other anew, in its last bit
+    atoms.set_constraint([*atoms.constraints, guide, FixAtoms([0])])
+    if seed % 4 > 1:
+        atoms = relaxed(atoms).atoms
+    atoms.positions[:, :2] += 0.05 * rng.normal(size=(len(atoms), 2))
+    return atoms
+
+
+def same(atoms, again):
+    """Whether two structures give the same bits of everything."""
+    assert np.array_equal(again.positions, atoms.positions)
+    assert np.array_equal(again.get_masses(), atoms.get_masses())
+    assert np.array_equal(again.get_tags(), atoms.get_tags())
+    assert [c.todict() for c in again.constraints] == [c.todict() for c in atoms.constraints]
+    assert repr(again.calc.potential) == repr(atoms.calc.potential)
+    assert again.get_potential_energy() == atoms.get_potential_energy()
+    assert np.array_equal(again.get_forces(), atoms.get_forces())
+    assert np.array_equal(again.calc.rest_hessian().toarray(), atoms.calc.rest_hessian().toarray())
+    assert np.array_equal(again.calc.anchors, atoms.calc.anchors)
+    return True
+
+
+@pytest.mark.parametrize('computed', [True, False])
+@pytest.mark.parametrize('seed', range(7))
+def test_a_trajectory_keeps_every_bit(seed, computed, tmp_path):
+    atoms = patch(seed)
+    if computed:
+        atoms.get_forces()
+    ase.io.write(tmp_path / 'a.traj', atoms)
+    found = ase.io.read(tmp_path / 'a.traj')
+    again = restored(found)
+    assert same(atoms, again)
+    # control: a calculator made anew at the positions in the file is another one
+    anew = found.copy()
+    anew.calc = MagneticRepulsion(found, atoms.calc.potential, foundation=atoms.calc.foundation, bonds=atoms.calc.bonds)
+    assert not np.array_equal(anew.get_forces(), atoms.get_forces())
+
+
+@pytest.mark.parametrize('name', ['lattices.db', 'lattices.json'])
+def test_a_database_keeps_every_bit(name, tmp_path):
+    database = ase.db.connect(tmp_path / name)
+    structures = [patch(seed) for seed in (1, 2, 3)]
+    for atoms in structures:
+        database.write(atoms)
+    for atoms, row in zip(structures, database.select(), strict=True):
+        assert same(atoms, restored(row.toatoms(), row.calculator_parameters))
+        assert np.array_equal(MagneticRepulsion.fromdict(row.calculator_parameters).get_forces(row.toatoms()),
+                              atoms.calc.get_forces(atoms))
+
+
+def test_a_calculator_goes_on_after_a_restart(tmp_path):
+    """Relaxed halfway, written, and relaxed on: the rest is that of one run."""
+    atoms = patch(2)
+    ase.io.write(tmp_path / 'a.traj', atoms)
+    through, resumed = relaxed(atoms), relaxed(restored(ase.io.read(tmp_path / 'a.traj')))
+    assert np.array_equal(through.atoms.positions, resumed.atoms.positions)
+
+
+LAWS_OF_MAGNETS = [*OWN.values(), magnet_law(Sphere(8.0, 1.2)), magnet_law(Cuboid(4.0, 6.0, 5.0, 1.1))]
+
+
+@pytest.mark.parametrize('law', LAWS_OF_MAGNETS, ids=lambda law: type(law).__name__)
+def test_every_law_comes_back(law):
+    cell = lattices.triangular(10.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, law)
+    again = MagneticRepulsion.fromdict(decode(encode(cell.calc.todict())))
+    r = np.linspace(9.5, 12, 7)
+    for name in ('phi', 'dphi', 'd2phi'):
+        assert np.array_equal(getattr(again.potential, name)(r), getattr(law, name)(r))
+    assert type(again.potential) is type(law)
+
+
+def test_all_neighbours_come_back():
+    cell = lattices.honeycomb(10.0, 0.7)
+    cell.calc = AllNeighbours(cell, LAWS['yukawa'], foundation=0.1, split=1.3)
+    bare = cell.copy()
+    again = restored(bare, decode(encode(cell.calc.todict())))
+    q = np.array([[0.2, 0.1, 0]])
+    assert np.array_equal(again.calc.bloch_matrix(q), cell.calc.bloch_matrix(q))
+    assert type(again.calc) is AllNeighbours
+
+
+def test_a_law_of_ones_own_is_given_again():
+    cell = lattices.triangular(10.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, Gaussian())
+    parameters = decode(encode(cell.calc.todict()))
+    with pytest.raises(ValueError, match=r'Gaussian.*is not one of InversePower, Yukawa.*fromdict\(parameters, potential=law\)'):
+        MagneticRepulsion.fromdict(parameters)
+    again = MagneticRepulsion.fromdict(parameters, Gaussian())
+    assert np.array_equal(again.rest_hessian().toarray(), cell.calc.rest_hessian().toarray())
+
+
+def test_what_a_calculator_says_of_itself():
+    cell = lattices.triangular(10.0, 0.7)
+    calc = MagneticRepulsion(cell, OWN['yukawa'], foundation=0.02, shells=2)
+    assert repr(calc) == ("MagneticRepulsion(Yukawa(c=20.0, kappa=0.3), shells=2, foundation=0.02, model='complete') "
+                          'of 1 particles')
+    assert 'cutoff=12' in repr(MagneticRepulsion(cell, OWN['yukawa'], cutoff=12))
+    assert 'bonds=3' in repr(MagneticRepulsion(cell, OWN['yukawa']).about(cell))
+    assert repr(AllNeighbours(cell, OWN['yukawa'])).startswith('AllNeighbours(Yukawa(c=20.0, kappa=0.3), foundation=0.0)')
+
+
+def test_what_is_no_calculator_is_refused(tmp_path):
+    cell = lattices.triangular(10.0, 0.7)
+    calc = MagneticRepulsion(cell, OWN['yukawa'])
+    with pytest.raises(ValueError, match=r'must be a dictionary from MagneticRepulsion.todict\(\), not 3'):
+        MagneticRepulsion.fromdict(3)
+    with pytest.raises(ValueError, match='are parameters of MagneticRepulsion, not of AllNeighbours'):
+        AllNeighbours.fromdict(calc.todict())
+    with pytest.raises(ValueError, match='lack anchors'):
+        MagneticRepulsion.fromdict({key: value for key, value in calc.todict().items() if key != 'anchors'})
+    ase.io.write(tmp_path / 'bare.traj', cell)
+    for bare in (cell, ase.io.read(tmp_path / 'bare.traj'), Atoms('H')):
+        with pytest.raises(ValueError, match='written without a calculator of magphonon'):
+            restored(bare)
+    with pytest.raises(ValueError, match='calculator must be one of'):
+        restored(cell, {'calculator': 'EMT'})
