@@ -7,12 +7,13 @@ import pytest
 from motion import patch
 
 from magphonon import DrivenVerlet, Recorder, propagate
-from magphonon.bands import Bands, ComplexBands, ZoneMap
-from magphonon.response import FrequencyResponse, Modes
+from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
+from magphonon.response import FrequencyResponse, Modes, SpectralFunction
 from magphonon.stability import Shifts
 from magphonon.waves import Branch, Displacements, Ridge, Spectrum
 
-RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge]
+RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
+           DensityOfStates, SpectralFunction]
 
 
 @pytest.mark.parametrize('result', RESULTS, ids=lambda result: result.__name__)

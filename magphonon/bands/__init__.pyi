@@ -9,6 +9,10 @@ from .bloch import (
     cell_at_rest as cell_at_rest,
     cell_of_free_particles as cell_of_free_particles,
 )
+from .density import (
+    DensityOfStates as DensityOfStates,
+    lattice_density as lattice_density,
+)
 from .edges import (
     edge_rows as edge_rows,
     edge_weights as edge_weights,

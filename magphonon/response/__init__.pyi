@@ -22,6 +22,13 @@ from .propagation import (
     Transient as Transient,
     propagate as propagate,
 )
+from .spectral_density import (
+    SpectralFunction as SpectralFunction,
+    density_of_states as density_of_states,
+    local_density as local_density,
+    sites_of as sites_of,
+    spectral_function as spectral_function,
+)
 from .stepped import (
     fourier as fourier,
     impulse_response as impulse_response,

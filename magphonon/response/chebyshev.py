@@ -80,6 +80,11 @@ def coefficients(values: NDArray[Any]) -> NDArray[Any]:
     return c
 
 
+def twice_scaled(K: sparse.csr_array, interval: Interval) -> sparse.csr_array:
+    """2 X = 2 (K - centre)/radius, by which T_{n+1} follows from T_n and T_{n-1}."""
+    return sparse.csr_array((K - interval.centre * sparse.eye_array(K.shape[0])) * (2 / interval.radius))
+
+
 def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.float64], rows: Any,
                      terms: int | None = None) -> Iterator[NDArray[Any]]:
     """The vectors T_n(X) s, n = 0, 1, 2 ..., without end; a bar shows how many there are on a terminal after two seconds.
@@ -103,7 +108,7 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
     Outside
         If they grow.
     """
-    X2 = sparse.csr_array((K - interval.centre * sparse.eye_array(K.shape[0])) * (2 / interval.radius))
+    X2 = twice_scaled(K, interval)
     length = np.linalg.norm(s, axis=0)
     before, now = X2 @ s / 2, s  # T_{-1} = T_1
     with tqdm(total=terms, desc='products', delay=2, disable=None, leave=False) as progress:

@@ -1,0 +1,167 @@
+"""Density of states: how many modes there are per frequency; of a lattice, by an integral over the zone.
+
+A mesh divides the zone into simplices: lines, triangles or tetrahedra.  In each of them the square of the frequency is taken as
+a linear function of the wavevector; the share of the simplex where it is below E is then the distribution function
+
+    F[e0 .. ed](E) = ((E - e0) F[e0 .. ed-1](E) + (ed - E) F[e1 .. ed](E)) / (ed - e0)
+
+of the values e0 <= ... <= ed at its corners, with F[e](E) = 1 from e on.  Differences of it between frequencies are mean
+densities, which stay finite where the density itself is infinite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from ..errors import finite, whole
+from ..files import Saved
+from .bloch import bloch_modes
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+POINTS = 400
+"""Number of frequencies where the caller gives none."""
+STEPS = {1: 2000, 2: 160, 3: 32}
+"""Mesh steps along each reciprocal vector, by the number of periodic directions."""
+
+
+@dataclass(frozen=True)
+class DensityOfStates(units.InHertz, Saved, kind='densities of states', units={
+    'omega': ('rad/ms', 'frequencies'), 'density': ('ms/rad', 'frequencies'), 'modes': ('',), 'width': ('rad/ms', 'frequencies'),
+    'error': ('ms/rad', 'frequencies'),
+}):
+    """Number of modes per angular frequency.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (frequencies,)
+        Angular frequencies in rad/ms, ascending; unstable modes count at negative ones, as in `Bands`.
+    density : ndarray, shape (frequencies,)
+        In ms/rad.
+    modes : float
+        Its integral over all frequencies: the branches of a lattice, the free directions of a patch, 1 for one direction of one
+        particle.
+    width : ndarray, shape (frequencies,)
+        Resolution in rad/ms: the standard deviation of the peak that one mode makes there; of a mean over a bin, half the bin.
+    error : ndarray, shape (frequencies,)
+        Standard error of the density by random sampling, in ms/rad; zero where there is none.
+    """
+
+    omega: np.ndarray
+    density: np.ndarray
+    modes: float
+    width: np.ndarray
+    error: np.ndarray
+
+    @property
+    def per_Hz(self) -> NDArray[np.float64]:
+        """Share of all modes per Hz, shape (frequencies,): it is the same for a lattice and for a large patch of it."""
+        return self.density / self.modes * 2 * np.pi * units.Hz
+
+
+def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | None = None,
+                    model: str = 'complete') -> DensityOfStates:
+    """Density of states of an infinite lattice, by linear interpolation between the points of a mesh over its zone.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours, periodic in one, two or three directions.
+    omega : array_like, shape (frequencies,), optional
+        Increasing, in rad/ms: the middles of the bins over which the density is averaged; 400 over all branches if not given.
+    steps : int, optional
+        Mesh steps along each reciprocal vector; 2000 for a chain, 160 in the plane, 32 in space if not given.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    DensityOfStates
+        With as many `modes` as the lattice has branches.
+
+    Raises
+    ------
+    ValueError
+        If the atoms are not periodic, frequencies do not increase, `steps` is no whole number.
+    """
+    periodic = int(atoms.pbc.sum())
+    if not periodic:
+        raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
+    steps = STEPS[periodic] if steps is None else whole('steps', steps)
+    mesh = np.meshgrid(*(np.arange(steps) / steps if along else 0.0 for along in atoms.pbc), indexing='ij')
+    frequencies, _ = bloch_modes(atoms, np.stack(mesh, axis=-1), model)
+    branches = frequencies.shape[-1]
+    middles = _middles(frequencies) if omega is None else increasing(omega)
+    edges = _edges(middles)
+    squares = (np.sign(frequencies) * frequencies**2).reshape(*(steps,) * periodic, branches)
+    counted = branches * np.diff(_below(simplices(squares), np.sign(edges) * edges**2))
+    return DensityOfStates(middles, counted / np.diff(edges), float(branches), np.diff(edges) / 2, np.zeros(len(middles)))
+
+
+def increasing(omega: ArrayLike) -> NDArray[np.float64]:
+    """The angular frequencies as an array, shape (frequencies,); ValueError unless there are two or more, increasing."""
+    omega = finite('omega', omega)
+    if omega.ndim != 1 or len(omega) < 2 or (np.diff(omega) <= 0).any():
+        raise ValueError(f'omega must be two or more increasing frequencies in rad/ms, not an array of the shape {omega.shape}')
+    return omega
+
+
+def _middles(frequencies):
+    """Middles of equal bins that hold all frequencies."""
+    low, high = frequencies.min(), frequencies.max()
+    room = 1e-9 * max(abs(low), abs(high)) + (high - low) / POINTS
+    edges = np.linspace(low - room, high + room, POINTS + 1)
+    return (edges[1:] + edges[:-1]) / 2
+
+
+def _edges(middles):
+    between = (middles[1:] + middles[:-1]) / 2
+    return np.concatenate([[2 * middles[0] - between[0]], between, [2 * middles[-1] - between[-1]]])
+
+
+def simplices(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values at the corners of the simplices of a periodic mesh, ascending.
+
+    Each step from a point of the mesh along all of its axes, one after the other in some order, is a simplex.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n1, ..., nd, branches)
+
+    Returns
+    -------
+    ndarray, shape (simplices, d + 1)
+    """
+    found = []
+    for order in permutations(range(values.ndim - 1)):
+        corners = [values]
+        for axis in order:
+            corners.append(np.roll(corners[-1], -1, axis))
+        found.append(np.stack(corners, axis=-1).reshape(-1, values.ndim))
+    return np.sort(np.concatenate(found), axis=-1)
+
+
+def _below(corners, levels):
+    """Share of the simplices where a linear function with these values at the corners is below each level, ascending."""
+    first, last = (np.searchsorted(levels, corners[:, k]) for k in (0, -1))
+    crossed = last - first  # levels that cut a simplex
+    which = np.repeat(np.arange(len(corners)), crossed)
+    level = np.arange(len(which)) - np.repeat(np.cumsum(crossed) - crossed, crossed) + first[which]
+    partly = np.bincount(level, _distribution(corners[which], levels[level]), minlength=len(levels))
+    wholly = np.cumsum(np.bincount(last, minlength=len(levels) + 1)[:-1])
+    return (wholly + partly) / len(corners)
+
+
+def _distribution(e, E):
+    """The recursion above; e of shape (simplices, corners), E of shape (simplices,)."""
+    if e.shape[1] == 1:
+        return (e[:, 0] <= E).astype(float)
+    span, above = e[:, -1] - e[:, 0], E - e[:, 0]
+    share = np.divide(above, span, out=(above >= 0).astype(float), where=span > 0).clip(0, 1)
+    return share * _distribution(e[:, :-1], E) + (1 - share) * _distribution(e[:, 1:], E)

@@ -1,0 +1,261 @@
+"""Densities of states of a large structure, disordered ones included: total, local, and over the wavevector.
+
+They are found by the kernel polynomial method (`magphonon.response.kernel_polynomials`), which keeps a few vectors in memory and
+takes a time in proportion to the number of particles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tqdm import tqdm
+
+from .. import units
+from ..bands.density import DensityOfStates, increasing
+from ..errors import finite, whole
+from ..files import Saved
+from ..stiffness.linear_system import LinearSystem
+from .kernel_polynomials import COLUMNS, spectrum_of
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from .place import Place
+
+ASTRAY = 0.3
+"""Distance from the nearest lattice site, in shortest distances between sites, beyond which a particle belongs to none."""
+
+
+def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = None, moments: int = 512, vectors: int = COLUMNS,
+                      seed: int = 0) -> DensityOfStates:
+    """Density of states of a finite or periodic structure, of any disorder, by random start vectors.
+
+    The mean over start vectors with random signs is the trace; with R of them in a structure of n free directions its relative
+    error is about sqrt(2/(R m)), where m is the number of modes within a resolved width.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms or LinearSystem
+        At rest, with MagneticRepulsion.
+    omega : array_like, shape (frequencies,), optional
+        Increasing, in rad/ms; as many as there are moments, over all frequencies, if not given.
+    moments : int
+        An even number.  The width of a resolved peak is `pi/(2 moments)` of the highest frequency, or less.
+    vectors : int
+        Number of random vectors, at least 2.
+    seed : int
+        Of the random signs.
+
+    Returns
+    -------
+    DensityOfStates
+        With as many `modes` as there are free directions, and the standard error of the mean over the vectors.
+
+    Raises
+    ------
+    ValueError
+        If nothing is free, the structure is not at rest, or a number is no such number.
+    """
+    system, count = LinearSystem.of(atoms).moving(), _even(moments)
+    rng_seed, vectors, size = whole('seed', seed, 0), whole('vectors', vectors, 2), system.K.shape[0]
+
+    def starts():
+        rng = np.random.default_rng(rng_seed)
+        for first in range(0, vectors, COLUMNS):
+            yield rng.choice((-1.0, 1.0), size=(size, min(COLUMNS, vectors - first)))
+
+    with _bar(vectors) as progress:
+        spectrum = spectrum_of(system.K, starts, count, progress)
+    omega = spectrum.grid if omega is None else increasing(omega)
+    density = spectrum.density(omega)
+    error = density.std(axis=1, ddof=1) / np.sqrt(vectors)
+    return DensityOfStates(omega, density.mean(axis=1), float(size), spectrum.width(omega), error)
+
+
+def local_density(atoms: Atoms | LinearSystem, place: Place, omega: ArrayLike | None = None,
+                  moments: int = 512) -> DensityOfStates:
+    """Density of states of one direction of one particle: how much of its motion the modes at a frequency hold.
+
+    It is `-(2 m omega/pi) Im u/F` of the undamped receptance there, and has no statistical error.
+
+    Parameters
+    ----------
+    atoms, omega, moments
+        As for `density_of_states`.
+    place : Place
+
+    Returns
+    -------
+    DensityOfStates
+        Whose integral is one.
+
+    Raises
+    ------
+    ValueError
+        As `density_of_states`, and if the particle is held in this direction.
+    """
+    system, count = LinearSystem.of(atoms).moving(), _even(moments)
+    given = place.force(len(system))[:, : system.dim].ravel()
+    s = system.free.T @ given
+    if np.linalg.norm(s) < (1 - 1e-9) * np.linalg.norm(place.direction):
+        raise ValueError(f'particle {place.particle} is held, wholly or partly, along {place.direction.tolist()}; choose another '
+                         'place or direction')
+    s = (s / np.linalg.norm(s))[:, None]
+    spectrum = spectrum_of(system.K, lambda: [s], count)
+    omega = spectrum.grid if omega is None else increasing(omega)
+    return DensityOfStates(omega, spectrum.density(omega)[:, 0], 1.0, spectrum.width(omega), np.zeros(len(omega)))
+
+
+@dataclass(frozen=True)
+class SpectralFunction(units.InHertz, Saved, kind='spectral functions', units={
+    'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
+    'density': ('ms/rad', 'wavevectors', 'frequencies'), 'modes': ('',), 'width': ('rad/ms', 'frequencies'),
+}):
+    """How the plane waves of a perfect lattice are spread over the modes of a disordered one: its unfolded bands.
+
+    Attributes
+    ----------
+    q : ndarray, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors of the primitive cell.
+    omega : ndarray, shape (frequencies,)
+        Angular frequencies in rad/ms, ascending; imaginary ones are negative.
+    density : ndarray, shape (wavevectors, frequencies)
+        A(k, omega) in ms/rad, summed over the branches.
+    modes : float
+        Its integral over the frequency at each wavevector, the number of branches; what is held everywhere has none.
+    width : ndarray, shape (frequencies,)
+        Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes there.
+    """
+
+    q: np.ndarray
+    omega: np.ndarray
+    density: np.ndarray
+    modes: float
+    width: np.ndarray
+
+
+def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, omega: ArrayLike | None = None,
+                      moments: int = 256) -> SpectralFunction:
+    """Spectral function A(k, omega) of a structure that is a disturbed patch of a lattice.
+
+    The start vectors are plane waves in mass-weighted displacements, one for each particle of the primitive cell and each
+    direction,
+
+        e^{i k.R} / sqrt(sites)    on the free sites of one sort, along one direction
+
+    with the places R of the anchors, so that those of a perfect lattice make up its Bloch waves.  In a patch of the length l a
+    wave is at least some 2 pi/l wide in wavevector; in a periodic one a wavevector should be one of its own.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms or LinearSystem
+        At rest, with MagneticRepulsion.
+    cell : ase.Atoms
+        The primitive cell of the perfect lattice, in the same orientation; its calculator is not needed.
+    q : array_like, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors of `cell`, as `path.kpts` of a path through its zone.
+    omega, moments
+        As for `density_of_states`.
+
+    Returns
+    -------
+    SpectralFunction
+
+    Raises
+    ------
+    ValueError
+        As `density_of_states`, and if a particle belongs to no site of the lattice.
+    """
+    system, count = LinearSystem.of(atoms).moving(), _even(moments)
+    q = finite('q', q)
+    if q.ndim != 2 or q.shape[1] != 3:
+        raise ValueError(f'q must be wavevectors of three fractions, of the shape (wavevectors, 3), not {q.shape}')
+    waves = _Waves(system, cell, q)
+    with _bar(waves.count) as progress:
+        spectrum = spectrum_of(system.K, waves.starts, count, progress)
+    omega = spectrum.grid if omega is None else increasing(omega)
+    # cosine and sine of a wave, and all of its polarisations, add up
+    density = spectrum.density(omega).T.reshape(len(q), -1, len(omega)).sum(axis=1)
+    return SpectralFunction(q, omega, density, float(len(waves.lengths)), spectrum.width(omega))
+
+
+class _Waves:
+    """Plane waves on the free sites, in real columns: of each wavevector the cosines, then the sines, of all polarisations."""
+
+    def __init__(self, system, cell, q):
+        self.places = system.calc.anchors
+        self.own, self.dim = sites_of(self.places, cell), system.dim
+        self.k = 2 * np.pi * q @ cell.cell.reciprocal().array
+        self.free = system.free.T.tocsr()
+        lengths = {which: np.linalg.norm(self._free(np.ones(len(system)), *which)) for which in np.ndindex(len(cell), self.dim)}
+        self.lengths = {which: length for which, length in lengths.items() if length}  # of what is not held
+        self.count = 2 * len(q) * len(self.lengths)
+
+    def _free(self, wave, site, along):
+        full = np.zeros((len(wave), self.dim))
+        full[:, along] = np.where(self.own == site, wave, 0.0)
+        return self.free @ full.ravel()
+
+    def starts(self):
+        columns = []
+        for k in self.k:
+            phase = self.places @ k
+            for part in np.cos, np.sin:
+                wave = part(phase)
+                for which, length in self.lengths.items():
+                    columns.append(self._free(wave, *which) / length)
+                    if len(columns) == COLUMNS:
+                        yield np.stack(columns, axis=1)
+                        columns = []
+        if columns:
+            yield np.stack(columns, axis=1)
+
+
+def sites_of(places: NDArray[np.float64], cell: Atoms) -> NDArray[np.int_]:
+    """To which particle of the primitive cell each particle of a patch belongs, wherever the patch lies.
+
+    Parameters
+    ----------
+    places : ndarray, shape (particles, 3)
+        In mm, on or near sites of the lattice.
+    cell : ase.Atoms
+
+    Returns
+    -------
+    ndarray of int, shape (particles,)
+
+    Raises
+    ------
+    ValueError
+        If a particle is on no site.
+    """
+    def away(first):
+        """Distances of the particles from the sites of each sort, shape (sorts, particles), if that of the first is `first`."""
+        from_site = places - places[0] + cell.positions[first] - cell.positions[:, None]
+        cells = cell.cell.scaled_positions(from_site.reshape(-1, 3))
+        cells -= np.where(cell.pbc, cells.round(), 0)
+        return np.linalg.norm(cells @ cell.cell.array, axis=1).reshape(len(cell), -1)
+
+    distances = min((away(first) for first in range(len(cell))), key=lambda distance: distance.min(axis=0).max())
+    nearest = distances.min(axis=0)
+    neighbours = cell.repeat(np.where(cell.pbc, 2, 1))
+    shortest = min(np.linalg.norm(neighbours.positions[1:] - neighbours.positions[0], axis=1).min(initial=np.inf),
+                   cell.cell.lengths()[cell.pbc].min())
+    if nearest.max() > ASTRAY * shortest:
+        raise ValueError(f'particle {nearest.argmax()} is {nearest.max():.3g} mm away from every site of the lattice of the '
+                         'cell; give the primitive cell from which the patch was cut, in the same orientation')
+    return distances.argmin(axis=0)
+
+
+def _even(count):
+    count = whole('moments', count, 2)
+    if count % 2:
+        raise ValueError(f'moments must be even, not {count}: each product gives two')
+    return count
+
+
+def _bar(vectors):
+    return tqdm(total=vectors, desc='start vectors', delay=2, disable=None, leave=False)

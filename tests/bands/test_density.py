@@ -1,0 +1,148 @@
+"""Density of states of a lattice: chain and square lattice in closed form, van Hove's singularities, phonopy's tetrahedra."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from oracles import LAWS, lattice
+from scipy.special import ellipk
+
+from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, units as u
+from magphonon.bands import DensityOfStates, lattice_density
+from magphonon.bands.density import simplices
+
+LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
+L0, M, K0 = 10.0, 0.707, 0.12  # mm, g, N/mm: stiffer pillars than the prototype's, on which all lattices are stable
+STIFF, PUSH = LAW.d2phi(L0) / M, -LAW.dphi(L0) / L0 / M  # of D0 and of -D*, rad^2/ms^2
+
+
+def cell(kind, k=K0, masses=None):
+    atoms = getattr(lattices, kind)(L0, M)
+    if masses is not None:
+        atoms.set_masses(masses)
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=k)
+    return atoms
+
+
+def counted(found):
+    """Number of modes below the upper edge of each bin."""
+    return np.cumsum(found.density * 2 * found.width)
+
+
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
+def test_chain_is_its_closed_form(model):
+    """Of `omega^2 = start + span sin^2(k a/2)` the share (2/pi) arcsin sqrt(x), x = (omega^2 - start)/span, lies below omega."""
+    found = lattice_density(cell('chain'), np.linspace(0.15, 0.9, 300), model=model)
+    edges = np.append(found.omega - found.width, found.omega[-1] + found.width[-1])
+
+    along = 2 / np.pi * np.arcsin(np.sqrt(((edges**2 - K0 / M) / (4 * STIFF)).clip(0, 1)))
+    across = 1 - 2 / np.pi * np.arcsin(np.sqrt(((K0 / M - edges**2) / (4 * PUSH)).clip(0, 1)))  # it softens
+    flat = (edges**2 >= K0 / M).astype(float)  # nothing but the foundation resists
+    share = {'complete': along + across, 'conventional': along + flat}
+    assert_allclose(counted(found), share[model][1:], atol=2e-4)  # of 2000 steps, the root of the last one at the edge
+    other = share['conventional' if model == 'complete' else 'complete'][1:]
+    assert abs(counted(found) - other).max() > 0.2
+
+
+def test_chain_without_foundation_has_the_known_density():
+    """2/(pi sqrt(top^2 - omega^2)) of the longitudinal branch; the other one does not move in the conventional model."""
+    top = 2 * np.sqrt(STIFF)
+    found = lattice_density(cell('chain', 0.0), np.linspace(0.05, 0.95, 91) * top, model='conventional')
+    assert_allclose(found.density, 2 / np.pi / np.sqrt(top**2 - found.omega**2), rtol=2e-3)  # curved within a bin of a hundredth
+
+
+def test_square_lattice_is_its_elliptic_integral():
+    """Both branches are `omega^2 = c + a cos x - b cos y`: a density of two steps and two logarithmic peaks, at c -+ (a - b)."""
+    a, b = 2 * STIFF, 2 * PUSH
+    c = K0 / M + a - b
+    middles = np.sqrt(np.linspace((c - a - b) * 1.0001, (c + a + b) * 0.9999, 2000))
+    found = lattice_density(cell('square'), middles)
+    E = abs(found.omega**2 - c)
+    wide = ((a + b) ** 2 - E**2).clip(1e-300)
+    inner = 2 / np.sqrt(wide) * ellipk((4 * a * b / wide).clip(0, 1 - 1e-15))
+    outer = ellipk((wide / (4 * a * b)).clip(0, 1 - 1e-15)) / np.sqrt(a * b)
+    expected = np.where(a - b > E, inner, outer) / np.pi**2 * 2 * found.omega * 2  # two branches
+    away = (abs(E - (a - b)) > 0.02 * a) & (a + b - E > 0.01 * a)
+    assert away.sum() > 1800
+    assert_allclose(found.density[away], expected[away], rtol=0.02)
+    for lower, peak in ((True, c - a + b), (False, c + a - b)):
+        half = (found.omega**2 < c) == lower
+        assert found.omega[half][found.density[half].argmax()] == pytest.approx(np.sqrt(peak), rel=2e-3)
+    conventional = lattice_density(cell('square'), middles, model='conventional')
+    assert abs(conventional.density[away] / expected[away] - 1).max() > 0.3
+
+
+def test_the_shear_branch_of_the_prototype_is_a_saddle_at_M():
+    found = lattice_density(cell('triangular', 0.0196757), np.linspace(0.1, 1.0, 1000), steps=240)
+    low = found.frequencies_Hz < 62
+    peak = found.frequencies_Hz[low][found.density[low].argmax()]
+    assert peak == pytest.approx(58.2327, abs=0.2)  # a bin is 0.14 Hz
+    conventional = lattice_density(cell('triangular', 0.0196757), np.linspace(0.1, 1.0, 1000), steps=240, model='conventional')
+    assert conventional.density[abs(conventional.frequencies_Hz - 58.23) < 0.3].max() < 0.2 * found.density[low].max()
+
+
+@pytest.mark.parametrize(('kind', 'steps', 'masses'), [('honeycomb', 12, [M, 1.5 * M]), ('fcc', 6, None)])
+def test_phonopy_finds_the_same_number_of_modes_below_each_frequency(kind, steps, masses):
+    atoms = lattice(kind, L0, M)
+    if masses:
+        atoms.set_masses(masses)
+    atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=0.5)
+    found = lattice_density(atoms, np.linspace(0.5, 3.5, 3001), steps)
+    phonon = finite_displacements(atoms, (3, 3, 3 if kind == 'fcc' else 1))
+    phonon.unit_conversion_factor = 1.0
+    phonon.run_mesh([steps if along else 1 for along in atoms.pbc], is_gamma_center=True, is_mesh_symmetry=False)
+    phonon.run_total_dos(freq_min=0.5, freq_max=3.5, freq_pitch=1e-3, use_tetrahedron_method=True)
+    told = phonon.total_dos
+    assert_allclose(told.frequency_points, found.omega, rtol=1e-12)
+    # it interpolates frequencies and not their squares, takes other diagonals, and samples a density with peaks, of which it
+    # misses 0.8 %
+    assert_allclose(counted(found), np.cumsum(told.dos) * 1e-3, atol=0.015 * found.modes)
+    conventional = lattice_density(atoms, found.omega, steps, model='conventional')
+    assert abs(counted(conventional) - counted(found)).max() > 0.1 * found.modes
+
+
+@pytest.mark.parametrize('kind', ['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc'])
+def test_every_branch_is_counted_once(kind):
+    atoms = lattice(kind)
+    for foundation in (0.0, 0.3):  # without it some of them are unstable, and count below zero
+        atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=foundation)
+        found = lattice_density(atoms, steps=10)
+        assert counted(found)[-1] == pytest.approx(found.modes, rel=1e-12)
+        assert found.modes == len(atoms) * atoms.calc.dim
+        assert (found.density >= 0).all()
+
+
+def test_unstable_modes_count_at_negative_frequencies():
+    found = lattice_density(cell('chain', 0.0))
+    across = counted(found)[found.omega + found.width < 0][-1]
+    assert across == pytest.approx(1, abs=0.1)  # one branch of two; the bin at zero holds the slowest ones
+    assert found.omega[0] == pytest.approx(-2 * np.sqrt(PUSH), rel=0.01)
+
+
+@pytest.mark.parametrize('dim', [1, 2, 3])
+def test_simplices_fill_the_mesh(dim):
+    """All orders of the axes together count every point of the mesh equally often."""
+    values = np.random.default_rng(dim).normal(size=(4,) * dim + (2,))
+    found = simplices(values)
+    assert found.shape == (4**dim * 2 * [1, 1, 2, 6][dim], dim + 1)
+    assert found.mean() == pytest.approx(values.mean(), rel=1e-12)
+    assert (np.diff(found) >= 0).all()
+
+
+def test_density_comes_back_from_a_file(tmp_path):
+    found = lattice_density(cell('square'), steps=8)
+    found.save(tmp_path / 'dos.npz')
+    again = DensityOfStates.load(tmp_path / 'dos.npz')
+    np.testing.assert_array_equal(again.density, found.density)
+    assert again.modes == 2.0
+    assert (again.per_Hz * 2 * u.hertz(again.width)).sum() == pytest.approx(1, rel=1e-12)
+
+
+def test_bad_input_is_refused():
+    patch = lattices.parallelogram(lattices.square(L0, M), 5, 5)
+    patch.calc = MagneticRepulsion(patch, LAW)
+    with pytest.raises(ValueError, match='not periodic and has no zone'):
+        lattice_density(patch)
+    with pytest.raises(ValueError, match='two or more increasing frequencies'):
+        lattice_density(cell('square'), [0.2, 0.1])
+    with pytest.raises(ValueError, match='steps must be a whole number'):
+        lattice_density(cell('square'), steps=0)

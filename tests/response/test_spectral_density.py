@@ -1,0 +1,265 @@
+"""Densities of states of patches: against all modes with the same kernel, against bands, against Dyson's chain."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixedLine
+from motion import L0, LAW, MASS
+from numpy.testing import assert_allclose
+
+from magphonon import MagneticRepulsion, lattices, modes, relaxed
+from magphonon.bands import band_path, bloch_modes, lattice_density
+from magphonon.response import (
+    Place,
+    SpectralFunction,
+    density_of_states,
+    frequency_response,
+    local_density,
+    natural_frequencies,
+    sites_of,
+    spectral_function,
+)
+from magphonon.response.chebyshev import Interval, stable_interval, whole_interval
+from magphonon.response.kernel_polynomials import Spectrum
+from magphonon.stiffness import LinearSystem
+
+K0 = 0.12  # N/mm, on which all the lattices here are stable
+COUNT = 64
+
+
+def kernel(omega, modes, interval, count=COUNT):
+    """Peak of each mode, shape (frequencies, modes), by Jackson's definition: the factors are the correlation of a sine arch."""
+    arch = np.sin(np.pi * np.arange(1, count + 1) / (count + 1))
+    g = np.array([arch[n:] @ arch[: count - n] for n in range(count)]) / (arch @ arch)
+    here, there = (np.arccos(((np.sign(w) * w**2 - interval.centre) / interval.radius).clip(-1, 1)) for w in (omega, modes))
+    n = np.arange(1, count)
+    series = g[0] + 2 * (np.cos(np.outer(here, n)) * g[1:]) @ np.cos(np.outer(n, there))
+    return series / np.pi * (2 * abs(omega) / interval.radius / np.sin(here))[:, None]
+
+
+def disturbed(seed, model='complete'):
+    """A drawn structure at rest: a patch of any shape with a rim, or a periodic one, random masses, some magnets missing."""
+    rng = np.random.default_rng(seed)
+    kind = ('triangular', 'square', 'honeycomb', 'kagome')[seed % 4]
+    cell = getattr(lattices, kind)(L0, MASS)
+    if seed % 3 == 0:
+        atoms = cell.repeat((4, 5, 1))
+    elif seed % 3 == 1:
+        atoms = lattices.parallelogram(cell, 6, 5)
+    else:
+        atoms = lattices.hexagon(cell, 35.0)
+    atoms.set_masses(MASS * rng.uniform(0.5, 1.5, len(atoms)))
+    free = np.flatnonzero(atoms.get_tags() == 0)
+    del atoms[rng.choice(free, rng.integers(0, 3), replace=False).tolist()]
+    foundation = K0 if seed % 5 else 0.0  # without one, what is periodic may not be stable
+    calc = MagneticRepulsion(atoms, LAW, foundation=K0, model=model)
+    atoms.calc = calc
+    atoms = relaxed(atoms).atoms
+    if not foundation and len(calc.load):  # the same places, softer: an unstable structure is answered, too
+        soft = atoms.copy()
+        load = K0 * (atoms.calc.anchors - atoms.positions)
+        soft.calc = MagneticRepulsion(soft, LAW, bonds=atoms.calc.bonds, load=load, model=model)
+        atoms = soft
+    atoms.calc.set(model=model)
+    if seed % 2:
+        atoms.set_constraint([*atoms.constraints, FixedLine([free[0]], (3, 4, 0))])
+    return cell, atoms
+
+
+def all_modes(system):
+    """Frequencies, vectors and the interval that the package should take."""
+    squares, vectors = np.linalg.eigh(system.K.toarray())
+    interval = stable_interval(system.K) if squares[0] > 0 else whole_interval(system.K)
+    return np.sign(squares) * np.sqrt(abs(squares)), vectors, interval
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_local_density_is_the_sum_over_all_modes(seed):
+    _, atoms = disturbed(seed)
+    system = LinearSystem.of(atoms)
+    omega, vectors, interval = all_modes(system)
+    particle = np.flatnonzero(atoms.get_tags() == 0)[5]
+    found = local_density(system, Place(particle, np.array([0.6, 0.8, 0.0])), moments=COUNT)
+    weight = (system.free.T @ np.kron(np.eye(len(atoms))[particle], [0.6, 0.8]) @ vectors) ** 2
+    expected = kernel(found.omega, omega, interval) @ weight
+    assert_allclose(found.density, expected, atol=1e-10 * expected.max())
+    across = (system.free.T @ np.kron(np.eye(len(atoms))[particle], [0.8, -0.6]) @ vectors) ** 2
+    assert abs(found.density - kernel(found.omega, omega, interval) @ across).max() > 1e-2 * expected.max()
+
+
+def test_drawn_structures_are_stable_and_unstable_ones():
+    lowest = [natural_frequencies(disturbed(seed)[1])[0] for seed in range(8)]
+    assert min(lowest) < 0 < max(lowest)
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_total_density_is_that_of_all_modes_within_its_error(seed):
+    _, atoms = disturbed(seed)
+    system = LinearSystem.of(atoms)
+    found = density_of_states(system, moments=COUNT, vectors=40, seed=seed)
+    assert found.modes == system.K.shape[0]
+    omega, _, interval = all_modes(system)
+    exact = kernel(found.omega, omega, interval).sum(axis=1)
+    off = (found.density - exact)[found.error > 1e-9 * exact.max()] / found.error[found.error > 1e-9 * exact.max()]
+    # of 64 frequencies and 40 random vectors the largest Student's t is 4 or so; a density of few modes is no normal variable
+    assert abs(off).max() < 7
+    assert 0.3 < np.sqrt(np.mean(off**2)) < 2
+    conventional = natural_frequencies(disturbed(seed, 'conventional')[1])
+    wrong = kernel(found.omega, conventional, interval).sum(axis=1)
+    assert (abs(found.density - wrong) / np.maximum(found.error, 1e-9 * exact.max())).max() > 14
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2, 3, 7])
+def test_spectral_function_is_the_overlap_with_all_modes(seed):
+    cell, atoms = disturbed(seed)
+    system = LinearSystem.of(atoms)
+    q = np.array([[0.25, 0.2, 0], [0.0, 0.0, 0.0], [0.5, -0.4, 0]])
+    found = spectral_function(system, cell, q, moments=COUNT)
+    omega, vectors, interval = all_modes(system)
+    own = sites_of(atoms.calc.anchors, cell)
+    expected = np.zeros_like(found.density)
+    for row, k in enumerate(2 * np.pi * q @ cell.cell.reciprocal().array):
+        for sort in range(len(cell)):
+            for along in range(2):
+                wave = np.zeros((len(atoms), 2), complex)
+                wave[own == sort, along] = np.exp(1j * atoms.calc.anchors[own == sort] @ k)
+                wave = system.free.T @ wave.ravel()
+                count = np.linalg.norm(system.free.T @ np.ravel(abs(np.where((own == sort)[:, None], np.eye(2)[along], 0))))
+                expected[row] += kernel(found.omega, omega, interval) @ abs(vectors.T @ wave / count) ** 2
+    assert_allclose(found.density, expected, atol=1e-10 * expected.max())
+    assert found.modes == 2 * len(cell)
+
+
+@pytest.mark.parametrize(('kind', 'n', 'ratio', 'held'), [('triangular', 24, 1.0, []), ('honeycomb', 12, 1.5, []),
+                                                          ('kagome', 8, 2.0, [1])])
+def test_without_disorder_the_peaks_lie_on_the_branches(kind, n, ratio, held):
+    cell = getattr(lattices, kind)(L0, MASS)
+    cell.set_masses(MASS * np.linspace(1, ratio, len(cell)))
+    cell.set_constraint(FixAtoms(held))
+    atoms = cell.repeat((n, n, 1))
+    cell.calc, atoms.calc = (MagneticRepulsion(which, LAW, foundation=K0) for which in (cell, atoms))
+    path = band_path(cell, 'GMKG', npoints=30)
+    q = np.round(path.kpts * n) / n  # of a periodic patch, its own wavevectors
+    found = spectral_function(atoms, cell, q, moments=512)
+    system = LinearSystem.of(atoms)
+    for model in ('complete', 'conventional'):
+        bands = bloch_modes(cell, q, model)[0]
+        of_bands = np.array([kernel(found.omega, branches, stable_interval(system.K), 512).sum(axis=1) for branches in bands])
+        off = abs(found.density - of_bands).max() / found.density.max()
+        assert off < 1e-9 if model == 'complete' else off > 0.5
+    integral = np.trapezoid(found.density, found.omega, axis=1)
+    assert_allclose(integral, found.modes, rtol=1e-4)  # of the trapezoids
+
+
+def test_the_stated_width_is_that_of_a_peak():
+    interval, top = Interval(0.0, 4.0), 2.0
+    grid = np.linspace(0, top, 40001)[1:-1]
+    for at in (0.1, 0.7, 1.4, 1.9):
+        for count in (64, 256):
+            mu = np.cos(np.arange(count) * np.arccos((at**2 - 2) / 2))
+            found = Spectrum(interval, mu[:, None])
+            peak = found.density(grid)[:, 0]
+            assert np.trapezoid(peak, grid) == pytest.approx(1, rel=1e-4)
+            half = grid[peak > peak.max() / 2]
+            width = (half[-1] - half[0]) / (2 * np.sqrt(2 * np.log(2)))  # as of a Gaussian
+            assert found.width(np.array([at]))[0] == pytest.approx(width, rel=0.05)
+            closed = np.pi / (2 * count) * np.sqrt(top**2 - at**2)
+            assert found.width(np.array([at]))[0] == pytest.approx(closed, rel=0.02)
+
+
+def test_a_large_patch_has_the_density_of_the_lattice():
+    cell = lattices.triangular(L0, MASS)
+    atoms = cell.repeat((60, 60, 1))
+    cell.calc, atoms.calc = (MagneticRepulsion(which, LAW, foundation=K0) for which in (cell, atoms))
+    found = density_of_states(atoms, moments=128, vectors=8)
+    fine = np.linspace(0, found.omega[-1] + found.width[0], 4000)
+    for model in ('complete', 'conventional'):
+        lattice = lattice_density(cell, fine, model=model)
+        peaks = kernel(found.omega, lattice.omega, stable_interval(LinearSystem.of(atoms).K), 128)
+        share = peaks @ (lattice.density * 2 * lattice.width)
+        off = abs(found.density / found.modes - share / lattice.modes) * found.modes / found.error.clip(1e-3 * found.error.max())
+        assert off.max() < 6 if model == 'complete' else off.max() > 30  # Student's t of 7 degrees of freedom, 128 frequencies
+
+
+def test_local_density_is_the_damping_of_a_weakly_damped_response():
+    """-(2 m omega/pi) Im u/F.  Damping adds 0.002 rad/ms to a width of 0.09, which lowers a peak by 2 %."""
+    atoms = lattices.parallelogram(lattices.triangular(L0, MASS), 30, 30)
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=K0)
+    particle = int(np.linalg.norm(atoms.positions, axis=1).argmin())
+    place, omega = Place(particle, np.array([1.0, 0.0, 0.0])), np.linspace(0.45, 0.9, 40)
+    found = local_density(atoms, place, omega, moments=16)
+    finer = np.linspace(0.05, 1.2, 1200)
+    u = frequency_response(atoms, place.force(len(atoms)), finer, 0.004, particles=[particle])[:, 0, 0]
+    density = -2 * MASS * finer / np.pi * u.imag
+    smoothed = kernel(omega, finer, stable_interval(LinearSystem.of(atoms).K), 16) @ density * (finer[1] - finer[0])
+    assert_allclose(found.density, smoothed, atol=0.03 * found.density.max())
+    atoms.calc.set(model='conventional')
+    assert abs(local_density(atoms, place, omega, moments=16).density - smoothed).max() > 0.2 * found.density.max()
+
+
+def chain(count, masses, model='complete'):
+    """Particles between two held ones, that move along the chain only."""
+    atoms = lattices.chain(L0, MASS).repeat((count + 2, 1, 1))
+    atoms.pbc = False
+    atoms.set_masses(np.concatenate([[MASS], masses, [MASS]]))
+    atoms.calc = MagneticRepulsion(atoms, LAW, model=model)
+    atoms.set_constraint([FixAtoms([0, count + 1]), FixedLine(np.arange(1, count + 1), (1, 0, 0))])
+    return atoms
+
+
+def test_dysons_chain_has_as_many_modes_below_as_nodes():
+    """Of random masses: the number of negative pivots of the transfer along the chain is that of the modes below omega."""
+    count, k = 6000, LAW.d2phi(L0)
+    masses = MASS * np.random.default_rng(3).choice([1.0, 3.0], count)
+    found = density_of_states(chain(count, masses), moments=256, vectors=8)
+    middles = np.arange(20, 250, 10)
+    omega = found.omega[middles] + (found.omega[1] - found.omega[0]) / 2
+    pivot, below = np.full(len(omega), np.inf), np.zeros(len(omega))
+    for m in masses:
+        pivot = 2 * k - m * omega**2 - k**2 / pivot
+        below += pivot < 0
+    step = found.omega[1] - found.omega[0]
+    ours, sigma = np.cumsum(found.density)[middles] * step, np.cumsum(found.error)[middles] * step
+    # the density is smoothed over the width: below by the modes in a width, 0.7 % of them, with peaks of single light particles
+    assert (abs(ours - below) < 0.012 * count + 3 * sigma).all()
+    equal = density_of_states(chain(count, np.full(count, masses.mean())), moments=256, vectors=2)
+    assert abs(np.cumsum(equal.density)[middles] * step - below).max() > 0.05 * count
+
+
+def test_spectral_function_comes_back_from_a_file(tmp_path):
+    cell, atoms = disturbed(0)
+    found = spectral_function(atoms, cell, [[0.25, 0.2, 0.0]], moments=16)
+    found.save(tmp_path / 'spectral.npz')
+    np.testing.assert_array_equal(SpectralFunction.load(tmp_path / 'spectral.npz').density, found.density)
+
+
+def test_the_sites_of_a_patch_are_found_wherever_it_lies():
+    for kind in ('honeycomb', 'kagome', 'square'):
+        cell = getattr(lattices, kind)(L0, MASS)
+        patch = lattices.hexagon(cell, 44.0)
+        expected = patch.arrays['site'] % len(cell)
+        places = patch.positions + np.random.default_rng(1).uniform(-0.6, 0.6, patch.positions.shape) * [1, 1, 0]
+        np.testing.assert_array_equal(sites_of(places + np.array([3.0, -1.0, 0.0]), cell), expected)
+    with pytest.raises(ValueError, match=r'particle \d+ is .* mm away from every site'):
+        sites_of(patch.positions, lattices.triangular(L0, MASS))
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    ({'moments': 63}, 'moments must be even'), ({'vectors': 1}, 'vectors must be a whole number of at least 2'),
+    ({'omega': [0.3, 0.2]}, 'two or more increasing'), ({'seed': -1}, 'seed must be a whole number')])
+def test_bad_numbers_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        density_of_states(disturbed(1)[1], **change)
+
+
+def test_what_is_held_has_no_density():
+    _, atoms = disturbed(1)
+    held = int(np.flatnonzero(atoms.get_tags())[0])
+    with pytest.raises(ValueError, match=f'particle {held} is held'):
+        local_density(atoms, Place(held, np.array([1.0, 0, 0])))
+    with pytest.raises(ValueError, match='wavevectors of three fractions'):
+        spectral_function(atoms, disturbed(1)[0], [0.1, 0.2])
+
+
+def test_modes_about_rest_and_density_agree_on_their_number():
+    _, atoms = disturbed(4)
+    assert density_of_states(atoms, moments=16, vectors=2).modes == len(modes(atoms).omega)
