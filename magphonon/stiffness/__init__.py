@@ -2,7 +2,8 @@
 
 `bond` is Eq. 4 of the paper; `matrices` assembles bonds to the Hessian and the Bloch matrix (Eq. 18); `calculator` is the ASE
 calculator with its foundation, `all_neighbours` the one without a cutoff, on the lattice sums of `ewald`; `rest` says
-where the forces balance, `relaxation` finds that place, `constraints` are the free directions;
+where the forces balance, `relaxation` finds that place, `constraints` are the free directions; `cells` are those that change,
+and the stress on them, `elastic` the moduli;
 `truncation` says what a finite number of neighbours leaves out.
 """
 

@@ -8,11 +8,22 @@ from .bond import (
 from .calculator import (
     MagneticRepulsion as MagneticRepulsion,
 )
+from .cells import (
+    bond_virial as bond_virial,
+    carried as carried,
+    measure as measure,
+    same_cell as same_cell,
+)
 from .constraints import (
     free_directions as free_directions,
     free_motion as free_motion,
     freedom as freedom,
     refuse_held as refuse_held,
+)
+from .elastic import (
+    Moduli as Moduli,
+    cauchy_stress as cauchy_stress,
+    elastic_moduli as elastic_moduli,
 )
 from .ewald import (
     EwaldSums as EwaldSums,

@@ -13,6 +13,7 @@ from scipy import sparse
 from ..errors import finite, not_negative, one_of
 from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
 from .bond import MODELS, bond_stiffness, model_stiffness
+from .cells import NO_STRESS, carried, same_cell, stress_per_volume
 from .matrices import bloch_matrix, bloch_series, hessian
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .repulsion import masses_of
@@ -88,7 +89,7 @@ class MagneticRepulsion(Restartable):
         on a shell of neighbours, an unknown model; for Bonds that belong to other positions.
     """
 
-    implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'hessian']
+    implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
     default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
     saved: ClassVar[tuple[str, ...]] = ('foundation', 'model', 'bonds', 'anchors', 'load')
     pairwise = True
@@ -206,8 +207,12 @@ class MagneticRepulsion(Restartable):
         """The same calculator with the present positions of `atoms` as its rest; `load` and `parameters` may change, too.
 
         The pairs of particles stay, their vectors are taken anew; anchors and load stay.  Nothing is required of the forces
-        at the new rest: `magphonon.stiffness.rest.at_rest` looks whether they balance.
+        at the new rest: `magphonon.stiffness.rest.at_rest` looks whether they balance.  The cell may be another one where
+        nothing is anchored (`magphonon.stiffness.cells`).
         """
+        if not same_cell(self, atoms):
+            rest, bonds = carried(self, atoms)
+            return MagneticRepulsion(rest, self.potential, bonds=bonds, **self.parameters).about(atoms, load, **parameters)
         rest = self.reference.copy()
         rest.positions[:, : self.dim] += self.displacements(atoms)
         return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors,
@@ -255,18 +260,23 @@ class MagneticRepulsion(Restartable):
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
         if self.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
             raise PropertyNotImplementedError(NO_ENERGY)
+        if name == 'stress' and (np.any(self.foundation) or self.load.any() or self.model != 'complete'):
+            raise PropertyNotImplementedError(NO_STRESS)
         return super().get_property(name, atoms, allow_calculation)
 
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         super().calculate(atoms, properties, system_changes)
-        u = self.displacements(self.atoms)
+        here = self if same_cell(self, self.atoms) else self.about(self.atoms)
+        u = here.displacements(self.atoms)
         if self.dim == 2:
-            refuse_motion_out_of_the_plane(self, self.atoms)
+            refuse_motion_out_of_the_plane(here, self.atoms)
         self.results = {'forces': np.zeros((len(u), 3))}
-        self.results['forces'][:, : self.dim] = self._forces(u)
+        self.results['forces'][:, : self.dim] = here._forces(u)
         if self.model != 'literal':
-            energies = self._energies(u)
+            energies = here._energies(u, self._rest[3])
             self.results.update(energies=energies, energy=energies.sum(), free_energy=energies.sum())
+        if 'stress' in properties:
+            self.results['stress'] = stress_per_volume(self, self.atoms)
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions.
@@ -338,9 +348,9 @@ class MagneticRepulsion(Restartable):
         pull = self.bonds.incidence.T @ (self.potential.dphi(length)[:, None] * n)
         return self.offset - pull - self.foundation * u
 
-    def _energies(self, u):
+    def _energies(self, u, zero):
         length, _ = self._geometry(u)
-        shared = self.potential.phi(length) - self._rest[3]  # half to each end of the bond
+        shared = self.potential.phi(length) - zero  # half to each end of the bond
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
         return bonds + np.einsum('ix,ix->i', 0.5 * self.foundation * u - self.offset, u)
 

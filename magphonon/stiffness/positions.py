@@ -31,8 +31,8 @@ def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
         raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; '
                          'make one for this structure, or use calculator.on(supercell)')
     if not (np.array_equal(atoms.cell.array, reference.cell.array) and np.array_equal(atoms.pbc, reference.pbc)):
-        raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; '
-                         'make a calculator for this cell')
+        raise ValueError('the cell or its periodicity differs from the reference, to which the particles are anchored; make a '
+                         'calculator for this cell, or, where neither foundation nor load holds them, atoms.calc.about(atoms)')
     u = atoms.positions - reference.positions
     if not np.isfinite(u).all():
         raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .cells import same_cell
 from .constraints import free_directions, freedom
 from .repulsion import Repulsion, masses_of, repulsion_of
 
@@ -131,7 +132,8 @@ def at_rest(atoms: Atoms) -> MagneticRepulsion:
         If the forces do not balance: it says by how much, on which particle, and what would mend it.  For constraints other
         than FixAtoms, FixedLine and FixedPlane, of which it is not known what they hold.
     """
-    calc = repulsion_of(atoms)
+    atoms = _in_its_cell(atoms)
+    calc: Any = atoms.calc
     freedom(atoms)
     u = calc.displacements(atoms)
     left = unbalanced(atoms, u)
@@ -172,7 +174,8 @@ def nearest_rest(atoms: Atoms) -> tuple[MagneticRepulsion, NDArray[np.float64]]:
     left : ndarray, shape (particles,)
         As `unbalanced`: zero at rest.
     """
-    calc = repulsion_of(atoms)
+    atoms = _in_its_cell(atoms)
+    calc: Any = atoms.calc
     u, at_reference = calc.displacements(atoms), unbalanced(atoms)
     if not at_reference.any() and abs(u).max(initial=0.0) <= ELSEWHERE * calc.bonds.lengths.min():
         return calc, at_reference
@@ -197,6 +200,12 @@ def rest_of_motion(atoms: Atoms, push: NDArray[np.float64]) -> MagneticRepulsion
             _refuse(atoms, atoms.calc.displacements(atoms) * (rest is not atoms.calc), left)
         calc = rest.about(rest.reference, calc.load)
     return calc
+
+
+def _in_its_cell(atoms):
+    """The atoms, or where their cell is not that of the reference a copy whose calculator has followed it."""
+    calc = repulsion_of(atoms)
+    return atoms if same_cell(calc, atoms) else placed(atoms, calc.about(atoms))
 
 
 def _refuse_unsettled_sums(atoms):

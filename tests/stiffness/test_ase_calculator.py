@@ -135,7 +135,7 @@ def test_repeated_atoms_need_a_calculator_of_their_own():
 
 
 def test_another_cell_is_refused():
-    atoms = triangular_patch()
+    atoms = triangular_patch(foundation=0.02)  # whose anchors do not know whether they follow
     atoms.set_cell(atoms.cell * 1.01, scale_atoms=True)
     with pytest.raises(ValueError, match='cell or its periodicity differs from the reference'):
         atoms.get_forces()

@@ -1,0 +1,273 @@
+"""Stress and elastic moduli of a lattice under static forces.
+
+With the bond vectors R, g = phi'/r and the Lagrangian strain eta, `r^2 -> R.(1 + 2 eta).R`, the energy E of a cell of the
+measure V (length, area or volume) gives
+
+    Cauchy stress     sigma_ij  = 1/V dE/d eta_ij           = 1/V sum g R_i R_j
+    moduli, clamped   C_ijkl    = 1/V d2E/d eta_ij d eta_kl = 1/V sum (phi'' - g)/r^2 R_i R_j R_k R_l
+
+The particles of a basis follow the strain by -Phi^-1 Lambda, with Lambda = d2E/du d eta and the Hessian Phi of the cell, and
+soften it: C -> C - Lambda^T Phi^-1 Lambda/V.  Three tensors have to be told apart as soon as there is static stress:
+
+    C        the curvature of the energy in the Lagrangian strain
+    B        how the stress answers to a small strain, d sigma_ij = B_ijkl d epsilon_kl (Birch, Wallace):
+             B = C + (sigma_ik d_jl + sigma_il d_jk + sigma_jk d_il + sigma_jl d_ik - 2 sigma_ij d_kl)/2
+    A(n)     what carries sound along n, rho c^2 u = A u:  A_ik = C_ijkl n_j n_l + (n.sigma.n) d_ik
+
+Under a pressure alone A_ik is also B_ijkl n_j n_l.  D. C. Wallace, Thermodynamics of Crystals (1972), chapter 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from ..errors import finite
+from ..files import Saved
+from .cells import bond_virial, measure, same_cell
+from .matrices import signed_root
+from .repulsion import masses_of, repulsion_of
+from .rest import settled
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from .all_neighbours import AllNeighbours
+    from .calculator import MagneticRepulsion
+
+FLOPPY = 1e-12
+"""Fraction of the largest stiffness below which an internal motion has none, and follows no strain."""
+STRAIN = 4e-3
+"""Step of the finite strains of an infinite lattice: with nine points its truncation, about STRAIN^8, and round-off are alike."""
+FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+UNIT = 'N in a chain, N/mm in the plane, N/mm^2 in space'
+
+
+@dataclass(frozen=True)
+class Moduli(Saved, kind='elastic moduli', units={
+    'along': ('', 'dim', 'dim'), 'density': ('g/mm, g/mm^2 or g/mm^3',), 'stress': (UNIT, 'dim', 'dim'),
+    'clamped': (UNIT, 'dim', 'dim', 'dim', 'dim'), 'constants': (UNIT, 'dim', 'dim', 'dim', 'dim'),
+}):
+    """Stress and elastic moduli of a lattice, in N in a chain, N/mm in the plane, N/mm^2 in space.
+
+    Attributes
+    ----------
+    along : ndarray, shape (dim, dim)
+        Projector on the periodic directions, in which the lattice can be strained.
+    density : float
+        Mass per length, area or volume in g/mm, g/mm^2 or g/mm^3.
+    stress : ndarray, shape (dim, dim)
+        Cauchy stress; that of repulsion is negative.
+    clamped : ndarray, shape (dim, dim, dim, dim)
+        C with the particles of a cell at their fractions of it.
+    constants : ndarray, shape (dim, dim, dim, dim)
+        C with the particles of a cell where forces balance.
+    """
+
+    along: np.ndarray
+    density: float
+    stress: np.ndarray
+    clamped: np.ndarray
+    constants: np.ndarray
+
+    @property
+    def periodic(self) -> int:
+        """Number of periodic directions: 1, 2 or 3."""
+        return round(np.trace(self.along))
+
+    @property
+    def pressure(self) -> float:
+        """Mean pressure `-tr sigma/d`."""
+        return float(-np.trace(self.stress) / self.periodic)
+
+    @property
+    def birch(self) -> NDArray[np.float64]:
+        """Answer B of the stress to a small strain, shape (dim, dim, dim, dim); without the symmetry B_ijkl = B_klij where the
+        stress is not a pressure.
+        """
+        turned = sum(np.einsum(f'{pair},{rest}->ijkl', self.stress, self.along)
+                     for pair, rest in (('ik', 'jl'), ('il', 'jk'), ('jk', 'il'), ('jl', 'ik')))
+        return self.constants + turned / 2 - np.einsum('ij,kl->ijkl', self.stress, self.along)
+
+    @property
+    def bulk(self) -> float:
+        """Bulk modulus `-V dp/dV = B_iikk/d^2`, of the area in the plane."""
+        return float(np.einsum('iikk', self.birch) / self.periodic**2)
+
+    @property
+    def shear(self) -> float:
+        """Shear modulus, the mean over all directions (Voigt's) where the lattice is not isotropic; NaN for a chain."""
+        d, B = self.periodic, self.birch
+        if d == 1:
+            return np.nan
+        return float((np.einsum('ikik', B) - np.einsum('iikk', B) / d) / (d**2 + d - 2))
+
+    def speeds(self, direction: ArrayLike) -> NDArray[np.float64]:
+        """Speeds of sound along a direction in mm/ms = m/s, shape (dim,), ascending; negative for an unstable branch.
+
+        Parameters
+        ----------
+        direction : array_like, shape (dim,)
+            Along which the lattice is periodic.
+
+        Raises
+        ------
+        ValueError
+            For a direction of zero length.
+        """
+        dim = len(self.stress)
+        n = finite('direction', direction, (dim,))
+        if not n.any():
+            raise ValueError(f'the direction must not be zero, not {n}')
+        n = n / np.linalg.norm(n)
+        A = np.einsum('ijkl,j,l->ik', self.constants, n, n) + n @ self.stress @ n * np.eye(dim)
+        return np.sort(signed_root(np.linalg.eigvalsh(A) / self.density))
+
+    def __str__(self) -> str:
+        unit, name = {1: (units.N, 'N'), 2: (units.N / units.m, 'N/m'), 3: (units.Pa, 'Pa')}[self.periodic]
+        shear = '' if self.periodic == 1 else f', shear modulus {self.shear / unit:.6g} {name}'
+        return f'pressure {self.pressure / unit:.6g} {name}, bulk modulus {self.bulk / unit:.6g} {name}{shear}'
+
+
+def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
+    """Stress of the bonds at the present positions, whether the forces balance there or not.
+
+    What `atoms.get_stress()` says too, but as a force per length in the plane, without the height of the cell, and also on a
+    foundation, which it leaves out.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One periodic cell with its MagneticRepulsion.
+
+    Returns
+    -------
+    ndarray, shape (dim, dim)
+        In N in a chain, N/mm in the plane, N/mm^2 in space.  Negative for repulsion.
+
+    Raises
+    ------
+    ValueError
+        If nothing is periodic.
+    """
+    calc = repulsion_of(atoms)
+    _refuse_patches(atoms)
+    calc = calc if same_cell(calc, atoms) else calc.about(atoms)
+    return bond_virial(calc, calc.displacements(atoms)) / measure(atoms)
+
+
+def elastic_moduli(atoms: Atoms) -> Moduli:
+    """Stress and elastic moduli of a lattice at rest, without its foundation.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours.  Constraints are not looked at.
+
+    Returns
+    -------
+    Moduli
+
+    Raises
+    ------
+    ValueError
+        If nothing is periodic, the forces of the bonds do not balance by themselves, or repulsion reaches so far that it needs a
+        neutralising background.
+    """
+    _refuse_patches(atoms)
+    atoms = settled(atoms)
+    calc: Any = atoms.calc
+    along = np.eye(calc.dim)[0]
+    if calc.pairwise:
+        if calc.load.any() or calc.spring_forces.any():
+            raise ValueError('a dead load or stretched springs of the foundation hold the particles, and the lattice has no '
+                             'moduli without them; relax it with a calculator that has neither')
+        slopes = _of_bonds(calc)
+    elif calc.singular(along).any():
+        raise ValueError('repulsion reaches so far that it needs a uniform background to be summed over all neighbours, and the '
+                         'lattice no moduli of its own; take a law that falls faster, or a number of shells')
+    else:
+        slopes = _by_finite_strain(calc)
+    stress, clamped, Lambda = slopes
+    V, Phi = measure(atoms), calc.bloch_series(along)[0].real
+    return Moduli(_along_periods(atoms, calc.dim), float(masses_of(atoms).sum() / V), stress / V, clamped / V,
+                  (clamped - _following(Phi, Lambda)) / V)
+
+
+def _refuse_patches(atoms):
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic and has no stress or moduli; take the unit cell of which it was made')
+
+
+def _along_periods(atoms, dim):
+    """Projector on the directions in which the lattice can be strained, shape (dim, dim)."""
+    periods = atoms.cell.array[atoms.pbc][:, :dim]
+    return np.linalg.pinv(periods) @ periods
+
+
+def _of_bonds(calc: MagneticRepulsion) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """First and second derivative of the energy by the strain in mJ, and Lambda in N, shape (particles * dim, dim, dim).
+
+    Lambda is that at rest: what the forces on a particle add to it cancels.
+    """
+    bonds, R, dim = calc.bonds, calc.bond_vectors, calc.dim
+    S = R @ _along_periods(calc.reference, dim)
+    r = np.linalg.norm(R, axis=1)
+    g = calc.potential.dphi(r) / r
+    curvature = (calc.potential.d2phi(r) - g) / r**2
+    first = np.einsum('b,bi,bj->ij', g, S, S)
+    second = np.einsum('b,bi,bj,bk,bl->ijkl', curvature, S, S, S, S, optimize=True)
+    pulls = np.einsum('b,bx,bi,bj->bxij', curvature, R, S, S).reshape(len(bonds), -1)
+    return first, second, (bonds.incidence.T @ pulls).reshape(bonds.particles * dim, dim, dim)
+
+
+def _by_finite_strain(calc: AllNeighbours) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The same of an infinite lattice, from energies and forces of strained cells by differences of eighth order."""
+    atoms, dim = calc.reference, calc.dim
+    P = np.linalg.svd(_along_periods(atoms, dim))[0][:, : atoms.pbc.sum()]
+    pairs = [(i, j) for i in range(P.shape[1]) for j in range(i + 1)]
+    basis = np.array([(np.outer(P[:, i], P[:, j]) + np.outer(P[:, j], P[:, i])) / 2 for i, j in pairs])
+    steps = STRAIN * (np.arange(len(FIRST)) - len(FIRST) // 2)
+
+    def along(eta):
+        energies, forces = zip(*(_strained(calc, step * eta) for step in steps), strict=True)
+        first, second = FIRST @ energies / STRAIN, SECOND @ energies / STRAIN**2
+        return first, second, -np.tensordot(FIRST, forces, axes=1) / STRAIN
+
+    first, second, Lambda = map(np.array, zip(*map(along, basis), strict=True))
+    curvature = np.diag(second)
+    for a in range(len(basis)):
+        for b in range(a):
+            curvature[a, b] = curvature[b, a] = (along(basis[a] + basis[b])[1] - second[a] - second[b]) / 2
+    dual = basis / np.einsum('aij,aij->a', basis, basis)[:, None, None]
+    return (np.einsum('a,aij->ij', first, dual), np.einsum('ab,aij,bkl->ijkl', curvature, dual, dual),
+            np.einsum('ax,aij->xij', Lambda.reshape(len(basis), -1), dual))
+
+
+def _strained(calc, eta):
+    """Energy in mJ of the lattice without foundation under a Lagrangian strain, and forces in N, shape (particles, dim), as they
+    act on coordinates that follow the strain.
+    """
+    squares, axes = np.linalg.eigh(np.eye(calc.dim) + 2 * eta)
+    F = np.eye(3)
+    F[: calc.dim, : calc.dim] = axes * np.sqrt(squares) @ axes.T
+    atoms = calc.reference.copy()
+    atoms.set_cell(atoms.cell.array @ F)
+    atoms.positions = atoms.positions @ F
+    atoms.calc = type(calc)(atoms, calc.potential, split=calc.sums.split)
+    return atoms.get_potential_energy(), (atoms.get_forces() @ F)[:, : calc.dim]
+
+
+def _following(Phi, Lambda):
+    """What the particles of a basis take off the clamped moduli as they follow the strain, in mJ."""
+    dim = Lambda.shape[1]
+    internal = np.linalg.svd(np.tile(np.eye(dim), (len(Phi) // dim, 1)))[0][:, dim:]
+    push = internal.T @ Lambda.reshape(len(Phi), -1)
+    return (push.T @ np.linalg.pinv(internal.T @ Phi @ internal, FLOPPY, hermitian=True) @ push).reshape((dim,) * 4)

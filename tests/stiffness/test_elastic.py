@@ -1,0 +1,206 @@
+"""Stress and moduli against the energy under any small change of shape, on drawn lattices; against sound and closed forms."""
+
+import numpy as np
+import pytest
+from ase import Atoms
+from oracles import LAWS, gradient, lattice, length, neighbour_vectors, second_derivatives
+
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, Yukawa, lattices, relaxed, sound_speeds
+from magphonon.stiffness import Moduli, cauchy_stress, elastic_moduli
+
+SCALE = 10.0  # mm: a displacement gradient of one counts as this displacement in the oracle's steps
+BASES = {  # cell and fractions of lattices
+    'honeycomb': ([[3**0.5, 0], [3**0.5 / 2, 1.5]], [[0, 0], [1 / 3, 1 / 3]]),
+    'kagome': ([[2, 0], [1, 3**0.5]], [[0, 0], [0.5, 0], [0, 0.5]]),
+    'triangular': ([[1, 0], [0.5, 3**0.5 / 2]], [[0, 0]]),
+    'diamond': (np.array([[0, 2, 2], [2, 0, 2], [2, 2, 0]]) / 3**0.5, [[0, 0, 0], [0.25, 0.25, 0.25]]),
+    'fcc': (np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / 2**0.5, [[0, 0, 0]]),
+}
+FOLLOWING = ('honeycomb', 'diamond')
+
+
+def drawn(name, seed):
+    """A relaxed, obliquely strained cell with a drawn law of several shells: besides, the law, the ordered pairs where they were
+    found, and how far the particles moved from there.
+    """
+    rng = np.random.default_rng(seed)
+    plane, fractions = (np.array(x) for x in BASES[name])
+    dim, n = len(plane), len(fractions)
+    cell, positions = 20.0 * np.eye(3), np.full((n, 3), 3.0)
+    cell[:dim, :dim] = 10 * plane @ (np.eye(dim) + rng.uniform(-0.08, 0.08, (dim, dim)))
+    positions[:, :dim] = fractions @ cell[:dim, :dim]
+    atoms = Atoms(['Nd'] * n, positions=positions, cell=cell, pbc=[1, 1, dim == 3], masses=rng.uniform(0.5, 1.5, n))
+    law = InversePower(b=4000.0, a=rng.uniform(4, 8)) if rng.random() < 0.5 else Yukawa(c=20.0, kappa=rng.uniform(0.3, 0.6))
+    reach = rng.uniform(20, 24)
+    atoms.calc = MagneticRepulsion(atoms, law, cutoff=reach)
+    pairs = [(i, j, v[:dim]) for i, j, _, v in neighbour_vectors(atoms, reach)]
+    rest = relaxed(atoms).atoms
+    return rest, law, pairs, (rest.positions - atoms.positions)[:, :dim]
+
+
+class Deformed:
+    """Energy of a cell whose lattice is deformed by 1 + h and whose particles move by u besides, analytic in x = (h SCALE, u)."""
+
+    def __init__(self, pairs, law, moved):
+        self.i, self.j = np.array([pair[:2] for pair in pairs]).T
+        self.R = np.array([pair[2] for pair in pairs]) + moved[self.j] - moved[self.i]
+        self.law, self.n, self.dim = law, *moved.shape
+
+    def __call__(self, x):
+        h = x[..., : self.dim**2].reshape(*x.shape[:-1], self.dim, self.dim) / SCALE
+        u = x[..., self.dim**2 :].reshape(*x.shape[:-1], self.n, self.dim)
+        R = self.R + np.einsum('...xy,by->...bx', h, self.R) + u[..., self.j, :] - u[..., self.i, :]
+        return (self.law.phi(length(R)) - self.law.phi(length(self.R))).sum(axis=-1) / 2
+
+    def slopes(self):
+        """Derivative of the energy by h, its second derivative at fixed u, and that with u where forces balance."""
+        d = self.dim**2
+        x0 = np.zeros(d + self.n * self.dim)
+        g, H = gradient(self, x0)[:d] * SCALE, second_derivatives(self, x0)
+        u = slice(d + self.dim, None)  # the first particle stays: all together would be no motion
+        follow = H[:d, u] @ np.linalg.solve(H[u, u], H[u, :d])
+        shape = (self.dim,) * 4
+        return g.reshape(shape[:2]), H[:d, :d].reshape(shape) * SCALE**2, (H[:d, :d] - follow).reshape(shape) * SCALE**2
+
+
+def carried(moduli, constants):
+    """The second derivatives by h that stress and Lagrangian constants make: C_ijkl + delta_ik sigma_jl."""
+    return constants + np.einsum('ik,jl->ijkl', np.eye(len(moduli.stress)), moduli.stress)
+
+
+@pytest.mark.parametrize('seed', range(2))
+@pytest.mark.parametrize('name', BASES)
+def test_stress_and_moduli_are_derivatives_of_the_energy(name, seed):
+    atoms, law, pairs, moved = drawn(name, seed)
+    dim = atoms.calc.dim
+    V = abs(np.linalg.det(atoms.cell.array[:dim, :dim]))
+    slope, clamped, free = (value / V for value in Deformed(pairs, law, moved).slopes())
+    found = elastic_moduli(atoms)
+    scale = abs(clamped).max()  # 1e-9: relaxation leaves forces of 1e-9 of a bond's, and the oracle 1e-12
+    np.testing.assert_allclose(found.stress, slope, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(carried(found, found.clamped), clamped, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(carried(found, found.constants), free, rtol=0, atol=1e-8 * scale)
+    np.testing.assert_allclose(cauchy_stress(atoms), slope, rtol=0, atol=1e-9 * scale)
+    # controls: without the static stress, and with particles that do not follow
+    assert abs(found.constants - free).max() > 1e-2 * scale
+    if name in FOLLOWING:
+        assert abs(carried(found, found.clamped) - free).max() > 1e-4 * scale
+
+
+@pytest.mark.parametrize('name', ['honeycomb', 'triangular', 'diamond'])
+def test_birch_constants_are_the_answer_of_the_stress(name):
+    atoms = drawn(name, 3)[0]
+    dim = atoms.calc.dim
+    found, step = elastic_moduli(atoms), 1e-4
+    for k, j in [(0, 0), (0, 1), (dim - 1, dim - 1)]:
+        e = np.zeros((3, 3))
+        e[k, j] += 0.5
+        e[j, k] += 0.5
+        ends = []
+        for sign in (1, -1):
+            strained = atoms.copy()
+            strained.calc = atoms.calc
+            strained.set_cell(atoms.cell.array @ (np.eye(3) + sign * step * e), scale_atoms=True)
+            ends.append(cauchy_stress(relaxed(strained).atoms))
+        answer = (ends[0] - ends[1]) / (2 * step)
+        expected = np.einsum('ijkl,kl->ij', found.birch, e[:dim, :dim])
+        scale = abs(found.constants).max()  # 1e-5: the square of the step times higher constants, some hundreds of C
+        np.testing.assert_allclose(answer, expected, rtol=0, atol=1e-5 * scale)
+        assert abs(answer - np.einsum('ijkl,kl->ij', found.constants, e[:dim, :dim])).max() > 1e-2 * scale  # the control: C
+
+
+@pytest.mark.parametrize('name', BASES)
+def test_sound_of_the_bands(name):
+    atoms = drawn(name, 5)[0]
+    found = elastic_moduli(atoms)
+    n = np.random.default_rng(5).normal(size=atoms.calc.dim)
+    n /= np.linalg.norm(n)
+    squares = lambda c: c * abs(c)  # noqa: E731  a soft branch is the small root of a rounded square
+    bands = squares(sound_speeds(atoms, n))
+    np.testing.assert_allclose(squares(found.speeds(n)), bands, rtol=0, atol=1e-9 * abs(bands).max())
+    # the control: the constants without the static stress
+    without = np.linalg.eigvalsh(np.einsum('ijkl,j,l->ik', found.constants, n, n)) / found.density
+    assert abs(np.sort(without) - bands).max() > 1e-2 * abs(bands).max()
+
+
+@pytest.mark.parametrize('a', [1.7, 4.0, 4.5824, 9.0])
+def test_nearest_neighbours_of_a_triangular_lattice(a):
+    L, m, law = 7.0, 0.7, InversePower(b=3000.0, a=a)
+    f = -law.dphi(L)
+    cell = lattices.triangular(L, m)
+    cell.calc = MagneticRepulsion(cell, law)
+    found, area = elastic_moduli(cell), np.sqrt(3) / 2 * L**2
+    assert found.pressure == pytest.approx(np.sqrt(3) * f / L, rel=1e-12)
+    speeds = 3 / 8 * f * L / m * np.array([a - 3, 3 * a - 1])
+    np.testing.assert_allclose(found.speeds([0.3, 0.8]) * abs(found.speeds([0.3, 0.8])), speeds, rtol=1e-12)
+    assert found.shear == pytest.approx(m / area * speeds[0], rel=1e-12)
+    assert found.bulk + found.shear == pytest.approx(m / area * speeds[1], rel=1e-12)
+    assert found.bulk == pytest.approx((a + 1) / 2 * found.pressure, rel=1e-12)  # p goes with L^-(a+1), the area with L^2
+    assert abs(found.constants[0, 1, 0, 1] / found.shear - 1) > 0.1  # the control: C_xyxy is no shear modulus under pressure
+    assert str(found).startswith(f'pressure {1e3 * found.pressure:.6g} N/m, bulk modulus {1e3 * found.bulk:.6g} N/m')
+
+
+@pytest.mark.parametrize(('name', 'd'), [('chain', 1), ('triangular', 2), ('honeycomb', 2)])
+def test_all_neighbours(name, d):
+    s = 3.0
+    cell = lattice(name)
+    cell.calc = AllNeighbours(cell, InversePower(b=4000.0, a=s + 1))
+    found, direction = elastic_moduli(cell), [1, 0] if d == 1 else [0.8, 0.3]
+    periods = cell.cell.array[cell.pbc]
+    V = np.sqrt(np.linalg.det(periods @ periods.T))
+    assert found.pressure == pytest.approx(s / d * cell.get_potential_energy() / V, rel=1e-10)  # the energy goes with L^-s
+    assert found.bulk == pytest.approx((s / d + 1) * found.pressure, rel=1e-9)
+    np.testing.assert_allclose(found.speeds(direction), sound_speeds(cell, direction), rtol=1e-8)
+    if name == 'triangular':
+        slow, fast = found.speeds(direction)
+        assert fast / slow == pytest.approx(np.sqrt(11), rel=1e-8)
+        cell.calc = MagneticRepulsion(cell, InversePower(b=4000.0, a=4.5))
+        slow, fast = elastic_moduli(cell).speeds(direction)
+        assert abs(fast / slow - np.sqrt(11)) > 0.1  # the control: any other exponent, whatever the number of neighbours
+
+
+def test_springs_of_a_kagome_lattice_without_static_force():
+    class Spring:
+        phi, dphi, d2phi = (lambda self, r: (r - 10) ** 2 / 2), (lambda self, r: r - 10.0), (lambda self, r: 1 + 0 * r)
+
+    cell = lattice('kagome')
+    cell.calc = MagneticRepulsion(cell, Spring())
+    found = elastic_moduli(cell)  # its mechanism at Gamma has no stiffness, and no uniform strain pushes along it
+    assert found.pressure == pytest.approx(0, abs=1e-12)
+    assert found.shear == pytest.approx(np.sqrt(3) / 8, rel=1e-12)
+    assert found.bulk == pytest.approx(np.sqrt(3) / 4, rel=1e-12)
+
+
+def test_files(tmp_path):
+    cell = lattice('fcc')
+    cell.calc = MagneticRepulsion(cell, LAWS['magnets'])
+    found = elastic_moduli(cell)
+    found.save(tmp_path / 'moduli.npz')
+    read = Moduli.load(tmp_path / 'moduli.npz')
+    assert (read.periodic, read.density, read.bulk) == (3, found.density, found.bulk)
+    np.testing.assert_array_equal(read.constants, found.constants)
+    assert str(read) == str(found)
+    assert ' Pa, shear modulus ' in str(found)
+
+
+def test_refusals():
+    patch = lattice('triangular')
+    patch.pbc = False
+    patch += patch[0]
+    patch.positions[1, 0] += 10
+    patch.calc = MagneticRepulsion(patch, LAWS['magnets'])
+    for ask in (elastic_moduli, cauchy_stress):
+        with pytest.raises(ValueError, match='not periodic and has no stress'):
+            ask(patch)
+    cell = lattice('triangular')
+    cell.calc = AllNeighbours(cell, InversePower.coulomb(charge=1e-6))
+    with pytest.raises(ValueError, match='needs a uniform background'):
+        elastic_moduli(cell)
+    cell.calc = MagneticRepulsion(cell, LAWS['magnets'])
+    with pytest.raises(ValueError, match='direction must not be zero'):
+        elastic_moduli(cell).speeds([0, 0])
+    honeycomb = lattice('honeycomb')
+    anchors = honeycomb.positions + np.outer([0.1, 0], [1, 0, 0])
+    honeycomb.calc = MagneticRepulsion(honeycomb, LAWS['magnets'], foundation=0.1, anchors=anchors)
+    with pytest.raises(ValueError, match='stretched springs of the foundation'):
+        elastic_moduli(relaxed(honeycomb).atoms)
