@@ -20,7 +20,6 @@ from magphonon.cli import main, results, uncertainty
 from magphonon.cli.costs import costs
 from magphonon.response import frf
 from magphonon.scenes.scene import read_scene, ready_scene
-from magphonon.stability import verdicts
 from magphonon.waves.wave_source import site
 
 pytestmark = pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='the limit of memory needs to know what is used')
@@ -42,7 +41,7 @@ def cheap(monkeypatch, request):
     The impacts that leave a cage, seven seconds in space, are left to the long run and to tests of their own.
     """
     if not request.node.get_closest_marker('long'):
-        monkeypatch.setattr(verdicts, 'escape_speeds', lambda atoms: None)
+        request.getfixturevalue('no_impacts')
     monkeypatch.setitem(mpl.rcParams, 'savefig.dpi', 20)
     monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
 

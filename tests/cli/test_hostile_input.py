@@ -8,6 +8,8 @@ from refusals import refusal
 from magphonon.cli.main import main
 from magphonon.scenes.scene import read_scene, ready_scene
 
+pytestmark = pytest.mark.usefixtures('no_impacts')
+
 PROTOTYPE = ready_scene('prototype').read_text()
 
 

@@ -22,6 +22,8 @@ from magphonon.stability.soft_waves import softest_wave
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.linear_system import LinearSystem
 
+pytestmark = pytest.mark.usefixtures('no_impacts')
+
 NEAR = 1e-3
 """Of the critical parameter: how far off the verdict is asked."""
 
