@@ -8,12 +8,12 @@ from motion import patch
 
 from magphonon import DrivenVerlet, Recorder, propagate
 from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
-from magphonon.response import FrequencyResponse, Modes, SpectralFunction
+from magphonon.response import Extent, FrequencyResponse, Modes, SpectralFunction
 from magphonon.stability import Shifts
 from magphonon.waves import Branch, Displacements, Ridge, Spectrum
 
 RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
-           DensityOfStates, SpectralFunction]
+           DensityOfStates, SpectralFunction, Extent]
 
 
 @pytest.mark.parametrize('result', RESULTS, ids=lambda result: result.__name__)

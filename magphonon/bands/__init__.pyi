@@ -11,6 +11,7 @@ from .bloch import (
 )
 from .density import (
     DensityOfStates as DensityOfStates,
+    band_gaps as band_gaps,
     lattice_density as lattice_density,
 )
 from .edges import (

@@ -28,8 +28,12 @@ if TYPE_CHECKING:
 
 POINTS = 400
 """Number of frequencies where the caller gives none."""
-STEPS = {1: 2000, 2: 160, 3: 32}
-"""Mesh steps along each reciprocal vector, by the number of periodic directions."""
+STEPS = {1: 1998, 2: 180, 3: 30}
+"""Mesh steps along each reciprocal vector, by the number of periodic directions; multiples of 6, so that M and K of hexagonal
+lattices are on the mesh."""
+
+GAP = 1e-6
+"""Width of a gap, as a fraction of the highest frequency, below which two branches touch."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     omega : array_like, shape (frequencies,), optional
         Increasing, in rad/ms: the middles of the bins over which the density is averaged; 400 over all branches if not given.
     steps : int, optional
-        Mesh steps along each reciprocal vector; 2000 for a chain, 160 in the plane, 32 in space if not given.
+        Mesh steps along each reciprocal vector; 1998 for a chain, 180 in the plane, 30 in space if not given.
     model : {'complete', 'conventional'}
 
     Returns
@@ -90,18 +94,33 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     ValueError
         If the atoms are not periodic, frequencies do not increase, `steps` is no whole number.
     """
-    periodic = int(atoms.pbc.sum())
-    if not periodic:
-        raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
-    steps = STEPS[periodic] if steps is None else whole('steps', steps)
-    mesh = np.meshgrid(*(np.arange(steps) / steps if along else 0.0 for along in atoms.pbc), indexing='ij')
-    frequencies, _ = bloch_modes(atoms, np.stack(mesh, axis=-1), model)
+    frequencies = _on_mesh(atoms, steps, model)
     branches = frequencies.shape[-1]
     middles = _middles(frequencies) if omega is None else increasing(omega)
     edges = _edges(middles)
-    squares = (np.sign(frequencies) * frequencies**2).reshape(*(steps,) * periodic, branches)
+    squares = np.sign(frequencies) * frequencies**2
     counted = branches * np.diff(_below(simplices(squares), np.sign(edges) * edges**2))
     return DensityOfStates(middles, counted / np.diff(edges), float(branches), np.diff(edges) / 2, np.zeros(len(middles)))
+
+
+def band_gaps(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
+    """Ranges between the branches of an infinite lattice in which it has no mode.
+
+    Parameters
+    ----------
+    atoms, steps, model
+        As for `lattice_density`.  Between points of the mesh a branch may reach a little farther into a gap.
+
+    Returns
+    -------
+    ndarray, shape (gaps, 2)
+        Lower and upper end of each, ascending, in rad/ms.
+    """
+    frequencies = _on_mesh(atoms, steps, model)
+    branches = frequencies.reshape(-1, frequencies.shape[-1])
+    tops, bottoms = branches.max(axis=0)[:-1], branches.min(axis=0)[1:]
+    open_ = bottoms - tops > GAP * abs(branches).max()
+    return np.stack([tops[open_], bottoms[open_]], axis=1)
 
 
 def increasing(omega: ArrayLike) -> NDArray[np.float64]:
@@ -110,6 +129,17 @@ def increasing(omega: ArrayLike) -> NDArray[np.float64]:
     if omega.ndim != 1 or len(omega) < 2 or (np.diff(omega) <= 0).any():
         raise ValueError(f'omega must be two or more increasing frequencies in rad/ms, not an array of the shape {omega.shape}')
     return omega
+
+
+def _on_mesh(atoms, steps, model):
+    """Frequencies in rad/ms on a mesh over the zone, shape (steps for each periodic direction, branches)."""
+    periodic = int(atoms.pbc.sum())
+    if not periodic:
+        raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
+    steps = STEPS[periodic] if steps is None else whole('steps', steps)
+    mesh = np.meshgrid(*(np.arange(steps) / steps if along else 0.0 for along in atoms.pbc), indexing='ij')
+    frequencies, _ = bloch_modes(atoms, np.stack(mesh, axis=-1), model)
+    return frequencies.reshape(*(steps,) * periodic, -1)
 
 
 def _middles(frequencies):

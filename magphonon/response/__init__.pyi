@@ -6,6 +6,11 @@ from .frf import (
     resolvents as resolvents,
     series_response as series_response,
 )
+from .localised_modes import (
+    Extent as Extent,
+    extents as extents,
+    local_modes as local_modes,
+)
 from .normal_modes import (
     Modes as Modes,
     modes as modes,

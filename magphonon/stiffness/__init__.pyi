@@ -35,6 +35,7 @@ from .linear_system import (
     LinearSystem as LinearSystem,
 )
 from .lowest import (
+    eigenpairs_between as eigenpairs_between,
     inverse_below as inverse_below,
     lowest_mode as lowest_mode,
     none_negative as none_negative,

@@ -1,4 +1,4 @@
-"""The lowest eigenvalue of a stiffness matrix, or of squared frequencies, and its mode, which decide whether a rest is stable."""
+"""Eigenvalues of a stiffness matrix, or of squared frequencies: the lowest one, which decides on stability; those in a gap."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ DENSE = 200
 """Largest size of a matrix that is diagonalised completely."""
 ROUGH = 1e-3
 """Relative accuracy of the first estimate of the lowest eigenvalue."""
+EDGE = 1e-6
+"""Share of a range of eigenvalues next to its ends that does not belong to it."""
 ROUND_OFF = 1e-12
 """Fraction of the highest eigenvalue below which an eigenvalue is zero."""
 SHIFT = 1e-4
@@ -70,11 +72,63 @@ def none_negative(D: sparse.csr_array) -> bool:
     return not highest or _positive_factors(D, ROUND_OFF * highest) is not None
 
 
+def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """All eigenvalues of a symmetric sparse matrix between two numbers, and their eigenvectors.
+
+    Two factorisations count them, by the signs of pivots; those nearest to the middle are then found with the inverse there.
+
+    Parameters
+    ----------
+    D : sparse array, shape (n, n)
+    low, high : float
+        Eigenvalues that lie on them, within EDGE of the range, are outside: those of waves at the edge of a gap are no others.
+
+    Returns
+    -------
+    values : ndarray, shape (count,)
+        Ascending.
+    vectors : ndarray, shape (n, count)
+
+    Raises
+    ------
+    ArithmeticError
+        If others are found than were counted.
+    """
+    size, span = D.shape[0], high - low
+    low, high, middle = low + EDGE * span, high - EDGE * span, low + (0.5 + EDGE / 10) * span  # on which none lies
+    if size > DENSE:
+        count = _count_below(D, high) - _count_below(D, low)
+        if not count:
+            return np.zeros(0), np.zeros((size, 0))
+        if count < size // 2:
+            inverse = sparse.linalg.LinearOperator(D.shape, _factors(D, -middle).solve, dtype=D.dtype)
+            start = np.random.default_rng(0).normal(size=size)
+            values, vectors = sparse.linalg.eigsh(D, k=count, sigma=middle, OPinv=inverse, v0=start)
+            order = np.argsort(values)
+            if not ((low <= values) & (values <= high)).all():
+                raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but others are found; '
+                                      'move the ends of the range')
+            return values[order], vectors[:, order]
+    values, vectors = np.linalg.eigh(D.toarray())
+    within = (low <= values) & (values <= high)
+    return values[within], vectors[:, within]
+
+
+def _count_below(D, value):
+    """Number of eigenvalues below a number: that of the negative pivots of D - value (Sylvester)."""
+    return int((_factors(D, -value).U.diagonal() < 0).sum())
+
+
+def _factors(D, shift):
+    """Factors of D + shift with its diagonal as pivots."""
+    shifted = (D + shift * sparse.eye_array(D.shape[0])).tocsc()
+    return sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
+
+
 def _positive_factors(D: sparse.csr_array, shift: float) -> SuperLU | None:
     """Factors of D + shift if all its eigenvalues are positive, as the pivots prove, whose signs are theirs; otherwise None."""
-    shifted = (D + shift * sparse.eye_array(D.shape[0])).tocsc()
     try:
-        factors = sparse.linalg.splu(shifted, 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
+        factors = _factors(D, shift)
     except RuntimeError:  # a pivot is zero
         return None
     return factors if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c) else None
