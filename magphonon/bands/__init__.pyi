@@ -34,6 +34,9 @@ from .force_constants import (
     path_on as path_on,
     phonopy_bands as phonopy_bands,
 )
+from .gruneisen import (
+    gruneisen_parameters as gruneisen_parameters,
+)
 from .phonopy_files import (
     write_band_yaml as write_band_yaml,
     write_phonopy_params as write_phonopy_params,

@@ -1,0 +1,133 @@
+"""Grueneisen parameters: how the bands answer to the spacing.
+
+As a lattice grows by d ln L in all its d periodic directions, the bond vectors change by dR = R + C u: the particles of a basis
+follow by the u that balances the forces again, `Phi u = -C^T phi'' r n` with the Hessian Phi of the cell.  The stiffness
+K = phi'' n(x)n + g (1 - n(x)n) of a bond with g = phi'/r then changes by
+
+    dK = phi''' dr n(x)n + (phi'' - g) dr/r (1 - n(x)n) + (phi'' - g) (dn(x)n + n(x)dn)
+
+and with the Bloch matrix D, whose foundation does not change, `gamma = -d ln w/d ln V = -v^+ dD v/(2 d w^2)`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import one_of
+from ..stiffness.bond import MODELS
+from ..stiffness.matrices import bloch_matrix, mass_weighted
+from ..stiffness.repulsion import repulsion_of
+from .bloch import _wavevectors, bloch_modes, cell_at_rest
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..interactions.pair_laws import PairLaw
+    from ..stiffness.calculator import MagneticRepulsion
+
+FLOPPY = 1e-12
+"""Fraction of the largest stiffness below which a motion of the whole cell has none, as translations have."""
+CROSSING = 1e-9
+"""Difference of two branches, as a fraction of the highest frequency, below which they cross."""
+STILL = 1e-6
+"""Fraction of the highest frequency below which a frequency is the root of a rounded zero."""
+
+
+def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Grueneisen parameters `-d ln w/d ln V` of the bands: V is the length, area or volume, as the lattice is periodic.
+
+    A foundation stays as stiff as it is, its anchors follow the spacing, and so do held particles.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    q, model
+        As for `bloch_modes`.
+
+    Returns
+    -------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms, unstable modes negative.
+    gamma : ndarray, shape (wavevectors, modes)
+        Where branches cross, those of the branches, in no order.  NaN where the frequency is zero.
+
+    Raises
+    ------
+    ValueError
+        For another calculator, or if a dead load or stretched springs of the foundation hold the particles.
+    """
+    repulsion_of(atoms)
+    given, free = cell_at_rest(atoms)
+    calc: Any = given  # one whose bonds are known
+    if calc.load.any() or calc.spring_forces.any():
+        raise ValueError('a dead load or stretched springs of the foundation hold the particles, and it is not known how they '
+                         'follow the spacing; take differences of relaxed structures')
+    one_of('model', model, MODELS)
+    dK = stiffness_change(calc.bond_vectors, growth(calc, free), calc.potential, model)
+    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
+    v = np.asarray(vectors).reshape(*omega.shape, -1)
+    dD = mass_weighted(bloch_matrix(calc.bonds, dK, _wavevectors(q)), atoms.get_masses())
+    W = v.conj() @ dD @ v.swapaxes(1, 2)
+    slopes = np.einsum('qmm->qm', W).real.copy()
+    highest = abs(omega).max()
+    for k in np.flatnonzero((np.diff(omega) <= CROSSING * highest).any(axis=1)):
+        for cross in np.split(np.arange(omega.shape[1]), np.flatnonzero(np.diff(omega[k]) > CROSSING * highest) + 1):
+            slopes[k, cross] = np.linalg.eigvalsh(W[k][np.ix_(cross, cross)])
+    with np.errstate(divide='ignore', invalid='ignore'):
+        gamma = -slopes / (2 * atoms.pbc.sum() * omega * abs(omega))
+    gamma[abs(omega) <= STILL * highest] = np.nan
+    return omega, gamma
+
+
+def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Change of the bond vectors `R + C u` by the logarithm of the spacing in mm, shape (bonds, dim).
+
+    Parameters
+    ----------
+    calc : MagneticRepulsion
+        At rest.
+    free : ndarray, shape (particles * dim, free)
+        Orthonormal directions that constraints leave free.
+    """
+    R, C = calc.bond_vectors, calc.bonds.incidence
+    r = np.linalg.norm(R, axis=1)
+    push = -(C.T @ (calc.potential.d2phi(r)[:, None] * R)).ravel()
+    Phi = free.T @ calc.rest_hessian() @ free
+    u = free @ (np.linalg.pinv(Phi, FLOPPY, hermitian=True) @ (free.T @ push))
+    return R + C @ u.reshape(-1, calc.dim)
+
+
+def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], law: PairLaw,
+                     model: str = 'complete') -> NDArray[np.float64]:
+    """Derivative of the stiffness of bonds as their vectors change, in N/mm, shape (bonds, dim, dim).
+
+    Parameters
+    ----------
+    vectors, change : ndarray, shape (bonds, dim)
+        In mm.
+    law : PairLaw
+    model : {'complete', 'conventional'}
+    """
+    r = np.linalg.norm(vectors, axis=1)
+    n = vectors / r[:, None]
+    dr = np.einsum('bx,bx->b', n, change)
+    dn = (change - n * dr[:, None]) / r[:, None]
+    nn, turn = n[:, :, None] * n[:, None, :], dn[:, :, None] * n[:, None, :]
+    turn = turn + turn.swapaxes(1, 2)
+    d2phi, d3phi = (x[:, None, None] for x in (law.d2phi(r), _third_derivative(law, r)))
+    r, dr = r[:, None, None], dr[:, None, None]
+    if model == 'conventional':
+        return d3phi * dr * nn + d2phi * turn
+    across = d2phi - law.dphi(r) / r
+    return d3phi * dr * nn + across * (dr / r * (np.eye(vectors.shape[1]) - nn) + turn)
+
+
+def _third_derivative(law, r):
+    step = 1e-20 * r  # complex step: exact to round-off, for any law
+    return np.imag(law.d2phi(r + 1j * step)) / step
