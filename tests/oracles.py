@@ -141,6 +141,37 @@ class Energy:
         return (self.law.dphi(r) * (length(R + self._bonds(u - about)) - r)).sum(axis=-1) / 2
 
 
+class SiteEnergy:
+    """Energy of particles each of which is its own, by a double loop over pairs and their images, analytic in the positions.
+
+        E = sum_pairs s_i s_j [phi_ij(|r|) - phi_ij(|R|)] + sum_i,x k_ix (x_i - a_i)^2 / 2 - sum_i,x h_ix x_i
+
+    Parameters
+    ----------
+    perfect : ase.Atoms
+        Whose neighbours within `reach` repel each other; its tags are the kinds.
+    laws : dict
+        From sets of kinds to laws.
+    strengths : ndarray, shape (particles,)
+    springs, anchors, load : ndarray, shape (particles, dim)
+    """
+
+    def __init__(self, perfect, laws, reach, strengths, springs, anchors, load=0.0):
+        self.perfect, self.strengths, self.springs, self.anchors, self.load = perfect, strengths, springs, anchors, load
+        kinds, self.dim = perfect.get_tags(), springs.shape[1]
+        self.pairs = [(i, j, np.array(cell) @ perfect.cell.array, laws[frozenset((kinds[i], kinds[j]))])
+                      for i, j, cell, _ in neighbour_vectors(perfect, reach)]  # each twice, from both ends
+
+    def __call__(self, x):
+        """Of positions x, complex or real, shape (..., particles * dim)."""
+        x = x.reshape(*x.shape[:-1], -1, self.dim)
+        total = (self.springs * (x - self.anchors) ** 2 / 2 - self.load * x).sum(axis=(-2, -1))
+        for i, j, jump, law in self.pairs:
+            distance = length(x[..., j, :] + jump[: self.dim] - x[..., i, :])
+            total = total + self.strengths[i] * self.strengths[j] * law.phi(distance) / 2
+        return total
+
+
 def displaced(name, seed=3, amplitude=0.3):
     """A small supercell and displacements of 3 % of the spacing from its rest positions, in the plane if it is planar."""
     cell = lattice(name)
@@ -186,6 +217,25 @@ def free_basis(atoms, dim):
     return axes[:, size > 0.5]
 
 
+class OwnLaws:
+    """The energy of each pair by itself, a loop: `s_i s_j phi(r)`, with the law phi of the kinds of i and j.
+
+    Parameters
+    ----------
+    laws : dict
+        From sets of kinds to laws.
+    kinds, strengths : ndarray, shape (particles,)
+    i, j : ndarray of int, shape (pairs,)
+    """
+
+    def __init__(self, laws, kinds, strengths, i, j):
+        self.each = [(strengths[a] * strengths[b], laws[frozenset((kinds[a], kinds[b]))]) for a, b in zip(i, j, strict=True)]
+
+    def phi(self, r):
+        """Of distances whose last axis is that of the pairs."""
+        return np.stack([strength * law.phi(r[..., b]) for b, (strength, law) in enumerate(self.each)], axis=-1)
+
+
 class Pairs:
     """Forces and stiffness of bonded particles from the energy phi of a bond alone, by Cauchy's formula; also of periodic ones.
 
@@ -198,14 +248,19 @@ class Pairs:
         Each bond from both of its ends.
     cell : ndarray of int, shape (2 * bonds, 3)
         Where the other end is.
+    own : tuple, optional
+        Laws, kinds and strengths of `OwnLaws`, in place of the one `law`.
     """
 
-    def __init__(self, perfect, law, reach, model='complete'):
+    def __init__(self, perfect, law, reach, model='complete', own=None):
         self.dim = 3 if perfect.pbc.all() else 2
         found = list(neighbour_vectors(perfect, reach))
         self.i, self.j = np.array([p[:2] for p in found]).T
         self.cell = np.array([p[2] for p in found])
         self.law, self.model, self.periods, self.n = law, model, perfect.cell.array, len(perfect)
+        if own:
+            self.law = OwnLaws(*own, self.i, self.j)
+        self.own = own
 
     def without(self, bond):
         """The same but for one bond, which is lost from both of its ends."""
@@ -213,6 +268,8 @@ class Pairs:
         keep = [k for k, pair in enumerate(zip(self.i, self.j, *self.cell.T, strict=True)) if pair not in lost]
         other = object.__new__(Pairs)
         other.__dict__.update(self.__dict__, i=self.i[keep], j=self.j[keep], cell=self.cell[keep])
+        if self.own:
+            other.law = OwnLaws(*self.own, other.i, other.j)
         return other
 
     def _derivatives(self, x):

@@ -30,11 +30,11 @@ class Truth:
 
     perfect: Atoms
     x: np.ndarray
-    law: object
     reach: float
     model: str
     masses: np.ndarray
-    k: float
+    k: np.ndarray
+    own: tuple
     lost: int | None = None
 
     @property
@@ -43,7 +43,9 @@ class Truth:
         return abs(self.x - self.perfect.positions).max()
 
     def pairs_of(self, perfect):
-        pairs = Pairs(perfect, self.law, self.reach, self.model)
+        laws, *sites = self.own
+        own = laws, *(np.tile(values, len(perfect) // len(self.x)) for values in sites)
+        pairs = Pairs(perfect, None, self.reach, self.model, own)
         return pairs if self.lost is None else pairs.without(self.lost % len(pairs.i))
 
     @cached_property
@@ -62,18 +64,23 @@ class Truth:
     @cached_property
     def stiffness(self):
         """Dense matrix of the structure, N/mm."""
-        return self.pairs.hessian(self.x) + self.k * np.eye(self.pairs.n * self.pairs.dim)
+        return self.pairs.hessian(self.x) + np.diag(self.k.ravel())
+
+    @property
+    def common(self):
+        """The softest spring of any particle that is not held, N/mm."""
+        return np.delete(self.k, held_by(self.perfect), axis=0).min()
 
     def waves(self, q):
         """Stiffness for the wavevectors q, shape (waves, rows, rows)."""
-        return self.pairs.bloch(self.x, q) + self.k * np.eye(len(self.stiffness))
+        return self.pairs.bloch(self.x, q) + np.diag(self.k.ravel())
 
     def repeated(self, repeat):
         """Dense matrix of several cells with periodic borders, and the masses of its rows."""
         cells = self.perfect.repeat(repeat)
         count = len(cells) // len(self.x)
         H = self.pairs_of(cells).hessian(cells.positions + np.tile(self.x - self.perfect.positions, (count, 1)))
-        return H + self.k * np.eye(len(H)), np.tile(self.rows, count)
+        return H + np.diag(np.tile(self.k.ravel(), count)), np.tile(self.rows, count)
 
     @property
     def rows(self):
@@ -99,9 +106,10 @@ class Case:
         return np.random.default_rng([self.seed, 1])
 
     def on_foundation(self, k):
-        """The same structure at the same rest on springs of the stiffness k."""
+        """The same structure at the same rest on springs the softest of which has the stiffness k, the others so much more."""
         atoms = self.atoms.copy()
-        atoms.calc = self.atoms.calc.about(self.atoms, foundation=k).balanced(np.arange(len(atoms)))
+        springs = self.truth.k - self.truth.common + k
+        atoms.calc = self.atoms.calc.about(self.atoms, foundation=springs).balanced(np.arange(len(atoms)))
         return replace(self, atoms=atoms)
 
     def reduced(self, truth):
@@ -156,7 +164,18 @@ def patch(rng, name, cell, most):
 
 
 def held_by(atoms):
-    return atoms.constraints[0].index if atoms.constraints else np.array([], int)
+    held = [constraint.index for constraint in atoms.constraints if isinstance(constraint, FixAtoms)]
+    return np.concatenate([np.array([], int), *held])
+
+
+def own_sites(rng, n, dim):
+    """Laws of pairs of kinds, kinds, strengths, and factors of the springs of each site; some of them alike."""
+    laws = dict(zip([(0, 0), (1, 0), (1, 1)], rng.permutation(len(LAWS)).tolist(), strict=False))
+    kinds, strengths = rng.integers(0, 2, n), rng.uniform(0.8, 1.2, n)
+    factors = rng.uniform(0.5, 1.5, [(n, dim), (n, 1), (1, dim)][rng.integers(3)])
+    alike = rng.random(3) < 0.3
+    return ({pair: LAWS[which] for pair, which in laws.items()}, 0 * kinds if alike[0] else kinds,
+            1 + 0 * strengths if alike[1] else strengths, np.broadcast_to(1.0 if alike[2] else factors, (n, dim)))
 
 
 def with_holes(rng, perfect):
@@ -180,8 +199,8 @@ def guides(rng, perfect, dim):
     return [guide for guide in chosen if rng.random() < 0.5]
 
 
-def structure(seed, periodic=None, most=24, constrained=True):
-    """A structure at rest with its calculator, and the truth about it."""
+def structure(seed, periodic=None, most=24, constrained=True, own=False):
+    """A structure at rest with its calculator, and the truth about it; of particles that are alike, or each its own."""
     rng = np.random.default_rng(seed)
     name, cell, reach, shells = cell_and_reach(rng)
     periodic = rng.random() < 0.5 if periodic is None else periodic
@@ -194,13 +213,17 @@ def structure(seed, periodic=None, most=24, constrained=True):
         perfect.set_constraint([*perfect.constraints, *guides(rng, perfect, dim)])
 
     law, model, state = LAWS[rng.integers(len(LAWS))], MODELS[rng.integers(len(MODELS))], STATES[rng.integers(len(STATES))]
-    k = 0.3 if state == 'relaxed' else float(rng.choice([0.0, 0.03, 0.3]))
+    kinds, strengths, factors = np.zeros(n, int), np.ones(n), np.ones((n, dim))
+    if own:
+        law, kinds, strengths, factors = own_sites(np.random.default_rng([seed, 2]), n, dim)
+        perfect.set_tags(kinds)
+    k = (0.3 if state == 'relaxed' else float(rng.choice([0.0, 0.03, 0.3]))) * factors
     scatter, moved = np.zeros((2, n, 3))
     if state != 'perfect':
         scatter[:, :dim] = rng.choice([0.0, 0.4]) * rng.uniform(-1, 1, (n, dim))
         moved[:, :dim] = rng.choice([0.01, 0.6]) * rng.uniform(-1, 1, (n, dim))
     named = shells and not holes and rng.random() < 0.5  # a hole may empty a shell
-    calc = MagneticRepulsion(perfect, law, foundation=k, model=model, anchors=perfect.positions + scatter,
+    calc = MagneticRepulsion(perfect, law, foundation=k, strengths=strengths, model=model, anchors=perfect.positions + scatter,
                              **({'shells': shells} if named else {'cutoff': reach}))
     atoms = perfect.copy()
     if state == 'relaxed':
@@ -214,4 +237,5 @@ def structure(seed, periodic=None, most=24, constrained=True):
     x = atoms.get_positions()
     if rng.random() < 0.5:  # in another image of the cell
         atoms.positions += np.where(perfect.pbc, rng.integers(-1, 2, (n, 3)), 0) @ perfect.cell.array
-    return Case(atoms, Truth(perfect, x, law, reach, model, masses, k), seed)
+    laws = {frozenset(pair): one for pair, one in (law if isinstance(law, dict) else {(0, 0): law}).items()}
+    return Case(atoms, Truth(perfect, x, reach, model, masses, k, (laws, kinds, strengths)), seed)

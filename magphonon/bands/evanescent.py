@@ -22,6 +22,7 @@ from .. import units
 from ..errors import finite, one_of
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import mass_weighted
+from ..stiffness.sites import each_spring
 from .bloch import condensed
 from .laurent import laurent_roots, polished
 
@@ -132,7 +133,7 @@ def _laurent(calc, model, exponents, masses):
     np.subtract.at(D, (P + exponents, i, j), K)
     np.subtract.at(D, (P - exponents, j, i), K)
     D = D.swapaxes(2, 3).reshape(2 * P + 1, n * calc.dim, -1)
-    D[P] += calc.foundation * np.eye(n * calc.dim)
+    D[P] += np.diag(each_spring(calc.foundation, n, calc.dim))
     return mass_weighted(D, masses)
 
 

@@ -21,6 +21,7 @@ from tqdm import tqdm
 
 from .. import units
 from ..errors import positive, whole
+from ..interactions.bond_laws import groups, taken
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.constraints import freedom
 from ..stiffness.matrices import signed_root
@@ -177,9 +178,13 @@ def _ints(supercell):
 
 def default_distance(calc: Repulsion) -> float:
     """Displacement in mm: `DISTANCE` of the shortest bond, or of the length over which a steeper law changes, f/(-df/dr)."""
-    shortest = calc.bonds.lengths.min()
-    f, slope = -calc.potential.dphi(shortest), calc.potential.d2phi(shortest)
-    return DISTANCE * (min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest)
+    lengths = calc.bonds.lengths
+
+    def scale(law, shortest):
+        f, slope = -law.dphi(shortest), law.d2phi(shortest)
+        return min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest
+
+    return DISTANCE * min(scale(law, lengths[own].min()) for law, own in groups(calc.law, len(lengths)))
 
 
 def _checked_distance(distance, shortest):
@@ -282,10 +287,10 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     repulsion_of(atoms)
     FC = force_constants_of(phonon)
     home = phonon.primitive.p2s_map
-    bonds = calc.on(_supercell_atoms(phonon, calc.reference.pbc)).bonds
-    of_cell = np.isin(bonds.i, home)  # of the images of each bond, the one that starts in the cell
-    i, j = bonds.i[of_cell], bonds.j[of_cell]
-    D0, _ = bond_stiffness(bonds.vectors[of_cell, : calc.dim], calc.potential)
+    supercell = calc.on(_supercell_atoms(phonon, calc.reference.pbc))
+    of_cell = np.isin(supercell.bonds.i, home)  # of the images of each bond, the one that starts in the cell
+    i, j = supercell.bonds.i[of_cell], supercell.bonds.j[of_cell]
+    D0, _ = bond_stiffness(supercell.bonds.vectors[of_cell, : calc.dim], taken(supercell.law, of_cell))
     return -FC[np.searchsorted(home, i), j] - D0
 
 

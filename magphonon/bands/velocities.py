@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import finite
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.repulsion import repulsion_of
+from ..stiffness.sites import each_spring
 from .bands import _mean_over_crossings
 from .bloch import _wavevectors, bloch_modes, cell_at_rest, cell_of_free_particles
 
@@ -65,9 +66,11 @@ def cut_off(atoms: Atoms) -> float | None:
     Returns
     -------
     float or None
-        In rad/ms; None without foundation and held particles, because long acoustic waves then propagate at any frequency.
+        In rad/ms; None without foundation and held particles, or if the foundation leaves a direction free, because long acoustic
+        waves then propagate at any frequency.
     """
-    if not (np.any(atoms.calc.foundation) or atoms.constraints):
+    supported = each_spring(atoms.calc.foundation, len(atoms), atoms.calc.dim).reshape(len(atoms), -1).any(axis=0)
+    if not (supported.all() or atoms.constraints):
         return None
     return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
 

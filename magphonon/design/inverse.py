@@ -15,7 +15,7 @@ import numpy as np
 
 from ..bands.bloch import bloch_modes
 from ..errors import finite, positive
-from ..stability.buckling import foundation_needed
+from ..stability.buckling import common_spring, foundation_needed
 from ..stiffness.repulsion import masses_of
 from .sensitivities import Change, frequency_sensitivities, spacing_change
 
@@ -84,7 +84,7 @@ class Gap:
 
 
 def _spacing_of(atoms):
-    return Change(law=spacing_change(atoms.calc.potential))
+    return Change(law=spacing_change(atoms.calc.law))
 
 
 def foundation_for(atoms: Atoms, cut_off: float) -> float:
@@ -169,7 +169,7 @@ class NoDesign(ValueError):
 
 def _holds(build, spacing):
     atoms = build(spacing)
-    return atoms.calc.foundation >= foundation_needed(atoms)[0]
+    return common_spring(atoms) >= foundation_needed(atoms)[0]
 
 
 def _stable_stretches(build, spacings):

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ..interactions.pair_laws import InversePower, PairLaw, Yukawa
+    from ..stiffness.sites import Foundation
 
 CROSSING = 1e-9
 """Difference of two branches, as a fraction of the highest frequency, below which they cross."""
@@ -62,29 +63,29 @@ class Change:
     ----------
     law : LawChange, optional
         Derivative of the pair law by ln p.
-    foundation : float
+    foundation : float or ndarray, shape (particles, dim)
         Derivative of the foundation stiffness by ln p, N/mm.
     mass : float
         Derivative of the logarithm of every mass by ln p.
     """
 
     law: LawChange | None = None
-    foundation: float = 0.0
+    foundation: Foundation = 0.0
     mass: float = 0.0
 
 
-def force_change(potential: PairLaw, power: int = 1) -> LawChange:
-    """Derivative of a law whose force goes with a `power` of the parameter."""
-    return LawChange(lambda r: power * potential.dphi(r), lambda r: power * potential.d2phi(r))
+def force_change(law: PairLaw, power: int = 1) -> LawChange:
+    """Derivative of a law, or of the laws along the bonds, whose force goes with a `power` of the parameter."""
+    return LawChange(lambda r: power * law.dphi(r), lambda r: power * law.d2phi(r))
 
 
-def spacing_change(potential: PairLaw) -> LawChange:
+def spacing_change(law: PairLaw) -> LawChange:
     """Derivative of the law along the bonds as all distances grow in proportion, directions unchanged."""
     def d2phi(r):
         step = 1e-20 * r  # complex step: exact to round-off, for any law
-        return r * np.imag(potential.d2phi(r + 1j * step)) / step
+        return r * np.imag(law.d2phi(r + 1j * step)) / step
 
-    return LawChange(lambda r: r * potential.d2phi(r) - potential.dphi(r), d2phi)
+    return LawChange(lambda r: r * law.d2phi(r) - law.dphi(r), d2phi)
 
 
 def exponent_change(law: InversePower, length: float = units.m) -> LawChange:
@@ -195,7 +196,7 @@ def _refuse_moving(system, changes):
     calc, P = system.calc, system.free
     C, R = calc.bonds.incidence, calc.bond_vectors
     r = np.linalg.norm(R, axis=1)
-    springs = calc.spring_forces / (calc.foundation or 1.0)
+    springs = -calc.slack[:, : calc.dim]
     for change in changes:
         pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
         push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs

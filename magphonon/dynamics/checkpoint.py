@@ -13,6 +13,7 @@ import ase
 import numpy as np
 
 from ..files import whole_file
+from ..interactions.bond_laws import laws_of
 from ..stiffness.calculator import MagneticRepulsion
 from .fingerprints import Unknowable, attributes, fingerprint
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from .verlet import DrivenVerlet
 
-PARTS = ('bonds', 'parameters', '_potential', '_anchors', '_load')
+PARTS = ('bonds', 'parameters', '_potential', '_law', '_strengths', '_anchors', '_load')
 """Attributes of a calculator that are parts of a run by themselves."""
 OF_ASE = ('_directory', 'get_spin_polarized')
 """Attributes that every calculator of ASE has and that do not affect the forces; the second one refers to the calculator."""
@@ -58,7 +59,7 @@ def run_parts(dyn: DrivenVerlet, every: int) -> dict[str, str]:
              'versions of ASE, NumPy or magphonon': (ase.__version__, np.__version__, _version())}
     if isinstance(calc, MagneticRepulsion):
         parts |= {'law': (calc.potential, _sampled(calc)), 'bonds': calc.bonds, 'foundation or model': dict(calc.parameters),
-                  'anchors': calc.anchors, 'load': calc.load}
+                  'strengths': calc.strengths, 'anchors': calc.anchors, 'load': calc.load}
     return {name: _known(name, value) for name, value in parts.items()}
 
 
@@ -108,16 +109,16 @@ def _sampled(calc):
     r0 = calc.bonds.lengths
     r = np.geomspace(CONTACT * r0.min(initial=np.inf), BROKEN_BOND * r0.max(initial=0.0), SAMPLES) if len(r0) else np.empty(0)
     with np.errstate(all='ignore'):
-        return [_where_defined(law, r) for law in (calc.potential.dphi, calc.potential.d2phi)]
+        return [_where_defined(slope, r) for law in laws_of(calc.potential) for slope in (law.dphi, law.d2phi)]
 
 
-def _where_defined(law, r):
+def _where_defined(slope, r):
     try:
-        return np.asarray(law(r))
+        return np.asarray(slope(r))
     except ValueError:  # a table ends somewhere
         if len(r) == 1:
             return np.array([np.nan])
-        return np.concatenate([_where_defined(law, half) for half in np.array_split(r, 2)])
+        return np.concatenate([_where_defined(slope, half) for half in np.array_split(r, 2)])
 
 
 def save_checkpoint(path: str | PathLike[str], parts: Mapping[str, str], state: Mapping[str, Any]) -> None:

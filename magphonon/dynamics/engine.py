@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..interactions.bond_laws import BondLaws
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import freedom
 from ..stiffness.positions import out_of_plane
@@ -35,6 +36,8 @@ def refusal(atoms: Atoms) -> str | None:
         return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
     if atoms.calc.dim != 2:
         return 'the structure is not planar'
+    if isinstance(atoms.calc.law, BondLaws) or np.ndim(atoms.calc.foundation):
+        return 'particles differ in law, strength or foundation'
     if out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:
@@ -71,9 +74,9 @@ class Blocks:
         self._static = static[driven]
 
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile)
-        self._increments = Increments(calc.potential, calc.parameters.model, layout.r0)
+        self._increments = Increments(calc.law, calc.parameters.model, layout.r0)
         self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
-                              calc.foundation, layout.slot[driven], layout.slot[guided], barred)
+                              float(calc.foundation), layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
         self.cages = Cages(atoms)

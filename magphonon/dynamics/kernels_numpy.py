@@ -48,7 +48,7 @@ class Motion:
     mobility : ndarray, shape (slots,)
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float
-        k in N/mm.
+        k in N/mm, of all particles.
     driven : ndarray of int
         Slots with external forces.
     guided : ndarray of int

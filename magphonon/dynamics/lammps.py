@@ -19,6 +19,7 @@ from ase.constraints import FixAtoms
 from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.sites import refuse_unlike
 from .drives import Drives, ToneBurst
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
 
     directory = Path(directory)
     with whole_file(directory / 'law.table') as file:
-        _write_table(file, calc.potential, CLOSEST * calc.bonds.lengths.min(), cutoff, points)
+        _write_table(file, calc.law, CLOSEST * calc.bonds.lengths.min(), cutoff, points)
     with whole_file(directory / 'particles.data') as file:
         _write_particles(file, atoms.positions, kind.ravel() + 1, kinds[:, 1], margin=cutoff)
     with whole_file(directory / 'in.lammps') as file:
@@ -142,6 +143,7 @@ def _scene(atoms):
     if atoms.pbc.any():
         raise ValueError(f'LAMMPS is given finite patches, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
+    refuse_unlike(calc, 'the input for LAMMPS', 'let DrivenVerlet integrate them')
     if calc.bonds.cutoff is None:
         raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
     if calc.offset.any():

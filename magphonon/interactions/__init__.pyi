@@ -1,3 +1,10 @@
+from .bond_laws import (
+    BondLaws as BondLaws,
+    groups as groups,
+    law_along as law_along,
+    laws_of as laws_of,
+    taken as taken,
+)
 from .fits import (
     Fit as Fit,
     curvature as curvature,

@@ -367,7 +367,7 @@ def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:
     """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula."""
     f, slope = abs(potential.dphi(r)), abs(potential.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
-    around = potential.d2phi(r + radius * CIRCLE)
+    around = potential.d2phi((r + radius * CIRCLE).T).T.copy()  # laws along bonds want these first
     return tuple(n * (around * CIRCLE**-n).mean(axis=0).real / radius**n for n in (1, 2))
 
 

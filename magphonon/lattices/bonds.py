@@ -85,6 +85,16 @@ class Bonds:
         same = np.allclose(vectors, self.vectors, rtol=0, atol=1e-9 * self.lengths.max(initial=0))
         return Bonds(self.i, self.j, shift, vectors, self.particles, self.cutoff if same else None)
 
+    def fitted(self, atoms: Atoms) -> Bonds:
+        """The bonds with the vectors that they have in `atoms`, or ValueError if they were made for another structure."""
+        found = self.at(atoms)
+        changed = np.linalg.norm(found.vectors - self.vectors, axis=1)
+        for b in np.flatnonzero(changed > self.lengths / 2)[:1]:
+            raise ValueError(f'the bond of the particles {self.i[b]} and {self.j[b]} was made {self.lengths[b]:g} mm long, but '
+                             f'they are {found.lengths[b]:g} mm apart in the reference: it belongs to another structure; find '
+                             'bonds in this one, or give the pairs as (i, j)')
+        return found
+
     @cached_property
     def incidence(self) -> sparse.csr_array:
         """Incidence matrix C at q = 0, sparse, shape (bonds, particles); a self-image bond has an empty row."""

@@ -24,6 +24,7 @@ from ..lattices.bonds import Bonds, bonds_within
 from ..lattices.shells import SHELL_WIDTH
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
+from ..stiffness.sites import refuse_unlike
 from .plan import ALL, EIGENSOLVE, Method, Plan, Settings
 
 if TYPE_CHECKING:
@@ -88,8 +89,9 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
     Raises
     ------
     ValueError
-        For an edge at a frequency that is zero or imaginary.
+        For an edge at a frequency that is zero or imaginary, or particles that differ in law, strength or foundation.
     """
+    refuse_unlike(atoms.calc, 'the plan for bands', 'compare bands of several shells yourself')  # pyright: ignore[reportArgumentType]
     spent, q = 0.0, _looked_at(path) if edge is None else np.array([edge.q])
     if edge is None and (omega := bloch_modes(atoms, q)[0]).min() < -ROUND_OFF * omega.max():
         q = path.kpts  # a few wavevectors may miss the largest error, because omega(q) is steep where its square changes sign
@@ -122,7 +124,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
                       bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), doubt,
                       Settings(model, int(k)))
                for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
-    if isinstance(calc.potential, GaussianMixture) and calc.potential.decay > 0:
+    if isinstance(calc.law, GaussianMixture) and calc.law.decay > 0:
         methods.append(Method('complete linear, all neighbours', f'Ewald sums {at}',
                               bloch_cost(EWALD_BONDS * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
                               Settings('complete', ALL)))
@@ -146,7 +148,7 @@ def _errors(atoms, q, edge, shells, counts, continua):
     shells and all of them.  Both are the same where a measured table knows only the nearest.
     """
     calc = atoms.calc
-    parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.potential) for shell in shells]
+    parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.law) for shell in shells]
     D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
                  for k in (0, 1))
     references = [D0[n - 1] + Dstar[n - 1] + continuum for n, continuum in continua]
@@ -189,7 +191,7 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
     lengths = every.lengths[order]
     ends = np.flatnonzero(np.diff(lengths) > SHELL_WIDTH * lengths[1:]) + 1
     shells = [Bonds(every.i[s], every.j[s], every.shift[s], every.vectors[s], every.particles) for s in np.split(order, ends)]
-    return shells[: _known(calc.potential, [shell.lengths.mean() for shell in shells])]
+    return shells[: _known(calc.law, [shell.lengths.mean() for shell in shells])]
 
 
 def _known(potential, distances):
@@ -210,7 +212,7 @@ def _continuum(atoms, R, q):
         return np.zeros((len(q), 1, 1))
     rho = n / np.sqrt(np.linalg.det(plane @ plane.T))
     try:
-        spring = {2: np.pi * R, 3: 4 * np.pi / 3 * R**2}[d] * rho * -calc.potential.dphi(R)
+        spring = {2: np.pi * R, 3: 4 * np.pi / 3 * R**2}[d] * rho * -calc.law.dphi(R)
     except ValueError:  # beyond a measured table
         spring = 0.0
     along = np.kron(np.full((n, n), 1 / n), np.eye(d))

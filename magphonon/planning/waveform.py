@@ -32,6 +32,7 @@ from ..stiffness.bond import MODELS
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.repulsion import repulsion_of
+from ..stiffness.sites import refuse_unlike
 from .plan import Method, Plan, Settings, force_cost, percent
 
 if TYPE_CHECKING:
@@ -96,8 +97,14 @@ def strip(cell: Atoms, rows: int) -> Atoms:
     -------
     ase.Atoms
         With its MagneticRepulsion.
+
+    Raises
+    ------
+    ValueError
+        If the particles differ in law, strength or foundation.
     """
     calc = repulsion_of(cell)
+    refuse_unlike(calc, 'a strip', 'make it as a structure of its own, with its own calculator')
     atoms = cell.repeat((1, rows, 1))
     periodic = calc.on(atoms)
     bonds = periodic.bonds
@@ -107,7 +114,7 @@ def strip(cell: Atoms, rows: int) -> Atoms:
     row = np.repeat(np.arange(rows), len(cell))
     atoms.set_tags(np.where((row == 0) | (row == rows - 1), RIM, 0))
     atoms.set_constraint(FixAtoms(mask=atoms.get_tags() == RIM))
-    atoms.calc = MagneticRepulsion(atoms, calc.potential, bonds=bonds, anchors=periodic.anchors, load=periodic.load,
+    atoms.calc = MagneticRepulsion(atoms, calc.law, bonds=bonds, anchors=periodic.anchors, load=periodic.load,
                                    **calc.parameters)
     return atoms
 
@@ -229,7 +236,7 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
 def steepness(calc: Repulsion) -> float:
     """Exponent -d log phi''/d log r with which the stiffness of a nearest neighbour falls: a + 1 for a force r^-a."""
     r = calc.bonds.lengths.min()
-    near, far = calc.potential.d2phi(np.array([1 - 1e-4, 1 + 1e-4]) * r)
+    near, far = calc.law.d2phi(np.array([1 - 1e-4, 1 + 1e-4]) * r)
     return float(np.log(near / far) / 2e-4)
 
 

@@ -18,6 +18,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import freedom
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import settled
+from ..stiffness.sites import each_spring
 from .frf import FrequencyResponse
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLik
 
 
 def replicas(structures: Sequence[Atoms]) -> Atoms:
-    """Structures of one law, foundation and model in one Atoms, one after the other, which do not feel each other.
+    """Structures of one law and model in one Atoms, one after the other, which do not feel each other.
 
     Parameters
     ----------
@@ -86,18 +87,19 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     Raises
     ------
     ValueError
-        If they differ in law, foundation, model, cell or periodicity, or have another calculator or constraint.
+        If they differ in law, model, cell or periodicity, or have another calculator or constraint.
     """
     for which, atoms in enumerate(structures):
         repulsion_of(atoms).displacements(atoms)  # refuses atoms that are not those of their calculator
         freedom(atoms)
         for what in _differing(structures[0], atoms):
-            raise ValueError(f'structure {which} has another {what} than structure 0: all replicas share one law, foundation, '
-                             'model and cell; run those that differ apart')
+            raise ValueError(f'structure {which} has another {what} than structure 0: all replicas share one law, model '
+                             'and cell; run those that differ apart')
     calcs, first = [atoms.calc for atoms in structures], np.cumsum([0, *(len(atoms) for atoms in structures)])
     rest = Atoms(numbers=np.concatenate([calc.reference.numbers for calc in calcs]), pbc=structures[0].pbc,
                  positions=np.concatenate([calc.reference.positions for calc in calcs]),
                  masses=np.concatenate([atoms.get_masses() for atoms in structures]),
+                 tags=np.concatenate([calc.reference.get_tags() for calc in calcs]),
                  cell=structures[0].cell if structures[0].pbc.any() else None)
     i, j = (np.concatenate([getattr(calc.bonds, end) + shift for calc, shift in zip(calcs, first, strict=False)]) for end in 'ij')
     images, vectors = (np.concatenate([getattr(calc.bonds, name) for calc in calcs]) for name in ('shift', 'vectors'))
@@ -106,8 +108,10 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     many.positions = np.concatenate([atoms.positions for atoms in structures])
     many.set_momenta(np.concatenate([atoms.get_momenta() for atoms in structures]))
     many.set_constraint(_joined([atoms.constraints for atoms in structures], first))
+    springs = [each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) for calc in calcs]
     many.calc = MagneticRepulsion(rest, calcs[0].potential, bonds=Bonds(i, j, images, vectors, len(rest)), anchors=anchors,
-                                  load=load, **calcs[0].parameters)
+                                  load=load, foundation=np.concatenate(springs), model=calcs[0].model,
+                                  strengths=np.concatenate([calc.strengths for calc in calcs]))
     return many
 
 
@@ -117,9 +121,8 @@ def _differing(one, other):
         a, b = one.calc, other.calc
         if a.potential is not b.potential and not _same_law(a.potential, b.potential):
             yield f'law, {b.potential!r} instead of {a.potential!r},'
-        for name, value in a.parameters.items():
-            if b.parameters[name] != value:
-                yield f'{name}, {b.parameters[name]} instead of {value},'
+        if a.model != b.model:
+            yield f'model, {b.model} instead of {a.model},'
     periodic = one.pbc.any() or other.pbc.any()
     if periodic and not (np.array_equal(one.pbc, other.pbc) and np.array_equal(one.cell.array, other.cell.array)):
         yield 'cell or periodicity'

@@ -161,10 +161,10 @@ def _plan(scene: Scene) -> None:
 
 
 def _scale(scene: Scene, calc: Repulsion) -> None:
-    if not calc.potential.dphi(calc.bonds.lengths).any():
+    if not calc.law.dphi(calc.bonds.lengths).any():
         raise ValueError(f'lattice.spacing_m = {scene.lattice.spacing_m!r} is so large that nothing repels; spheres repel '
                          'only if the spacing is less than their diameter')
-    repulsion, k = abs(calc.potential.d2phi(calc.bonds.lengths)).max(), calc.foundation
+    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), calc.foundation
     f = frequency_scale(calc)
     if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
         raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; '

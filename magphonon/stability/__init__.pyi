@@ -7,6 +7,7 @@ from .amplitude_shifts import (
 )
 from .buckling import (
     Softest as Softest,
+    common_spring as common_spring,
     foundation_needed as foundation_needed,
     softest as softest,
     softest_of as softest_of,

@@ -74,7 +74,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
     def stiffness(q):
         return P.T @ calc.bloch_matrix(np.array([q]))[0].real @ P if zone else P.T @ calc.rest_hessian() @ P
 
-    law, rest = _derivatives(calc.potential, bonds.lengths), stiffness((0.0, 0.0, 0.0))
+    law, rest = _derivatives(calc.law, bonds.lengths), stiffness((0.0, 0.0, 0.0))
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     rows = []
     for q in edges:
@@ -122,9 +122,9 @@ def _full(D):
     return D.toarray() if sparse.issparse(D) else np.asarray(D)
 
 
-def _derivatives(potential, r):
+def _derivatives(law, r):
     """Second, third and fourth derivative of psi(s) = phi(r), s = r^2."""
-    p1, p2, p3, p4 = potential.dphi(r), potential.d2phi(r), *higher_derivatives(potential, r)
+    p1, p2, p3, p4 = law.dphi(r), law.d2phi(r), *higher_derivatives(law, r)
     return ((p2 - p1 / r) / (4 * r**2),
             (p3 - 3 * p2 / r + 3 * p1 / r**2) / (8 * r**3),
             (p4 - 6 * p3 / r + 15 * p2 / r**2 - 15 * p1 / r**3) / (16 * r**4))
@@ -231,6 +231,7 @@ def _forces(calc, u):
     bond = R + u[:, bonds.j] - u[:, bonds.i]
     r = np.linalg.norm(bond, axis=2, keepdims=True)
     with np.errstate(all='ignore'):  # of an iteration that goes astray
-        pull = calc.potential.dphi(r) / r * bond - (calc.potential.dphi(bonds.lengths) / bonds.lengths)[:, None] * R
+        slope = calc.law.dphi(r.swapaxes(0, 1)).swapaxes(0, 1)
+        pull = slope / r * bond - (calc.law.dphi(bonds.lengths) / bonds.lengths)[:, None] * R
     flat = pull.swapaxes(0, 1).reshape(len(bonds), -1)
     return -(bonds.incidence.T @ flat).reshape(len(calc.reference), len(u), -1).swapaxes(0, 1) - calc.foundation * u

@@ -17,6 +17,7 @@ from scipy import sparse
 
 from ..errors import whole
 from ..stiffness.bond import model_stiffness
+from ..stiffness.constraints import freedom
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, hessian
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..lattices.bonds import Bonds
+    from ..stiffness.sites import Foundation
 
 ROUND_OFF = 1e-12
 """Fraction of the largest eigenvalue below which an eigenvalue is zero."""
@@ -61,7 +63,7 @@ class Softest:
 
 
 def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, cell: NDArray[np.float64] | None = None,
-            pbc: Sequence[bool] | NDArray[np.bool_] = (False, False, False), foundation: float = 0.0,
+            pbc: Sequence[bool] | NDArray[np.bool_] = (False, False, False), foundation: Foundation = 0.0,
             masses: NDArray[np.float64] | None = None, steps: int | None = None) -> Softest:
     """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
 
@@ -78,7 +80,7 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, cell: 
     cell : ndarray, shape (3, 3), optional
         Lattice vectors in rows, mm; of a periodic cell.
     pbc : three bools
-    foundation : float
+    foundation : float or ndarray, shape (particles, components)
         N/mm.
     masses : ndarray, shape (particles,), optional
         In g; with them eigenvalues are squared frequencies.
@@ -110,7 +112,10 @@ def _over_zone(matrix, cell, pbc, particles, steps):
 
 def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> Softest:
-    """`softest` of `atoms` about the reference of their calculator, whose own foundation does not enter.
+    """`softest` of `atoms` about the reference of their calculator.
+
+    Of the calculator's own foundation what all have in common, `common_spring`, does not enter; what some springs are stiffer
+    does.
 
     Parameters
     ----------
@@ -119,7 +124,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
     scale : float
         By which all bonds are stretched.
     foundation : float
-        N/mm.
+        What all have in common, N/mm.
     weighted : bool
         With the masses: eigenvalues are squared frequencies.
     steps : int, optional
@@ -130,15 +135,23 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
             return _softest_of_sums(atoms, model, foundation, weighted, steps)
         atoms = LinearSystem.about(atoms.calc, atoms)  # pyright: ignore[reportArgumentType]  it is pairwise
     calc, cell = atoms.calc, atoms.atoms
-    K = model_stiffness(scale * calc.bond_vectors, calc.potential, model)
-    return softest(calc.bonds, K, atoms.free, cell.cell.array, cell.pbc, foundation, atoms.masses if weighted else None, steps)
+    K = model_stiffness(scale * calc.bond_vectors, calc.law, model)
+    springs = calc.foundation - common_spring(atoms) + foundation
+    return softest(calc.bonds, K, atoms.free, cell.cell.array, cell.pbc, springs, atoms.masses if weighted else None, steps)
+
+
+def common_spring(atoms: Atoms | LinearSystem) -> float:
+    """The softest spring of the foundation of any particle that is not held, in N/mm: what all of them have at least."""
+    springs = np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim))
+    mobile = freedom(atoms if isinstance(atoms, Atoms) else atoms.atoms)[0]
+    return float(springs[mobile if mobile.any() else ~mobile].min())
 
 
 def _softest_of_sums(atoms, model, foundation, weighted, steps):
     """Of a cell whose calculator sums over all neighbours, which it knows at the present spacing only."""
     calc = atoms.calc
     root = np.repeat(1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms)), calc.dim)
-    weights, other = root * root[:, None], np.eye(len(root)) * (foundation - calc.foundation)
+    weights, other = root * root[:, None], np.eye(len(root)) * (foundation - common_spring(atoms))
     steps = _steps_of_sums(calc) if steps is None else steps
     return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.cell.array, atoms.pbc, len(atoms), steps)
 
@@ -176,13 +189,17 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
                       steps: int | None = None) -> tuple[float, NDArray[np.float64]]:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
+    Where springs differ, it is what the softest of them needs, `magphonon.stability.common_spring`, if the others remain
+    stiffer by as much as they are.
+
     A periodic cell of more than 200 freedoms stands for waves that fit into one or two of it only, see `softest`.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation does not
-        enter.  What its constraints hold stays where it is, and so does all else: the springs are taken to be slack there.
+        One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation, as far as all
+        have it in common, does not enter.  What its constraints hold stays where it is, and so does all else: the springs are
+        taken to be slack there.
     model : {'complete', 'conventional'}
         The conventional model needs none for any lattice: it hides what this function is for.
     steps : int, optional
@@ -220,7 +237,7 @@ def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
     atoms = _settled(atoms)
     if isinstance(atoms, LinearSystem) and _leans(atoms.calc):
         return None
-    k = atoms.calc.foundation
+    k = common_spring(atoms)
 
     def lacking(scale):
         found = softest_of(atoms, scale=scale, steps=12)  # what is negative is refined
@@ -250,7 +267,7 @@ def _settled(atoms):
 def _leans(calc):
     """Whether the foundation carries static forces."""
     pull = np.linalg.norm(calc.spring_forces, axis=1)
-    return pull.max() > BALANCED * abs(calc.potential.dphi(calc.bonds.lengths)).max()
+    return pull.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max()
 
 
 def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[float, float]:
@@ -277,9 +294,9 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[f
     system = LinearSystem.of(atoms)
     calc, cell = system.calc, system.atoms
     r = calc.bonds.lengths
-    per_bond = calc.potential.dphi(r) / r
+    per_bond = calc.law.dphi(r) / r
     if magnets:
-        per_bond = -(calc.potential.d2phi(r) + per_bond)
+        per_bond = -(calc.law.d2phi(r) + per_bond)
     mobile = np.zeros(len(system), bool)
     mobile[system.free.nonzero()[0] // calc.dim] = True
     free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(mobile)]

@@ -25,6 +25,7 @@ from ..dynamics.verlet import DrivenVerlet
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import free_directions, freedom
+from ..stiffness.sites import refuse_unlike
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -96,14 +97,21 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
     Parameters
     ----------
     atoms : ase.Atoms
-        At a stable rest, which is the reference of their MagneticRepulsion.
+        At a stable rest, which is the reference of their MagneticRepulsion; all of one law, strength and foundation.
 
     Returns
     -------
     Escape or None
         None where the force has no energy, constraints are not known, nothing can move, the law ends too near, or a particle has
         more than `NEIGHBOURS` bonds.
+
+    Raises
+    ------
+    ValueError
+        If particles differ in law, strength or foundation.
     """
+    refuse_unlike(atoms.calc, 'the search for the speed of an impact that breaks a bond',  # pyright: ignore[reportArgumentType]
+                  'shoot a particle in a run of DrivenVerlet, which stops where it loses its cage')
     try:
         mobile = freedom(atoms)[0]
     except ValueError:
@@ -158,7 +166,7 @@ def surroundings(atoms: Atoms, particle: int, radius: float) -> Atoms:
     listed = Bonds(place[bonds.i[inside]], place[bonds.j[inside]], 0 * bonds.shift[inside], bonds.vectors[inside], len(near))
     load = np.zeros((len(near), 3))
     load[:, : calc.dim] = big.calc.offset[members]  # of slack springs, which move with the particles
-    near.calc = MagneticRepulsion(near, calc.potential, bonds=listed, load=load, **calc.parameters)
+    near.calc = MagneticRepulsion(near, calc.law, bonds=listed, load=load, **calc.parameters)
     return near
 
 
@@ -185,7 +193,7 @@ def _places(atoms):
 
 def _straight(calc, place, share, bonded):
     """Energy in mJ of a place if i goes straight for j, a `share` of the way, j the rest, and all others stay."""
-    law, dim, bonds = calc.potential, calc.dim, calc.bonds
+    law, dim, bonds = calc.law, calc.dim, calc.bonds
     apart = np.linalg.norm(place.vector)
     way = place.vector * (1 - place.distance / apart)
     total = 0.0
@@ -221,7 +229,7 @@ class _Drag:
         keep = (others.lengths >= APART * self.length) & (free[others.i] | free[others.j])
         keep &= ~((np.minimum(others.i, others.j) == 0) & (np.maximum(others.i, others.j) == self.other))
         self.i, self.j, self.vectors = others.i[keep], others.j[keep], others.vectors[keep, : near.calc.dim]
-        self.stiffness = 10 * abs(near.calc.potential.d2phi(self.length))
+        self.stiffness = 10 * abs(near.calc.law.d2phi(self.length))
 
     def energy(self, u):
         """In mJ, and its gradient in N, at the displacements u."""
@@ -233,8 +241,8 @@ class _Drag:
             n = self.R / self.r0[:, None]
             r = np.einsum('bx,bx->b', bond, n)
         k, h = calc.parameters.foundation, calc.offset
-        total = (calc.potential.phi(r) - self.at_rest).sum() + ((k / 2 * u - h) * u).sum()
-        gradient = k * u - h + bonds.incidence.T @ (calc.potential.dphi(r)[:, None] * n)
+        total = (calc.law.phi(r) - self.at_rest).sum() + ((k / 2 * u - h) * u).sum()
+        gradient = k * u - h + bonds.incidence.T @ (calc.law.dphi(r)[:, None] * n)
         meet = self.vectors + u[self.j] - u[self.i]
         d = np.sqrt(np.einsum('bx,bx->b', meet, meet))
         for b in np.flatnonzero(d < self.length):
@@ -256,7 +264,7 @@ class _Drag:
         """The largest energy on the way in mJ, up to where the law ends; or one above `most`."""
         from scipy.optimize import minimize
 
-        law, shape, rng = self.calc.potential, (len(self.calc.reference), self.calc.dim), np.random.default_rng(0)
+        law, shape, rng = self.calc.law, (len(self.calc.reference), self.calc.dim), np.random.default_rng(0)
         start, end = np.linalg.norm(self.place.vector), self.place.distance
         force, highest, y = 0.0, 0.0, np.zeros(self.P.shape[1])
 
@@ -342,11 +350,11 @@ class _Volley:
         r0 = calc.bonds.lengths.min()
         r = r0 * np.linspace(1, CONTACT, 181)
         try:
-            spent = calc.potential.phi(r) - calc.potential.phi(r0)
+            spent = calc.law.phi(r) - calc.law.phi(r0)
         except ValueError:
             spent = np.zeros(1)
         turn = r[np.flatnonzero(spent <= masses[0] * speed**2 / 2)[-1]] if len(spent) > 1 else r0
-        stiffness = 2 * abs(calc.potential.d2phi(turn)) + calc.parameters.foundation
+        stiffness = 2 * abs(calc.law.d2phi(turn)) + calc.parameters.foundation
         return min(STEP_PHASE / np.sqrt(2 * stiffness / masses.min()), 0.03 * r0 / speed)
 
 

@@ -15,6 +15,7 @@ from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
 from ..dynamics.timestep import highest_frequency
 from ..errors import positive
+from ..interactions.bond_laws import BondLaws, groups, laws_of, taken
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
 from ..stiffness.constraints import freedom
 from ..stiffness.linear_system import LinearSystem
@@ -22,7 +23,7 @@ from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
-from .buckling import highest_squared, softest_of, spacing_held, support_needed
+from .buckling import common_spring, highest_squared, softest_of, spacing_held, support_needed
 from .escapes import escape_speeds
 
 if TYPE_CHECKING:
@@ -60,7 +61,10 @@ class Verdict:
     particle, pushed : int
         The particle on which it acts, and how many are not in equilibrium.
     foundation, needed : float
-        The stiffness that is there, and the least that holds the structure, N/mm.
+        The stiffness that is there, and the least that holds the structure, N/mm.  Where springs differ, of the softest one, the
+        others being stiffer by as much as they are.
+    uneven : bool
+        Whether they differ.
     softest : ndarray, shape (3,)
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     repeated : bool
@@ -89,7 +93,8 @@ class Verdict:
         The present shortest distance of bonded particles as a share of that in the reference.
     safe, leaves : float or None
         Speed of an impact on one particle below which no bond is lost, and at which a particle that is shot loses its cage,
-        mm/ms; None where that is not judged or was not found (`magphonon.stability.escapes`).
+        mm/ms; None where that is not judged, as where particles differ in law, strength or foundation, or was not found
+        (`magphonon.stability.escapes`).
     displacements : tuple of float
         Between which finite differences are safe, mm.
     distance : float
@@ -107,6 +112,7 @@ class Verdict:
     pushed: int
     foundation: float
     needed: float
+    uneven: bool
     softest: np.ndarray
     repeated: bool
     growth: float
@@ -205,16 +211,24 @@ class Verdict:
         at = f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
         room = f' A spacing above {self.held / u.m:.4g} m would also make it stable.' if self.held else ''
         return (f'It buckles{self._where}{at}: the motion grows e-fold in {1 / self.growth / u.s:.3g} s. It needs a foundation '
-                f'of {_stiffness(self.needed)} and has {_stiffness(self.foundation)}.{room}')
+                f'of {_stiffness(self.needed)} and has {_stiffness(self.foundation)}{self._softest_spring}.{room}')
+
+    @property
+    def _softest_spring(self):
+        return ' at its softest spring' if self.uneven else ''
 
     def _margin(self):
+        if not self.needed and self.uneven:
+            softest = _stiffness(self.foundation)
+            return f'Stable{self._where}, and would be with every spring softer by {softest}, the stiffness of the softest one.'
         if not self.needed:
             room = '' if self.held is None else f' It would buckle below a spacing of {self.held / u.m:.4g} m.'
             return f'Stable{self._where}; no foundation needed.{room}'
         room = '' if self.held is None else f' It would be stable down to a spacing of {self.held / u.m:.4g} m.'
         ratio = self.foundation / self.needed
         more = f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
-        return (f'Stable{self._where}: the foundation of {_stiffness(self.foundation)} is {more} the {_stiffness(self.needed)} '
+        return (f'Stable{self._where}: the foundation of {_stiffness(self.foundation)}{self._softest_spring} is {more} the '
+                f'{_stiffness(self.needed)} '
                 f'that it needs.{room}')
 
     def _impacts(self):
@@ -303,29 +317,32 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
     else:  # without an edge
         calc, pushes, closest, away = cell_of_free_particles(atoms, 'with AllNeighbours a verdict is one'), np.zeros(1), 1.0, 0.0
         structure, dense = atoms, True
-    shortest, k = calc.bonds.lengths.min(), calc.foundation
+    bond = calc.bonds.lengths.argmin()
+    shortest, k = calc.bonds.lengths[bond], common_spring(structure)
+    alike = not (isinstance(calc.law, BondLaws) or np.ndim(calc.foundation))
     small = near and dense
     settled = not pushes.any()
     bare = softest_of(structure)
     stable = bare.needed <= k
-    touching = isinstance(calc.potential, Hertz)  # other spacings are no contacts
+    touching = any(isinstance(law, Hertz) for law in laws_of(calc.potential))  # other spacings are no contacts
     held = spacing_held(structure) if settled and small and not touching else None
     # whether the softest wave is among those of `frequency_shifts`
     shifted = not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q))
-    escape = escape_speeds(atoms) if settled and stable and small and not touching else None
+    escape = escape_speeds(atoms) if settled and stable and small and alike and not touching else None
     apart = settled and small and calc.dim == 2  # out of the plane
-    magnets = apart and not isinstance(calc.potential, CENTRAL)
+    magnets = apart and not any(isinstance(law, CENTRAL) for law in laws_of(calc.potential))
     wave, alone = support_needed(structure) if magnets else (None, None)
     return Verdict(
         planar=calc.dim == 2,
         model=calc.model,
         spacing=float(shortest),
-        force=float(-calc.potential.dphi(shortest)),
+        force=float(-taken(calc.law, bond).dphi(shortest)),
         residual=float(pushes.max(initial=0.0)),
         particle=int(pushes.argmax()),
         pushed=int(np.count_nonzero(pushes)),
         foundation=k,
         needed=bare.needed,
+        uneven=np.ndim(calc.foundation) > 0,
         softest=bare.q,
         repeated=bool(atoms.pbc.any()) and not dense,
         growth=0.0 if stable else float(np.sqrt(-softest_of(structure, foundation=k, weighted=True).lowest)),
@@ -341,7 +358,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
         closest=closest,
         safe=escape.safe if escape else None,
         leaves=escape.leaves if escape else None,
-        displacements=_safe_displacements(calc, shortest),
+        displacements=_safe_displacements(calc),
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),
     )
@@ -371,10 +388,12 @@ def _closest(calc, atoms):
     return float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
 
 
-def _safe_displacements(calc, r):
-    """From round-off to where the curvature of the law, one sixth of its fourth derivative times d^2, counts; in mm."""
-    curvature = abs(higher_derivatives(calc.potential, np.array([r]))[1][0] / calc.potential.d2phi(r))
-    return float(ROUND_OFF / DERIVATIVE_ERROR * r), float(np.sqrt(6 * DERIVATIVE_ERROR / curvature))
+def _safe_displacements(calc):
+    """From round-off to where the curvature of a law, one sixth of its fourth derivative times d^2, counts; in mm."""
+    lengths = calc.bonds.lengths
+    nearest = [(law, lengths[own].min()) for law, own in groups(calc.law, len(lengths))]
+    curvature = max(abs(higher_derivatives(law, np.array([r]))[1][0] / law.d2phi(r)) for law, r in nearest)
+    return float(ROUND_OFF / DERIVATIVE_ERROR * lengths.min()), float(np.sqrt(6 * DERIVATIVE_ERROR / curvature))
 
 
 def _supercell_fault(calc, supercell):

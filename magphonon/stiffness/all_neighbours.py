@@ -8,21 +8,24 @@ import numpy as np
 from ase.calculators.calculator import all_changes
 from ase.geometry import find_mic
 
-from ..errors import not_negative, one_of
+from ..errors import one_of
 from ..interactions.pair_laws import GaussianMixture
-from ..lattices.bonds import bonds_within
+from ..lattices.bonds import bonds_within, image_of
 from .bond import MODELS
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .restartable import Restartable
 from .scale import warn_of_units
+from .sites import site_springs
 
 if TYPE_CHECKING:
     from typing import Any
 
     from ase import Atoms
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
+
+    from .sites import Foundation
 
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
@@ -41,7 +44,7 @@ class AllNeighbours(Restartable):
         One cell, periodic in one to three directions; its positions are the anchors of the foundation.
     potential : GaussianMixture
         InversePower with a > 1, Yukawa, or another law with a Gaussian expansion.
-    foundation : float
+    foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
         Stiffness of the spring between each particle and its rest position, N/mm.
     split : float
         Where the sums are divided between lattice and reciprocal lattice; the results do not depend on it.
@@ -65,7 +68,8 @@ class AllNeighbours(Restartable):
     parameters: Any
     model = linear_model = 'complete'
 
-    def __init__(self, reference: Atoms, potential: GaussianMixture, *, foundation: float = 0.0, split: float = 1.0) -> None:
+    def __init__(self, reference: Atoms, potential: GaussianMixture, *, foundation: Foundation | ArrayLike = 0.0,
+                 split: float = 1.0) -> None:
         if not isinstance(potential, GaussianMixture):
             raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
                              f'not for {type(potential).__name__}; choose a number of shells')
@@ -83,7 +87,7 @@ class AllNeighbours(Restartable):
         if self.dim == 2 and z.any():
             raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '
                              'a structure in space is periodic along three vectors')
-        self.parameters.foundation = not_negative('foundation', foundation, 'N/mm')
+        self.parameters.foundation = site_springs(foundation, len(reference), self.dim)
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
         warn_of_units(self)
@@ -94,8 +98,13 @@ class AllNeighbours(Restartable):
         return self._potential
 
     @property
-    def foundation(self) -> float:
-        """Stiffness of the spring between each particle and its anchor, N/mm."""
+    def law(self) -> GaussianMixture:
+        """The law of each of the nearest pairs: all have the same."""
+        return self._potential
+
+    @property
+    def foundation(self) -> Foundation:
+        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
         return self.parameters.foundation
 
     @property
@@ -114,7 +123,10 @@ class AllNeighbours(Restartable):
 
     def on(self, supercell: Atoms) -> AllNeighbours:
         """The same calculator on a supercell of its reference."""
-        return AllNeighbours(supercell, self.potential, foundation=self.foundation, split=self.split)
+        foundation = self.foundation
+        if isinstance(foundation, np.ndarray):
+            foundation = foundation[image_of(self.reference, supercell)]
+        return AllNeighbours(supercell, self.potential, foundation=foundation, split=self.split)
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image.
@@ -141,7 +153,7 @@ class AllNeighbours(Restartable):
         i, j = np.triu_indices(n)
         far, gradient = self.sums.far_energy((self.atoms.positions[j] - self.atoms.positions[i])[:, : self.dim])
         energy = (phi.sum() + far @ np.where(i == j, 0.5, 1.0)
-                  - n / 2 * self.sums.wide_at_zero() + k / 2 * (u**2).sum())
+                  - n / 2 * self.sums.wide_at_zero() + (k * u**2).sum() / 2)
         forces = np.zeros((n, 3))
         forces[:, : self.dim] -= k * u
         for ends, pulls in (((bonds.i, bonds.j), pull), ((i, j), gradient)):

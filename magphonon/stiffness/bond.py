@@ -16,14 +16,15 @@ if TYPE_CHECKING:
 MODELS = ('complete', 'conventional')
 
 
-def bond_stiffness(vectors: NDArray[np.float64], potential: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bond_stiffness(vectors: NDArray[np.float64], law: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Stiffness of each bond, split as in Eq. 4 of the paper.
 
     Parameters
     ----------
     vectors : ndarray, shape (bonds, dim)
         Bond vectors in mm.
-    potential : PairLaw
+    law : PairLaw
+        The one of all bonds, or laid along them (`magphonon.interactions.BondLaws`), as `calc.law`.
 
     Returns
     -------
@@ -36,8 +37,8 @@ def bond_stiffness(vectors: NDArray[np.float64], potential: PairLaw) -> tuple[ND
         If a vector has no length.
     """
     r, nn = _lengths_and_axes(vectors)
-    D0 = potential.d2phi(r) * nn
-    Dstar = potential.dphi(r) / r * (np.eye(vectors.shape[1]) - nn)
+    D0 = law.d2phi(r) * nn
+    Dstar = law.dphi(r) / r * (np.eye(vectors.shape[1]) - nn)
     return D0, Dstar
 
 
@@ -50,10 +51,10 @@ def _lengths_and_axes(vectors):
     return r, n[:, :, None] * n[:, None, :]
 
 
-def model_stiffness(vectors: NDArray[np.float64], potential: PairLaw, model: str = 'complete') -> NDArray[np.float64]:
+def model_stiffness(vectors: NDArray[np.float64], law: PairLaw, model: str = 'complete') -> NDArray[np.float64]:
     """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`."""
     if one_of('model', model, MODELS) == 'conventional':
         r, nn = _lengths_and_axes(vectors)
-        return potential.d2phi(r) * nn
-    D0, Dstar = bond_stiffness(vectors, potential)
+        return law.d2phi(r) * nn
+    D0, Dstar = bond_stiffness(vectors, law)
     return D0 + Dstar

@@ -10,7 +10,8 @@ import numpy as np
 from ase.calculators.calculator import PropertyNotImplementedError, all_changes
 from scipy import sparse
 
-from ..errors import finite, not_negative, one_of
+from ..errors import finite, one_of
+from ..interactions.bond_laws import checked_potential, law_along
 from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
 from .bond import MODELS, bond_stiffness, model_stiffness
 from .cells import NO_STRESS, carried, same_cell, stress_per_volume
@@ -19,6 +20,7 @@ from .positions import from_reference, refuse_motion_out_of_the_plane
 from .repulsion import masses_of
 from .restartable import Restartable
 from .scale import warn_of_units
+from .sites import of_sites, refuse_infinite, site_springs, site_strengths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +29,9 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
+    from ..interactions.bond_laws import Potential
     from ..interactions.pair_laws import PairLaw
+    from .sites import Foundation
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
@@ -42,6 +46,9 @@ class MagneticRepulsion(Restartable):
 
         complete      E = sum_bonds [phi(|R + du|) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
         conventional  E = sum_bonds [phi(r0 + n.du) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
+
+    Every site may be its own: springs k of its own along each direction, a strength s of its own, by which the energy of the
+    pair i, j is s_i s_j phi, and a kind, its ASE tag, by which phi is chosen.  `law` is the pair law of each bond.
 
     Rest and anchors are two things.  A foundation spring is slack at its anchor; at rest it pulls with -k (rest - anchor),
     and with the dead load this makes the constant force h = load - k (rest - anchor).  In a perfect lattice both places
@@ -59,10 +66,17 @@ class MagneticRepulsion(Restartable):
     reference : ase.Atoms
         The rest configuration: its positions are, modulo periodic images, the origin of displacements; the energy is zero
         there.  That forces balance in it is not required here, but it is for every linear answer (`magphonon.stiffness.rest`).
-    potential : PairLaw
-        Pair law in mm, mJ; `magphonon.interactions.PairLaw` says how to write your own.
-    foundation : float
-        Stiffness of the spring between each particle and its anchor, N/mm.
+    potential : PairLaw, or mapping from pairs of kinds to PairLaw
+        Pair law in mm, mJ; `magphonon.interactions.PairLaw` says how to write your own.  Where particles are of different
+        kinds, a law for each pair of kinds that repel each other, `{(0, 0): one, (0, 1): another}`, in either order.  The kind
+        of a particle is its tag in `reference`, `atoms.get_tags()`; magphonon's patches number their rows from the rim there,
+        `atoms.set_tags` makes kinds of them.
+    foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
+        Stiffness of the spring between each particle and its anchor, N/mm: one number, one for each particle, for each
+        direction, or for both.
+    strengths : array_like, shape (particles,), optional
+        Strength s of each particle, by default 1: two of them repel by the law `s_i s_j phi(r)`, as magnets of these
+        moments, relative to those that the law was measured with, do.
     anchors : array_like, shape (particles, 3), optional
         Where the foundation springs are slack, in mm; the positions of the reference if not given.
     load : array_like, shape (particles, 3), optional
@@ -86,28 +100,27 @@ class MagneticRepulsion(Restartable):
     ------
     ValueError
         For a reference that is not planar, coincident particles, a mass or parameter that is not positive, a cutoff
-        on a shell of neighbours, an unknown model; for Bonds that belong to other positions.
+        on a shell of neighbours, an unknown model; for Bonds that belong to other positions; for bonded particles whose
+        kinds have no law.
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
     default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
-    saved: ClassVar[tuple[str, ...]] = ('foundation', 'model', 'bonds', 'anchors', 'load')
+    saved: ClassVar[tuple[str, ...]] = ('foundation', 'strengths', 'model', 'bonds', 'anchors', 'load')
     pairwise = True
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
     bloch_models = MODELS
 
-    def __init__(self, reference: Atoms, potential: PairLaw, *, foundation: float = 0.0, model: str = 'complete', shells: int = 1,
-                 cutoff: float | None = None, bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
+    def __init__(self, reference: Atoms, potential: Potential, *, foundation: Foundation | ArrayLike = 0.0,
+                 strengths: ArrayLike | None = None, model: str = 'complete', shells: int = 1, cutoff: float | None = None,
+                 bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
                  load: ArrayLike | None = None) -> None:
-        missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(potential, name, None))]
-        if missing:
-            raise ValueError(f'the potential {potential!r} lacks the method {missing[0]}(r); '
-                             'see magphonon.interactions.PairLaw')
+        self._potential = checked_potential(potential)
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
-        self._potential = potential
+        self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
         self.dim = 3 if reference.pbc.all() else 2
         first = not isinstance(bonds, Bonds)  # what is made of another calculator hands on its bonds
         reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
@@ -119,7 +132,7 @@ class MagneticRepulsion(Restartable):
         if bonds.particles != len(reference):
             raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(reference)}; '
                              'find them in this structure, or use repeat_bonds')
-        bonds = _fitting(bonds, self.reference)
+        bonds = bonds.fitted(self.reference)
         height = max(np.ptp(reference.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
         if self.dim == 2 and height > 1e-9 * bonds.lengths.min():
             raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
@@ -133,20 +146,29 @@ class MagneticRepulsion(Restartable):
         if self.dim == 2 and self.load[:, 2].any():
             raise ValueError(f'the load pushes particle {np.flatnonzero(self.load[:, 2])[0]} along z, but the structure is '
                              'planar; give it a direction in the plane')
-        force, stiffness = -np.asarray(potential.dphi(bonds.lengths)), np.asarray(potential.d2phi(bonds.lengths))
-        for what, unit, value in (('force', 'N', force), ('stiffness', 'N/mm', stiffness)):
-            for b in np.flatnonzero(~np.isfinite(value))[:1]:
-                raise ValueError(f'the potential {potential!r} gives the {what} {value[b]} {unit} at the distance '
-                                 f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters '
-                                 'and their units (mm, N)')
+        self._law = law_along(self._potential, bonds.i, bonds.j, self.reference.get_tags(), self._strengths)
+        refuse_infinite(self._law, bonds)
         super().__init__(foundation=foundation, model=model)
         if first:
             warn_of_units(self)
 
     @property
-    def potential(self) -> PairLaw:
-        """The pair law; another one belongs to another calculator."""
+    def potential(self) -> Potential:
+        """The pair law, or those of pairs of kinds, as given; others belong to another calculator."""
         return self._potential
+
+    @property
+    def law(self) -> PairLaw:
+        """The pair laws laid along the bonds, for distances whose first axis is that of the bonds.
+
+        `magphonon.interactions.BondLaws`; the one law itself where all bonds have the same and all strengths are 1.
+        """
+        return self._law
+
+    @property
+    def strengths(self) -> NDArray[np.float64]:
+        """Strength of each particle, shape (particles,); read-only, as those of another calculator."""
+        return self._strengths
 
     @property
     def anchors(self) -> NDArray[np.float64]:
@@ -159,8 +181,8 @@ class MagneticRepulsion(Restartable):
         return self._load
 
     @property
-    def foundation(self) -> float:
-        """Stiffness of the spring between each particle and its anchor, N/mm."""
+    def foundation(self) -> Foundation:
+        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
         return self.parameters.foundation
 
     @property
@@ -189,7 +211,7 @@ class MagneticRepulsion(Restartable):
         for name in parameters:
             one_of('parameter', name, tuple(self.default_parameters))
         if 'foundation' in parameters:
-            parameters['foundation'] = not_negative('foundation', parameters['foundation'], 'N/mm')
+            parameters['foundation'] = site_springs(parameters['foundation'], len(self.reference), self.dim)
         if 'model' in parameters:
             one_of('model', parameters['model'], CALCULATOR_MODELS)
         changed = super().set(**parameters)
@@ -200,8 +222,11 @@ class MagneticRepulsion(Restartable):
         """The same calculator on a supercell of its reference, whatever the order of the particles there."""
         bonds = repeat_bonds(self.bonds, self.reference, supercell)
         image = image_of(self.reference, supercell)
-        return MagneticRepulsion(supercell, self.potential, bonds=bonds, load=self.load[image],
-                                 anchors=supercell.positions - self._slack[image], **self.parameters)
+        reference = supercell.copy()
+        reference.set_tags(self.reference.get_tags()[image])  # a kind is a tag, and phonopy knows no tags
+        return MagneticRepulsion(reference, self.potential, bonds=bonds, load=self.load[image], model=self.model,
+                                 foundation=of_sites(self.foundation, image), strengths=self.strengths[image],
+                                 anchors=supercell.positions - self.slack[image])
 
     def about(self, atoms: Atoms, load: ArrayLike | None = None, **parameters: Any) -> MagneticRepulsion:
         """The same calculator with the present positions of `atoms` as its rest; `load` and `parameters` may change, too.
@@ -212,10 +237,11 @@ class MagneticRepulsion(Restartable):
         """
         if not same_cell(self, atoms):
             rest, bonds = carried(self, atoms)
-            return MagneticRepulsion(rest, self.potential, bonds=bonds, **self.parameters).about(atoms, load, **parameters)
+            carrier = MagneticRepulsion(rest, self.potential, bonds=bonds, strengths=self.strengths, **self.parameters)
+            return carrier.about(atoms, load, **parameters)
         rest = self.reference.copy()
         rest.positions[:, : self.dim] += self.displacements(atoms)
-        return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors,
+        return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors, strengths=self.strengths,
                                  load=self.load if load is None else load, **self.parameters | parameters)
 
     def balanced(self, particles: NDArray[Any] | Sequence[int]) -> MagneticRepulsion:
@@ -309,17 +335,17 @@ class MagneticRepulsion(Restartable):
         """Bond vectors R, lengths r0 and directions n at rest, and phi(r0)."""
         R = self.bond_vectors
         r0 = np.linalg.norm(R, axis=1)
-        return R, r0, R / r0[:, None], self.potential.phi(r0)
+        return R, r0, R / r0[:, None], self.law.phi(r0)
 
     @cached_property
-    def _slack(self):
-        """From the anchors to rest in mm, shape (particles, 3)."""
+    def slack(self) -> NDArray[np.float64]:
+        """How far the foundation springs are stretched at rest: from the anchors to rest in mm, shape (particles, 3)."""
         return self._minimum_image(self.reference.positions - self.anchors)
 
     @property
     def spring_forces(self) -> NDArray[np.float64]:
         """Forces of the foundation at rest, `-k (rest - anchor)`, in N, shape (particles, dim)."""
-        return -self.foundation * self._slack[:, : self.dim]
+        return -self.foundation * self.slack[:, : self.dim]
 
     @property
     def offset(self) -> NDArray[np.float64]:
@@ -345,18 +371,18 @@ class MagneticRepulsion(Restartable):
 
     def _forces(self, u):
         length, n = self._geometry(u)
-        pull = self.bonds.incidence.T @ (self.potential.dphi(length)[:, None] * n)
+        pull = self.bonds.incidence.T @ (self.law.dphi(length)[:, None] * n)
         return self.offset - pull - self.foundation * u
 
     def _energies(self, u, zero):
         length, _ = self._geometry(u)
-        shared = self.potential.phi(length) - zero  # half to each end of the bond
+        shared = self.law.phi(length) - zero  # half to each end of the bond
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
         return bonds + np.einsum('ix,ix->i', 0.5 * self.foundation * u - self.offset, u)
 
     def rest_stiffness(self, model: str = 'complete') -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
-        return model_stiffness(self.bond_vectors, self.potential, model)
+        return model_stiffness(self.bond_vectors, self.law, model)
 
     def rest_hessian(self, model: str = 'complete') -> sparse.csr_array:
         """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
@@ -394,7 +420,7 @@ class MagneticRepulsion(Restartable):
         if self.model == 'literal':
             raise PropertyNotImplementedError(NO_ENERGY)
         length, n = self._geometry(self.displacements(atoms))
-        D0, Dstar = bond_stiffness(length[:, None] * n, self.potential)
+        D0, Dstar = bond_stiffness(length[:, None] * n, self.law)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
@@ -402,14 +428,3 @@ class MagneticRepulsion(Restartable):
         H = hessian(self.bonds, K, k)
         to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
         return sparse.csr_array(to_space @ H @ to_space.T)
-
-
-def _fitting(bonds, reference):
-    """The bonds with the vectors that they have at the reference, to which they must belong."""
-    found = bonds.at(reference)
-    changed = np.linalg.norm(found.vectors - bonds.vectors, axis=1)
-    for b in np.flatnonzero(changed > bonds.lengths / 2)[:1]:
-        raise ValueError(f'the bond of the particles {bonds.i[b]} and {bonds.j[b]} was made {bonds.lengths[b]:g} mm long, but '
-                         f'they are {found.lengths[b]:g} mm apart in the reference: it belongs to another structure; find bonds '
-                         'in this one, or give the pairs as (i, j)')
-    return found

@@ -78,7 +78,7 @@ def bond_virial(calc: MagneticRepulsion, u: NDArray[np.float64] | float = 0.0) -
     """
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
     r = np.linalg.norm(R, axis=1)
-    return np.einsum('b,bx,by->xy', calc.potential.dphi(r) / r, R, R)
+    return np.einsum('b,bx,by->xy', calc.law.dphi(r) / r, R, R)
 
 
 def stress_per_volume(calc: MagneticRepulsion, atoms: Atoms) -> NDArray[np.float64]:

@@ -220,8 +220,8 @@ def _of_bonds(calc: MagneticRepulsion) -> tuple[NDArray[np.float64], NDArray[np.
     bonds, R, dim = calc.bonds, calc.bond_vectors, calc.dim
     S = R @ _along_periods(calc.reference, dim)
     r = np.linalg.norm(R, axis=1)
-    g = calc.potential.dphi(r) / r
-    curvature = (calc.potential.d2phi(r) - g) / r**2
+    g = calc.law.dphi(r) / r
+    curvature = (calc.law.d2phi(r) - g) / r**2
     first = np.einsum('b,bi,bj->ij', g, S, S)
     second = np.einsum('b,bi,bj,bk,bl->ijkl', curvature, S, S, S, S, optimize=True)
     pulls = np.einsum('b,bx,bi,bj->bxij', curvature, R, S, S).reshape(len(bonds), -1)

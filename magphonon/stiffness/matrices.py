@@ -14,15 +14,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
+from .sites import each_spring
+
 if TYPE_CHECKING:
     from typing import Any
 
     from numpy.typing import ArrayLike, NDArray
 
     from ..lattices.bonds import Bonds
+    from .sites import Foundation
 
 
-def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: float = 0.0, q: ArrayLike = (0.0, 0.0, 0.0)) -> sparse.csr_array:
+def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
+            q: ArrayLike = (0.0, 0.0, 0.0)) -> sparse.csr_array:
     """Hessian `C^T K C + k` of a structure, or of the waves that swing alike or oppositely in neighbouring cells.
 
     Parameters
@@ -30,8 +34,8 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: float = 0.0, q: Ar
     bonds : Bonds
     K : ndarray, shape (bonds, dim, dim)
         Stiffness of each bond in N/mm.
-    foundation : float
-        Stiffness k of the spring that ties each particle to its rest position, in N/mm.
+    foundation : float or ndarray, shape (particles, dim)
+        Stiffness k of the spring that ties each particle to its anchor, in N/mm.
     q : three numbers
         Multiples of 1/2: of a periodic structure, the wavevector in fractions of the reciprocal vectors.  There all phases are
         signs, so that the Bloch matrix is real.
@@ -45,7 +49,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: float = 0.0, q: Ar
     incidence = bonds.incidence_at(q).real if np.any(q) else bonds.incidence
     C = sparse.kron(incidence, sparse.eye_array(dim), format='csr')
     D = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
-    k = foundation * sparse.eye_array(bonds.particles * dim)
+    k = sparse.diags_array(each_spring(foundation, bonds.particles, dim))
     return sparse.csr_array(C.T @ D @ C + k)
 
 
@@ -61,7 +65,8 @@ def condense(H: sparse.csr_array, free: NDArray[np.bool_]) -> sparse.csr_array:
     return H[keep][:, keep]
 
 
-def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64], foundation: float = 0.0) -> NDArray[np.complex128]:
+def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
+                 foundation: Foundation = 0.0) -> NDArray[np.complex128]:
     """Bloch matrix `C(q)^+ K C(q) + k`, Eq. 18 of the paper for any number of particles per cell.
 
     Parameters
@@ -81,7 +86,7 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64], f
     """
     D = _scatter(bonds, K, _phase(bonds, q), onsite=1.0)
     onsite = np.arange(D.shape[1])
-    D[:, onsite, onsite] += foundation
+    D[:, onsite, onsite] += each_spring(foundation, bonds.particles, K.shape[1])
     return D
 
 

@@ -155,7 +155,7 @@ class _Descent:
         self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
         self.length = self.calc.bonds.lengths.min()
         lengths = self.calc.bonds.lengths
-        self.force = max(abs(calc.potential.dphi(lengths)).max(), SLACK * self.length * abs(calc.potential.d2phi(lengths)).max())
+        self.force = max(abs(calc.law.dphi(lengths)).max(), SLACK * self.length * abs(calc.law.d2phi(lengths)).max())
         self.source = atoms
         self._at = None
 
@@ -185,7 +185,7 @@ class _Descent:
         """Hessian of the free directions, in force over shortest bond."""
         if self._at is None or not np.array_equal(y, self._at[0]):
             R = self.calc.bond_vectors + self.calc.bonds.incidence @ self.displacements(y)
-            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.potential), self.calc.foundation)
+            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.law), self.calc.foundation)
             self._at = y.copy(), sparse.csr_array(self.P.T @ H @ self.P) * (self.length / self.force)
         return self._at[1]
 

@@ -15,7 +15,9 @@ from ..lattices.bonds import Bonds
 if TYPE_CHECKING:
     from typing import Any
 
+    from ..interactions.bond_laws import Potential
     from .calculator import MagneticRepulsion
+    from .sites import Foundation
 
 
 @runtime_checkable
@@ -29,7 +31,10 @@ class Repulsion(Protocol):
     ----------
     reference : ase.Atoms
         The positions from which displacements are counted, without a calculator.
-    potential : PairLaw
+    potential : PairLaw, or mapping from pairs of kinds to PairLaw
+        As given.
+    law : PairLaw
+        Laid along the bonds: one number for each of them.
     bonds : Bonds
         The pairs that repel each other; of an infinite lattice, those that are nearest.
     pairwise : bool
@@ -37,7 +42,7 @@ class Repulsion(Protocol):
         other positions or other spacings.
     dim : int
         Number of components of a displacement: 2 in the plane, 3 in space.
-    foundation : float
+    foundation : float or ndarray, shape (particles, dim)
         Stiffness of the spring between each particle and its anchor, N/mm.
     model, linear_model : str
         The model of the forces, and the one whose stiffness they have at rest.
@@ -51,8 +56,13 @@ class Repulsion(Protocol):
         ...
 
     @property
-    def potential(self) -> PairLaw:
-        """The pair law."""
+    def potential(self) -> Potential:
+        """The pair law, or the laws of pairs of kinds."""
+        ...
+
+    @property
+    def law(self) -> PairLaw:
+        """The pair law of each bond."""
         ...
 
     @property
@@ -71,7 +81,7 @@ class Repulsion(Protocol):
         ...
 
     @property
-    def foundation(self) -> float:
+    def foundation(self) -> Foundation:
         """Stiffness of the foundation in N/mm."""
         ...
 

@@ -55,7 +55,7 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDA
     bonds = calc.bonds
     R = calc.bond_vectors + (bonds.incidence @ u if np.ndim(u) else 0.0)
     r = np.linalg.norm(R, axis=1)
-    pull = -(calc.potential.dphi(r) / r)[:, None] * R
+    pull = -(calc.law.dphi(r) / r)[:, None] * R
     total = calc.spring_forces - calc.foundation * u
     size = abs(calc.spring_forces).max(axis=1) + abs(total).max(axis=1)
     for end, sign in ((bonds.j, 1), (bonds.i, -1)):
@@ -88,14 +88,14 @@ def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np
 
 def _largest_force(calc, u):
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
-    return abs(calc.potential.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
+    return abs(calc.law.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
 
 
 def _shaken(calc):
     """What round-off of the positions makes of the stiffest bond, in N."""
     lengths = calc.bonds.lengths
     size = max(abs(calc.reference.positions).max(), lengths.max(initial=0.0))
-    return PLACES * size * abs(calc.potential.d2phi(lengths)).max(initial=0.0)
+    return PLACES * size * abs(calc.law.d2phi(lengths)).max(initial=0.0)
 
 
 def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:
@@ -219,7 +219,7 @@ def _refuse_unsettled_sums(atoms):
     if len(atoms) > 1:  # a single particle is in equilibrium by symmetry
         P, forces = free_directions(atoms), calc.get_forces(atoms)[:, : calc.dim]
         left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
-        if left.max() > BALANCED * abs(calc.potential.dphi(shortest)):
+        if left.max() > BALANCED * abs(calc.law.dphi(shortest)):
             raise ValueError('the cell is not at rest, and linear theory holds only about rest: a net static force of '
                              f'{left.max():.4g} N acts on particle {left.argmax()}; relax it with an optimiser of ASE, and make '
                              'AllNeighbours at the relaxed positions')

@@ -18,8 +18,8 @@ FREQUENCIES_Hz = 1e-4, 1e13
 
 def frequency_scale(calc: Repulsion) -> float:
     """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
-    stiffest = abs(calc.potential.d2phi(calc.bonds.lengths)).max(initial=0.0)
-    return units.hertz(np.sqrt((stiffest + calc.foundation) / calc.reference.get_masses().min()))
+    stiffest = abs(calc.law.d2phi(calc.bonds.lengths)).max(initial=0.0)
+    return units.hertz(np.sqrt((stiffest + np.max(calc.foundation)) / calc.reference.get_masses().min()))
 
 
 def warn_of_units(calc: Repulsion) -> None:

@@ -1,0 +1,152 @@
+"""Pair laws laid along the bonds of a structure: what repels where not all particles are alike.
+
+Particles of different kinds repel by different laws, particles of different strengths s by
+
+    s_i s_j phi(r)
+
+as magnets of the moments s_i and s_j do.  `law_along` lays these laws along the bonds.  It is itself a pair law, with
+one number for each bond: who evaluates it at the lengths of all bonds need not know that they differ.  Where they do not, it is
+the one law that they share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import shown
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from .pair_laws import PairLaw
+
+    Potential = PairLaw | Mapping[tuple[int, int], PairLaw]
+    """One law, or one for each pair of kinds of particles."""
+
+
+@dataclass(frozen=True, eq=False)
+class BondLaws:
+    """A pair law of its own for each bond: `strength * law(r)`.
+
+    Its methods take distances whose first axis is that of the bonds.
+
+    Attributes
+    ----------
+    laws : tuple of PairLaw
+        The different ones.
+    which : ndarray of int, shape (bonds,)
+        Of these, the law of each bond.
+    strength : ndarray, shape (bonds,)
+        Its factor.
+    """
+
+    laws: tuple[PairLaw, ...]
+    which: NDArray[np.intp]
+    strength: NDArray[np.float64]
+
+    def phi(self, r: Any) -> Any:
+        """Energy of each bond in mJ at the distances `r` in mm, shape (bonds, ...)."""
+        return self._each('phi', r)
+
+    def dphi(self, r: Any) -> Any:
+        """Its slope in N."""
+        return self._each('dphi', r)
+
+    def d2phi(self, r: Any) -> Any:
+        """Its curvature in N/mm."""
+        return self._each('d2phi', r)
+
+    def _each(self, name, r):
+        strength = self.strength.reshape(self.strength.shape + (1,) * (np.ndim(r) - self.strength.ndim))
+        if len(self.laws) == 1:
+            return strength * getattr(self.laws[0], name)(r)
+        found = np.empty(r.shape, r.dtype)
+        for law, own in groups(self, len(r)):
+            found[own] = getattr(law, name)(r[own])
+        return strength * found
+
+
+def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[np.float64]) -> PairLaw:
+    """`BondLaws` of no more laws than are needed; the law itself where all bonds have the same one at the strength 1."""
+    used, which = np.unique(which, return_inverse=True)
+    laws = tuple(laws[k] for k in used)
+    return laws[0] if len(laws) == 1 and (strength == 1).all() else BondLaws(laws, which, strength)
+
+
+def taken(law: PairLaw, bonds: Any) -> PairLaw:
+    """The law of some of the bonds, by their numbers or a mask; of a single bond if `bonds` is one number."""
+    return laid(law.laws, law.which[bonds], law.strength[bonds]) if isinstance(law, BondLaws) else law
+
+
+def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:
+    """The different laws of a number of bonds, strengths apart, each with its own bonds."""
+    if not isinstance(law, BondLaws):
+        return [(law, np.arange(bonds))]
+    return [(one, np.flatnonzero(law.which == k)) for k, one in enumerate(law.laws)]
+
+
+def laws_of(potential: Potential) -> tuple[PairLaw, ...]:
+    """All laws of a potential."""
+    return tuple(potential.values()) if isinstance(potential, Mapping) else (potential,)
+
+
+def checked_potential(potential: Potential) -> Potential:
+    """The potential, each pair of kinds in ascending order.
+
+    Raises
+    ------
+    ValueError
+        If a law lacks a method, or the pairs are not pairs of kinds, each given once.
+    """
+    for law in laws_of(potential):
+        missing = [name for name in ('phi', 'dphi', 'd2phi') if not callable(getattr(law, name, None))]
+        if missing:
+            raise ValueError(f'the potential {law!r} lacks the method {missing[0]}(r); see magphonon.interactions.PairLaw')
+    if not isinstance(potential, Mapping):
+        return potential
+    ordered = {}
+    for pair, law in potential.items():
+        if not (isinstance(pair, tuple) and len(pair) == 2 and all(isinstance(kind, (int, np.integer)) for kind in pair)):
+            raise ValueError(f'laws belong to pairs of kinds, the tags of particles, as (0, 1), not to {shown(pair)}')
+        low, high = sorted(map(int, pair))
+        if ordered.setdefault((low, high), law) is not law:
+            raise ValueError(f'the kinds {low} and {high} have two laws, {ordered[low, high]!r} and {law!r}: the order of a pair '
+                             'does not matter; give one of them')
+    return ordered
+
+
+def law_along(potential: Potential, i: NDArray[np.intp], j: NDArray[np.intp], kinds: NDArray[np.intp],
+              strengths: NDArray[np.float64]) -> PairLaw:
+    """The law of each bond between the particles i and j.
+
+    Parameters
+    ----------
+    potential : PairLaw, or mapping from pairs of kinds to PairLaw
+        As `checked_potential` returns it.
+    i, j : ndarray of int, shape (bonds,)
+    kinds : ndarray of int, shape (particles,)
+    strengths : ndarray, shape (particles,)
+
+    Raises
+    ------
+    ValueError
+        If two particles are bonded whose kinds have no law.
+    """
+    strength = strengths[i] * strengths[j]
+    if not isinstance(potential, Mapping):
+        return laid((potential,), np.zeros(len(i), int), strength)
+    pairs = np.sort(np.column_stack([kinds[i], kinds[j]]), axis=1)
+    which = np.full(len(i), -1)
+    for k, pair in enumerate(potential):
+        which[(pairs == pair).all(axis=1)] = k
+    for b in np.flatnonzero(which < 0)[:1]:
+        low, high = pairs[b].tolist()
+        raise ValueError(f'the particles {i[b]} and {j[b]} are bonded, but no law is given for their kinds, {low} and {high}; '
+                         f'add ({low}, {high}) to the potential, or give them other tags (the kind of a particle is its tag)')
+    return laid(tuple(potential.values()), which, strength)

@@ -1,0 +1,101 @@
+"""What each site of a structure may have of its own: the stiffness of its foundation, the strength of its particle.
+
+Where all sites are alike one number says so, and everything is computed with it as such.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import finite, not_negative
+from ..interactions.bond_laws import BondLaws, taken
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..interactions.pair_laws import PairLaw
+    from ..lattices.bonds import Bonds
+    from .repulsion import Repulsion
+
+    Foundation = float | NDArray[np.float64]
+    """Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
+
+
+def site_springs(foundation: Any, particles: int, dim: int) -> Foundation:
+    """The foundation as one number where it is one, otherwise as an array, shape (particles, dim), read-only.
+
+    Parameters
+    ----------
+    foundation : float or array_like, shape (particles,), (particles, 1), (1, dim) or (particles, dim)
+        Stiffness in N/mm; in one dimension one number per particle.
+
+    Raises
+    ------
+    ValueError
+        For another shape, or a number that is negative or not finite.
+    """
+    if np.ndim(foundation) == 0:
+        return not_negative('foundation', foundation, 'N/mm')
+    given = finite('foundation', foundation)
+    for where in np.argwhere(given < 0)[:1]:
+        not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
+    shapes = (particles,), (particles, 1), (1, dim), (particles, dim)
+    if given.shape not in shapes:
+        raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
+                         f'{particles} particles in {dim} dimensions, not {given.shape}')
+    springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
+    if (springs == springs[0, 0]).all():
+        return float(springs[0, 0])
+    springs.flags.writeable = False
+    return springs
+
+
+def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
+    """The strengths of the particles, read-only; each a finite number, zero or above, or ValueError."""
+    given = finite('strengths', strengths, (particles,)).copy()
+    for k in np.flatnonzero(given < 0)[:1]:
+        not_negative(f'strengths[{k}]', given[k])
+    given.flags.writeable = False
+    return given
+
+
+def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
+    """What some sites have of `values`, which are those of all sites, or one for all of them."""
+    return values[sites] if np.ndim(values) else values
+
+
+def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.float64]:
+    """Stiffness of the foundation along each component of the displacements, shape (particles * dim,), in N/mm."""
+    return np.broadcast_to(foundation, (particles, dim)).ravel()
+
+
+def refuse_infinite(law: PairLaw, bonds: Bonds) -> None:
+    """Refuse a law whose force or stiffness at the length of some bond is no finite number."""
+    r = bonds.lengths
+    for what, unit, value in (('force', 'N', -np.asarray(law.dphi(r))), ('stiffness', 'N/mm', np.asarray(law.d2phi(r)))):
+        for b in np.flatnonzero(~np.isfinite(value))[:1]:
+            own = taken(law, b)
+            raise ValueError(f'the potential {own.laws[0] if isinstance(own, BondLaws) else own!r} gives the {what} {value[b]} '
+                             f'{unit} at the distance {r[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its '
+                             'parameters and their units (mm, N)')
+
+
+def refuse_unlike(calc: Repulsion, tool: str, instead: str) -> None:
+    """Refuse particles that differ in law, strength or foundation, for a `tool` that knows one of each.
+
+    Parameters
+    ----------
+    tool : str
+        What it is and does, the subject of a sentence.
+    instead : str
+        The way round.
+    """
+    unlike = [what for what, differs in (('laws or strengths', isinstance(calc.law, BondLaws)),
+                                         ('foundations', np.ndim(calc.foundation) > 0)) if differs]
+    if unlike:
+        raise ValueError(f'{tool} knows one law and one foundation for all particles, but these have different '
+                         f'{" and ".join(unlike)}; {instead}')
