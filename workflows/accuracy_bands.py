@@ -9,8 +9,8 @@ import numpy as np
 from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene
 from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.matrices import bloch_matrix, mass_weighted, signed_root
-from workflows.accuracy import Candidate, cheapest, measure
 
+from .accuracy import Candidate, cheapest, measure
 from .charts import Chart
 from .checks import Check
 

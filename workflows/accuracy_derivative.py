@@ -12,10 +12,10 @@ from magphonon import DrivenVerlet, MagneticRepulsion, read_scene, ready_scene
 from magphonon.dynamics.timestep import highest_frequency
 from magphonon.plotting.axes import legend_above
 from magphonon.stiffness.matrices import condense, signed_root
-from workflows.accuracy import Candidate, measure
-from workflows.accuracy_plots import looks_of
 
+from .accuracy import Candidate, measure
 from .accuracy_bands import closed_form, finite_differences
+from .accuracy_plots import looks_of
 from .charts import Chart, panels_of
 from .checks import Check
 

@@ -13,8 +13,8 @@ from magphonon.response.frf import harmonic_response, series_response
 from magphonon.response.normal_modes import modes
 from magphonon.response.stepped import impulse_response, steady_amplitudes
 from magphonon.stiffness.linear_system import LinearSystem
-from workflows.accuracy import Candidate, cheapest, measure
 
+from .accuracy import Candidate, cheapest, measure
 from .accuracy_transient import ENGINE, prototype
 from .charts import Chart, panels_of, spoken
 from .checks import Check

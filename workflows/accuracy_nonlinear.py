@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, units
 from magphonon.dynamics.timestep import highest_frequency
 from magphonon.stiffness.matrices import condense
-from workflows.accuracy import Candidate, cheapest, measure
 
+from .accuracy import Candidate, cheapest, measure
 from .charts import Chart, panels_of
 from .checks import Check
 

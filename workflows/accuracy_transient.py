@@ -26,8 +26,8 @@ from magphonon.response.damped_oscillator import forced_response, sampled
 from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.linear_system import LinearSystem
 from magphonon.stiffness.matrices import bloch_matrix
-from workflows.accuracy import Candidate, cheapest, measure
 
+from .accuracy import Candidate, cheapest, measure
 from .charts import Chart, panels_of, spoken
 from .checks import Check
 

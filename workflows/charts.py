@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from workflows.accuracy import Measurement, write_table
-from workflows.accuracy_plots import looks_of, plot_work_precision
-
+from .accuracy import Measurement, write_table
+from .accuracy_plots import looks_of, plot_work_precision
 from .checks import Check, save_picture
 
 

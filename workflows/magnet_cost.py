@@ -7,8 +7,8 @@ import numpy as np
 from magphonon import units as u
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force
 from magphonon.interactions.pair_laws import repulsion
-from workflows.accuracy import Candidate, cheapest, measure
 
+from .accuracy import Candidate, cheapest, measure
 from .charts import Chart
 from .checks import Check
 

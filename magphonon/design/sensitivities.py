@@ -89,7 +89,7 @@ def spacing_change(law: PairLaw) -> LawChange:
 
 
 def exponent_change(law: InversePower, length: float = units.m) -> LawChange:
-    """Derivative of an InversePower by ln a, while b stays the same number in N `length`^a."""
+    """Derivative of an InversePower by ln a, while b stays the same number in N times `length` to the power a."""
     def x(r):
         return law.a * np.log(r / length)
 

@@ -1,0 +1,66 @@
+"""How Sphinx builds the site: `python -m sphinx -W docs docs/_build`, without a network.
+
+`-t online` links to the pages of other projects; `-t all` lets the gallery run the longer workflows too.
+"""
+
+import sys
+from pathlib import Path
+
+import magphonon
+
+sys.path.insert(0, str(Path(__file__).parent))  # generate, which writes pages from the code
+import generate
+
+project = 'magphonon'
+author = copyright = 'the magphonon developers'
+version = release = magphonon.__version__
+
+extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.intersphinx',
+              'sphinx.ext.viewcode', 'sphinx_gallery.gen_gallery', 'matplotlib.sphinxext.plot_directive']
+exclude_patterns = ['_build', 'tutorials/*.rst', 'generate']
+suppress_warnings = ['config.cache']  # functions in the settings of sphinx-gallery
+
+myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist', 'colon_fence']
+myst_heading_anchors = 3
+
+autodoc_typehints = 'none'   # numpydoc's Parameters say types and shapes
+autosummary_generate = False
+numpydoc_show_class_members = False
+numpydoc_validation_checks = set()
+
+intersphinx_mapping = {
+    'numpy': ('https://numpy.org/doc/stable', None),
+    'scipy': ('https://docs.scipy.org/doc/scipy', None),
+    'ase': ('https://ase-lib.org', None),
+    'phonopy': ('https://phonopy.github.io/phonopy', None),
+} if tags.has('online') else {}  # noqa: F821  Sphinx gives the tags
+
+sphinx_gallery_conf = {
+    'examples_dirs': 'tutorials',
+    'gallery_dirs': 'generated/tutorials',
+    'filename_pattern': '.',
+    'image_scrapers': ('generate.scraper.figures',),
+    'within_subsection_order': 'FileNameSortKey',
+    'abort_on_example_error': True,
+    'download_all_examples': False,
+    'show_signature': False,
+    'write_computation_times': False,
+    'min_reported_time': 1000,
+}
+
+plot_formats = ['svg']
+plot_html_show_formats = plot_html_show_source_link = False
+plot_include_source = False
+plot_rcparams = {'svg.hashsalt': 'magphonon', 'font.size': 10}
+plot_apply_rcparams = True
+
+html_theme = 'furo'
+html_title = f'magphonon {release}'
+html_static_path = ['_static']
+html_css_files = ['gallery.css']
+
+
+def setup(app):
+    """Write the generated pages before Sphinx looks for sources, and mend docstrings for its markup."""
+    app.connect('autodoc-process-docstring', generate.api.escape_docstring)
+    app.connect('config-inited', lambda app, config: generate.write_all(Path(app.srcdir) / 'generated', app.tags.has('all')))

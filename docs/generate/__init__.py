@@ -1,0 +1,18 @@
+"""Pages of the site that are written from the code, so that they follow it: `write_all` is called by `docs/conf.py`."""
+
+import shutil
+from functools import partial
+
+from . import api, commands, gallery, keys, thresholds
+
+
+def write_all(folder, every=False):
+    """Write all generated pages into `folder`, whose earlier pages are removed, but not what sphinx-gallery keeps there.
+
+    `every` lets the gallery run the longer workflows too.
+    """
+    for name, write in {'api': api.write, 'commands': commands.write, 'gallery': partial(gallery.write, every=every),
+                        'scene': keys.write, 'validity': thresholds.write}.items():
+        shutil.rmtree(folder / name, ignore_errors=True)
+        (folder / name).mkdir(parents=True)
+        write(folder / name)

@@ -1,0 +1,103 @@
+"""A page for each room of the package, with all that its stub exports, and one for the names of `magphonon` itself."""
+
+import inspect
+from importlib import import_module
+from pathlib import Path
+
+import magphonon
+
+TITLES = {
+    'interactions': 'Pair laws, magnets, fits of measured forces',
+    'lattices': 'Cells, patches, bonds',
+    'stiffness': 'Stiffness D⁰ + D*, calculators, relaxation',
+    'bands': 'Bands, velocities, evanescent waves, phonopy',
+    'dynamics': 'Time steps: drives, engines, recorder',
+    'response': 'Linear answers without time steps',
+    'waves': 'Tone bursts, spectra, ridges',
+    'stability': 'Buckling, range of linear motion, impacts',
+    'plotting': 'Pictures',
+    'design': 'Sensitivities, uncertainty, wanted bands',
+    'planning': 'The cheapest sufficient method (experimental)',
+    'scenes': 'Scene files',
+}
+"""Rooms in the order of the page, from the ground up; a room that is not named here comes last."""
+
+
+def rooms():
+    """Names of all rooms that export something."""
+    found = {file.parent.name for file in Path(magphonon.__file__).parent.glob('*/__init__.pyi')}
+    return [*(name for name in TITLES if name in found), *sorted(found - TITLES.keys())]
+
+
+def write(folder):
+    """The pages in reStructuredText."""
+    contents = '\n   '.join(rooms())
+    (folder / 'index.rst').write_text(INDEX.format(contents=contents, front=front_door()), encoding='utf-8')
+    for room in rooms():
+        (folder / f'{room}.rst').write_text(page(room), encoding='utf-8')
+
+
+def heading(text, line='='):
+    """A heading of reStructuredText."""
+    return f'{text}\n{len(text) * line}\n'
+
+
+def front_door():
+    """The names of `magphonon` itself, each with a link to the page of its room."""
+    where = {name: room for room in rooms() for name in import_module(f'magphonon.{room}').__all__}
+    lines = []
+    for name in magphonon.__all__:
+        if name in where and not inspect.ismodule(getattr(magphonon, name)):
+            told = summary(getattr(magphonon, name))
+            lines.append(f'* :py:obj:`~magphonon.{where[name]}.{name}`: {told}')
+    return '\n'.join(lines)
+
+
+def summary(thing):
+    """First sentence of a docstring, its code marked for reStructuredText."""
+    first = ' '.join((inspect.getdoc(thing) or '').partition('\n\n')[0].split())
+    return escaped(first.replace('`', '``').replace('*', r'\*'))
+
+
+def escaped(text):
+    """Bars escaped, which stand for absolute values here and not for substitutions of reStructuredText."""
+    return text.replace('|', '\\|')
+
+
+def escape_docstring(app, what, name, thing, options, lines):
+    """For Sphinx's event: the same in every docstring, but for what stands as code."""
+    lines[:] = [line if '``' in line or '>>>' in line else escaped(line) for line in lines]
+
+
+def page(room):
+    """One room: its docstring, a table of its names, and all of them in full."""
+    module = import_module(f'magphonon.{room}')
+    names = [name for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
+    parts = [heading(f'magphonon.{room}'), TITLES.get(room, '') + '.' * (room in TITLES), '',
+             f'.. automodule:: magphonon.{room}', '   :no-members:', '',
+             '.. autosummary::', '   :nosignatures:', '', *(f'   {name}' for name in names), '']
+    for name in names:
+        thing = getattr(module, name)
+        kind = 'autoclass' if inspect.isclass(thing) else 'autofunction' if callable(thing) else 'autodata'
+        parts += [f'.. {kind}:: magphonon.{room}.{name}', *(['   :members:'] if kind == 'autoclass' else []), '']
+    return '\n'.join(parts)
+
+
+INDEX = """
+API
+===
+
+Scripts import what they need from ``magphonon``; everything else is in its room, such as ``magphonon.bands.zone_map``.
+Names are loaded when they are first used, so that ``import magphonon`` takes a moment only.  Lengths, masses and times are in
+mm, g and ms: see :doc:`/reference/units`.
+
+.. toctree::
+   :maxdepth: 1
+
+   {contents}
+
+Names in ``magphonon``
+----------------------
+
+{front}
+"""

@@ -1,0 +1,126 @@
+"""A page for each command: what it does, its options, and an example with what it printed and drew when this site was built."""
+
+import argparse
+import contextlib
+import io
+import shlex
+from importlib import import_module
+from importlib.resources import files
+from pathlib import Path
+
+from magphonon.cli.main import COMMANDS, main
+
+WAVE = {'carriers_Hz = [30, 40, 50, 60]': 'carriers_Hz = [40]', 'directions_deg = [90, 90, 90, 90]': 'directions_deg = [90]',
+        'side_m = 0.3': 'side_m = 0.2', 'duration_s = 0.5': 'duration_s = 0.4'}
+"""Lines of the scene "prototype" that make it a scene of one short burst."""
+EXAMPLES = {
+    'bands': ['magphonon scene prototype > mine.toml', 'magphonon bands mine.toml -o out'],
+    'burst': ['magphonon burst wave.toml -o out'],
+    'check': ['magphonon scene square > mine.toml', 'magphonon check mine.toml'],
+    'design': ['magphonon scene design > mine.toml', 'magphonon design mine.toml'],
+    'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out'],
+    'frf': ['magphonon scene oscillator > mine.toml', 'magphonon frf mine.toml -o out'],
+    'plan': ['magphonon scene oscillator > mine.toml', 'magphonon plan mine.toml --tolerance 1e-3'],
+    'reproduce': ['magphonon reproduce chain -o out'],
+    'scene': ['magphonon scene', 'magphonon scene --keys foundation'],
+    'spectrum': ['magphonon spectrum scan.csv wave.toml -o out'],
+    'uncertainty': ['magphonon scene oscillator > mine.toml', 'magphonon uncertainty mine.toml -o out'],
+}
+GIVEN = {
+    'burst': '`wave.toml` is the scene `prototype` with one burst and a smaller patch: '
+             + ', '.join(f'`{line}`' for line in WAVE.values()),
+    'fit': '`forces.csv` is the table `synthetic_force.csv` that comes with the package, computed forces with noise',
+    'spectrum': '`scan.csv` is a table of displacements: here the one that `magphonon burst wave.toml` wrote',
+}
+MOST_PICTURES = 3
+
+
+def write(folder):
+    """One page per command and their list."""
+    place = folder / 'work'
+    rows = []
+    for name in COMMANDS:
+        module = import_module(f'magphonon.cli.{name}')
+        rows.append(f'| [{name}]({name}.md) | {module.HELP} |')
+        (folder / f'{name}.md').write_text(page(name, module, place / name, folder), encoding='utf-8')
+    table = ['| command | what it does |', '|---|---|', *rows, '']
+    contents = ['```{toctree}', ':hidden:', '', *COMMANDS, '```', '']
+    (folder / 'index.md').write_text('\n'.join([HEAD, *table, *contents]), encoding='utf-8')
+
+
+def page(name, module, place, folder):
+    """Description, example and options of one command."""
+    place.mkdir(parents=True)
+    prepare(name, place)
+    told = module.__doc__.partition(': ')[2].strip()
+    parts = [f'# magphonon {name}\n\n{told[:1].upper()}{told[1:]}\n']
+    if name in EXAMPLES:
+        given = f'{GIVEN[name]}.\n\n' if name in GIVEN else ''
+        shown = run(EXAMPLES[name], place)
+        parts.append(f'## Example\n\n{given}```text\n{shown}\n```\n')
+        pictures = sorted(place.rglob('*.png'), key=lambda file: file.stat().st_mtime_ns)[:MOST_PICTURES]
+        parts += [f'![{picture.stem} of the example]({picture.relative_to(folder).as_posix()})\n' for picture in pictures]
+    parts.append(f'## Options\n\n```text\n{usage(name, module)}```\n')
+    return '\n'.join(parts)
+
+
+def usage(name, module):
+    """What `--help` prints after the description."""
+    def wide(prog):
+        return argparse.HelpFormatter(prog, width=110)
+
+    parser = argparse.ArgumentParser(prog=f'magphonon {name}', formatter_class=wide)
+    module.add_arguments(parser)
+    return parser.format_help()
+
+
+def run(lines, place):
+    """What the lines of a shell print, each below itself."""
+    shown = []
+    with contextlib.chdir(place):
+        for line in lines:
+            words, _, target = line.partition(' > ')
+            out = io.StringIO()
+            with contextlib.redirect_stdout(out):
+                status = main(shlex.split(words)[1:])
+            if status:
+                raise RuntimeError(f'{line}: exit status {status}')
+            shown.append(f'$ {line}')
+            if target:
+                Path(target).write_text(out.getvalue(), encoding='utf-8')
+            else:
+                shown.append(out.getvalue().strip('\n'))
+    return '\n'.join(shown)
+
+
+def prepare(name, place):
+    """Write the files that an example takes for granted."""
+    data = files('magphonon.data')
+    if name == 'fit':
+        (place / 'forces.csv').write_text((data / 'synthetic_force.csv').read_text(encoding='utf-8'), encoding='utf-8')
+    if name in ('burst', 'spectrum'):
+        text = (data / 'prototype.toml').read_text(encoding='utf-8')
+        for old, new in WAVE.items():
+            if old not in text:
+                raise RuntimeError(f'the scene prototype has no line {old!r}')
+            text = text.replace(old, new)
+        (place / 'wave.toml').write_text(text, encoding='utf-8')
+    if name == 'spectrum':
+        sent = place.parent / 'burst' / 'out' / '40Hz_90deg_complete.csv'
+        (place / 'scan.csv').write_bytes(sent.read_bytes())
+
+
+HEAD = """# Commands
+
+Print a ready scene, edit it, and run commands on it:
+
+```sh
+magphonon scene prototype > mine.toml
+magphonon check mine.toml
+magphonon bands mine.toml -o out
+```
+
+The exit status is 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command
+or the scene (one message, nothing written), and 130 when interrupted. A folder of results is written whole or not at all: see
+[files](../../reference/files.md). The examples on these pages were run when the site was built.
+"""

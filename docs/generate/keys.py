@@ -1,0 +1,41 @@
+"""The page of all keys of a scene, from the models that check them."""
+
+from itertools import groupby
+
+from magphonon.scenes import scene_keys
+
+HEAD = """# Keys of a scene
+
+A scene is a TOML file: one title and tables, all numbers in SI with the unit in the name of the key. Unknown and missing keys are
+refused with the name that was probably meant. `magphonon scene --keys` prints this list,
+`magphonon scene --keys law` one table of it; `magphonon scene prototype` prints a scene to start from. Examples are
+taken from the ready scenes.
+"""
+ROW = '| {} | {} | {} | {} | {} | {} |\n'
+
+
+def write(folder):
+    """One page, with a table for each table of a scene."""
+    parts = [HEAD]
+    for table, keys in groupby(scene_keys(), lambda key: key.table):
+        parts.append(f'\n## {f"[{table}]" if table else "The scene itself"}\n\n')
+        parts += [ROW.format('key', 'type', 'unit', 'default', 'allowed', 'meaning and example'), ROW.format(*6 * ['---'])]
+        parts += [row(key) for key in keys]
+    (folder / 'keys.md').write_text(''.join(parts), encoding='utf-8')
+
+
+def row(key):
+    """One key."""
+    told = [key.description[:1].upper() + key.description[1:]]
+    if key.kinds:
+        told.append(f'Kind: {", ".join(key.kinds)}')
+    text = '. '.join(part.rstrip('.') for part in told if part) + '.'
+    return ROW.format(f'`{key.name}`', cell(key.type), cell(key.unit), key.default, cell(key.allowed),
+                      cell(text) + (f' `{key.example}`' if key.example else ''))
+
+
+def cell(text):
+    """Text within a table: a bar would end the cell, a star begin emphasis, a bracket a link."""
+    for sign in '|*[]':
+        text = text.replace(sign, f'\\{sign}')
+    return text

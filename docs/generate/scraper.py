@@ -1,0 +1,23 @@
+"""Pictures of tutorials for sphinx-gallery: figures of matplotlib that a block leaves in its names, with or without pyplot."""
+
+from weakref import WeakSet
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+from sphinx_gallery.scrapers import figure_rst
+
+SEEN = WeakSet()
+
+
+def figures(block, block_vars, gallery_conf):
+    """Save the figures that are new since the last block, and return the text that shows them."""
+    paths = []
+    for value in block_vars['example_globals'].values():
+        figure = value if isinstance(value, Figure) else getattr(value, 'figure', None)
+        if isinstance(figure, Figure) and figure not in SEEN:
+            SEEN.add(figure)
+            path = next(block_vars['image_path_iterator'])
+            figure.savefig(path, dpi=120)
+            paths.append(path)
+    plt.close('all')
+    return figure_rst(paths, gallery_conf['src_dir'])

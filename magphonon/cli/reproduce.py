@@ -1,0 +1,26 @@
+"""`magphonon reproduce [NAME ...]`: the results of the paper, recomputed and compared, with pictures and a report.
+
+The same as `python -m workflows` in the sources. The exit status is 1 if a number fails its check.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+
+HELP = "the paper's results, recomputed and compared, with pictures and a report"
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument('names', nargs='*', metavar='NAME', help='workflows, such as prototype_bands; default: all, two minutes')
+    parser.add_argument('--quick', action='store_true', help='shorten the longest, as when all are run')
+    parser.add_argument('-o', '--output', metavar='DIR', default='out', help='directory for the report (default: out)')
+
+
+def run(options: Namespace) -> int:
+    """Run the workflows and return 0 if all numbers pass, 1 otherwise."""
+    workflows = import_module('magphonon.workflows.__main__')  # they stand above this room: beside the package in the sources
+    return workflows.main([*options.names, *(['--quick'] if options.quick else []), '-o', options.output])

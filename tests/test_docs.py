@@ -1,0 +1,52 @@
+"""The site tells everything: each room, each command, each threshold; `.ci/run` builds it and runs its tutorials."""
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope='module')
+def generate():
+    pytest.importorskip('sphinx')  # the extra [docs]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / 'docs'))
+        import generate
+        yield generate
+    for name in [name for name in sys.modules if name.partition('.')[0] == 'generate']:
+        del sys.modules[name]
+
+
+def test_every_room_and_every_command_has_its_page(generate):
+    assert set(generate.api.rooms()) == set(generate.api.TITLES)
+    assert set(generate.commands.EXAMPLES) == set(generate.commands.COMMANDS)
+
+
+def test_every_public_name_is_on_the_page_of_its_room(generate):
+    import magphonon.bands
+
+    page = generate.api.page('bands')
+    assert [name for name in magphonon.bands.__all__ if f':: magphonon.bands.{name}\n' not in page] == []
+
+
+def test_every_key_stands_in_a_table_of_six_cells(generate, tmp_path):
+    generate.keys.write(tmp_path)
+    rows = [line for line in (tmp_path / 'keys.md').read_text(encoding='utf-8').splitlines() if line.startswith('| `')]
+    assert len(rows) == len(generate.keys.scene_keys())
+    assert {len(re.findall(r'(?<!\\)\|', row)) for row in rows} == {7}
+
+
+def test_thresholds_are_those_of_the_source(generate):
+    tree = ast.parse('MOST = 2**53\n"""Largest count."""\nNAMES = ("a", "b")\n"""No number."""\nHALF = 0.5  # not described\n')
+    assert list(generate.thresholds.constants(tree)) == [('MOST', '2 ** 53', 'Largest count.')]
+
+
+def test_drawings_and_tutorials_are_those_of_the_pages():
+    pages = ''.join(page.read_text(encoding='utf-8') for page in (ROOT / 'docs/theory').glob('*.md'))
+    drawn = set(re.findall(r'plot:: theory/(\w+)\.py', pages))
+    assert drawn == {file.stem for file in (ROOT / 'docs/theory').glob('*.py')}
+    assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 5
