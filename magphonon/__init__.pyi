@@ -11,6 +11,7 @@ from . import (
     scenes as scenes,
     stability as stability,
     stiffness as stiffness,
+    sweeps as sweeps,
     units as units,
     waves as waves,
 )
@@ -68,6 +69,9 @@ from .stiffness import (
     MagneticRepulsion as MagneticRepulsion,
     relaxed as relaxed,
     restored as restored,
+)
+from .sweeps import (
+    sweep as sweep,
 )
 
 __version__: str

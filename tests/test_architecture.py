@@ -9,8 +9,8 @@ import pytest
 import magphonon
 
 PACKAGE = Path(magphonon.__file__).parent
-FLOORS = [{'cli'}, {'scenes'}, {'design', 'planning'}, {'plotting', 'waves', 'response', 'stability'}, {'bands', 'dynamics'},
-          {'stiffness'}, {'lattices', 'interactions'}]
+FLOORS = [{'cli'}, {'sweeps'}, {'scenes'}, {'design', 'planning'}, {'plotting', 'waves', 'response', 'stability'},
+          {'bands', 'dynamics'}, {'stiffness'}, {'lattices', 'interactions'}]
 """From the top down; rooms on one floor do not know each other.  Single modules such as `units` are the ground below all."""
 FILES = sorted(file for file in PACKAGE.rglob('*.py') if file.parent != PACKAGE or not file.name.startswith('__'))
 

@@ -16,6 +16,9 @@ from .response import (
     plot_response as plot_response,
     response_axes as response_axes,
 )
+from .sweeps import (
+    plot_sweep as plot_sweep,
+)
 from .uncertainty import (
     plot_band_ribbons as plot_band_ribbons,
     plot_contributions as plot_contributions,

@@ -8,4 +8,5 @@ from .scene import (
     ready_scene as ready_scene,
     ready_scenes as ready_scenes,
     reference as reference,
+    scene_of as scene_of,
 )

@@ -220,8 +220,25 @@ def read_scene(path: str | PathLike[str]) -> Scene:
         raise ValueError(f'{path}: its numbers are too large or too small to compute with ({error.args[-1]}); '
                          'check their units and exponents, first those of [law]') from None
     except ValidationError as error:
-        faults = dict.fromkeys(_fault(found['loc'], reason(found), data) for found in error.errors())
-        raise ValueError('\n'.join(f'{path}: {fault}' for fault in faults)) from None
+        raise ValueError('\n'.join(f'{path}: {fault}' for fault in _faults(error, data))) from None
+
+
+def scene_of(tables: dict[str, Any]) -> Scene:
+    """The scene of these tables, in the plain Python of `tomllib` or of `Scene.model_dump(mode='json', exclude_none=True)`.
+
+    Raises
+    ------
+    ValueError
+        If they make no scene; the message names each key, its value and the mend.
+    """
+    try:
+        return Scene.model_validate(tables)
+    except ValidationError as error:
+        raise ValueError('\n'.join(_faults(error, tables))) from None
+
+
+def _faults(error, data):
+    return list(dict.fromkeys(_fault(found['loc'], reason(found), data) for found in error.errors()))
 
 
 def _fault(loc, error, data):

@@ -1,0 +1,102 @@
+"""Answers of a sweep over one or two of its axes, bad points hatched."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .axes import COLOURS, UNSTABLE, new_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from xarray import DataArray, Dataset
+
+BAD = {'facecolor': '0.93', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0.0}
+
+
+def plot_sweep(answers: Dataset, name: str, ax: Axes | None = None) -> Axes:
+    """Draw one answer of a sweep: over one axis as a line, over two as a map; further axes at their first value.
+
+    Bad points are hatched.  Where the answer changes its sign, a line marks the zero.
+
+    Parameters
+    ----------
+    answers : xarray.Dataset
+        From `magphonon.sweeps.sweep`.
+    name : str
+        One of its variables, a number at every point.
+    ax : matplotlib Axes, optional
+
+    Returns
+    -------
+    matplotlib Axes
+    """
+    shown = answers[name]
+    further = dict.fromkeys(shown.dims[2:], 0)
+    at = [f'{axis} = {float(answers[axis][0]):.4g}' for axis in further]
+    shown = shown.isel(further)
+    ax = new_axes() if ax is None else ax
+    if shown.ndim == 1:
+        _draw_line(shown, ax)
+    else:
+        _draw_map(shown, ax)
+    if at:
+        ax.set_title(', '.join(at), fontsize='medium')
+    return ax
+
+
+def _draw_line(values: DataArray, ax: Axes) -> None:
+    x, y = values[values.dims[0]], values.to_numpy()
+    ax.plot(x, y, '.-', color=COLOURS[0], markersize=4)
+    edges = _edges(x.to_numpy())
+    for k in np.flatnonzero(np.isnan(y)):
+        ax.axvspan(*sorted(edges[k:k + 2]), **UNSTABLE)
+    if np.nanmin(y, initial=0) < 0 < np.nanmax(y, initial=0):
+        ax.axhline(0, color='0.4', linewidth=0.8)
+    ax.set(xlabel=_label(x), ylabel=_label(values), xlim=sorted(edges[[0, -1]]))
+    if _in_equal_factors(x.to_numpy()):
+        ax.set_xscale('log')
+
+
+def _draw_map(values: DataArray, ax: Axes) -> None:
+    from matplotlib.colors import ListedColormap
+
+    y, x = (values[axis] for axis in values.dims)
+    table = np.ma.masked_invalid(values.to_numpy())
+    mesh = _edges(x.to_numpy()), _edges(y.to_numpy())
+    bad = np.ma.masked_array(np.zeros(table.shape), ~np.ma.getmaskarray(table))
+    ax.pcolor(*mesh, bad, cmap=ListedColormap([BAD['facecolor']]), hatch=BAD['hatch'], edgecolor=BAD['edgecolor'], linewidth=0)
+    if table.count():
+        shades = ax.pcolormesh(*mesh, table, cmap='cividis')
+        ax.figure.colorbar(shades, ax=ax, label=_label(values))
+        if table.min() < 0 < table.max() and min(table.shape) > 1:
+            ax.contour(x, y, table, levels=[0], colors='white', linewidths=1.2)
+    ax.set(xlabel=_label(x), ylabel=_label(y))
+    for axis, scale in ((x, ax.set_xscale), (y, ax.set_yscale)):
+        if _in_equal_factors(axis.to_numpy()):
+            scale('log')
+
+
+def _label(array: DataArray) -> str:
+    unit = array.attrs.get('units', '')
+    return f'{array.name} ({unit})' if unit not in ('', '1') else str(array.name)
+
+
+def _in_equal_factors(values: np.ndarray) -> bool:
+    """Whether the values were taken in equal factors, over so much that a logarithmic axis shows them better."""
+    if len(values) < 3 or values.min() <= 0 or values.max() < 3 * values.min():
+        return False
+    steps = np.diff(np.log(values))
+    return bool(np.allclose(steps, steps[0], rtol=1e-6))
+
+
+def _edges(values: np.ndarray) -> np.ndarray:
+    """Borders of the cells about the values of one axis, halfway between them, shape (len(values) + 1,)."""
+    if len(values) == 1:
+        return values + np.array([-0.5, 0.5]) * (abs(values) if values[0] else 1.0)
+    logarithmic = _in_equal_factors(values)
+    place = np.log(values) if logarithmic else values
+    middle = (place[1:] + place[:-1]) / 2
+    edges = np.concatenate([[2 * place[0] - middle[0]], middle, [2 * place[-1] - middle[-1]]])
+    return np.exp(edges) if logarithmic else edges
