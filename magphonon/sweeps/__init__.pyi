@@ -13,5 +13,5 @@ from .grid import (
     axis_of as axis_of,
 )
 from .questions import (
-    questions as questions,
+    known_questions as known_questions,
 )

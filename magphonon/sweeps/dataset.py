@@ -50,7 +50,7 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     over : dict of str to array_like
         The axes: keys of the scene, such as 'law.a', or arguments of the function, and the values that they take.
     ask : str or sequence of str
-        What is asked of a scene: see `magphonon.sweeps.questions()`.
+        What is asked of a scene: see `magphonon.sweeps.known_questions()`.
     executor : Executor or callable that makes one, optional
         Any of `concurrent.futures`, Dask's `client.get_executor(pure=False)`, `mpi4py.futures.MPIPoolExecutor`; or
         `magphonon.sweeps.processes(4)`, which is made anew if a process dies.  By default all is computed in this process.

@@ -168,7 +168,7 @@ QUESTIONS = {
 """Words in capitals stand for any word; what comes first in the list counts."""
 
 
-def questions() -> dict[str, str]:
+def known_questions() -> dict[str, str]:
     """Every question with its unit and meaning, in words."""
     return {name: f'{question.meaning} ({question.unit})' for name, question in QUESTIONS.items()}
 
