@@ -24,6 +24,9 @@ EXAMPLES = {
     'reproduce': ['magphonon reproduce chain -o out'],
     'scene': ['magphonon scene', 'magphonon scene --keys foundation'],
     'spectrum': ['magphonon spectrum scan.csv wave.toml -o out'],
+    'sweep': ['magphonon scene prototype > mine.toml',
+              'magphonon sweep mine.toml --over law.a=2:6:17 --over foundation.pillar.height_m=0.1:0.6:11 --ask bands.M.1 '
+              '--executor here -o out'],
     'uncertainty': ['magphonon scene oscillator > mine.toml', 'magphonon uncertainty mine.toml -o out'],
 }
 GIVEN = {
