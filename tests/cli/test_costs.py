@@ -87,7 +87,7 @@ def test_free_memory_is_that_of_the_system_and_within_limits():
 
 @pytest.mark.skipif(not Path('/proc/self/status').exists(), reason='a system that tells memory otherwise')
 @pytest.mark.parametrize(('command', 'small', 'large'), [
-    ('bands', {}, {'bands__points': 12000}),
+    ('bands', {}, {'bands__points': 8000}),
     ('frf', {'patch__side_m': 0.13, 'frf__points': 9}, {'patch__side_m': 0.25, 'frf__points': 9})])
 def test_estimates_of_memory_are_near(command, small, large, scene_file, tmp_path):
     """Peaks of resident memory of two runs: what the larger takes more is what is estimated, to a factor of three.

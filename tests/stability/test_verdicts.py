@@ -12,6 +12,8 @@ from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analyti
 from magphonon.stability import spacing_held, support_needed
 from magphonon.stiffness.matrices import hessian
 
+pytestmark = pytest.mark.usefixtures('no_impacts')
+
 
 @pytest.mark.parametrize(('lattice', 'a', 'needed'), [
     # in units f(L0)/L0, nearest neighbours; triangular max(0, 2 (3 - a)), square and chain 4 whatever a
