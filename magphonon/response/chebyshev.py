@@ -17,6 +17,8 @@ import numpy as np
 from scipy import fft, sparse
 from tqdm import tqdm
 
+from ..stiffness.lowest import lowest_mode
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
@@ -28,8 +30,7 @@ BLOCK = 16
 LARGEST_GROWTH = 2.0
 """Largest ratio |T_n s|/|s|: it is at most one if the spectrum lies in the interval, and grows exponentially with n outside."""
 MARGIN = 1e-3
-"""Relative amount by which a negative end of the spectrum is moved outwards, because Lanczos's method approaches it from
-inside."""
+"""Relative amount by which a negative end of the spectrum is moved outwards, because it is known only to round-off."""
 
 
 class Outside(ArithmeticError):
@@ -64,13 +65,8 @@ def stable_interval(K: sparse.csr_array) -> Interval:
 
 
 def whole_interval(K: sparse.csr_array) -> Interval:
-    """The same from the lowest eigenvalue of an unstable K, which takes Lanczos iterations."""
-    start = np.random.default_rng(0).normal(size=K.shape[0])  # the same interval every time
-    if K.shape[0] < 20:
-        lowest = np.linalg.eigvalsh(K.toarray())[0]
-    else:
-        lowest = sparse.linalg.eigsh(K, k=1, which='SA', v0=start, tol=MARGIN / 10, return_eigenvectors=False)[0]
-    return Interval(min(0.0, (1 + MARGIN) * lowest), stable_interval(K).highest)
+    """The same from the lowest eigenvalue of an unstable K, which takes two factorisations."""
+    return Interval(min(0.0, (1 + MARGIN) * lowest_mode(K)[0]), stable_interval(K).highest)
 
 
 def coefficients(values: NDArray[Any]) -> NDArray[Any]:

@@ -14,14 +14,13 @@ if TYPE_CHECKING:
 DENSE = 200
 """Largest size of a matrix that is diagonalised completely."""
 ROUGH = 1e-3
-"""Relative accuracy of the first estimate of the lowest eigenvalue."""
+"""Accuracy of the first estimate of the lowest eigenvalue, as a fraction of its distance from the first shift."""
 EDGE = 1e-6
 """Share of a range of eigenvalues next to its ends that does not belong to it."""
 ROUND_OFF = 1e-12
 """Fraction of the highest eigenvalue below which an eigenvalue is zero."""
 SHIFT = 1e-4
-"""Shift below the roughly known lowest eigenvalue at which a large matrix is first inverted, as a fraction of the largest
-eigenvalue."""
+"""Distance of the first shift from the lowest of Gershgorin's discs, as a fraction of the largest eigenvalue."""
 
 
 def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]:
@@ -48,10 +47,13 @@ def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]
     if not highest:
         return 0.0, 0.0, np.eye(1, size)[0]
     start = np.random.default_rng(0).normal(size=size)  # the same answer every time
-    # Lanczos iterations on D itself stop short, as near the lowest eigenvalue of a patch others crowd; what they find is
-    # not below it and close above it
-    near = sparse.linalg.eigsh(D, k=1, which='SA', v0=start, tol=ROUGH, return_eigenvectors=False)[0]
-    shift, inverse = inverse_below(D, near, SHIFT * highest)
+    # Lanczos iterations on D itself stop short or do not end where stiffnesses differ by 1e4, as near the lowest eigenvalue
+    # others crowd.  Those on an inverse end.  The first shift lies below all discs of Gershgorin, the second close below the
+    # first estimate, which is not below the eigenvalue.
+    least = float((2 * D.diagonal() - abs(D).sum(axis=1)).min())
+    far, inverse = inverse_below(D, least, SHIFT * highest)
+    near = sparse.linalg.eigsh(D, k=1, sigma=far, OPinv=inverse, v0=start, tol=ROUGH, return_eigenvectors=False)[0]
+    shift, inverse = inverse_below(D, near, max(ROUGH * (near - far), ROUND_OFF * highest))
     values, vectors = sparse.linalg.eigsh(D, k=1, sigma=shift, OPinv=inverse, v0=start)
     return float(values[0]), highest, vectors[:, 0]
 
