@@ -59,6 +59,7 @@ from .response import (
 from .scenes import (
     read_scene as read_scene,
     ready_scene as ready_scene,
+    write_scene as write_scene,
 )
 from .stability import (
     foundation_needed as foundation_needed,

@@ -102,7 +102,7 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
 
     calc, free = _cell_calculator(atoms)
     rest = calc.reference
-    cells = _enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
+    cells = enough_cells(calc) if supercell is None else checked_supercell(calc, supercell)
     distance = default_distance(calc) if distance is None else _checked_distance(distance, calc.bonds.lengths.min())
 
     moving, held = atoms[free], rest[~free]
@@ -143,7 +143,7 @@ def _cell_calculator(atoms):
     return calc, freedom(atoms)[0]
 
 
-def _enough_cells(calc):
+def enough_cells(calc: Repulsion) -> NDArray[np.int_]:
     """Smallest numbers of cells that hold more than two bond lengths between lattice planes, 1 where not periodic."""
     planes = 1 / np.linalg.norm(calc.reference.cell.reciprocal(), axis=1)
     return np.where(calc.reference.pbc, np.floor(2 * calc.bonds.lengths.max() / planes * (1 + 1e-9)).astype(int) + 1, 1)
@@ -168,7 +168,7 @@ def checked_supercell(calc: Repulsion, supercell: Any) -> NDArray[np.int_]:
     if not narrowest > 2 * longest * (1 + 1e-9):
         raise ValueError(f'the supercell {_ints(supercell)} repeats every {narrowest:g} mm, so that bonds of {longest:g} mm '
                          'reach images of the same particle on two sides, and their forces cannot be told apart; '
-                         f'give supercell={_ints(np.maximum(supercell, _enough_cells(calc)))}')
+                         f'give supercell={_ints(np.maximum(supercell, enough_cells(calc)))}')
     return supercell
 
 

@@ -111,18 +111,15 @@ def _frequencies(scene, atoms, bands):
 
     from .. import units
     from ..bands.velocities import cut_off, sound_speeds
-    from ..interactions.pair_laws import repulsion
 
     def rows(label, columns, highest):
         table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
         return [f'{f"  {label}branch {branch + 1}":18}' + ''.join(f'{_in_words(value):>14}' for value in row)
                 for branch, row in enumerate(table)]
 
-    path, lattice, cutoff = bands['complete'].path, scene.lattice, cut_off(atoms)
+    path, cutoff = bands['complete'].path, cut_off(atoms)
     highest = max(result.frequencies_Hz.max() for result in bands.values())
-    force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
-    lines = [scene.title,
-             f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N', '',
+    lines = [scene.title, _lattice(scene, atoms), '',
              f'{"frequency (Hz)":18}' + ''.join(f'{name:>14}' for name in bands)]
     for name in dict.fromkeys(name for leg in parse_path_string(path.path) for name in leg):
         at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
@@ -131,14 +128,36 @@ def _frequencies(scene, atoms, bands):
         lowest = bands['complete'].frequencies_Hz.min()
         but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
         lines.append(f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}')
-    speeds = [sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models]
-    lines += ['long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)',
-              *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds), initial=0))]
-    if np.isnan(speeds).any():
-        lines.append('  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch')
+    if not atoms.constraints:
+        lines += _speeds([sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models], rows)
 
     if 'conventional' not in bands:
         lines += ['', 'no conventional model: the sums of D0 and D* diverge separately and converge only together']
+    return lines
+
+
+def _lattice(scene, atoms):
+    """The line of the report that says what the lattice is."""
+    from .. import units
+    from ..interactions.pair_laws import repulsion
+    from ..stiffness.constraints import freedom
+
+    lattice = scene.lattice
+    if lattice.kind == 'file':
+        held = len(atoms) - int(freedom(atoms)[0].sum())
+        return f'{len(atoms)} particles from {lattice.file}, {held} of them held, the nearest {lattice.spacing_m:g} m apart'
+    force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
+    return f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N'
+
+
+def _speeds(speeds, rows):
+    """Lines of the report: the speeds of sound of each model, laid out by `rows`."""
+    import numpy as np
+
+    lines = ['long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)',
+             *rows('', speeds, np.nanmax(np.where(np.isinf(speeds), 0, speeds), initial=0))]
+    if np.isnan(speeds).any():
+        lines.append('  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch')
     return lines
 
 
@@ -150,11 +169,11 @@ def _stability(scene, atoms, bands, phonon):
     from ..bands.force_constants import foundation_recovered
     from ..planning.scene import neglected
     from ..scenes.lattices import ALL
-    from ..stability.buckling import foundation_needed
+    from ..stability.buckling import common_spring, foundation_needed
 
     needed, softest = foundation_needed(atoms)
     recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
-    given, recovered, needed = (k / (units.N / units.m) for k in (atoms.calc.foundation, recovered, needed))
+    given, recovered, needed = (k / (units.N / units.m) for k in (common_spring(atoms), recovered, needed))
     squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
     difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
     lines = [f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",

@@ -159,9 +159,9 @@ def _decays(plan, cell, records):
 def _unstable(cell):
     """A warning if the infinite lattice buckles; a patch with its rim held may still be stable."""
     from .. import units
-    from ..stability.buckling import foundation_needed
+    from ..stability.buckling import common_spring, foundation_needed
 
-    needed, given = foundation_needed(cell)[0], cell.calc.foundation
+    needed, given = foundation_needed(cell)[0], common_spring(cell)
     if given >= needed:
         return []
     needed, given = (k / (units.N / units.m) for k in (needed, given))

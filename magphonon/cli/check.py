@@ -39,15 +39,17 @@ def run(options: Namespace) -> int:
         print(f'A constant force of {atoms.calc.load[Oscillator.free, 1] / units.N:.6g} N along the guide is assumed to '
               'balance the repulsion of the three magnets.')
     supercell = scene.supercell() if scene.bands is not None else None
-    verdicts = {'Oscillator' if scene.single else 'Lattice': verdict(atoms, supercell=supercell)}
+    name = 'Oscillator' if scene.single else 'Structure' if scene.finite else 'Lattice'
+    verdicts = {name: verdict(atoms, supercell=supercell)}
     patch = scene.patch_atoms() if scene.patch is not None and not scene.single else None
     if patch is not None and len(patch) <= JUDGED:
         verdicts['Patch'] = verdict(patch)
     for name, judged in verdicts.items():
         print(f'\n{name}: {judged}')
-    at_rest = not scene.single and not verdicts['Lattice'].residual
+    at_rest = atoms.pbc.any() and not verdicts[name].residual
     if at_rest and (cutoff := cut_off(atoms)) is not None:
-        print(f'\nThe foundation gives a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
+        holds = 'What holds it' if atoms.constraints else 'The foundation'
+        print(f'\n{holds} gives a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
     if patch is not None and 'Patch' not in verdicts:
         print(_large(len(patch)))
     for line in neglected(scene):

@@ -125,9 +125,10 @@ def frf_cost(scene: Scene) -> Cost:
                     PICTURES_s + 2e-8 * plan.points * size + 1e-9 * size**3, 4)
     terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
     factorised = terms > FACTORISATION * plan.points
+    size_key = 'lattice.file' if scene.finite else scene.patch.size_key
     dense = size if size <= DENSE else 0  # all natural frequencies
     memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
-              scene.patch.size_key: 20.0 * dense**2 + (FACTOR_bytes if factorised else SERIES_bytes) * particles}
+              size_key: 20.0 * dense**2 + (FACTOR_bytes if factorised else SERIES_bytes) * particles}
     work = plan.points * FACTOR_s * particles if factorised else terms * (plan.points * TERM_s + PRODUCT_s * particles)
     return Cost('frf', memory, PICTURES_s + len(MODELS) * work + DENSE_s * dense**3, 4)
 
@@ -169,10 +170,12 @@ def burst_cost(scene: Scene) -> Cost:
 
 
 def _particles(scene):
-    """Number of particles of the patch, from its area; one for the oscillator."""
+    """Number of particles of the patch, from its area, or of the finite structure; one for the oscillator."""
     if scene.single:
         return 1
     cell = scene.cell()
+    if scene.finite:
+        return len(cell)
     return max(1, len(cell) * scene.patch.cells(cell)) if scene.patch is not None else 1
 
 

@@ -205,15 +205,16 @@ class _Origin:
                                  'name another directory, or remove this one')
 
     def copy_scene(self, stage):
-        """Put a copy of the scene beside its results, with the table of its law; the names of both."""
+        """Put a copy of the scene beside its results, with the tables that lie beside it; the names of all."""
         if self.text is None:
             return []
         (stage / SCENE).write_bytes(self.text)
-        law = tomllib.loads(self.text.decode('utf-8-sig'))['law'].get('file')
-        if law is None or Path(law).name != law:  # elsewhere: the copy still names it
-            return [SCENE]
-        shutil.copyfile(Path(self.file).with_name(law), stage / law)
-        return [SCENE, law]
+        tables = tomllib.loads(self.text.decode('utf-8-sig'))
+        beside = [tables[name]['file'] for name in ('law', 'lattice') if 'file' in tables[name]]
+        copied = [name for name in dict.fromkeys(beside) if Path(name).name == name]  # elsewhere: the copy still names it
+        for name in copied:
+            shutil.copyfile(Path(self.file).with_name(name), stage / name)
+        return [SCENE, *copied]
 
     def provenance(self, known, files):
         """The provenance of the folder with these `files`, a dict of checksums by name, added to what is `known`."""

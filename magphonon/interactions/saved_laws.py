@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
@@ -14,10 +15,29 @@ from .pair_laws import Hertz, InversePower, Tabulated, Yukawa
 if TYPE_CHECKING:
     from typing import Any
 
+    from .bond_laws import Potential
     from .pair_laws import PairLaw
 
 LAWS: dict[str, Any] = {law.__name__: law for law in (InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw)}
 """The laws that a file can name."""
+
+
+def potential_to_dict(potential: Potential) -> dict[str, Any]:
+    """A law, or the laws of pairs of kinds, for files."""
+    if isinstance(potential, Mapping):
+        return {'pairs': [{'kinds': list(kinds)} | law_to_dict(law) for kinds, law in potential.items()]}
+    return law_to_dict(potential)
+
+
+def potential_from_dict(saved: dict[str, Any]) -> Potential:
+    """What `potential_to_dict` wrote, to the last bit; errors as in `law_from_dict`."""
+    if 'pairs' not in saved:
+        return law_from_dict(saved)
+    laws = {}
+    for pair in saved['pairs']:
+        low, high = pair['kinds']
+        laws[int(low), int(high)] = law_from_dict({key: value for key, value in pair.items() if key != 'kinds'})
+    return laws
 
 
 def law_to_dict(law: PairLaw) -> dict[str, Any]:

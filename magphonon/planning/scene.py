@@ -118,7 +118,7 @@ def neglected(scene: Any) -> list[str]:
     """
     from .bands import REACHES, neighbour_shells
 
-    if scene.single or scene.law.shells == ALL:
+    if scene.single or scene.law.shells == ALL or scene.lattice.kind == 'file':
         return []
     counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
     if len(neighbour_shells(_cell(scene), REACHES[0])) <= scene.law.shells:

@@ -10,3 +10,6 @@ from .scene import (
     reference as reference,
     scene_of as scene_of,
 )
+from .writer import (
+    write_scene as write_scene,
+)

@@ -9,13 +9,15 @@ import warnings
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
 from ase.dft.kpoints import parse_path_string
 
 from .. import units as u
 from ..stiffness.scale import FREQUENCIES_Hz, frequency_scale
 from .fields import fault, raise_all
 from .lattices import ALL
-from .laws import MagnetsLaw
+from .laws import MagnetsLaw, SavedLaw
+from .structures import FileLattice
 
 if TYPE_CHECKING:
     from typing import Any
@@ -50,13 +52,16 @@ def check(scene: Scene) -> None:
     """
     if scene.single:
         _oscillator(scene)
-    if scene.law.shells != ALL and scene.law.shells > MOST_SHELLS:
+    if isinstance(scene.lattice, FileLattice) or isinstance(scene.law, SavedLaw):
+        _file(scene)
+    if isinstance(scene.law.shells, int) and scene.law.shells > MOST_SHELLS:
         raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
                          f"use '{ALL}', the sum over all neighbours")
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='.*numbers here are in mm, g, ms and N')  # refused by its keys instead
         calc: Any = scene.atoms().calc
-    _scale(scene, calc)
+    if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
+        _scale(scene, calc)
     faults = []
     for table, checked in (('title', _title), ('law', _mass), ('bands', _bands), ('frf', _frf), ('plan', _plan),
                            ('vibrometer', _vibrometer), ('foundation', _pillar), ('uncertainty', _uncertainty),
@@ -85,10 +90,14 @@ def _title(scene: Scene) -> None:
 def _mass(scene: Scene) -> None:
     if not isinstance(scene.law, MagnetsLaw):
         return
-    density = scene.lattice.mass_kg / (scene.law.magnet().volume / u.m**3)
+    density = _mass_kg(scene) / (scene.law.magnet().volume / u.m**3)
     if not DENSITIES_kg_per_m3[0] <= density <= DENSITIES_kg_per_m3[1]:
-        raise ValueError(f'lattice.mass_kg = {scene.lattice.mass_kg!r} would give the magnet {density:.3g} kg/m3, and magnets '
+        raise ValueError(f'lattice.mass_kg = {_mass_kg(scene)!r} would give the magnet {density:.3g} kg/m3, and magnets '
                          'have about 7500; check the unit of the mass, which is kg, and of the sizes, which is m')
+
+
+def _mass_kg(scene: Scene) -> float:
+    return scene.lattice.least_mass_kg if isinstance(scene.lattice, FileLattice) else scene.lattice.mass_kg
 
 
 def _vibrometer(scene: Scene) -> None:
@@ -120,6 +129,38 @@ def _oscillator(scene: Scene) -> None:
         raise ValueError('bands: the oscillator is one particle and has no bands; take the table [bands] out')
 
 
+def _file(scene: Scene) -> None:
+    """What particles from a file, or their saved calculator, leave without meaning."""
+    lattice, saved = scene.lattice, isinstance(scene.law, SavedLaw)
+    if not isinstance(lattice, FileLattice):
+        raise ValueError('law.kind = "saved" takes the law from the file of the particles; it belongs to lattice.kind = "file"')
+    for name in ('plan', 'design', 'uncertainty'):
+        if getattr(scene, name) is not None:
+            raise ValueError(f'{name}: it varies the spacing and the shells of a lattice, which particles from a file do not '
+                             f'have; take the table [{name}] out')
+    for name in ('patch', 'bands', 'burst', 'vibrometer') if lattice.finite else ():
+        if getattr(scene, name) is not None:
+            raise ValueError(f'{name}: {lattice.file} holds a finite structure without periods, and [{name}] needs a lattice; '
+                             'take the table out, or give the file a cell')
+    if scene.patch is not None and (lattice.cell().constraints or np.ptp(lattice.cell().get_tags())):
+        raise ValueError(f'patch: the cell in {lattice.file} holds particles or has several kinds of them, and a patch holds its '
+                         'rim and tags it; cut it in Python, and save it with magphonon.write_scene')
+    for name, given in (('foundation', scene.foundation is not None), ('lattice.mass_kg', lattice.mass_kg is not None),
+                        ('lattice.cutoff_m', lattice.cutoff_m is not None), ('patch', scene.patch is not None)) if saved else ():
+        if given:
+            raise ValueError(f'{name} and law.kind = "saved" say two things: law, bonds, masses and foundation are in '
+                             f'{lattice.file}; take {name} out')
+    for array, column in (('strength', 'strength'), ('stiffness', 'stiffness_N_per_m')):
+        if lattice.cell().has(array) and scene.law.shells == ALL:
+            raise ValueError(f"law.shells = '{ALL}' sums over particles that are alike, but {lattice.file} has a column "
+                             f'{column}; take a number of shells')
+    if lattice.cell().has('stiffness') and scene.foundation is not None:
+        raise ValueError(f'foundation: {lattice.file} tells the stiffness of each particle; take one of them out')
+    if lattice.relaxed and scene.law.shells == ALL:
+        raise ValueError(f"lattice.relaxed and law.shells = '{ALL}': structures relax with a number of shells only; take one of "
+                         'them out')
+
+
 def _bands(scene: Scene) -> None:
     kind, wanted, periodic = scene.lattice.kind, list(scene.bands.supercell), int(scene.lattice.cell().pbc.sum())
     if len(wanted) != periodic:
@@ -143,7 +184,7 @@ def _frf(scene: Scene) -> None:
             raise ValueError(f'frf.{name}: the oscillator is driven and measured along its guide; take [frf.{name}] out')
         if not given and not scene.single:
             raise ValueError(f'frf lacks the table {name!r}; add [frf.{name}] with at_m and direction_deg')
-    if not scene.single and scene.patch is None:
+    if not (scene.single or scene.finite) and scene.patch is None:
         raise ValueError('frf: there is no patch to drive; add a table [patch]')
 
 
@@ -162,18 +203,18 @@ def _plan(scene: Scene) -> None:
 
 def _scale(scene: Scene, calc: Repulsion) -> None:
     if not calc.law.dphi(calc.bonds.lengths).any():
-        raise ValueError(f'lattice.spacing_m = {scene.lattice.spacing_m!r} is so large that nothing repels; spheres repel '
+        raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; spheres repel '
                          'only if the spacing is less than their diameter')
-    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), calc.foundation
+    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.foundation)
     f = frequency_scale(calc)
     if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
         raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; '
                          f'check their units and exponents ({_numbers(scene)})')
     if not LEAST_SHARE * k <= repulsion:
         given, lost = (stiffness / (u.N / u.m) for stiffness in (k, repulsion))
-        raise ValueError(f'lattice.spacing_m = {scene.lattice.spacing_m!r}: the repulsion then has a stiffness of '
+        raise ValueError(f'{scene.lattice.spacing_given}: the repulsion then has a stiffness of '
                          f'{lost:.1g} N/m, which is lost in the round-off of the foundation, {given:.3g} N/m'
-                         f'{_millimetres(scene, calc.potential, k)}; check their units and exponents')
+                         f'{_millimetres(scene, scene.law.potential(), k)}; check their units and exponents')
 
 
 def _numbers(scene: Scene) -> str:

@@ -49,6 +49,12 @@ def _point(value):
     return tuple(partial(between, -1e6, 1e6, 'metres')(_number(x)) for x in value)
 
 
+def _flag(value):
+    if not isinstance(value, bool):
+        raise ValueError(f' must be true or false, not {shown(value)}')
+    return value
+
+
 def between(least: float, most: float, unit: str, value: float) -> float:
     """Return `value`, or raise ValueError outside the range beyond which a unit or an exponent must be wrong."""
     if not least <= value <= most:
@@ -72,6 +78,8 @@ NotNegative = Annotated[float, BeforeValidator(partial(not_negative, '')), Allow
 Count = Annotated[int, BeforeValidator(partial(whole, '')), Allowed('1 or more')]
 Number = Annotated[float, BeforeValidator(_number)]
 Point = Annotated[tuple[float, float], BeforeValidator(_point), Allowed('-1e6 to 1e6 each')]
+Points = Annotated[tuple[Point, ...], listed]
+Flag = Annotated[bool, BeforeValidator(_flag), Allowed('true or false')]
 AtLeastTwo = Annotated[int, BeforeValidator(partial(whole, '', least=2)), Allowed('2 or more')]
 Text = Annotated[str, BeforeValidator(_text), Allowed(f'one line of at most {LONGEST_TEXT} characters')]
 Counts = Annotated[tuple[Count, ...], listed]

@@ -15,6 +15,7 @@ from .. import lattices, units as u
 from ..bands.bands import band_path
 from ..errors import MOST, not_negative, one_of, shown, whole
 from .fields import Allowed, Count, Length, Mass, Positive, Spacing, Table, listed, within
+from .structures import FileLattice
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -118,7 +119,7 @@ def _known_patch(table):
 
 Patch = Annotated[Parallelogram | Rectangle | Hexagon, Field(discriminator='kind'), BeforeValidator(_known_patch)]
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
-KINDS = (*get_args(LatticeKind), 'oscillator')
+KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
 ALL = 'all'
 
 
@@ -139,6 +140,8 @@ class Lattice(Table):
     """Geometry and masses, nearest neighbours at the distance `spacing_m`."""
 
     bonds: ClassVar = None  # found by the shells of the law
+    cutoff: ClassVar = None
+    finite: ClassVar = False
 
     kind: LatticeKind = Field(description='one of ' + ', '.join(KINDS))
     spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
@@ -153,6 +156,11 @@ class Lattice(Table):
             raise ValueError(f'.relative_masses must hold {particles} numbers, one for each particle of the {self.kind} cell, '
                              f'not {list(self.relative_masses)}; they multiply mass_kg')
         return self
+
+    @property
+    def spacing_given(self) -> str:
+        """The key and the value of the spacing, for a message."""
+        return f'lattice.spacing_m = {self.spacing_m!r}'
 
     def cell(self) -> Atoms:
         """The unit cell, `ase.Atoms` in mm and g."""
@@ -177,6 +185,8 @@ class Oscillator(Table):
     """The free magnet of Sec. III on three fixed ones, all bonds of the length `spacing_m`, guided along its vertical line."""
 
     bonds: ClassVar = lattices.OSCILLATOR_BONDS
+    cutoff: ClassVar = None
+    finite: ClassVar = False  # it is `Scene.single`
     free: ClassVar = 3  # the index of the free magnet
 
     kind: Literal['oscillator']
@@ -184,6 +194,11 @@ class Oscillator(Table):
         description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
     spacing_m: Spacing = Field(description='the length of its three bonds in m')
     mass_kg: Mass = Field(description='the mass of the free particle in kg')
+
+    @property
+    def spacing_given(self) -> str:
+        """The key and the value of the spacing, for a message."""
+        return f'lattice.spacing_m = {self.spacing_m!r}'
 
     def cell(self) -> Atoms:
         """The oscillator with its fixed magnets, `ase.Atoms` in mm and g."""
@@ -199,4 +214,4 @@ def _known_lattice(table):
     return table
 
 
-AnyLattice = Annotated[Lattice | Oscillator, Field(discriminator='kind'), BeforeValidator(_known_lattice)]
+AnyLattice = Annotated[Lattice | Oscillator | FileLattice, Field(discriminator='kind'), BeforeValidator(_known_lattice)]

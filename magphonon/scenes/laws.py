@@ -241,8 +241,20 @@ def _read_columns(file):
     return {'distances_m': list(forces.r / u.m), 'forces_N': list(forces.f / u.N)}
 
 
+class SavedLaw(Table):
+    """The law, bonds and foundation of the calculator that stands in the file of the lattice, as `write_scene` saves it."""
+
+    shells: ClassVar = 'saved'
+
+    kind: Literal['saved']
+
+    def potential(self) -> PairLaw:
+        raise ValueError('law.kind = "saved": the law is in the file of the lattice; this needs one that the scene tells, such '
+                         'as kind = "inverse_power"')
+
+
 LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'coulomb': CoulombLaw, 'yukawa': YukawaLaw, 'hertz': HertzLaw,
-        'table': TableLaw, 'magnets': MagnetsLaw}
+        'table': TableLaw, 'magnets': MagnetsLaw, 'saved': SavedLaw}
 
 
 def _known_law(table):
@@ -252,5 +264,5 @@ def _known_law(table):
     return table
 
 
-Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw | TableLaw | MagnetsLaw,
+Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw | TableLaw | MagnetsLaw | SavedLaw,
                 Field(discriminator='kind'), BeforeValidator(_known_law)]

@@ -20,15 +20,18 @@ from ..errors import one_of
 from ..response.place import Place
 from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.relaxation import relaxed
 from ..textfiles import MEGABYTE, text_of
 from .consistency import check
 from .design import DesignPlan
 from .fields import Table, Text, reason
 from .lattices import ALL, AnyLattice, Oscillator, Patch
-from .laws import Law
+from .laws import Law, SavedLaw
 from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
+from .structures import FileLattice
 from .supports import Foundation
 from .tolerances import Uncertainty
+from .writer import checked_atoms, tables_of
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
@@ -73,9 +76,25 @@ class Scene(Table):
         return isinstance(self.lattice, Oscillator)
 
     @property
+    def finite(self) -> bool:
+        """Whether it is a structure from a file without any period."""
+        return self.lattice.finite
+
+    @property
     def special_points(self) -> dict[str, NDArray[np.float64]]:
         """The named wavevectors of the lattice, in fractions of the reciprocal vectors."""
         return self.lattice.path(None, npoints=0).special_points  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+
+    @classmethod
+    def from_atoms(cls, atoms: Atoms, title: str | None = None) -> Scene:
+        """A scene of atoms with their calculator, without a file; `magphonon.write_scene` writes one.
+
+        Raises
+        ------
+        ValueError
+            If the atoms carry no calculator of this package, or one whose law a file cannot tell.
+        """
+        return cls.model_validate(tables_of(atoms, title, file='particles.traj'), context={'structure': checked_atoms(atoms)})
 
     def cell(self) -> Atoms:
         """One unit cell, or the oscillator, with the moving mass of the pillars but without a calculator."""
@@ -85,39 +104,62 @@ class Scene(Table):
         return atoms
 
     def atoms(self) -> Atoms:
-        """One unit cell, or the oscillator, with its MagneticRepulsion or AllNeighbours, `ase.Atoms` in mm, g and ms."""
+        """One unit cell, the oscillator or the finite structure, with its MagneticRepulsion or AllNeighbours, in mm, g and ms."""
+        atoms = self._standing()
+        if getattr(self.lattice, 'relaxed', False):
+            return relaxed(atoms).atoms
+        return atoms
+
+    def _standing(self) -> Atoms:
+        """The atoms where the lattice or the file has them."""
+        if isinstance(self.law, SavedLaw):
+            return self.lattice.saved()  # pyright: ignore[reportAttributeAccessIssue]  as `check` makes sure
         atoms = self.cell()
-        foundation = self.foundation.stiffness if self.foundation else 0.0
         if self.law.shells == ALL:
             try:
-                atoms.calc = AllNeighbours(atoms, self.law.potential(), foundation=foundation)  # pyright: ignore[reportArgumentType]  or it refuses
+                atoms.calc = AllNeighbours(atoms, self.law.potential(), **self._sites(atoms))  # pyright: ignore[reportArgumentType]  or it refuses
             except ValueError as error:
                 raise ValueError(f"law.shells = '{ALL}': {error}") from None
             return atoms
-        atoms.calc = MagneticRepulsion(atoms, self.law.potential(), foundation=foundation, shells=self.law.shells,
-                                       bonds=self.lattice.bonds)
+        try:
+            atoms.calc = MagneticRepulsion(atoms, self.law.potential(), shells=self.law.shells, cutoff=self.lattice.cutoff,
+                                           bonds=self.lattice.bonds, **self._sites(atoms))
+        except ValueError as error:
+            if not isinstance(self.lattice, FileLattice):
+                raise
+            raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; of positions without clear shells the distance '
+                             'within which they repel is cutoff_m') from None
         if self.single:  # a constant force balances the repulsion of the three magnets
             atoms.calc = atoms.calc.balanced([Oscillator.free])
         return atoms
 
+    def _sites(self, atoms: Atoms) -> dict[str, Any]:
+        """What each site has of its own, or all have in common, as the calculators take it."""
+        foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
+        return {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
+
     def patch_atoms(self, model: str = 'complete') -> Atoms:
-        """The patch of [patch] with its MagneticRepulsion, `ase.Atoms` in mm, g and ms.
+        """The patch of [patch], or the finite structure, with its MagneticRepulsion, `ase.Atoms` in mm, g and ms.
 
         Raises
         ------
         ValueError
-            If the scene has no patch, or one that cannot be cut, or particles that repel beyond their nearest neighbours.
+            If the scene has neither, or a patch that cannot be cut, or particles that repel beyond their nearest neighbours.
         """
+        if self.finite:
+            atoms = self.atoms()
+            atoms.calc.set(model=model)
+            return atoms
         table = self.wanted('patch')
         try:
             patch = table.cut(self.cell())
         except ValueError as error:
-            raise ValueError(f'{table.sizes}, lattice.spacing_m = {self.lattice.spacing_m!r}: {error}') from None
+            raise ValueError(f'{table.sizes}, {self.lattice.spacing_given}: {error}') from None
         if self.law.shells != 1:
             raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
                              'forces between nearest neighbours only; take shells = 1, or in Python magphonon.relaxed(patch)')
         calc = self.atoms().calc
-        patch.calc = MagneticRepulsion(patch, calc.potential, foundation=calc.foundation, model=model)
+        patch.calc = MagneticRepulsion(patch, calc.potential, model=model, **self._sites(patch))
         return patch
 
     def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:

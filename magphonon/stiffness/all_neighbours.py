@@ -17,7 +17,7 @@ from .matrices import bloch_matrix, bloch_series
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .restartable import Restartable
 from .scale import warn_of_units
-from .sites import site_springs
+from .sites import range_of, site_springs
 
 if TYPE_CHECKING:
     from typing import Any
@@ -118,8 +118,8 @@ class AllNeighbours(Restartable):
         return self.sums.split
 
     def __repr__(self) -> str:
-        return (f'{type(self).__name__}({self.potential!r}, foundation={self.foundation!r}) of {len(self.reference)} particles '
-                'per cell')
+        return (f'{type(self).__name__}({self.potential!r}, foundation={range_of(self.foundation)}) of {len(self.reference)} '
+                'particles per cell')
 
     def on(self, supercell: Atoms) -> AllNeighbours:
         """The same calculator on a supercell of its reference."""

@@ -20,7 +20,7 @@ from .positions import from_reference, refuse_motion_out_of_the_plane
 from .repulsion import masses_of
 from .restartable import Restartable
 from .scale import warn_of_units
-from .sites import of_sites, refuse_infinite, site_springs, site_strengths
+from .sites import of_sites, range_of, refuse_infinite, site_springs, site_strengths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -251,7 +251,8 @@ class MagneticRepulsion(Restartable):
         return self.about(self.reference, load)
 
     def __repr__(self) -> str:
-        return (f'{type(self).__name__}({self.potential!r}, {self._reach}, foundation={self.foundation!r}, '
+        own = f', strengths={range_of(self.strengths)}' if (self.strengths != 1).any() else ''
+        return (f'{type(self).__name__}({self.potential!r}, {self._reach}, foundation={range_of(self.foundation)}{own}, '
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
     # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.

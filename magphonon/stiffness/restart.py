@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     from ase import Atoms
 
-    from ..interactions.pair_laws import PairLaw
+    from ..interactions.bond_laws import Potential
 
 CALCULATORS = {calculator.__name__: calculator for calculator in (MagneticRepulsion, AllNeighbours)}
 
 
-def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: PairLaw | None = None) -> Atoms:
+def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: Potential | None = None) -> Atoms:
     """A copy of the atoms with the calculator that they had when they were written.
 
     Parameters
@@ -37,7 +37,7 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: 
     parameters : dict, optional
         Of the calculator; by default those that ASE's reader left on `atoms.calc`.  Rows of ase.db keep them in
         `row.calculator_parameters`.
-    potential : PairLaw, optional
+    potential : PairLaw, or mapping from pairs of kinds to PairLaw, optional
         In place of the one in the file, which names the laws of this package only.
 
     Returns

@@ -9,13 +9,13 @@ from ase import Atoms
 from ase.calculators.calculator import Calculator
 
 from ..errors import shown
-from ..interactions.saved_laws import law_from_dict, law_to_dict
+from ..interactions.saved_laws import potential_from_dict, potential_to_dict
 from ..lattices.bonds import Bonds
 
 if TYPE_CHECKING:
     from typing import Any, Self
 
-    from ..interactions.pair_laws import PairLaw
+    from ..interactions.bond_laws import Potential
 
 UNITS = 'mm, g, ms'
 """What the numbers in such a dictionary are in; it stands there for whoever reads the file without this package."""
@@ -38,18 +38,18 @@ class Restartable(Calculator):
         """All that the forces depend on, for ASE's files and databases; `fromdict` makes the same calculator of it."""
         parts = {name: getattr(self, name) for name in self.saved}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
-                'potential': law_to_dict(self.potential),
+                'potential': potential_to_dict(self.potential),
                 **{name: _bonds_to_dict(part) if isinstance(part, Bonds) else part for name, part in parts.items()}}
 
     @classmethod
-    def fromdict(cls, parameters: dict[str, Any], potential: PairLaw | None = None) -> Self:
+    def fromdict(cls, parameters: dict[str, Any], potential: Potential | None = None) -> Self:
         """The calculator that `todict` wrote, to the same bits.
 
         Parameters
         ----------
         parameters : dict
             As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
-        potential : PairLaw, optional
+        potential : PairLaw, or mapping from pairs of kinds to PairLaw, optional
             In place of the one in the dictionary, which names the laws of this package only.
 
         Raises
@@ -59,7 +59,7 @@ class Restartable(Calculator):
         """
         parts = _checked(parameters, cls)
         reference = _reference_from_dict(parts['reference'])
-        law = law_from_dict(parts['potential']) if potential is None else potential
+        law = potential_from_dict(parts['potential']) if potential is None else potential
         given: Any = {name: _bonds_from_dict(parts[name], reference) if name == 'bonds' else parts[name] for name in cls.saved}
         return cls(reference, law, **given)
 

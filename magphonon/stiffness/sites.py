@@ -68,6 +68,11 @@ def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
     return values[sites] if np.ndim(values) else values
 
 
+def range_of(values: Foundation) -> str:
+    """One number, or the range of those of all sites, for `repr`."""
+    return repr(values) if np.ndim(values) == 0 else f'<{np.min(values):.4g} to {np.max(values):.4g}>'
+
+
 def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.float64]:
     """Stiffness of the foundation along each component of the displacements, shape (particles * dim,), in N/mm."""
     return np.broadcast_to(foundation, (particles, dim)).ravel()

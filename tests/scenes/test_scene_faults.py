@@ -118,15 +118,15 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
 
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'lattice.kind': 'hexagonal'}, "lattice.kind must be one of 'chain', 'square', 'triangular', 'honeycomb', 'kagome', "
-                                    "'fcc', 'bcc', 'oscillator', not 'hexagonal'"),
+                                    "'fcc', 'bcc', 'oscillator', 'file', not 'hexagonal'"),
     ({'law.kind': 'gravity'}, "law.kind must be one of 'inverse_power', 'dipoles', 'coulomb', 'yukawa', 'hertz', 'table', "
-                              "'magnets', not 'gravity'"),
+                              "'magnets', 'saved', not 'gravity'"),
     ({'law.kind': ['dipoles']}, "law.kind must be one of 'inverse_power', 'dipoles', 'coulomb', 'yukawa', 'hertz', 'table', "
-                                "'magnets', not ['dipoles']"),
+                                "'magnets', 'saved', not ['dipoles']"),
     ({'law.kind': 'dipoles'}, "law has no key 'b_N_m_a'; its keys are kind, moment_A_m2, shells"),
     ({'law.cutoff_m': 0.02}, "law has no key 'cutoff_m'; its keys are kind, b_N_m_a, a, shells"),
     ({'law': 4.5}, 'law must be a table [law] with a kind, one of inverse_power, dipoles, coulomb, yukawa, hertz, table, '
-                   'magnets, not 4.5'),
+                   'magnets, saved, not 4.5'),
     ({'law.kind': None}, 'law must be a table [law] with a kind, one of'),
     ({'lattice': 'triangular'},
      "lattice must be a table in brackets with the keys kind, spacing_m, mass_kg, relative_masses, not 'triangular'"),

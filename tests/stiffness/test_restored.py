@@ -145,3 +145,19 @@ def test_what_is_no_calculator_is_refused(tmp_path):
             restored(bare)
     with pytest.raises(ValueError, match='calculator must be one of'):
         restored(cell, {'calculator': 'EMT'})
+
+
+def test_sites_of_their_own_come_back(tmp_path):
+    """Kinds with laws of their own, strengths, and springs of each particle and direction."""
+    rng = np.random.default_rng(4)
+    atoms = lattices.triangular(10.0, 0.7).repeat((4, 4, 1))
+    atoms.set_tags(rng.integers(0, 2, 16))
+    laws = {(0, 0): LAWS['magnets'], (0, 1): LAWS['table'], (1, 1): LAWS['yukawa']}
+    atoms.calc = MagneticRepulsion(atoms, laws, foundation=rng.uniform(1, 2, (16, 2)), strengths=rng.uniform(0.5, 2, 16))
+    assert 'foundation=<1.1' in repr(atoms.calc)
+    assert 'strengths=<0.' in repr(atoms.calc)
+    ase.io.write(tmp_path / 'a.traj', atoms)
+    again = restored(ase.io.read(tmp_path / 'a.traj'))
+    assert same(atoms, again)
+    # control: one of the laws in place of all
+    assert abs(restored(again, atoms.calc.todict(), laws[0, 0]).get_forces() - atoms.get_forces()).max() > 1e-3
