@@ -12,6 +12,7 @@ from .bloch import (
 from .density import (
     DensityOfStates as DensityOfStates,
     band_gaps as band_gaps,
+    band_ranges as band_ranges,
     lattice_density as lattice_density,
 )
 from .edges import (

@@ -103,24 +103,30 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     return DensityOfStates(middles, counted / np.diff(edges), float(branches), np.diff(edges) / 2, np.zeros(len(middles)))
 
 
-def band_gaps(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
-    """Ranges between the branches of an infinite lattice in which it has no mode.
+def band_ranges(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
+    """Ranges of frequency in which an infinite lattice has modes; where branches overlap they are one.
 
     Parameters
     ----------
     atoms, steps, model
-        As for `lattice_density`.  Between points of the mesh a branch may reach a little farther into a gap.
+        As for `lattice_density`.  Between points of the mesh a branch may reach a little farther.
 
     Returns
     -------
-    ndarray, shape (gaps, 2)
+    ndarray, shape (bands, 2)
         Lower and upper end of each, ascending, in rad/ms.
     """
     frequencies = _on_mesh(atoms, steps, model)
     branches = frequencies.reshape(-1, frequencies.shape[-1])
-    tops, bottoms = branches.max(axis=0)[:-1], branches.min(axis=0)[1:]
-    open_ = bottoms - tops > GAP * abs(branches).max()
-    return np.stack([tops[open_], bottoms[open_]], axis=1)
+    tops, bottoms = branches.max(axis=0), branches.min(axis=0)
+    apart = bottoms[1:] - tops[:-1] > GAP * abs(branches).max()  # ascending at every wavevector, so are their ends
+    return np.stack([bottoms[np.append(True, apart)], tops[np.append(apart, True)]], axis=1)
+
+
+def band_gaps(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
+    """Gaps between the bands of an infinite lattice, shape (gaps, 2); see `band_ranges`."""
+    ranges = band_ranges(atoms, steps, model)
+    return np.stack([ranges[:-1, 1], ranges[1:, 0]], axis=1)
 
 
 def increasing(omega: ArrayLike) -> NDArray[np.float64]:

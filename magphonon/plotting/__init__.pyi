@@ -1,3 +1,7 @@
+from .animation import (
+    animate as animate,
+    period as period,
+)
 from .axes import (
     legend_above as legend_above,
     new_axes as new_axes,
@@ -6,11 +10,17 @@ from .axes import (
 from .bands import (
     plot_bands as plot_bands,
 )
+from .density import (
+    plot_density as plot_density,
+    plot_spectral_function as plot_spectral_function,
+)
 from .fits import (
     plot_fits as plot_fits,
 )
 from .modes import (
+    plot_extents as plot_extents,
     plot_mode as plot_mode,
+    plot_shape as plot_shape,
 )
 from .response import (
     plot_response as plot_response,

@@ -15,6 +15,7 @@ from .axes import COLOURS, MARKERS, UNSTABLE, legend_above, new_axes, point_name
 if TYPE_CHECKING:
     from typing import Any
 
+    from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
 
     from ..bands.bands import Bands
@@ -58,10 +59,7 @@ def plot_bands(bands: Bands, ax: Axes | None = None, label: str | None = None, *
     at, names = _joined(ticks, [point_name(name) for name in names])
     if not ax.lines:
         ax.set_prop_cycle(color=COLOURS)
-        ax.set_xticks(at, names)
-        ax.grid(axis='x', color='0.7', linewidth=0.8)
-        ax.tick_params(axis='x', length=0)
-        ax.set_xlim(x[0], x[-1])
+        label_path(ax, bands.path)
     elif len(ax.get_xticks()) != len(at) or not np.allclose(ax.get_xticks(), at, rtol=1e-6, atol=1e-9 * x[-1]):
         raise ValueError(f'these bands run along another path ({bands.path.path}, {x[-1]:g}/mm long) than those on the axes; '
                          'compute both on the same path')
@@ -74,6 +72,15 @@ def plot_bands(bands: Bands, ax: Axes | None = None, label: str | None = None, *
     if label is not None:
         legend_above(ax)
     return ax
+
+
+def label_path(ax: Axes, path: BandPath) -> None:
+    """Let the axis of wavevectors run along the path, with the names of its special points."""
+    x, ticks, names = path.get_linear_kpoint_axis()
+    ax.set_xticks(*_joined(ticks, [point_name(name) for name in names]))
+    ax.grid(axis='x', color='0.7', linewidth=0.8)
+    ax.tick_params(axis='x', length=0)
+    ax.set_xlim(x[0], x[-1])
 
 
 def _joined(ticks, names):

@@ -1,4 +1,4 @@
-"""A mode shape drawn on its lattice."""
+"""Mode shapes drawn on their lattice or patch, and how far the modes of a patch reach."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ import numpy as np
 from .. import units
 from ..bands.zone import ROUND_OFF
 from ..stiffness.repulsion import repulsion_of
-from .axes import COLOURS, new_axes, point_name
+from .axes import COLOURS, legend_above, new_axes, point_name
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any  # of results of a room beside this one
+
     from ase import Atoms
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
     from ..bands.bands import Bands
 
@@ -74,6 +78,59 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, ax: Axes | No
     half = WINDOW * atoms.cell.lengths()[:2].min() / units.m
     title = f'{_printed_wavevector(bands.path, where)}, branch {mode + 1}\n{_printed_frequency(bands, where, mode)}'
     ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', xlim=(-half, half), ylim=(-half, half), aspect='equal', title=title)
+    return ax
+
+
+def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None, title: str = '') -> Axes:
+    """Shape of a mode of a patch: an arrow on every particle, and darker the more of the kinetic energy it has.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        A planar structure with its MagneticRepulsion, at rest.
+    shape : ndarray, shape (particles, dim)
+        A row of `Modes.shapes`.
+    ax : matplotlib.axes.Axes, optional
+    title : str
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = new_axes(4.6, 4.6) if ax is None else ax
+    bonds, rest = repulsion_of(atoms).bonds, atoms.positions[:, :2] / units.m
+    share = atoms.get_masses() * (shape**2).sum(axis=1)
+    arrows = ARROW * bonds.lengths.min() / units.m / np.linalg.norm(shape, axis=1).max() * shape[:, :2]
+    size = ax.get_window_extent().width / ax.figure.dpi * 72 * bonds.lengths.min() / units.m / (np.ptp(rest, axis=0).max() or 1)
+    ax.scatter(*rest.T, s=(0.6 * size) ** 2, c=share, cmap='Greys', vmin=0, vmax=share.max(), edgecolors='0.75',
+               linewidths=min(0.5, 0.05 * size))
+    ax.quiver(*rest.T, *arrows.T, color=COLOURS[1], angles='xy', scale_units='xy', scale=0.3, width=0.006, zorder=3)
+    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal', title=title)
+    return ax
+
+
+def plot_extents(extent: Any, ax: Axes | None = None, bands: Sequence[Any] = ()) -> Axes:
+    """How many particles take part in each mode, over its frequency; shaded: where the lattice has bands.
+
+    Parameters
+    ----------
+    extent : Extent
+    ax : matplotlib.axes.Axes, optional
+    bands : sequence of (low, high)
+        Ranges of angular frequency in rad/ms.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = new_axes() if ax is None else ax
+    for k, (low, high) in enumerate(bands):
+        name = None if k else 'bands of the lattice'
+        ax.axvspan(units.hertz(low), units.hertz(high), color='0.9', linewidth=0, zorder=0, label=name)
+    dots: dict[str, Any] = {'color': COLOURS[0], 'markersize': 3, 'markerfacecolor': 'none'}
+    ax.plot(extent.frequencies_Hz, extent.participation, 'o', label='modes', **dots)
+    ax.set(xlabel='frequency (Hz)', ylabel='particles that take part', yscale='log', ylim=(0.8, None))
+    legend_above(ax)
     return ax
 
 

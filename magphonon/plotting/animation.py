@@ -1,0 +1,150 @@
+"""Motion of a structure as a film, GIF or MP4, on one scale from the first frame to the last."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from ..errors import finite, positive
+from ..stiffness.repulsion import repulsion_of
+from .axes import COLOURS, new_axes
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from ase import Atoms
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
+
+LONGEST = 0.35
+"""Largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for."""
+FRAMES = 24
+"""Frames of one period of a mode."""
+
+
+def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:
+    """One period of a mode, as `animate` takes it: the displacements `shape cos(2 pi t/T)`.
+
+    Parameters
+    ----------
+    shape : array_like, shape (particles, dim)
+        Such as a row of `Modes.shapes`, in any unit.
+    amplitude : float
+        Largest displacement of a particle in mm.
+    frames : int
+
+    Returns
+    -------
+    ndarray, shape (frames, particles, dim)
+    """
+    shape = finite('shape', shape)
+    largest = np.linalg.norm(shape, axis=-1).max()
+    if not largest:
+        raise ValueError('the shape moves nothing; choose a mode')
+    return np.multiply.outer(np.cos(2 * np.pi * np.arange(frames) / frames), shape * amplitude / largest)
+
+
+def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, times: ArrayLike | None = None,
+            magnification: float | None = None, title: str = '', fps: float = 12) -> float:
+    """Write a film of moving particles; every frame has the same scale, and the title states the magnification.
+
+    Parameters
+    ----------
+    path : path-like
+        Ends in `.gif`, or in `.mp4`, for which ffmpeg or the package imageio-ffmpeg must be there.
+    atoms : ase.Atoms
+        A planar structure with its MagneticRepulsion, at the places from which displacements count.
+    displacements : array_like, shape (frames, particles, dim)
+        In mm: of a mode from `period`, of a wave from `propagate` or a `Recorder`.
+    times : array_like, shape (frames,), optional
+        In ms, shown in s.
+    magnification : float, optional
+        Of the displacements; if not given, the largest one of all frames is a third of the shortest bond long.
+    title : str
+    fps : float
+        Frames per second.
+
+    Returns
+    -------
+    float
+        The magnification.
+
+    Raises
+    ------
+    ValueError
+        For another ending or shape, motion that is zero throughout, or if nothing here can write MP4.
+    OSError
+        If the file cannot be written; nothing is left of it.
+    """
+    from matplotlib.animation import FuncAnimation
+
+    path, u = Path(path), finite('displacements', displacements)
+    if u.ndim != 3 or u.shape[1] != len(atoms) or u.shape[2] not in (2, 3):
+        raise ValueError(f'displacements must have the shape (frames, {len(atoms)}, 2 or 3), not {u.shape}')
+    moments = None if times is None else finite('times', times, u.shape[:1])
+    positive('fps', fps, '1/s')
+    largest = np.linalg.norm(u, axis=2).max()
+    if not largest:
+        raise ValueError('nothing moves in any frame; there is nothing to film')
+    bond = repulsion_of(atoms).bonds.lengths.min()
+    factor = LONGEST * bond / largest if magnification is None else positive('magnification', magnification)
+    writer = _writer(path, fps)
+    ax, rest = new_axes(5.0, 5.0), atoms.positions[:, :2]
+    _draw_structure(ax, atoms)
+    (dots,) = ax.plot([], [], 'o', color=COLOURS[0], markersize=_marker(ax, rest, bond))
+
+    def show(frame):
+        dots.set_data(*((rest + factor * u[frame, :, :2]) / units.m).T)
+        when = '' if moments is None else f', {moments[frame] / units.s:.4g} s'
+        ax.set_title(f'{title}\ndisplacements drawn {factor:.3g} times as large{when}'.strip(), fontsize='medium')
+
+    try:
+        with TemporaryDirectory(prefix='.film-', dir=path.parent) as folder:
+            whole = Path(folder) / f'film{path.suffix.lower()}'
+            film = FuncAnimation(ax.figure, show, frames=len(u))  # pyright: ignore[reportArgumentType]  no subfigure
+            film.save(whole, writer=writer, dpi=100)
+            os.replace(whole, path)
+    except OSError as error:
+        raise type(error)(f'{path} cannot be written ({error.strerror}); choose another place') from None
+    return float(factor)
+
+
+def _writer(path, fps):
+    from matplotlib import rcParams
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+
+    if path.suffix.lower() == '.gif':
+        return PillowWriter(fps=fps)
+    if path.suffix.lower() != '.mp4':
+        raise ValueError(f'{path.name} must end in .gif or .mp4')
+    if not FFMpegWriter.isAvailable():
+        if find_spec('imageio_ffmpeg') is None:
+            raise ValueError(f'{path.name}: nothing here writes MP4; install ffmpeg or imageio-ffmpeg, or write a .gif')
+        from imageio_ffmpeg import get_ffmpeg_exe  # pyright: ignore[reportMissingImports]  which need not be there
+
+        rcParams['animation.ffmpeg_path'] = get_ffmpeg_exe()
+    return FFMpegWriter(fps=fps)
+
+
+def _draw_structure(ax: Axes, atoms: Atoms) -> None:
+    """Bonds at rest, and axes around all particles."""
+    from matplotlib.collections import LineCollection
+
+    bonds, rest = repulsion_of(atoms).bonds, atoms.positions[:, :2] / units.m
+    ends = np.stack([rest[bonds.i], rest[bonds.i] + bonds.vectors[:, :2] / units.m], axis=1)
+    ax.add_collection(LineCollection(list(ends), colors='0.88', linewidths=1, zorder=1))
+    room = bonds.lengths.min() / units.m
+    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal', xlim=(rest[:, 0].min() - room, rest[:, 0].max() + room),
+           ylim=(rest[:, 1].min() - room, rest[:, 1].max() + room))
+
+
+def _marker(ax, rest, bond):
+    """Diameter in points of a dot that is a third of the shortest bond."""
+    extent = max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1])) + 2 * bond
+    return max(1.0, 72 * 0.75 * ax.figure.get_figwidth() * 0.33 * bond / extent)

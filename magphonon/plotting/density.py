@@ -1,0 +1,87 @@
+"""Densities of states, and spectral functions over the wavevector, drawn in SI on matplotlib axes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from .axes import COLOURS, legend_above, new_axes
+from .bands import label_path
+
+if TYPE_CHECKING:
+    from typing import Any  # of results of a room beside this one
+
+    from ase.dft.kpoints import BandPath
+    from matplotlib.axes import Axes
+
+    from ..bands.density import DensityOfStates
+
+DECADES = 3
+"""Range of a spectral function that is shown, in powers of ten below its highest value."""
+
+
+def plot_density(density: DensityOfStates, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
+    """Share of all modes per Hz over the frequency, so that a lattice and a patch can be compared; shaded: two standard errors.
+
+    Parameters
+    ----------
+    density : DensityOfStates
+    ax : matplotlib.axes.Axes, optional
+    label : str, optional
+        Its entry in the legend.
+    **line
+        Properties of `matplotlib.lines.Line2D`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = new_axes() if ax is None else ax
+    f, share = density.frequencies_Hz, density.per_Hz
+    if not ax.lines:
+        ax.set_prop_cycle(color=COLOURS)
+    (drawn,) = ax.plot(f, share, label=label, **line)
+    if density.error.any():
+        error = 2 * density.error * share.max() / density.density.max()
+        ax.fill_between(f, share - error, share + error, color=drawn.get_color(), alpha=0.25, linewidth=0)
+    ax.set(xlabel='frequency (Hz)', ylabel='share of all modes per Hz', xlim=(min(f[0], *ax.get_xlim()) if f[0] < 0 else 0, None))
+    ax.set_ylim(0, None)
+    if label is not None:
+        legend_above(ax, ncols=2)
+    return ax
+
+
+def plot_spectral_function(spectral: Any, path: BandPath, ax: Axes | None = None) -> Axes:
+    """Map of A(k, omega) along a path, over which `plot_bands` draws the branches of the perfect lattice.
+
+    Parameters
+    ----------
+    spectral : SpectralFunction
+        At the wavevectors of the path.
+    path : ase.dft.kpoints.BandPath
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the path has other wavevectors.
+    """
+    from matplotlib.colors import LogNorm
+
+    if spectral.q.shape != path.kpts.shape:
+        raise ValueError(f'the spectral function has {len(spectral.q)} wavevectors, but the path {len(path.kpts)}; compute it at '
+                         'path.kpts')
+    ax = new_axes() if ax is None else ax
+    share = spectral.density.T / spectral.modes * 2 * np.pi * units.Hz
+    image = ax.pcolormesh(path.get_linear_kpoint_axis()[0], spectral.frequencies_Hz, share, cmap='Greys', shading='nearest',
+                          norm=LogNorm(share.max() / 10**DECADES, share.max()), rasterized=True)
+    ax.figure.colorbar(image, ax=ax, label='share of a plane wave per Hz')
+    label_path(ax, path)
+    ax.set(ylabel='frequency (Hz)')
+    return ax

@@ -1,0 +1,121 @@
+"""Densities, spectral functions, extents and films: what they show is what was given, in SI, on one scale."""
+
+import numpy as np
+import pytest
+from cells import prototype
+from figures import drawn, legend_of
+from motion import patch
+from PIL import Image
+
+from magphonon import analytic_bands, modes, units as u
+from magphonon.bands import band_path, band_ranges, lattice_density
+from magphonon.plotting import (
+    animate,
+    period,
+    plot_bands,
+    plot_density,
+    plot_extents,
+    plot_shape,
+    plot_spectral_function,
+)
+from magphonon.response import density_of_states, extents, spectral_function
+
+
+def test_densities_of_a_lattice_and_a_patch_share_axes():
+    ax = plot_density(lattice_density(prototype(), steps=24), label='lattice')
+    found = density_of_states(patch(12), moments=64)
+    drawn(plot_density(found, ax, label='patch'))
+    assert legend_of(ax) == ['lattice', 'patch']
+    assert ax.get_xlabel() == 'frequency (Hz)'
+    for line in ax.lines:  # each is a share: its integral over Hz is one
+        assert np.trapezoid(line.get_ydata(), line.get_xdata()) == pytest.approx(1, abs=0.03)  # 400 bins with peaks
+    np.testing.assert_allclose(ax.lines[1].get_xdata(), found.frequencies_Hz)
+    (shaded,) = ax.collections
+    edges = shaded.get_paths()[0].vertices
+    k = found.error.argmax()
+    at = edges[np.isclose(edges[:, 0], found.frequencies_Hz[k])][:, 1]
+    assert np.ptp(at) == pytest.approx(4 * found.error[k] / found.modes * 2 * np.pi * u.Hz, rel=1e-9)
+
+
+def test_spectral_function_lies_under_the_bands():
+    cell = prototype()
+    path = band_path(cell, 'GMKG', npoints=25)
+    spectral = spectral_function(patch(12), cell, path.kpts, moments=64)
+    ax = plot_spectral_function(spectral, path)
+    drawn(plot_bands(analytic_bands(cell, path), ax))
+    assert [label.get_text() for label in ax.get_xticklabels()] == ['Γ', 'M', 'K', 'Γ']
+    image = ax.collections[0]
+    shown = np.asarray(image.get_array()).reshape(64, 25)
+    np.testing.assert_allclose(shown, spectral.density.T / 2 * 2 * np.pi * u.Hz)
+    with pytest.raises(ValueError, match='25 wavevectors, but the path 30'):
+        plot_spectral_function(spectral, band_path(cell, 'GMKG', npoints=30))
+
+
+def test_extents_and_shapes():
+    atoms, cell = patch(8), prototype()
+    found = modes(atoms)
+    extent = extents(found, atoms)
+    ranges = band_ranges(cell, 24)
+    ax = drawn(plot_extents(extent, bands=ranges))
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), extent.participation)
+    assert legend_of(ax) == ['bands of the lattice', 'modes']
+    ax = drawn(plot_shape(atoms, found.shapes[3], title='a mode'))
+    shares = ax.collections[0].get_array()
+    assert np.sum(shares) == pytest.approx(1)
+    arrows = ax.collections[1]
+    np.testing.assert_allclose(arrows.U / arrows.U[27], found.shapes[3, :, 0] / found.shapes[3, 27, 0], rtol=1e-9)
+
+
+def test_a_film_has_all_frames_on_one_scale(tmp_path):
+    atoms = patch(6)
+    decaying = np.exp(-np.arange(5))[:, None, None] * period(modes(atoms).shapes[0], 0.01)[:1]
+    assert np.linalg.norm(decaying, axis=2).max() == pytest.approx(0.01)
+    factor = animate(tmp_path / 'film.gif', atoms, decaying, times=np.arange(5.0), title='decay')
+    assert factor == pytest.approx(0.35 * 10 / 0.01)  # of a spacing of 10 mm
+    with Image.open(tmp_path / 'film.gif') as film:
+        frames = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            frames.append(np.asarray(film.convert('L'), dtype=float))
+    body = np.array(frames)[:, 80:]  # without the title, in which the time runs
+    rest = body[-1]
+    away = [abs(frame - rest).sum() for frame in body]
+    assert len(frames) == 5
+    assert away[0] > 2 * away[2] > 0  # it comes to rest: another scale for each frame would hide it
+    assert [file.name for file in tmp_path.iterdir()] == ['film.gif']
+
+
+def test_a_period_returns_to_its_beginning():
+    shape = np.array([[0.0, 2.0], [1.0, 0.0]])
+    found = period(shape, 0.5, frames=8)
+    np.testing.assert_allclose(found[0], shape / 4)
+    np.testing.assert_allclose(found[4], -shape / 4, atol=1e-15)
+    np.testing.assert_allclose(found.sum(axis=0), 0, atol=1e-15)
+
+
+@pytest.mark.parametrize(('path', 'displacements', 'message'), [
+    ('film.avi', np.ones((2, 36, 2)), 'must end in .gif or .mp4'),
+    ('film.gif', np.ones((2, 35, 2)), r'shape \(frames, 36, 2 or 3\)'),
+    ('film.gif', np.zeros((2, 36, 2)), 'nothing moves')])
+def test_what_cannot_be_filmed_is_refused(path, displacements, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        animate(tmp_path / path, patch(6), displacements)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_film_without_a_folder_says_so(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r'cannot be written .* choose another place'):
+        animate(tmp_path / 'none' / 'film.gif', patch(6), np.ones((1, 36, 2)))
+    with pytest.raises(ValueError, match='moves nothing'):
+        period(np.zeros((3, 2)))
+
+
+def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):
+    from matplotlib.animation import FFMpegWriter
+
+    from magphonon.plotting import animation
+
+    monkeypatch.setattr(FFMpegWriter, 'isAvailable', classmethod(lambda cls: False))
+    monkeypatch.setattr(animation, 'find_spec', lambda name: None)
+    with pytest.raises(ValueError, match=r'install ffmpeg or imageio-ffmpeg, or write a \.gif'):
+        animate(tmp_path / 'film.mp4', patch(6), np.ones((2, 36, 2)))
