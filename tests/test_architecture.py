@@ -2,6 +2,7 @@
 
 import ast
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -66,3 +67,13 @@ def test_no_exported_name_hides_a_module(room):
     exported = {alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
     assert exported
     assert not exported & {file.stem for file in (PACKAGE / room).glob('*.py')}
+
+
+def test_the_front_door_opens_what_its_stub_lists():
+    """For its time the list stands in the module once more: every name of the stub is found, from the room that it names."""
+    stub = ast.parse((PACKAGE / '__init__.pyi').read_text(encoding='utf-8'))
+    listed = {alias.name: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert set(dir(magphonon)) == set(listed)
+    for name, room in listed.items():
+        found = getattr(magphonon, name)
+        assert found is (getattr(import_module(f'magphonon.{room}'), name) if room else import_module(f'magphonon.{name}'))
