@@ -1,13 +1,17 @@
 """Time steps that a plan offers, judged by a velocity Verlet written here; and peaks that are round-off."""
 
+import ast
+import inspect
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
 from magphonon import InversePower, MagneticRepulsion, ToneBurst, foundation_needed, lattices, modes
+from magphonon.dynamics.law_pieces import DEGREE
 from magphonon.planning import waveform
 from magphonon.planning.peak import highest_peak, plan_peak
-from magphonon.planning.plan import Settings
+from magphonon.planning.plan import Settings, force_cost
 from magphonon.planning.waveform import plan_waveform
 from magphonon.response.place import Place
 
@@ -166,3 +170,16 @@ def chains(patch):
                 K[i, :, j] -= block
         K[i, :, i] += 2.0 * np.eye(2)
     return K[free][:, :, free].reshape(2 * len(free), -1)
+
+
+def test_the_cost_of_a_force_is_that_of_the_compiled_kernel():
+    """Multiplications are counted in the source of the kernel, those of the polynomial as often as its loop runs."""
+    compiled_steps = pytest.importorskip('magphonon.dynamics.compiled_steps', exc_type=ImportError)
+
+    def multiplications(function):
+        tree = ast.parse(inspect.getsource(function.py_func))
+        return sum(isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult) for node in ast.walk(tree))
+
+    counted = multiplications(compiled_steps._force) + multiplications(compiled_steps._piece) - 1 + DEGREE
+    # a plan compares whole methods, whose costs are mostly several times apart
+    assert 1 / 1.5 < force_cost(2) / counted < 1.5
