@@ -69,7 +69,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
         raise ValueError('a dead load or stretched springs of the foundation hold the particles, and it is not known how they '
                          'follow the spacing; take differences of relaxed structures')
     one_of('model', model, MODELS)
-    dK = stiffness_change(calc.bond_vectors, growth(calc, free), calc.potential, model)
+    dK = stiffness_change(calc.bond_vectors, growth(calc, free), calc.law, model)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)
     dD = mass_weighted(bloch_matrix(calc.bonds, dK, _wavevectors(q)), atoms.get_masses())
@@ -97,7 +97,7 @@ def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.flo
     """
     R, C = calc.bond_vectors, calc.bonds.incidence
     r = np.linalg.norm(R, axis=1)
-    push = -(C.T @ (calc.potential.d2phi(r)[:, None] * R)).ravel()
+    push = -(C.T @ (calc.law.d2phi(r)[:, None] * R)).ravel()
     Phi = free.T @ calc.rest_hessian() @ free
     u = free @ (np.linalg.pinv(Phi, FLOPPY, hermitian=True) @ (free.T @ push))
     return R + C @ u.reshape(-1, calc.dim)

@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from ..interactions.bond_laws import BondLaws, laid, taken
+
 if TYPE_CHECKING:
     from typing import Any
 
@@ -45,11 +47,14 @@ NODES, WEIGHTS = ((x + shift) / 2 for x, shift in zip(np.polynomial.legendre.leg
 
 @dataclass(frozen=True)
 class Increments:
-    """The increment law of bonds whose rest lengths fall into a few kinds.
+    """The increment law of bonds whose rest lengths and laws fall into a few kinds.
+
+    Its methods take increments whose last axis is that of the kinds.
 
     Attributes
     ----------
     potential : PairLaw
+        Of all bonds, or laid along the kinds.
     model : {'complete', 'conventional', 'literal'}
     r0 : ndarray, shape (kinds,)
         Rest length of each kind of bond, mm.
@@ -75,7 +80,25 @@ class Increments:
     @property
     def static(self) -> NDArray[np.float64]:
         """Static force f(r0) of each kind in N."""
-        return -self.potential.dphi(self.r0)
+        return -self._along(self.potential.dphi, self.r0)
+
+    def at(self, kinds: Any) -> Increments:
+        """Those of some kinds, or of bonds whose kinds these are; of a single kind, for increments of any shape."""
+        return Increments(taken(self.potential, kinds), self.model, self.r0[kinds])
+
+    def _along(self, law, r):
+        """A law at distances whose last axis is that of the kinds: laws along bonds want it first."""
+        return law(r) if np.ndim(r) < 2 else np.transpose(law(np.transpose(r)))
+
+    @property
+    def shapes(self) -> tuple[Increments, NDArray[np.intp], NDArray[np.float64]]:
+        """Kinds that differ by more than strength, at the strength 1; which of them each kind is; and its strength."""
+        if not isinstance(self.potential, BondLaws):
+            return self, np.arange(len(self.r0)), np.ones(len(self.r0))
+        laws, which, strength = self.potential.laws, self.potential.which, self.potential.strength
+        _, first, shape = np.unique(np.column_stack([which, self.r0]), axis=0, return_index=True, return_inverse=True)
+        alone = Increments(laid(laws, which[first], np.ones(len(first))), self.model, self.r0[first])
+        return alone, shape.ravel(), strength
 
     def length(self, e: Any, r0: Any) -> Any:
         """Bond length that enters the law, mm."""
@@ -85,18 +108,19 @@ class Increments:
         """Slope dH/de in N/mm."""
         r = self.length(e, r0)
         if self.model == 'complete':
-            return -(r0**2 / (2 * r**2)) * (self.potential.d2phi(r) - self.potential.dphi(r) / r)
-        return -self.potential.d2phi(r) * (r0 / (2 * r) if self.model == 'literal' else 0.5)
+            return -(r0**2 / (2 * r**2)) * (self._along(self.potential.d2phi, r) - self._along(self.potential.dphi, r) / r)
+        return -self._along(self.potential.d2phi, r) * (r0 / (2 * r) if self.model == 'literal' else 0.5)
 
     def exact(self, e: NDArray[np.float64], r0: ArrayLike) -> NDArray[np.float64]:
         """H(e) from the law itself, N/mm: the integral of the slope where the difference would cancel."""
         r = self.length(e, r0)
         near = abs(e) < NEAR
         divisor = r if self.model == 'complete' else r0
-        H = -self.potential.dphi(r) / divisor + self.potential.dphi(r0) / r0
+        H = -self._along(self.potential.dphi, r) / divisor + self._along(self.potential.dphi, r0) / r0
         if near.any():
+            few = self.at(np.nonzero(near)[-1]) if isinstance(self.potential, BondLaws) else self
             e, r0 = e[near], np.broadcast_to(r0, e.shape)[near]
-            H[near] = e * sum(w * self.slope(x * e, r0) for x, w in zip(NODES, WEIGHTS, strict=True))
+            H[near] = e * sum(w * few.slope(x * e, r0) for x, w in zip(NODES, WEIGHTS, strict=True))
         return H
 
     def polynomial(self, reach: float) -> tuple[NDArray[np.float64], float] | None:
@@ -109,6 +133,11 @@ class Increments:
         (ndarray, float) or None
             None if the law is not smooth enough there: a table with a knot within reach, or its end.
         """
+        alone, shape, strength = self.shapes
+        fit = alone._polynomial_at_strength_one(reach)
+        return fit and (strength[:, None] * fit[0][shape], fit[1])
+
+    def _polynomial_at_strength_one(self, reach):
         x = np.cos(np.linspace(0, np.pi, 301))[:, None]
         nodes = chebyshev.chebpts1(MOST_COEFFICIENTS)[:, None]
         try:

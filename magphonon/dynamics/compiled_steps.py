@@ -148,11 +148,20 @@ def _law_of(laws, kind, pattern):
     return quads if isinstance(laws, types.Array) else pieces
 
 
+def _spring(k, x, i):
+    """The stiffness along x of the spring of slot i, where all have the same or each its own."""
+
+
+@overload(_spring, jit_options=OPTIONS)
+def _spring_of(k, x, i):
+    return (lambda k, x, i: k[x, i]) if isinstance(k, types.Array) else (lambda k, x, i: k)
+
+
 @jit
 def _move(ux, uy, vx, vy, i, fx, fy, carry, push, k, dt):
     """One step of slot i under the forces of its bonds."""
-    vx[i] = carry[i] * vx[i] + push[i] * (fx - k * ux[i])
-    vy[i] = carry[i] * vy[i] + push[i] * (fy - k * uy[i])
+    vx[i] = carry[i] * vx[i] + push[i] * (fx - _spring(k, 0, i) * ux[i])
+    vy[i] = carry[i] * vy[i] + push[i] * (fy - _spring(k, 1, i) * uy[i])
     ux[i] += dt * vx[i]
     uy[i] += dt * vy[i]
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..interactions.bond_laws import BondLaws
+from ..interactions.bond_laws import labels, taken
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.constraints import freedom
 from ..stiffness.positions import out_of_plane
@@ -36,8 +37,6 @@ def refusal(atoms: Atoms) -> str | None:
         return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
     if atoms.calc.dim != 2:
         return 'the structure is not planar'
-    if isinstance(atoms.calc.law, BondLaws) or np.ndim(atoms.calc.foundation):
-        return 'particles differ in law, strength or foundation'
     if out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:
@@ -73,10 +72,11 @@ class Blocks:
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
         self._static = static[driven]
 
-        self.layout = layout = arrange(calc.reference, calc.bonds, mobile)
-        self._increments = Increments(calc.law, calc.parameters.model, layout.r0)
+        self.layout = layout = arrange(calc.reference, calc.bonds, mobile, labels(calc.law, len(calc.bonds)))
+        self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
-                              float(calc.foundation), layout.slot[driven], layout.slot[guided], barred)
+                              layout.scatter(calc.foundation) if isinstance(calc.foundation, np.ndarray) else calc.foundation,
+                              layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
         self.cages = Cages(atoms)
@@ -126,8 +126,12 @@ class Blocks:
         """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
         if self._kernel_class is Kernel:
             return None
-        kinds = [pieces(self._increments, kind, CONTACT, BROKEN_BOND) for kind in range(len(self.layout.r0))]
-        return None if None in kinds else kinds  # pyright: ignore[reportReturnType]  none of them is None
+        alone, shape, strength = self._increments.shapes
+        found = [pieces(alone, kind, CONTACT, BROKEN_BOND) for kind in range(len(alone.r0))]
+        if None in found:
+            return None
+        return [replace(found[k], coefficients=s * found[k].coefficients)  # pyright: ignore[reportArgumentType]  none of them is None
+                for k, s in zip(shape, strength, strict=True)]
 
     @property
     def _exact(self):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from ..stiffness.sites import Foundation
     from .bond_increments import Increments
     from .law_pieces import Pieces
     from .memory_layout import Layout
@@ -47,8 +48,8 @@ class Motion:
         d = exp(-gamma dt/2).
     mobility : ndarray, shape (slots,)
         1/m in 1/g; zero for held particles and empty slots.
-    foundation : float
-        k in N/mm, of all particles.
+    foundation : float or ndarray, shape (2, slots)
+        k in N/mm, of all particles or along each displacement.
     driven : ndarray of int
         Slots with external forces.
     guided : ndarray of int
@@ -60,7 +61,7 @@ class Motion:
     dt: float
     decay: np.ndarray
     mobility: np.ndarray
-    foundation: float
+    foundation: Foundation
     driven: np.ndarray
     guided: np.ndarray
     barred: np.ndarray
@@ -125,12 +126,13 @@ class Kernel:
         return self._steps(u, a, force[None], self.forget, self.motion.mobility, 0.0)
 
     def _steps(self, u, v, forces, carry, push, dt):
-        m = self.motion
+        m, k = self.motion, np.asarray(self.motion.foundation)
+        whole = not k.ndim
         self.forces.strain = 0.0
         for force in forces:
             for s, e in self.forces.fill(self.f, u):
                 us, vs, fs, t = u[:, s:e], v[:, s:e], self.f[:, s:e], self.scratch[:, : e - s]
-                fs -= np.multiply(m.foundation, us, out=t)
+                fs -= np.multiply(k if whole else k[:, s:e], us, out=t)
                 fs *= push[s:e]
                 vs *= carry[s:e]
                 vs += fs
@@ -168,7 +170,7 @@ class BondForces:
 
     def __init__(self, increments: Increments, coefficients: NDArray[np.float64] | None, R: NDArray[np.float64],
                  r0: NDArray[np.float64], kind: Any) -> None:
-        self.increments, self.R, self.R2, self.r0 = increments, R, 2 * R, r0
+        self.increments, self.R, self.R2, self.r0 = increments.at(np.ravel(kind)), R, 2 * R, r0
         self.g = increments.g[kind]
         if coefficients is not None:
             scaled = coefficients / increments.r0[:, None] ** (2 + 2 * np.arange(coefficients.shape[1]))
@@ -188,7 +190,7 @@ class BondForces:
         self.strain = np.maximum(self.strain, (largest / self.rows**2).max())
         if self.exact:
             e /= self.r0**2
-            H[:] = self.increments.exact(e, np.broadcast_to(self.r0, e.shape))
+            H[:] = self.increments.exact(e.T, np.broadcast_to(self.r0, e.shape).T).T
         else:
             np.multiply(self.c[-1], e, out=H)
             for c in self.c[-2::-1]:

@@ -85,19 +85,19 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
     Pieces or None
         None for a law that needs too many.  Where the law ends before, the pieces do too.
     """
-    r0 = increments.r0[kind]
+    own, r0 = increments.at(kind), increments.r0[kind]
     per_increment, power = (0.5, 1) if increments.model == 'conventional' else (1.0, 2)
 
     with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
-        near = SMALL * min(1.0, 3 * abs(increments.static[kind] / r0 / increments.slope(0.0, r0)))
+        near = SMALL * min(1.0, 3 * abs(own.static / r0 / own.slope(0.0, r0)))
 
     def quotient(w):
         e = (w - 1) / per_increment
         small = abs(e) < near
-        Q = increments.exact(np.where(small, 1.0, e), r0) / np.where(small, 1.0, e) if not small.all() else np.zeros_like(e)
+        Q = own.exact(np.where(small, 1.0, e), r0) / np.where(small, 1.0, e) if not small.all() else np.zeros_like(e)
         if small.any():
             x, weights = _GAUSS
-            Q[small] = weights @ increments.slope(x[:, None] * e[small], r0)
+            Q[small] = weights @ own.slope(x[:, None] * e[small], r0)
         return Q
 
     low, high = (_end_of(quotient, end**power) for end in (shortest, longest))

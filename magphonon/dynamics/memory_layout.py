@@ -8,7 +8,7 @@ with the particles renumbered so that neighbours lie close in memory.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -55,6 +55,8 @@ class Layout:
         The increment law of each bond; ascending in a table.
     r0 : ndarray, shape (kinds,)
         Rest length of each kind in mm.
+    example : ndarray of int, shape (kinds,)
+        A bond of each kind, by its number in the list of bonds.
     offset : ndarray of int, shape (kinds,), or None
         On a grid, j - i of each kind; None for a table.
     strength : ndarray, shape (kinds, length), or None
@@ -69,6 +71,7 @@ class Layout:
     R: np.ndarray
     kind: np.ndarray
     r0: np.ndarray
+    example: np.ndarray
     offset: np.ndarray | None = None
     strength: np.ndarray | None = None
 
@@ -106,7 +109,7 @@ class Layout:
         return slots
 
 
-def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_]) -> Layout:
+def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArray[np.intp] | int = 0) -> Layout:
     """The layout of a planar structure.
 
     Parameters
@@ -115,13 +118,16 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_]) -> Layout:
     bonds : Bonds
     mobile : ndarray of bool, shape (particles,)
         Particles that are not held.
+    labels : ndarray of int, shape (bonds,)
+        The same for bonds of the same law, `magphonon.interactions.labels`; by default all have the same.
     """
-    other = bonds.i != bonds.j  # a bond to one's own image never changes
-    i, j, R = bonds.i[other], bonds.j[other], bonds.vectors[other, :2]
-    return _grid(atoms, i, j, R, mobile) or _table(len(atoms), i, j, R)
+    other = np.flatnonzero(bonds.i != bonds.j)  # a bond to one's own image never changes
+    i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]
+    layout = _grid(atoms, i, j, R, mobile, labels) or _table(len(atoms), i, j, R, labels)
+    return replace(layout, example=other[layout.example])
 
 
-def _grid(atoms, i, j, R, mobile):
+def _grid(atoms, i, j, R, mobile, labels):
     slot = atoms.arrays.get('site', np.arange(len(atoms)))
     if len(np.unique(slot)) < len(slot) or not len(i):  # as after joining two patches
         return None
@@ -131,7 +137,7 @@ def _grid(atoms, i, j, R, mobile):
     i, j = np.where(backward, j, i), np.where(backward, i, j)
     R = np.where(backward[:, None], -R, R)
     r0 = np.linalg.norm(R, axis=1)
-    groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME_VECTOR * r0.min()))]),
+    groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME_VECTOR * r0.min())), labels]),
                                     axis=0, return_index=True, return_inverse=True)
     slots = slot.max() + 1
     if len(groups) * len(slot) > GRID_COST * len(i):
@@ -145,10 +151,10 @@ def _grid(atoms, i, j, R, mobile):
     bonded = np.zeros((len(groups), length))
     bonded[kind, i] = 1
     matters = [(free[:slots] | free[o : o + slots]) & (b[:slots] == 0) for o, b in zip(offset, bonded, strict=True)]
-    return Layout(slot, length, i, j, R[first][kind], kind, r0[first], offset, bonded if np.any(matters) else None)
+    return Layout(slot, length, i, j, R[first][kind], kind, r0[first], first, offset, bonded if np.any(matters) else None)
 
 
-def _table(count, i, j, R):
+def _table(count, i, j, R, labels):
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -157,6 +163,8 @@ def _table(count, i, j, R):
     slot[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(count)
     i, j = slot[i], slot[j]
     r0 = np.linalg.norm(R, axis=1)
-    _, first, kind = np.unique(np.round(np.log(r0) / SAME_VECTOR), return_index=True, return_inverse=True)
+    _, first, kind = np.unique(np.column_stack([np.round(np.log(r0) / SAME_VECTOR), labels]), axis=0, return_index=True,
+                               return_inverse=True)
+    kind = kind.ravel()
     order = np.lexsort([np.maximum(i, j), np.minimum(i, j), kind])
-    return Layout(slot, count + -count % LINE, i[order], j[order], R[order], kind[order], r0[first])
+    return Layout(slot, count + -count % LINE, i[order], j[order], R[order], kind[order], r0[first], first)

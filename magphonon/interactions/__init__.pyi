@@ -1,6 +1,7 @@
 from .bond_laws import (
     BondLaws as BondLaws,
     groups as groups,
+    labels as labels,
     law_along as law_along,
     laws_of as laws_of,
     taken as taken,

@@ -84,6 +84,13 @@ def taken(law: PairLaw, bonds: Any) -> PairLaw:
     return laid(law.laws, law.which[bonds], law.strength[bonds]) if isinstance(law, BondLaws) else law
 
 
+def labels(law: PairLaw, bonds: int) -> NDArray[np.intp]:
+    """A whole number for each of a number of bonds, the same for bonds of the same law and strength."""
+    if not isinstance(law, BondLaws):
+        return np.zeros(bonds, int)
+    return np.unique(np.column_stack([law.which, law.strength]), axis=0, return_inverse=True)[1].ravel()
+
+
 def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:
     """The different laws of a number of bonds, strengths apart, each with its own bonds."""
     if not isinstance(law, BondLaws):
