@@ -15,9 +15,14 @@ FINDER = doctest.DocTestFinder(recurse=False)
 
 
 def public(room):
-    """Public callables of a room by name; those that numba compiled or that are plain values have no docstring of their own."""
+    """Public callables of a room by name; plain values have no docstring of their own."""
     module = import_module(f'magphonon.{room}')
-    found = {name: getattr(module, name) for name in module.__all__}
+    return callables({name: getattr(module, name) for name in module.__all__})
+
+
+def callables(found):
+    """Functions and classes among named things; of what a cache wraps, the function."""
+    found = {name: inspect.unwrap(thing) for name, thing in found.items()}
     return {name: thing for name, thing in found.items() if inspect.isfunction(thing) or inspect.isclass(thing)}
 
 
@@ -35,6 +40,12 @@ def test_examples_of_docstrings(room):
         for test in FINDER.find(thing, name, globs={}):
             failures += run(test)
     assert failures == ''
+
+
+def test_every_name_of_the_front_door_has_an_example():
+    named = callables({name: getattr(magphonon, name) for name in magphonon.__all__})
+    assert len(named) > 30
+    assert [name for name, thing in named.items() if '>>>' not in (inspect.getdoc(thing) or '')] == []
 
 
 @pytest.mark.parametrize('page', sorted(file for file in (ROOT / 'docs').rglob('*.md')

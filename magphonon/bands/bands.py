@@ -42,6 +42,17 @@ class Bands(units.InHertz):
         Angular frequencies in rad/ms, ascending; an unstable mode is negative, the square root of -omega^2 with its sign.
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), optional
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+    >>> cell = lattices.chain(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=4.0)
+    >>> bands = analytic_bands(cell, cell.cell.bandpath('GX', npoints=3, pbc=cell.pbc), vectors=True)
+    >>> bands.frequencies_Hz.shape
+    (3, 2)
+    >>> bands.polarisations[1].tolist()
+    ['transverse', 'longitudinal']
     """
 
     path: BandPath
@@ -127,6 +138,17 @@ def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vector
     ------
     ValueError
         For an unknown model, a path of another cell, or atoms without MagneticRepulsion.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> path = cell.cell.bandpath('GMKG', npoints=4, pbc=cell.pbc)
+    >>> (analytic_bands(cell, path).omega[1] ** 2).round(10)  # at M: 2 (a - 3) and 2 (3 a - 1), times f/L0
+    array([ 2., 22.])
+    >>> (analytic_bands(cell, path, 'conventional').omega[1] ** 2).round(10)  # 2 a and 6 a
+    array([ 8., 24.])
     """
     path = path_of(atoms, path)
     return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors))
@@ -154,6 +176,13 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
     ------
     ValueError
         If the atoms are not periodic, or ASE recognises no lattice in the cell or knows no such points.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> from magphonon.bands import band_path
+    >>> band_path(lattices.triangular(5e-6, 1.0), 'GMKG', 50).kpts.shape  # a cell too small for ASE's own
+    (50, 3)
     """
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')

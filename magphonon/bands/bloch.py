@@ -89,6 +89,15 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete',
     ------
     ValueError
         For an unknown model, a wavevector that is not finite, or atoms without MagneticRepulsion.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import bloch_modes
+    >>> cell = read_scene(ready_scene('ideal')).atoms()
+    >>> omega, shapes = bloch_modes(cell, [[0.5, 0, 0], [0.1, 0.2, 0]], vectors=True)
+    >>> omega.shape, shapes.shape
+    ((2, 2), (2, 2, 1, 2))
     """
     calc, free = cell_at_rest(atoms)
     q = _wavevectors(q)

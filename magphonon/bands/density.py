@@ -93,6 +93,14 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     ------
     ValueError
         If the atoms are not periodic, frequencies do not increase, `steps` is no whole number.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import lattice_density
+    >>> found = lattice_density(read_scene(ready_scene('ideal')).atoms(), steps=24)
+    >>> found.modes  # of a cell
+    2.0
     """
     frequencies = _on_mesh(atoms, steps, model)
     branches = frequencies.shape[-1]
@@ -115,6 +123,13 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: str = 'complete')
     -------
     ndarray, shape (bands, 2)
         Lower and upper end of each, ascending, in rad/ms.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import band_gaps
+    >>> band_gaps(read_scene(ready_scene('honeycomb')).atoms()).shape  # from, to
+    (1, 2)
     """
     frequencies = _on_mesh(atoms, steps, model)
     branches = frequencies.reshape(-1, frequencies.shape[-1])

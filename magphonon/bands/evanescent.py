@@ -89,6 +89,15 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     ValueError
         If the bonds bridge no whole fractions of a step along the direction, or none of them leads along it, or a band
         is flat at one of the frequencies: there it holds every wavenumber.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, complex_bands, lattices
+    >>> cell = lattices.chain(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=10.0)
+    >>> below = complex_bands(cell, (1, 0, 0), [1.0])  # the cut-off is the root of 10
+    >>> below.xi.real.tolist(), bool((below.xi.imag > 0).all())  # in phase, and decaying
+    ([[0.0, 3.141592653589793]], True)
     """
     system = LinearSystem.of(atoms).moving()
     calc, free = system.calc, system.free.toarray()
@@ -196,6 +205,14 @@ def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> tupl
     ------
     ValueError
         For fewer points than the fit has unknowns and two more, an amplitude of zero, or a distance that is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.bands import measured_decay
+    >>> decay, uncertainty = measured_decay(np.exp(-0.3 * np.arange(1, 7)), np.arange(1, 7), 'row')
+    >>> round(decay, 9)
+    0.3
     """
     amplitudes, n = finite('amplitudes', abs(np.asarray(amplitudes))), finite('steps', steps)
     one_of('source', source, ('row', 'point'))

@@ -96,6 +96,15 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     ValueError
         For atoms that are not one periodic cell with such a calculator or hold other constraints than FixAtoms, a supercell in
         which two bonds join the same two particles or which repeats a direction that is not periodic, an impossible distance.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)
+    >>> phonon = finite_displacements(cell, supercell=(3, 3, 1))
+    >>> phonon.force_constants.shape
+    (1, 9, 3, 3)
     """
     from phonopy import Phonopy
     from phonopy.structure.atoms import PhonopyAtoms
@@ -248,6 +257,16 @@ def phonopy_bands(phonon: Phonopy, path: BandPath, vectors: bool = False) -> Ban
     ------
     ValueError
         For a phonon without force constants, or a path of another cell.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, finite_displacements, lattices, phonopy_bands
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)
+    >>> path = cell.cell.bandpath('GMKG', npoints=8, pbc=cell.pbc)
+    >>> numerical = phonopy_bands(finite_displacements(cell), path)
+    >>> bool(abs(numerical.omega - analytic_bands(cell, path).omega).max() < 1e-7)
+    True
     """
     dim, path = force_constants_of(phonon).shape[-1], path_on(phonon, path)
     n = len(phonon.unitcell)
@@ -282,6 +301,15 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     -------
     ndarray, shape (bonds, dim, dim)
         In N/mm, in the order of `atoms.calc.bonds`; to be compared with `bond_stiffness(...)[1]`.
+
+    Examples
+    --------
+    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon.bands import extracted_dstar
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> Dstar = extracted_dstar(finite_displacements(cell), cell)
+    >>> Dstar.shape  # one matrix for each bond
+    (3, 2, 2)
     """
     calc: Any = cell_of_free_particles(atoms, 'D* is that of the bonds')
     repulsion_of(atoms)
@@ -305,6 +333,14 @@ def foundation_recovered(phonon: Phonopy) -> NDArray[np.float64]:
     -------
     ndarray, shape (particles, dim, dim)
         In N/mm; the foundation stiffness times the identity, zero for a lattice without foundation.
+
+    Examples
+    --------
+    >>> from magphonon import finite_displacements, read_scene, ready_scene, units as u
+    >>> from magphonon.bands import foundation_recovered
+    >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
+    >>> round(float(foundation_recovered(phonon)[0, 0, 0]) / (u.N / u.m), 4)
+    19.6757
     """
     return force_constants_of(phonon).sum(axis=1)
 
@@ -324,6 +360,15 @@ def displacement_errors(atoms: Atoms, path: BandPath, distances: Sequence[float]
     -------
     ndarray, shape (distances,)
         Largest difference of frequencies along the path, in units of the highest frequency.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import displacement_errors
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> errors = displacement_errors(cell, cell.cell.bandpath('GMKG', npoints=8, pbc=cell.pbc), [1e-4, 1.0])
+    >>> bool(errors[0] < 1e-6 < errors[1])
+    True
     """
     exact = analytic_bands(atoms, path).omega
     bands = (phonopy_bands(finite_displacements(atoms, distance=d), path) for d in distances)

@@ -61,6 +61,16 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
     ------
     ValueError
         For another calculator, or if a dead load or stretched springs of the foundation hold the particles.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.bands import gruneisen_parameters
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> omega, gamma = gruneisen_parameters(cell, [[0.5, 0, 0]])
+    >>> gamma.round(6).tolist()  # (a + 1)/4 for all modes, as omega^2 goes as r^-(a + 1) and an area as r^2
+    [[1.25, 1.25]]
     """
     repulsion_of(atoms)
     given, free = cell_at_rest(atoms)

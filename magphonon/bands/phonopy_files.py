@@ -51,6 +51,18 @@ def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) 
         If force constants are NaN or infinite.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon.bands import write_band_yaml
+    >>> scene = read_scene(ready_scene('prototype'))
+    >>> file = Path(tempfile.mkdtemp()) / 'band.yaml'
+    >>> write_band_yaml(finite_displacements(scene.atoms()), scene.band_path(), file)
+    >>> file.exists()
+    True
     """
     refuse_overflow(file, {'force constants': force_constants_of(phonon)})
     pieces, names, connected = _pieces(path_on(phonon, path))
@@ -129,6 +141,17 @@ def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
         If force constants are NaN or infinite.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon.bands import write_phonopy_params
+    >>> file = Path(tempfile.mkdtemp()) / 'phonopy_params.yaml'
+    >>> write_phonopy_params(finite_displacements(read_scene(ready_scene('prototype')).atoms()), file)
+    >>> file.exists()
+    True
     """
     refuse_overflow(file, {'force constants': force_constants_of(phonon)})
     cells = phonon.primitive, phonon.unitcell, phonon.supercell

@@ -48,6 +48,15 @@ def in_phonopy_units(phonon: Phonopy) -> Phonopy:
     ------
     ValueError
         For a phonon without force constants, or one whose frequencies are not in Hz.
+
+    Examples
+    --------
+    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon.bands import in_phonopy_units
+    >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
+    >>> crystal = in_phonopy_units(phonon)
+    >>> round(float(crystal.run_qpoints([[0.5, 0, 0]]).frequencies[0, 2] * 1e12), 3)  # THz to Hz
+    149.476
     """
     from phonopy import Phonopy
     from phonopy.physical_units import get_physical_units
@@ -94,6 +103,15 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     ------
     ValueError
         As `in_phonopy_units`; also for a lattice with unstable modes, which has no equilibrium.
+
+    Examples
+    --------
+    >>> from magphonon import finite_displacements, read_scene, ready_scene
+    >>> from magphonon.bands import thermal_properties
+    >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
+    >>> warm = thermal_properties(phonon, [300.0], [4, 4, 1])
+    >>> round(float(warm.heat_capacity[0] / 8.314462618), 3)  # k for each of two modes
+    2.0
     """
     crystal = in_phonopy_units(phonon)
     frequencies = crystal.run_mesh(np.asarray(mesh), is_gamma_center=True).frequencies

@@ -39,6 +39,16 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
         In rad/ms.
     velocity : ndarray, shape (wavevectors, modes, dim)
         In mm/ms = m/s; NaN where the frequency is zero or imaginary.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, group_velocities, lattices
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=1.0)
+    >>> omega, velocity = group_velocities(cell, [[0.1, 0.2, 0.0]])
+    >>> omega.shape, velocity.shape
+    ((1, 2), (1, 2, 2))
     """
     repulsion_of(atoms)
     calc: Any = cell_at_rest(atoms)[0]  # one whose bonds are known
@@ -68,6 +78,13 @@ def cut_off(atoms: Atoms) -> float | None:
     float or None
         In rad/ms; None without foundation and held particles, or if the foundation leaves a direction free, because long acoustic
         waves then propagate at any frequency.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon.bands import cut_off
+    >>> round(u.hertz(cut_off(read_scene(ready_scene('prototype')).atoms())), 3)
+    26.551
     """
     supported = each_spring(atoms.calc.foundation, len(atoms), atoms.calc.dim).reshape(len(atoms), -1).any(axis=0)
     if not (supported.all() or atoms.constraints):
@@ -99,6 +116,14 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 
     ------
     ValueError
         For a direction of zero length or of another dimension, or held particles, which leave no uniform motion.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, sound_speeds
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 5.0))
+    >>> (sound_speeds(cell) ** 2 * 8 / 3).round(9)  # a - 3 and 3 a - 1, times f L0/m
+    array([ 2., 14.])
     """
     calc = cell_of_free_particles(atoms, 'speeds of sound are those')
     along = finite('direction', np.eye(calc.dim)[0] if direction is None else direction, (calc.dim,))

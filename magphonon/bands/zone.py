@@ -36,6 +36,13 @@ def first_zone(cell: ArrayLike) -> NDArray[np.float64]:
     -------
     ndarray, shape (corners, 2)
         Anticlockwise, in rad/mm.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> from magphonon.bands import first_zone
+    >>> first_zone(lattices.triangular(1.0, 1.0).cell).shape  # six corners
+    (6, 2)
     """
     from scipy.spatial import Voronoi
 
@@ -99,6 +106,15 @@ def zone_map(atoms: Atoms, steps: int = 96, model: str = 'complete') -> ZoneMap:
     ------
     ValueError
         For a lattice that is not planar, `steps` that is no whole number, an unknown model.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import frequency_ratio, zone_map
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> complete, conventional = zone_map(cell, 12), zone_map(cell, 12, 'conventional')
+    >>> float(frequency_ratio(complete, conventional).min().round(2))
+    0.63
     """
     steps = whole('steps', steps)
     if tuple(atoms.pbc) != PLANAR:
@@ -132,6 +148,15 @@ def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.floa
     ------
     ValueError
         If the maps belong to different lattices or meshes.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import frequency_ratio, zone_map
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> ratio = frequency_ratio(zone_map(cell, 12), zone_map(cell, 12, 'conventional'))
+    >>> float(ratio.min().round(2)), float(ratio.max().round(2))
+    (0.63, 1.0)
     """
     k = complete.wavevectors
     if complete.omega.shape != conventional.omega.shape or not np.allclose(k, conventional.wavevectors, rtol=1e-9, atol=0):

@@ -94,6 +94,15 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     ------
     ValueError
         For a cut-off that is not positive, or particles of different masses: on a common foundation no motion is uniform.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon.design import foundation_for
+    >>> k = foundation_for(read_scene(ready_scene('prototype')).atoms(), 2 * np.pi * 26.550686524 * u.Hz)
+    >>> round(k / (u.N / u.m), 4)
+    19.6757
     """
     masses = masses_of(atoms)
     if np.ptp(masses) > EQUAL_MASSES * masses.max():
@@ -127,6 +136,19 @@ def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tupl
     ------
     NoDesign
         If no spacing in the range is stable, or none of these gives the value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.design import BandEdge, spacings_for
+    >>> def build(spacing):
+    ...     cell = lattices.triangular(spacing, 1.0)
+    ...     cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    ...     return cell
+    >>> [design] = spacings_for(build, BandEdge(np.array([0.5, 0, 0]), 0), wanted=1.0, between=(0.5, 2.0))
+    >>> round(design.spacing, 9), round(2 ** (1 / 5), 9)  # omega^2 = 2 (a - 3) L^-(a + 1)
+    (1.148698355, 1.148698355)
     """
     low, high = finite('between', between, (2,))
     if not 0 < low < high:

@@ -67,6 +67,13 @@ class Change:
         Derivative of the foundation stiffness by ln p, N/mm.
     mass : float
         Derivative of the logarithm of every mass by ln p.
+
+    Examples
+    --------
+    >>> from magphonon.design import Change
+    >>> heavier = Change(mass=1.0)  # by d ln m
+    >>> heavier.mass
+    1.0
     """
 
     law: LawChange | None = None
@@ -75,12 +82,32 @@ class Change:
 
 
 def force_change(law: PairLaw, power: int = 1) -> LawChange:
-    """Derivative of a law, or of the laws along the bonds, whose force goes with a `power` of the parameter."""
+    """Derivative of a law, or of the laws along the bonds, whose force goes with a `power` of the parameter.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.design import Change, force_change, frequency_sensitivities
+    >>> cell = read_scene(ready_scene('ideal')).atoms()
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=force_change(cell.calc.potential))])
+    >>> (slopes[0] / omega).round(6)  # omega goes as the root of the force
+    array([[0.5, 0.5]])
+    """
     return LawChange(lambda r: power * law.dphi(r), lambda r: power * law.d2phi(r))
 
 
 def spacing_change(law: PairLaw) -> LawChange:
-    """Derivative of the law along the bonds as all distances grow in proportion, directions unchanged."""
+    """Derivative of the law along the bonds as all distances grow in proportion, directions unchanged.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, read_scene, ready_scene
+    >>> from magphonon.design import Change, frequency_sensitivities, spacing_change
+    >>> cell = read_scene(ready_scene('ideal')).atoms()
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=spacing_change(cell.calc.potential))])
+    >>> (slopes[0] / omega).round(6)  # -(a + 1)/2 with a = 4
+    array([[-2.5, -2.5]])
+    """
     def d2phi(r):
         step = 1e-20 * r  # complex step: exact to round-off, for any law
         return r * np.imag(law.d2phi(r + 1j * step)) / step
@@ -126,6 +153,15 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Chan
     slopes : ndarray, shape (changes, wavevectors, modes)
         `d omega/d ln p` in rad/ms.  Zero for translations without a foundation; NaN for another mode of zero
         frequency, on the verge of instability, where the derivative is infinite.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.design import Change, frequency_sensitivities
+    >>> cell = read_scene(ready_scene('ideal')).atoms()
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(mass=1.0)])
+    >>> (slopes[0] / omega).round(9)  # d ln omega/d ln m
+    array([[-0.5, -0.5]])
     """
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     q = np.reshape(q, (-1, 3))

@@ -160,6 +160,16 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     -------
     Spread
         Of the shape (wavevectors, modes).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.design import Change, Tolerances, frequency_spread
+    >>> cell = read_scene(ready_scene('ideal')).atoms()
+    >>> spread = frequency_spread(cell, [[0.5, 0, 0]], Tolerances({'mass': Change(mass=1.0)}, np.array([[0.01**2]])))
+    >>> spread.names
+    ('mass',)
     """
     omega, slopes = frequency_sensitivities(atoms, q, tolerances.changes.values(), model)
     return Spread(tuple(tolerances.changes), tolerances.covariance, omega, slopes)

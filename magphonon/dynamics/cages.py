@@ -58,6 +58,18 @@ class Diverged(RuntimeError):
     atoms : ase.Atoms
         The last good state, at `last_good` ms.
     last_good : float
+
+    Examples
+    --------
+    >>> from magphonon import DrivenVerlet, Diverged, InversePower, MagneticRepulsion, lattices
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> patch.set_momenta([[50.0, 0.0, 0.0] if k == len(patch) // 2 else [0.0, 0.0, 0.0] for k in range(len(patch))])
+    >>> try:
+    ...     DrivenVerlet(patch, 0.01).run(100)
+    ... except Diverged as error:
+    ...     print('particle', error.particle)
+    particle 18
     """
 
     def __init__(self, particle: SupportsInt, time: float, what: str) -> None:

@@ -36,6 +36,13 @@ class Constant:
         Made a unit vector.
     force : float or array_like, shape (particles,)
         In N.
+
+    Examples
+    --------
+    >>> from magphonon import Constant, units as u
+    >>> weight = Constant([0, 1], (0, -1), 0.7e-3 * 9.81 * u.N)
+    >>> weight.particles
+    array([0, 1])
     """
 
     particles: Prepared
@@ -67,6 +74,14 @@ class Harmonic:
         In rad/ms.
     phase : float or array_like, shape (particles,)
         In rad.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import Harmonic, units as u
+    >>> push = Harmonic(3, (0, 1), 0.01 * u.N, omega=2 * np.pi * 40 * u.Hz)
+    >>> push.omega / (2 * np.pi) / u.Hz
+    array([40.])
     """
 
     particles: Prepared
@@ -100,6 +115,14 @@ class ToneBurst:
         Length of the window in periods of the carrier.
     start : float
         In ms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import ToneBurst, units as u
+    >>> burst = ToneBurst(7, (1, 0), 1e-4 * u.N, omega=2 * np.pi * 40 * u.Hz, cycles=5)
+    >>> round(burst.end, 9)  # ms
+    125.0
     """
 
     particles: Prepared

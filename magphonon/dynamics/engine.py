@@ -32,7 +32,17 @@ PIECES = len(RANGES)
 
 
 def refusal(atoms: Atoms) -> str | None:
-    """Why blocks of steps cannot integrate `atoms`, or None if they can."""
+    """Why blocks of steps cannot integrate `atoms`, or None if they can.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.dynamics import refusal
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> refusal(patch) is None  # the block engines can run it
+    True
+    """
     if type(atoms.calc) is not MagneticRepulsion:
         return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
     if atoms.calc.dim != 2:

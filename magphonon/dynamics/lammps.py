@@ -99,6 +99,18 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
         that no cutoff describes, other drives than tone bursts of one amplitude.
     OSError
         If the directory cannot be written.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.dynamics import write_lammps_input
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> folder = tempfile.mkdtemp()
+    >>> write_lammps_input(folder, patch, timestep=0.05, steps=100)
+    >>> sorted(os.listdir(folder))
+    ['in.lammps', 'law.table', 'particles.data']
     """
     calc, fixed = _scene(atoms)
     timestep, damping = positive('timestep', timestep, 'ms'), not_negative('damping', damping, '1/ms')

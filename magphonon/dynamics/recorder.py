@@ -39,6 +39,18 @@ class Recorder:
         All of them if not given.
     interval : int
         Steps between two frames.
+
+    Examples
+    --------
+    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 4.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> dyn = DrivenVerlet(patch, 0.05)
+    >>> recorder = Recorder(dyn, [30, 31], interval=10)
+    >>> dyn.run(100)
+    True
+    >>> recorder.displacements.shape  # frames, particles, x and y
+    (11, 2, 2)
     """
 
     def __init__(self, dyn: DrivenVerlet, particles: ArrayLike | None = None, interval: int = 10) -> None:

@@ -38,6 +38,14 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     ----------
     atoms : ase.Atoms or LinearSystem
         With its MagneticRepulsion.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.dynamics import highest_frequency
+    >>> patch = read_scene(ready_scene('prototype')).patch_atoms()
+    >>> round(float(2 / highest_frequency(patch)), 2)  # the largest stable time step in ms
+    2.13
     """
     system = LinearSystem.nearest(atoms)
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
@@ -47,6 +55,14 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency, no dearer than a verdict on the time step `dt` (ms) needs; in rad/ms.
 
     Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, it is the highest frequency itself.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.dynamics import frequency_bound, highest_frequency
+    >>> patch = read_scene(ready_scene('prototype')).patch_atoms()
+    >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
+    True
     """
     system = LinearSystem.nearest(atoms)
     bounds = (lambda: _particle_bound(system),

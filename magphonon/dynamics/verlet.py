@@ -87,6 +87,17 @@ class DrivenVerlet(VelocityVerlet):
         particle that is not there or on held ones only, an engine that cannot integrate these atoms.
     ImportError
         For 'compiled' without numba.
+
+    Examples
+    --------
+    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, ToneBurst, lattices
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 4.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> dyn = DrivenVerlet(patch, 0.05, [ToneBurst(len(patch) // 2, (0, 1), 1e-3, omega=2.0)], damping=0.1)
+    >>> dyn.run(200)
+    True
+    >>> round(dyn.get_time(), 6)  # ms
+    10.0
     """
 
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',

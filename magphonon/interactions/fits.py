@@ -144,6 +144,16 @@ def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offs
     ValueError
         If the points are too few, the spacing lies far outside them, the forces do not fall with the distance, the fit
         does not converge, or its offset reaches contact.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import fit_inverse_power, synthetic_forces
+    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
+    >>> fit = fit_inverse_power(forces, spacing=10.0)
+    >>> bool(abs(fit.exponent - 4) < 3 * fit.exponent_sigma)
+    True
     """
     from scipy.optimize import curve_fit
 
@@ -216,6 +226,14 @@ def scene_entry(fit: Fit) -> str:
     """The table [law] of a scene file, TOML in SI units with all digits: b makes sense only with the a beside it.
 
     An inverse power comes with the table [uncertainty], in which b, a and their correlation make sense only together.
+
+    Examples
+    --------
+    >>> from importlib.resources import files
+    >>> from magphonon.interactions import fit_inverse_power, read_forces, scene_entry
+    >>> fit = fit_inverse_power(read_forces(files('magphonon.data') / 'synthetic_force.csv'), spacing=10.0)
+    >>> scene_entry(fit).splitlines()[0]
+    '[law]'
     """
     f, slope = (f'{value / unit:.6g} +- {half / unit:.2g} {name}' for value, half, unit, name in
                 zip(fit.at_spacing, fit.half_width, (u.N, u.N / u.m), ('N', 'N/m'), strict=True))
@@ -246,6 +264,15 @@ def curvature(forces: Forces) -> float:
     """Change of the local exponent with ln r over its uncertainty: beyond some 3 in size, no inverse power holds.
 
     From the quadratic term of log f over log r.  Its sign is that of the change: negative when the exponent falls.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import curvature, synthetic_forces
+    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
+    >>> bool(abs(curvature(forces)) < 2)  # an inverse power does not bend on logarithmic axes
+    True
     """
     enough(forces.r, 4, 'the test for a power law')
     x, y = np.log(forces.r / forces.r[0]), np.log(forces.f)

@@ -127,6 +127,14 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     ------
     OSError, ValueError
         If it cannot be read, or is no such table; the message says what and where.
+
+    Examples
+    --------
+    >>> from importlib.resources import files
+    >>> from magphonon.interactions import read_forces
+    >>> forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')
+    >>> len(forces.r), float(forces.r[0])  # in mm
+    (15, 8.0)
     """
     try:
         text = text_of(path, MOST_BYTES)
@@ -210,6 +218,15 @@ def _units(line):
 
 
 def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:
-    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): an invented measurement, to try a fit on."""
+    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): an invented measurement, to try a fit on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import synthetic_forces
+    >>> synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0).f.shape
+    (8,)
+    """
     noise = np.random.default_rng(seed).normal(scale=sigma, size=np.shape(r))
     return Forces(r, repulsion(law, r) + noise, np.broadcast_to(sigma, np.shape(r)))

@@ -85,6 +85,16 @@ def fit_laws(forces: Forces, spacing: float, offset: bool = False, contact: floa
     ------
     ValueError
         As `fit_inverse_power` and `fit_spline`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import fit_laws, synthetic_forces
+    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
+    >>> choice = fit_laws(forces, spacing=10.0)
+    >>> list(choice.fits), choice.apart
+    (['force', 'log', 'curve', 'touch'], ())
     """
     fits: dict[str, Fit] = {space: fit_inverse_power(forces, spacing, space, offset, contact) for space in ('force', 'log')}
     if len(forces.r) < 4:

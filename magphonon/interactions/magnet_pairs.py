@@ -34,7 +34,16 @@ LONG_SERIES_TOLERANCE = 1e-10
 
 
 def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
-    """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
+    """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity.
+
+    Examples
+    --------
+    >>> from magphonon import Ring, units as u
+    >>> from magphonon.interactions import pair_energy
+    >>> magnet = Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T)
+    >>> bool(pair_energy(magnet, 10.0) > pair_energy(magnet, 12.0) > 0)  # mJ
+    True
+    """
     if not r > magnet.contact:
         raise ValueError(f'two of {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm apart')
     h, gap = magnet.height, (r - magnet.contact) / magnet.width
@@ -79,6 +88,16 @@ def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n
     ------
     ValueError
         For magnets that touch or overlap.
+
+    Examples
+    --------
+    >>> from magphonon import Ring, units as u
+    >>> from magphonon.interactions import pair_force
+    >>> magnet = Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T)
+    >>> (pair_force(magnet, magnet, [10.0, 0, 0]) + 0).round(3)  # N, beside: they repel
+    array([0.377, 0.   , 0.   ])
+    >>> (pair_force(magnet, magnet, [0, 0, 10.0]) + 0).round(3)  # above: they attract
+    array([ 0.   ,  0.   , -0.404])
     """
     offset = finite('offset', offset, (3,))
     between = abs(offset[2]) - (first.height + second.height) / 2
@@ -208,6 +227,13 @@ def magnet_law(magnet: Ring | Cuboid | Sphere) -> MagnetLaw | SphereLaw:
     ------
     ValueError
         For rods so slender that the series does not settle, from some 30 diameters on.
+
+    Examples
+    --------
+    >>> from magphonon import Ring, magnet_law, units as u
+    >>> law = magnet_law(Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T))
+    >>> round(float(-law.dphi(10.0)), 3)  # N
+    0.377
     """
     if isinstance(magnet, Sphere):
         dipoles = InversePower.dipoles(moment(magnet))
@@ -236,7 +262,16 @@ def _series(magnet, nearest):
 
 
 def calibrated(magnet: Cuboid | Ring | Sphere, r: Any, f: float) -> Cuboid | Ring | Sphere:
-    """The magnet with the remanence that gives the measured force `f` (N) at the distance `r` (mm)."""
+    """The magnet with the remanence that gives the measured force `f` (N) at the distance `r` (mm).
+
+    Examples
+    --------
+    >>> from magphonon import Ring, units as u
+    >>> from magphonon.interactions import calibrated, magnet_law
+    >>> magnet = calibrated(Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T), 10.0, 0.2369)
+    >>> round(float(-magnet_law(magnet).dphi(10.0)), 6)  # the measured force
+    0.2369
+    """
     positive('r', r, 'mm')
     positive('f', f, 'N')
     return replace(magnet, remanence=float(magnet.remanence * np.sqrt(f / repulsion(magnet_law(magnet), r))))

@@ -48,6 +48,13 @@ def grade_remanence(grade: str) -> float:
     ------
     ValueError
         For an unknown grade.
+
+    Examples
+    --------
+    >>> from magphonon import units as u
+    >>> from magphonon.interactions import grade_remanence
+    >>> round(grade_remanence('N42') / u.T, 9)
+    1.3
     """
     return float(np.mean(GRADES_T[one_of('grade', grade, tuple(GRADES_T))])) * units.T
 
@@ -62,6 +69,16 @@ class Ring:
         Diameters and height in mm.
     remanence : float
         In N/(A mm); write `1.3 * units.T`.
+
+    Examples
+    --------
+    >>> from magphonon import Ring, units as u
+    >>> from magphonon.interactions import pair_force
+    >>> magnet = Ring(outer=6.35 * u.mm, inner=1.5875 * u.mm, height=3.175 * u.mm, remanence=1.3 * u.T)
+    >>> round(magnet.volume * 7.5e-3, 4)  # g, at 7.5 g/cm3
+    0.707
+    >>> pair_force(magnet, magnet, [10.0, 0, 0]).round(3)  # N, at 10 mm side by side
+    array([0.377, 0.   , 0.   ])
     """
 
     outer: float
@@ -111,6 +128,14 @@ class Cuboid:
         In mm.
     remanence : float
         In N/(A mm).
+
+    Examples
+    --------
+    >>> from magphonon import Cuboid, units as u
+    >>> from magphonon.interactions import pair_force
+    >>> block = Cuboid(5 * u.mm, 5 * u.mm, 3 * u.mm, remanence=1.3 * u.T)
+    >>> pair_force(block, block, [10.0, 0, 0]).round(3)  # N, at 10 mm side by side
+    array([0.216, 0.   , 0.   ])
     """
 
     length: float
@@ -143,7 +168,17 @@ class Cuboid:
 
 @dataclass(frozen=True)
 class Sphere:
-    """Sphere magnetised uniformly; `diameter` in mm, `remanence` in N/(A mm)."""
+    """Sphere magnetised uniformly; `diameter` in mm, `remanence` in N/(A mm).
+
+    Examples
+    --------
+    >>> import math
+    >>> from magphonon import Sphere, units as u
+    >>> from magphonon.interactions import moment
+    >>> ball = Sphere(5 * u.mm, remanence=1.3 * u.T)
+    >>> math.isclose(moment(ball), 1.3 * u.T * math.pi * 5**3 / 6 / u.mu0)
+    True
+    """
 
     diameter: float
     remanence: float
@@ -169,7 +204,15 @@ def _check_lengths(magnet, *names):
 
 
 def moment(magnet: Cuboid | Ring | Sphere) -> float:
-    """Magnetic moment M V in A mm^2."""
+    """Magnetic moment M V in A mm^2.
+
+    Examples
+    --------
+    >>> from magphonon import Ring, units as u
+    >>> from magphonon.interactions import moment
+    >>> round(moment(Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T)) / (u.A * u.m**2), 4)  # A m^2
+    0.0975
+    """
     return magnet.remanence / units.mu0 * magnet.volume
 
 
@@ -193,5 +236,12 @@ def out_of_plane_stiffness(potential: PairLaw, r: Any) -> Any:
 
     The energy of two magnets is harmonic in their displacement (Earnshaw), so that
     `U_zz = -(U_rr + U_r/r) = -(a - 1) f/r` with the local exponent a.  A central phi(r) would give `-f/r`.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import out_of_plane_stiffness
+    >>> float(out_of_plane_stiffness(InversePower(1.0, 4.0), 1.0))
+    -3.0
     """
     return -(potential.d2phi(r) + potential.dphi(r) / r)

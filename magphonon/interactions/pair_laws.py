@@ -73,6 +73,13 @@ class GaussianMixture(PairLaw, Protocol):
 
     All neighbours of an infinite lattice can be summed for such a law (`magphonon.stiffness.ewald`).  It is either a power
     r^-s, or it falls as `exp(-kappa r)` at large distances; `decay` and `screening` say which.
+
+    Examples
+    --------
+    >>> from magphonon import Hertz, InversePower, Yukawa
+    >>> from magphonon.interactions import GaussianMixture
+    >>> [isinstance(law, GaussianMixture) for law in (InversePower(1.0, 4.0), Yukawa(1.0, 1.0), Hertz(1.0, 1.0))]
+    [True, True, False]
     """
 
     def gaussians(self, t: Any) -> Any:
@@ -95,7 +102,15 @@ class GaussianMixture(PairLaw, Protocol):
 
 
 def repulsion(potential: PairLaw, r: Any) -> Any:
-    """Repulsive force `f(r) = -phi'(r)` in N at the distances `r` in mm."""
+    """Repulsive force `f(r) = -phi'(r)` in N at the distances `r` in mm.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import repulsion
+    >>> float(repulsion(InversePower(16.0, 4.0), 2.0))
+    1.0
+    """
     return -potential.dphi(r)
 
 
@@ -114,6 +129,15 @@ class InversePower:
     ------
     ValueError
         If `b` or `a` is not a positive number.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, units as u
+    >>> law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
+    >>> round(float(-law.dphi(10 * u.mm)), 4)  # repulsion in N
+    0.2369
+    >>> round(float(-law.d2phi(10 * u.mm) / law.dphi(10 * u.mm) * 10 * u.mm), 4)  # the exponent
+    4.5824
     """
 
     b: float
@@ -183,6 +207,13 @@ class Yukawa:
     ------
     ValueError
         If `c` or `kappa` is not a positive number.
+
+    Examples
+    --------
+    >>> from magphonon import Yukawa
+    >>> law = Yukawa(c=1.0, kappa=2.0)
+    >>> round(float(law.phi(1.0)), 6)  # exp(-2)
+    0.135335
     """
 
     c: float
@@ -241,6 +272,15 @@ class Hertz:
     ------
     ValueError
         If either is not a positive number.
+
+    Examples
+    --------
+    >>> from magphonon import Hertz, units as u
+    >>> balls = Hertz.spheres(20 * u.mm, 206 * u.GPa, 0.3)
+    >>> round(float(-balls.dphi(19.997)))  # N, 3 um of overlap
+    55
+    >>> float(balls.dphi(20.001))  # no contact, no force
+    -0.0
     """
 
     stiffness: float
@@ -297,6 +337,13 @@ class Tabulated:
     ------
     ValueError
         If the table is malformed, or when the law is asked for a distance outside it.
+
+    Examples
+    --------
+    >>> from magphonon import Tabulated
+    >>> law = Tabulated([8.0, 9.0, 10.0, 12.0], [0.66, 0.38, 0.24, 0.10])
+    >>> round(float(-law.dphi(9.5)), 3)
+    0.3
     """
 
     r: np.ndarray
@@ -364,7 +411,17 @@ of the bond length, or of 20 f/f' for a steeper law such as that of spheres in c
 
 
 def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:
-    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula."""
+    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import higher_derivatives
+    >>> third, fourth = higher_derivatives(InversePower(1.0, 2.0), np.array([1.0]))  # of phi = 1/r
+    >>> third.round(6), fourth.round(6)
+    (array([-6.]), array([24.]))
+    """
     f, slope = abs(potential.dphi(r)), abs(potential.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
     around = potential.d2phi((r + radius * CIRCLE).T).T.copy()  # laws along bonds want these first
@@ -372,5 +429,13 @@ def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:
 
 
 def local_exponent(potential: PairLaw, r: Any) -> Any:
-    """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`."""
+    """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, Yukawa
+    >>> from magphonon.interactions import local_exponent
+    >>> float(local_exponent(InversePower(1.0, 4.0), 2.0)), round(float(local_exponent(Yukawa(1.0, 1.0), 1.0)), 6)
+    (4.0, 2.5)
+    """
     return -r * potential.d2phi(r) / potential.dphi(r)

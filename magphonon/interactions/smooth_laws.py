@@ -71,6 +71,16 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     ------
     ValueError
         If the points are fewer than 4, the spacing lies far outside them, or the curve does not fall everywhere.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import fit_spline, synthetic_forces
+    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
+    >>> fit = fit_spline(forces, spacing=10.0)
+    >>> bool(abs(fit.at_spacing[0] - 0.2) < fit.half_width[0])  # the true force is 0.2 N
+    True
     """
     from scipy.interpolate import CubicSpline
 
@@ -213,7 +223,14 @@ def half_width(probability, off, sigma) -> float:
 
 
 def explained(chi2: float, freedom: float) -> bool:
-    """Whether chance makes a chi2 as large as this; one below its freedom it does, however few points there are."""
+    """Whether chance makes a chi2 as large as this; one below its freedom it does, however few points there are.
+
+    Examples
+    --------
+    >>> from magphonon.interactions import explained
+    >>> explained(chi2=9.0, freedom=10), explained(chi2=60.0, freedom=10)
+    (True, False)
+    """
     from scipy.stats import chi2 as chi_squared
 
     return bool(chi2 <= freedom or chi_squared.sf(chi2, freedom) >= UNLIKELY)

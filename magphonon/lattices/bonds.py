@@ -139,6 +139,13 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
         If particles coincide, none lies within reach, or the cutoff falls on a shell of neighbours, where the
         smallest displacement would make and break bonds and corrupt every finite difference.  If the shells cannot be told
         apart: the next one follows so closely that rounding may have split one shell in two, or positions scatter.
+
+    Examples
+    --------
+    >>> from magphonon import find_bonds, lattices
+    >>> cell = lattices.triangular(10.0, 1.0)
+    >>> len(find_bonds(cell)), len(find_bonds(cell, shells=2))  # three bonds to a particle, then six
+    (3, 6)
     """
     if cutoff is None:
         end = shell_cutoff(atoms, whole('shells', shells))
@@ -157,7 +164,15 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
 
 
 def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
-    """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more."""
+    """Bonds between all particles closer than `cutoff` (mm), which may be none; `find_bonds` checks more.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import bonds_within
+    >>> len(bonds_within(lattices.square(1.0, 1.0), cutoff=1.5))  # sides and diagonals
+    4
+    """
     return _bonds(atoms, *pairs_within(atoms, cutoff), cutoff)
 
 
@@ -197,6 +212,13 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     ------
     ValueError
         If an index is out of range, a pair is listed twice or joins a particle to itself, or two bonded particles coincide.
+
+    Examples
+    --------
+    >>> from magphonon import explicit_bonds, lattices
+    >>> atoms = lattices.oscillator(0.5, 1.0, 1.0)
+    >>> explicit_bonds(atoms, [(0, 3), (1, 3), (2, 3)]).lengths.round(12)
+    array([1., 1., 1.])
     """
     n = len(atoms)
     listed = {}
@@ -244,6 +266,15 @@ def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
     ------
     ValueError
         If the supercell does not consist of images of the cell's particles.
+
+    Examples
+    --------
+    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon.lattices import repeat_bonds
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> whole = cell.repeat((4, 4, 1))
+    >>> len(repeat_bonds(find_bonds(cell), cell, whole)) == 16 * 3
+    True
     """
     origin = image_of(atoms, supercell)
     images = [np.flatnonzero(origin == k) for k in range(len(atoms))]

@@ -19,38 +19,90 @@ OSCILLATOR_BONDS = ((0, 3), (1, 3), (2, 3))
 
 
 def chain(spacing: float, mass: float) -> Atoms:
-    """Straight chain along x; one particle per cell."""
+    """Straight chain along x; one particle per cell.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> lattices.chain(10.0, 1.0).pbc.tolist()
+    [True, False, False]
+    """
     return _cell(spacing, mass, [1, 0], [0, 2], [[0, 0]], pbc=(1, 0, 0))
 
 
 def square(spacing: float, mass: float) -> Atoms:
-    """Square lattice; one particle per cell."""
+    """Square lattice; one particle per cell.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> lattices.square(10.0, 1.0).cell.lengths()[:2].tolist()
+    [10.0, 10.0]
+    """
     return _cell(spacing, mass, [1, 0], [0, 1], [[0, 0]])
 
 
 def triangular(spacing: float, mass: float) -> Atoms:
-    """Triangular lattice in the paper's basis, R1 = (1, 0) L0 and R2 = (1/2, sqrt(3)/2) L0; one particle per cell."""
+    """Triangular lattice in the paper's basis, R1 = (1, 0) L0 and R2 = (1/2, sqrt(3)/2) L0; one particle per cell.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> cell = lattices.triangular(spacing=10.0, mass=0.7)
+    >>> round(float(cell.cell.angles()[2]), 9), cell.get_masses().tolist()
+    (60.0, [0.7])
+    """
     return _cell(spacing, mass, [1, 0], [1 / 2, np.sqrt(3) / 2], [[0, 0]])
 
 
 def honeycomb(spacing: float, mass: float) -> Atoms:
-    """Honeycomb lattice; two particles per cell, lattice constant `sqrt(3) * spacing`."""
+    """Honeycomb lattice; two particles per cell, lattice constant `sqrt(3) * spacing`.
+
+    Examples
+    --------
+    >>> from magphonon import find_bonds, lattices
+    >>> cell = lattices.honeycomb(10.0, 1.0)
+    >>> len(cell), len(find_bonds(cell))
+    (2, 3)
+    """
     a = np.sqrt(3)
     return _cell(spacing, mass, [a, 0], [a / 2, 3 / 2], [[0, 0], [a / 2, 1 / 2]])
 
 
 def kagome(spacing: float, mass: float) -> Atoms:
-    """Kagome lattice; three particles per cell, lattice constant `2 * spacing`."""
+    """Kagome lattice; three particles per cell, lattice constant `2 * spacing`.
+
+    Examples
+    --------
+    >>> from magphonon import find_bonds, lattices
+    >>> cell = lattices.kagome(10.0, 1.0)
+    >>> len(cell), len(find_bonds(cell))
+    (3, 6)
+    """
     return _cell(spacing, mass, [2, 0], [1, np.sqrt(3)], [[0, 0], [1, 0], [1 / 2, np.sqrt(3) / 2]])
 
 
 def fcc(spacing: float, mass: float) -> Atoms:
-    """Face-centred cubic lattice, periodic in space; one particle per cell, lattice constant `sqrt(2) * spacing`."""
+    """Face-centred cubic lattice, periodic in space; one particle per cell, lattice constant `sqrt(2) * spacing`.
+
+    Examples
+    --------
+    >>> from magphonon import find_bonds, lattices
+    >>> 2 * len(find_bonds(lattices.fcc(1.0, 1.0)))  # neighbours of a particle
+    12
+    """
     return _crystal(spacing, mass, np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / np.sqrt(2))
 
 
 def bcc(spacing: float, mass: float) -> Atoms:
-    """Body-centred cubic lattice, periodic in space; one particle per cell, lattice constant `2/sqrt(3) * spacing`."""
+    """Body-centred cubic lattice, periodic in space; one particle per cell, lattice constant `2/sqrt(3) * spacing`.
+
+    Examples
+    --------
+    >>> from magphonon import find_bonds, lattices
+    >>> 2 * len(find_bonds(lattices.bcc(1.0, 1.0)))  # neighbours of a particle
+    8
+    """
     return _crystal(spacing, mass, np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / np.sqrt(3))
 
 
@@ -93,6 +145,12 @@ def oscillator(theta0: float, spacing: float, mass: float) -> Atoms:
     ------
     ValueError
         If `theta0` is outside 0 to pi/2, or spacing or mass is not positive.
+
+    Examples
+    --------
+    >>> from magphonon import lattices, units as u
+    >>> lattices.oscillator(30 * u.deg, 1.0, 1.0).get_distances(3, [0, 1, 2]).round(12).tolist()
+    [1.0, 1.0, 1.0]
     """
     spacing, mass = positive('spacing', spacing, 'mm'), positive('mass', mass, 'g')
     if not isinstance(theta0, Real) or not 0 <= theta0 <= np.pi / 2:

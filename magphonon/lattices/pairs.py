@@ -49,5 +49,13 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
 
 
 def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:
-    """Different distances of pairs up to `cutoff` (mm), in ascending order."""
+    """Different distances of pairs up to `cutoff` (mm), in ascending order.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> from magphonon.lattices import distances_within
+    >>> sorted(set(distances_within(lattices.square(1.0, 1.0), 1.5).round(6).tolist()))
+    [1.0, 1.414214]
+    """
     return np.unique(pairs_within(atoms, cutoff)[3])

@@ -41,24 +41,53 @@ def parallelogram(cell: Atoms, n1: int, n2: int) -> Atoms:
     ------
     ValueError
         If the cell is not planar, or no particle of the patch lies inside its rim.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> patch = lattices.parallelogram(lattices.triangular(1.0, 1.0), 5, 6)
+    >>> len(patch), bool(patch.pbc.any())
+    (30, False)
     """
     return _patch(cell, whole('n1', n1), whole('n2', n2), lambda x, y: np.zeros(x.shape))
 
 
 def rectangle(cell: Atoms, width: float, height: float) -> Atoms:
-    """Patch of the particles within a `width` x `height` (mm) rectangle; rim and errors as in `parallelogram`."""
+    """Patch of the particles within a `width` x `height` (mm) rectangle; rim and errors as in `parallelogram`.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> len(lattices.rectangle(lattices.square(1.0, 1.0), width=4.0, height=6.0))
+    35
+    """
     width, height = positive('width', width, 'mm'), positive('height', height, 'mm')
     return _cut(cell, np.hypot(width, height) / 2, lambda x, y: np.maximum(abs(x) - width / 2, abs(y) - height / 2))
 
 
 def hexagon(cell: Atoms, side: float) -> Atoms:
-    """Patch within a regular hexagon of `side` (mm), corners on the x axis; rim and errors as in `parallelogram`."""
+    """Patch within a regular hexagon of `side` (mm), corners on the x axis; rim and errors as in `parallelogram`.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), side=3.0)
+    >>> len(patch), int((patch.get_tags() == lattices.RIM).sum())  # 18 of them are the rim
+    (37, 18)
+    """
     side = positive('side', side, 'mm')
     return _cut(cell, side, lambda x, y: _beyond_hexagon(x, y, side))
 
 
 def half_hexagon(cell: Atoms, side: float) -> Atoms:
-    """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; rim and errors as in `parallelogram`."""
+    """Upper half (y >= 0) of `hexagon`, the shape of the paper's prototype; rim and errors as in `parallelogram`.
+
+    Examples
+    --------
+    >>> from magphonon import lattices
+    >>> len(lattices.half_hexagon(lattices.triangular(1.0, 1.0), side=3.0))
+    22
+    """
     side = positive('side', side, 'mm')
     return _cut(cell, side, lambda x, y: np.maximum(_beyond_hexagon(x, y, side), -y))
 

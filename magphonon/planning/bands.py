@@ -90,6 +90,15 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
     ------
     ValueError
         For an edge at a frequency that is zero or imaginary, or particles that differ in law, strength or foundation.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.planning import plan_bands
+    >>> scene = read_scene(ready_scene('prototype'))
+    >>> plan = plan_bands(scene.atoms(), scene.band_path(), tolerance=0.01)
+    >>> plan.choice.settings.model
+    'complete'
     """
     refuse_unlike(atoms.calc, 'the plan for bands', 'compare bands of several shells yourself')  # pyright: ignore[reportArgumentType]
     spent, q = 0.0, _looked_at(path) if edge is None else np.array([edge.q])
@@ -183,7 +192,15 @@ def _looked_at(path):
 
 
 def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
-    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds."""
+    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.planning import neighbour_shells
+    >>> [len(shell) for shell in neighbour_shells(read_scene(ready_scene('prototype')).atoms(), reach=2.1)]
+    [3, 3, 3]
+    """
     calc = cell_of_free_particles(atoms, 'plans for bands are those')
     spacing = calc.bonds.lengths.min()
     every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else CHAIN_FACTOR * reach) * spacing)

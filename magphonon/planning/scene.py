@@ -66,6 +66,14 @@ def scene_plans(scene: Any, tolerance: float) -> Iterator[Wanted]:
     ------
     ValueError
         If it asks for no quantity that can be planned, or no method meets the tolerance.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.planning import scene_plans
+    >>> wanted = next(scene_plans(read_scene(ready_scene('chain')), tolerance=0.01))
+    >>> wanted.name
+    'bands'
     """
     if scene.bands is None and scene.frf is None and scene.burst is None:
         raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [bands], [frf] or [burst]')
@@ -115,6 +123,13 @@ def neglected(scene: Any) -> list[str]:
     Parameters
     ----------
     scene : Scene
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.planning import neglected
+    >>> neglected(read_scene(ready_scene('neighbours')))  # nothing: it sums over all
+    []
     """
     from .bands import REACHES, neighbour_shells
 

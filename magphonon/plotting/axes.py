@@ -18,7 +18,14 @@ MARKERS = 40  # on each branch: few enough to see the line behind them
 
 
 def new_axes(width: float = 5.2, height: float = 4.0) -> Axes:
-    """Axes of a figure of its own, `width` x `height` in inches."""
+    """Axes of a figure of its own, `width` x `height` in inches.
+
+    Examples
+    --------
+    >>> from magphonon.plotting import new_axes
+    >>> new_axes(width=4.0).figure.get_size_inches().tolist()
+    [4.0, 4.0]
+    """
     from matplotlib.figure import Figure
 
     return Figure((width, height), dpi=200, layout='compressed').add_subplot()
@@ -35,6 +42,13 @@ def legend_above(ax: Axes, **options: Any) -> Legend:
 
 
 def point_name(name: str) -> str:
-    """Name of a special point as it is printed: Γ for G, an index lowered."""
+    """Name of a special point as it is printed: Γ for G, an index lowered.
+
+    Examples
+    --------
+    >>> from magphonon.plotting import point_name
+    >>> point_name('G'), point_name('M')
+    ('Γ', 'M')
+    """
     name = 'Γ' if name == 'G' else name
     return name if len(name) == 1 else f'{name[0]}$_{{{name[1:].lstrip("_")}}}$'

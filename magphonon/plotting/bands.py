@@ -50,6 +50,15 @@ def plot_bands(bands: Bands, ax: Axes | None = None, label: str | None = None, *
     ------
     ValueError
         If the axes show bands along another path.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, plot_bands
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> ax = plot_bands(analytic_bands(cell, cell.cell.bandpath('GMKG', npoints=50, pbc=cell.pbc)))
+    >>> ax.get_ylabel()
+    'frequency (Hz)'
     """
     from matplotlib.cbook import normalize_kwargs
     from matplotlib.lines import Line2D

@@ -37,6 +37,14 @@ def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from importlib.resources import files
+    >>> from magphonon.interactions import fit_spline, read_forces
+    >>> from magphonon.plotting import plot_fits
+    >>> forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')
+    >>> figure = plot_fits(forces, [fit_spline(forces, 10.0)])
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator, NullFormatter

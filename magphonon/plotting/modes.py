@@ -51,6 +51,14 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, ax: Axes | No
     ------
     ValueError
         If the bands hold no modes, or the path has no such point, or the mode does not exist.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, plot_mode
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> bands = analytic_bands(cell, cell.cell.bandpath('GMKG', npoints=50, pbc=cell.pbc), vectors=True)
+    >>> ax = plot_mode(cell, bands, 'M', 0)
     """
     from matplotlib.collections import LineCollection
 

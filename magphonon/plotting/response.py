@@ -49,6 +49,17 @@ def plot_response(response: Any, natural: ArrayLike = (), axes: Any | None = Non
     Returns
     -------
     array of two matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.plotting import plot_response
+    >>> from magphonon.response import Place, receptance
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> up = np.array([0, 1.0, 0])
+    >>> axes = plot_response(receptance(patch, Place(18, up), Place(12, up), np.linspace(0.5, 2, 40), damping=0.1))
     """
     axes = response_axes() if axes is None else axes
     f, natural = (np.asarray(w) / (2 * np.pi) / units.Hz for w in (response.omega, natural))

@@ -36,6 +36,18 @@ def plot_wave(wave: Any, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, plot_wave
+    >>> from magphonon.waves import Displacements, waves
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> t, x = np.arange(0, 80, 0.5), np.arange(24)
+    >>> s = t[:, None] - x / 0.6  # the time since a pulse passed
+    >>> u = np.exp(-(((s - 20) / 8) ** 2)) * np.cos(0.5 * s)
+    >>> ax = plot_wave(waves(Displacements(t, x, np.stack([1e-3 * u, 0 * u], axis=2)), cell, 'row')[0])
     """
     ax = new_axes() if ax is None else ax
     spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0

@@ -41,6 +41,12 @@ def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
     ------
     ValueError
         If the special points do not span a plane.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.plotting import plot_zone
+    >>> ax = plot_zone(read_scene(ready_scene('prototype')).band_path())
     """
     if np.linalg.matrix_rank(list(path.special_points.values())) != 2:
         raise ValueError(f'the zone is drawn for planar lattices, but the special points of the path {path.path} span no plane')
@@ -72,6 +78,14 @@ def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, ax:
     ------
     ValueError
         If the branch does not exist.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import zone_map
+    >>> from magphonon.plotting import plot_isofrequency
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> ax = plot_isofrequency(zone_map(cell, 12), zone_map(cell, 12, 'conventional'), 0)
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
@@ -120,6 +134,14 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes |
     ------
     ValueError
         If the branch does not exist, the maps differ in lattice or mesh, or nothing of the branch has a ratio.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import zone_map
+    >>> from magphonon.plotting import plot_ratio
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> ax = plot_ratio(zone_map(cell, 12), zone_map(cell, 12, 'conventional'), 0)
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -88,6 +88,19 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
         For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, an
         undamped resonance, a structure that is not at rest, one that is unstable and has no steady state, a force on held
         particles only or out of the plane of a planar structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices
+    >>> from magphonon.response import harmonic_response
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> force = np.zeros((len(patch), 3))
+    >>> force[18, 1] = 1.0
+    >>> solved = harmonic_response(patch, force, [1.0], damping=0.1)
+    >>> bool(np.allclose(solved, frequency_response(patch, force, [1.0], damping=0.1)))
+    True
     """
     system = LinearSystem.of(atoms)
     n = len(system)
@@ -173,6 +186,18 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     ValueError
         For another shape, a negative damping, an undamped resonance, a structure that is not at rest, one that is
         unstable and has no steady state, or a force on held particles only or out of the plane of a planar structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> force = np.zeros((len(patch), 3))
+    >>> force[len(patch) // 2, 1] = 1.0
+    >>> answer = frequency_response(patch, force, [0.5, 1.0, 1.5], damping=0.1, particles=[len(patch) // 2])
+    >>> answer.shape  # frequencies, particles, x y z
+    (3, 1, 3)
     """
     system = LinearSystem.of(atoms).moving()
     omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')
@@ -209,6 +234,19 @@ def receptance(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega:
     -------
     FrequencyResponse
         Of shape (frequencies,).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.response import Place, receptance
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> up = np.array([0, 1.0, 0])
+    >>> there = receptance(patch, Place(18, up), Place(12, up), np.linspace(0.5, 2, 4), damping=0.1)
+    >>> back = receptance(patch, Place(12, up), Place(18, up), np.linspace(0.5, 2, 4), damping=0.1)
+    >>> bool(np.allclose(there.response, back.response))  # reciprocity
+    True
     """
     system, omega = LinearSystem.of(atoms), np.atleast_1d(omega)
     u = frequency_response(system, source.force(len(system)), omega, damping, np.array([answer.particle]))

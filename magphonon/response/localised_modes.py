@@ -68,6 +68,16 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     ------
     ValueError
         If the structure has another number of particles.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
+    >>> from magphonon.response import extents
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> found = extents(modes(patch), patch)
+    >>> bool((found.participation > 0).all())
+    True
     """
     rest = atoms.atoms if isinstance(atoms, LinearSystem) else atoms
     dim = found.shapes.shape[2]
@@ -114,6 +124,17 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     ------
     ValueError
         If nothing is free, the structure is not at rest, or the ends do not increase.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
+    >>> from magphonon.response import local_modes
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> every = modes(patch).omega
+    >>> found = local_modes(patch, [every[0] - 0.1, every[2] + 1e-6])
+    >>> len(found.omega) == int((every < every[2] + 1e-6).sum())
+    True
     """
     low, high = finite('gap', gap, (2,))
     if not low < high:

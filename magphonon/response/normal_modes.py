@@ -72,6 +72,15 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     ------
     ValueError
         If there are not as many modes, or the structure is not at rest.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> found = modes(patch)
+    >>> found.shapes.shape  # modes, particles, x and y: 19 particles are free, the rim is held
+    (38, 37, 2)
     """
     system = LinearSystem.of(atoms).moving()
     size = system.K.shape[0]
@@ -90,7 +99,17 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
 
 
 def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
-    """Frequencies of all `modes` without their shapes, in a third of the time; ascending, in rad/ms, shape (modes,)."""
+    """Frequencies of all `modes` without their shapes, in a third of the time; ascending, in rad/ms, shape (modes,).
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.response import natural_frequencies
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> natural_frequencies(patch).shape
+    (38,)
+    """
     return signed_root(np.linalg.eigvalsh(LinearSystem.of(atoms).moving().K.toarray()))
 
 

@@ -24,6 +24,12 @@ class Place:
     particle : int
     direction : ndarray, shape (3,)
         Of the force or displacement; a unit vector unless a multiple is meant.
+
+    Examples
+    --------
+    >>> from magphonon.response import Place
+    >>> Place(3, (0, 2, 0)).particle
+    3
     """
 
     particle: int

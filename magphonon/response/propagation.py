@@ -110,6 +110,17 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         For times that do not increase, a damping that differs between particles, a held particle that is displaced, a
         drive that is rough or pushes held particles only, an unstable structure that grows beyond all numbers, one that is at
         rest neither in the reference nor where it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, ToneBurst, lattices, propagate
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 4.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> burst = ToneBurst(len(patch) // 2, (0, 1), 1e-3, omega=2.0)
+    >>> moved = propagate(patch, np.arange(21.0), [burst], damping=0.1)
+    >>> moved.displacements.shape  # times, particles, x and y
+    (21, 61, 2)
     """
     times = finite('times', np.atleast_1d(times))
     if times.ndim != 1 or not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():

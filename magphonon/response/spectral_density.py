@@ -58,6 +58,15 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     ------
     ValueError
         If nothing is free, the structure is not at rest, or a number is no such number.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.response import density_of_states
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 4.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> density_of_states(patch, moments=64, vectors=2).density.ndim
+    1
     """
     system, count = LinearSystem.of(atoms).moving(), _even(moments)
     rng_seed, vectors, size = whole('seed', seed, 0), whole('vectors', vectors, 2), system.K.shape[0]

@@ -88,6 +88,15 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     ------
     ValueError
         If they differ in law, model, cell or periodicity, or have another calculator or constraint.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.response import replicas
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> len(replicas([patch, patch])) == 2 * len(patch)
+    True
     """
     for which, atoms in enumerate(structures):
         repulsion_of(atoms).displacements(atoms)  # refuses atoms that are not those of their calculator
@@ -176,6 +185,14 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
     ------
     ValueError
         If the window holds less than three periods, or less than two frames per period.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.response import lock_in
+    >>> t = np.arange(0, 20 * np.pi, 0.01)
+    >>> bool(abs(abs(lock_in(0.3 * np.cos(2.0 * t), 0.01, 2.0)) - 0.3) < 1e-3)
+    True
     """
     signal = finite('signal', signal)
     dt = positive('dt', dt, 'ms')
@@ -293,6 +310,14 @@ def fourier(signal: ArrayLike, dt: float, omega: ArrayLike) -> NDArray[Any]:
     -------
     ndarray of complex, shape (frequencies, ...)
         In the unit of the signal times ms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.response import fourier
+    >>> t = np.arange(0, 50, 0.01)
+    >>> bool(abs(fourier(np.exp(-t), 0.01, [2.0])[0] - 1 / (1 + 2j)) < 0.01)
+    True
     """
     t = dt * np.arange(len(np.asarray(signal)))
     return np.array([dt * np.tensordot(np.exp(-1j * w * t), np.asarray(signal), 1) for w in np.atleast_1d(omega)])

@@ -50,6 +50,13 @@ class Scene(Table):
     """A lattice, its law of repulsion, its foundation and the computations wanted for it.
 
     The fields are the tables of the file, in SI units.  `atoms` and `band_path` use the units of the package.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> scene = read_scene(ready_scene('prototype'))
+    >>> scene.bands.path, scene.patch_atoms().calc.model
+    ('GMKG', 'complete')
     """
 
     title: Text = Field(description='a line that says what it is')
@@ -234,6 +241,14 @@ def read_scene(path: str | PathLike[str]) -> Scene:
         If the file cannot be read.
     ValueError
         If it is not TOML or not a scene; the message names each key, its value and the mend.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> scene = read_scene(ready_scene('prototype'))
+    >>> scene.lattice.kind, scene.lattice.spacing_m
+    ('triangular', 0.01)
+    >>> cell = scene.atoms()  # ase.Atoms with its calculator
     """
     if not str(path):
         raise ValueError("'' names no file; " + '"magphonon scene" lists scenes to start from')
@@ -296,7 +311,14 @@ def _fault(loc, error, data):
 
 
 def ready_scenes() -> dict[str, Traversable]:
-    """The scenes that come with the package: a dict from name to file."""
+    """The scenes that come with the package: a dict from name to file.
+
+    Examples
+    --------
+    >>> from magphonon.scenes import ready_scenes
+    >>> 'prototype' in ready_scenes()
+    True
+    """
     found = (file for file in files('magphonon.data').iterdir() if file.name.endswith('.toml'))
     ordered = sorted(found, key=lambda file: file.name)
     return {file.name.removesuffix('.toml'): file for file in ordered if file.name != 'reference.toml'}
@@ -309,11 +331,24 @@ def ready_scene(name: str) -> Traversable:
     ------
     ValueError
         For an unknown name.
+
+    Examples
+    --------
+    >>> from magphonon import ready_scene
+    >>> ready_scene('prototype').name
+    'prototype.toml'
     """
     scenes = ready_scenes()
     return scenes[one_of('the scene', name, tuple(scenes))]
 
 
 def reference() -> dict[str, Any]:
-    """Numbers to check against, in SI units: the tables of `data/reference.toml`, where each has its source."""
+    """Numbers to check against, in SI units: the tables of `data/reference.toml`, where each has its source.
+
+    Examples
+    --------
+    >>> from magphonon.scenes import reference
+    >>> reference()['prototype']['gamma_Hz']
+    26.550686524
+    """
     return tomllib.loads((files('magphonon.data') / 'reference.toml').read_text(encoding='utf-8'))

@@ -64,6 +64,14 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
     -------
     Shifts
         Without modes of zero or imaginary frequency, which do not vibrate.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.stability import frequency_shifts
+    >>> shifts = frequency_shifts(read_scene(ready_scene('prototype')).atoms())
+    >>> shifts.q.shape[1], shifts.curvature.shape == shifts.omega.shape
+    (3, True)
     """
     system = LinearSystem.of(atoms)
     calc, P, pbc = system.calc, system.free, system.atoms.pbc

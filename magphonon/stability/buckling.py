@@ -129,6 +129,16 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
         With the masses: eigenvalues are squared frequencies.
     steps : int, optional
         As for `softest`.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stability import softest_of
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> found = softest_of(cell)
+    >>> round(found.lowest, 9), abs(found.q).round(3)
+    (-4.0, array([0. , 0.5, 0. ]))
     """
     if isinstance(atoms, Atoms):
         if not atoms.calc.pairwise:
@@ -216,6 +226,15 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
     ------
     ValueError
         For an unknown model, `steps` that is no whole number, atoms without MagneticRepulsion or that are not at rest.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> needed, q = foundation_needed(cell)
+    >>> round(needed, 9), abs(q).round(3)  # 4 f/L0: rows slide
+    (4.0, array([0. , 0.5, 0. ]))
     """
     found = softest_of(_settled(atoms), model, steps=steps)
     return found.needed, found.q
@@ -233,6 +252,13 @@ def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
         Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow);
         None if it holds, or buckles, at every spacing, or if it needs its foundation to be in balance, so that bonds cannot be
         stretched alike.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.stability import spacing_held
+    >>> round(spacing_held(read_scene(ready_scene('square')).atoms()), 2)  # as a share of the present one
+    0.91
     """
     atoms = _settled(atoms)
     if isinstance(atoms, LinearSystem) and _leans(atoms.calc):
@@ -290,6 +316,14 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[f
         What every wave out of the plane needs to be stable, N/mm.
     alone : float
         What one particle that moves alone needs: the sum over its bonds, the largest of any particle.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon.stability import support_needed
+    >>> every, one = support_needed(read_scene(ready_scene('prototype')).atoms())
+    >>> bool(every > one > 0)
+    True
     """
     system = LinearSystem.of(atoms)
     calc, cell = system.calc, system.atoms

@@ -304,6 +304,15 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
     ValueError
         For atoms with another calculator, constraints other than FixAtoms, FixedLine and FixedPlane, or a time step or
         distance that is not positive.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, verdict
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=3.0)
+    >>> judged = verdict(cell)
+    >>> judged.fine, round(judged.needed, 9)  # it needs 4 f/L0
+    (False, 4.0)
     """
     near = not isinstance(atoms.calc, Repulsion) or atoms.calc.pairwise
     if near:  # judged where its rest is, or is nearest

@@ -59,6 +59,15 @@ class AllNeighbours(Restartable):
     ValueError
         For a structure that is not periodic, planar particles at different heights, coincident particles, a law whose
         infinite sum is not known.
+
+    Examples
+    --------
+    >>> from magphonon import AllNeighbours, InversePower, lattices, sound_speeds
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = AllNeighbours(cell, InversePower(1.0, 4.0))  # dipoles
+    >>> shear, longitudinal = sound_speeds(cell)
+    >>> round(float(longitudinal / shear), 10)  # the root of 11
+    3.3166247904
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'forces']

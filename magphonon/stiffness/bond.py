@@ -35,6 +35,17 @@ def bond_stiffness(vectors: NDArray[np.float64], law: PairLaw) -> tuple[NDArray[
     ------
     ValueError
         If a vector has no length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.stiffness import bond_stiffness
+    >>> D0, Dstar = bond_stiffness(np.array([[1.0, 0.0]]), InversePower(1.0, 4.0))
+    >>> D0[0].tolist()  # phi'' along the bond
+    [[4.0, 0.0], [0.0, 0.0]]
+    >>> (Dstar[0] + 0).tolist()  # phi'/r across it
+    [[0.0, 0.0], [0.0, -1.0]]
     """
     r, nn = _lengths_and_axes(vectors)
     D0 = law.d2phi(r) * nn
@@ -52,7 +63,16 @@ def _lengths_and_axes(vectors):
 
 
 def model_stiffness(vectors: NDArray[np.float64], law: PairLaw, model: str = 'complete') -> NDArray[np.float64]:
-    """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`."""
+    """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower
+    >>> from magphonon.stiffness import model_stiffness
+    >>> np.diag(model_stiffness(np.array([[1.0, 0.0]]), InversePower(1.0, 4.0))[0]).tolist()
+    [4.0, -1.0]
+    """
     if one_of('model', model, MODELS) == 'conventional':
         r, nn = _lengths_and_axes(vectors)
         return law.d2phi(r) * nn

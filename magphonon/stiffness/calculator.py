@@ -102,6 +102,16 @@ class MagneticRepulsion(Restartable):
         For a reference that is not planar, coincident particles, a mass or parameter that is not positive, a cutoff
         on a shell of neighbours, an unknown model; for Bonds that belong to other positions; for bonded particles whose
         kinds have no law.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=5.0)
+    >>> float(abs(cell.get_forces()).max())  # in balance by symmetry
+    0.0
+    >>> cell.calc.get_hessian(cell).shape
+    (3, 3)
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']

@@ -156,6 +156,16 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     ------
     ValueError
         If nothing is periodic.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stiffness import cauchy_stress
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> cauchy_stress(cell).round(9)  # f/L0 of compression
+    array([[-1.,  0.],
+           [ 0., -1.]])
     """
     calc = repulsion_of(atoms)
     _refuse_patches(atoms)
@@ -180,6 +190,16 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     ValueError
         If nothing is periodic, the forces of the bonds do not balance by themselves, or repulsion reaches so far that it needs a
         neutralising background.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stiffness import elastic_moduli
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> moduli = elastic_moduli(cell)
+    >>> moduli.stress.shape
+    (2, 2)
     """
     _refuse_patches(atoms)
     atoms = settled(atoms)

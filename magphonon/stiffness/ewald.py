@@ -77,6 +77,12 @@ def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayL
     ValueError
         For an exponent that is not positive, or equals d in a uniform sum: no background makes that one finite.
         For vectors that span no lattice.
+
+    Examples
+    --------
+    >>> from magphonon.stiffness import lattice_sum
+    >>> round(lattice_sum([[1.0, 0], [0.5, 0.75**0.5]], 3.0), 10)  # of r^-3 over the triangular lattice
+    11.0341757349
     """
     periods = lattice.cell.array[lattice.pbc] if isinstance(lattice, Atoms) else finite('lattice', lattice)
     sums = EwaldSums(periods, _potential(law), split)

@@ -41,6 +41,16 @@ class LinearSystem:
         In g.
     free : scipy.sparse.csr_array, shape (particles * dim, free)
         Orthonormal directions P that the constraints leave free, each of one particle.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
+    >>> from magphonon.stiffness import LinearSystem
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> system = LinearSystem.of(patch)  # made once, for several questions
+    >>> len(modes(system).omega)
+    38
     """
 
     atoms: Atoms

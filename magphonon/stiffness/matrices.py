@@ -156,5 +156,13 @@ def mass_weighted(D: NDArray[Any], masses: NDArray[np.float64]) -> NDArray[Any]:
 
 
 def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:
-    """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency."""
+    """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.stiffness import signed_root
+    >>> signed_root(np.array([4.0, -9.0])).tolist()
+    [2.0, -3.0]
+    """
     return np.sign(squares) * np.sqrt(np.abs(squares))

@@ -114,6 +114,16 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     ValueError
         If forces do not vanish in so many steps, particles leave their neighbours, or every rest found is unstable: the
         structure buckles or slides.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
+    >>> atoms = lattices.triangular(1.0, 1.0).repeat((6, 6, 1))
+    >>> del atoms[14]  # a vacancy
+    >>> atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=4.0)
+    >>> rest = relaxed(atoms)
+    >>> round(rest.shift, 2), bool(rest.after < 1e-9 * rest.before)
+    (0.09, True)
     """
     calc, tolerance, steps = repulsion_of(atoms), positive('tolerance', tolerance), whole('steps', steps)
     descent = _Descent(atoms, calc)

@@ -48,6 +48,19 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: 
     ------
     ValueError
         If nothing of the kind was written with them, or the law is not one of this package.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from ase.io import read, write
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, restored
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)
+    >>> energy, file = cell.get_potential_energy(), tempfile.mkdtemp() + '/cell.traj'
+    >>> write(file, cell)
+    >>> again = restored(read(file))
+    >>> bool(abs(again.get_potential_energy() - energy) < 1e-12)
+    True
     """
     calc: Any = atoms.calc
     found = getattr(calc, 'parameters', None) if parameters is None else parameters

@@ -88,6 +88,13 @@ def reach(atoms: Atoms, potential: PairLaw, tolerance: float = 1e-5) -> float:
     ------
     ValueError
         If too many neighbours would have to be summed.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, lattices
+    >>> from magphonon.stiffness import reach
+    >>> reach(lattices.triangular(1.0, 1.0), InversePower(1.0, 6.0), tolerance=1e-2) < 20
+    True
     """
     periods = atoms.cell.array[atoms.pbc]
     cutoff = 2 * np.linalg.norm(periods, axis=1).sum()

@@ -62,6 +62,15 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete
     ------
     ValueError
         For an unknown model or mode.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon.waves import branch
+    >>> shear = branch(read_scene(ready_scene('prototype')).atoms(), (0, 1, 0), 0)
+    >>> round(float(u.hertz(shear.omega[-1])), 3)  # at M
+    58.233
     """
     xi = np.linspace(0, np.pi, BRANCH_POINTS)
     omega, _ = bloch_modes(atoms, xi[:, None] / (2 * np.pi) * finite('direction', direction, (3,)), model)
@@ -116,6 +125,17 @@ def compare(ridge: Ridge, branch: Branch) -> Misfit:
     Returns
     -------
     Misfit
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.waves import Branch, compare, ridge, wavenumber_frequency
+    >>> t, x = np.arange(0, 400, 0.5)[:, None], np.arange(24)
+    >>> s = t - x / 0.6 - 100
+    >>> crest = ridge(wavenumber_frequency(1e-3 * np.exp(-((s / 20) ** 2)) * np.cos(0.5 * s), 0.5))
+    >>> xi = np.linspace(0, np.pi, 50)
+    >>> bool(compare(crest, Branch(xi, 0.6 * xi)).bins < 0.1 < compare(crest, Branch(xi, 0.8 * xi)).bins)
+    True
     """
     own = np.interp(ridge.xi, branch.xi, branch.omega)
     d_omega = ridge.omega - own

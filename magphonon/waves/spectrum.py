@@ -122,6 +122,16 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float) -> Spectrum:
     ValueError
         For another shape, fewer than 8 frames or points, entries that are not finite or in no unit of length, or a row
         at rest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.waves import wavenumber_frequency
+    >>> t, x = np.arange(0, 200, 0.5)[:, None], np.arange(24)
+    >>> spectrum = wavenumber_frequency(1e-3 * np.cos(0.8 * t - 0.9 * x), 0.5)
+    >>> line, column = np.unravel_index(spectrum.power.argmax(), spectrum.power.shape)
+    >>> bool(abs(spectrum.omega[line] - 0.8) < spectrum.bin_omega), bool(abs(spectrum.xi[column] - 0.9) < spectrum.bin_xi)
+    (True, True)
     """
     u = finite('displacements', displacements)
     dt = positive('dt', dt, 'ms')
@@ -153,6 +163,14 @@ def without_drift(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
     """Displacements without the constant and the steady drift of each point, shape (frames, points).
 
     Both are fitted with the weights of the window, so that the map of what is left vanishes at zero frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.waves import without_drift
+    >>> t = np.arange(50.0)[:, None]
+    >>> bool(abs(without_drift(0.2 + 0.01 * t)).max() < 1e-12)
+    True
     """
     weight = _hann(len(displacements))[0]
     t = np.arange(len(displacements)) - (len(displacements) - 1) / 2  # weights are even in t: constant and slope do not mix
@@ -241,6 +259,16 @@ def ridge(spectrum: Spectrum) -> Ridge:
     ------
     ValueError
         If no wave rises above the background.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.waves import ridge, wavenumber_frequency
+    >>> t, x = np.arange(0, 400, 0.5)[:, None], np.arange(24)
+    >>> s = t - x / 0.6 - 100
+    >>> crest = ridge(wavenumber_frequency(1e-3 * np.exp(-((s / 20) ** 2)) * np.cos(0.5 * s), 0.5))
+    >>> bool(abs(crest.omega / crest.xi - 0.6).max() < 0.01)  # the speed of the pulse
+    True
     """
     forward = spectrum.xi > 0
     lines = slice(FIRST * PAD, None, PAD)  # the lines between them, from padding, say nothing new

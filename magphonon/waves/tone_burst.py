@@ -78,6 +78,21 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     ValueError
         For a carrier above all frequencies of the patch, a duration that ends before the burst does, or a patch that moves or
         does not stand in its reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import MagneticRepulsion, read_scene, ready_scene, units as u
+    >>> from magphonon.lattices import half_hexagon
+    >>> from magphonon.waves import send, site
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> patch = half_hexagon(cell, side=100.0)
+    >>> patch.calc = MagneticRepulsion(patch, cell.calc.potential, foundation=cell.calc.foundation)
+    >>> where = site(cell, patch, 'point')
+    >>> burst = where.burst((0, 1), 1e-4 * u.N, 2 * np.pi * 60 * u.Hz, 3)
+    >>> passage = send(patch, where, burst, damping=0.004, duration=80.0)
+    >>> passage.row.displacements.shape[1] == len(where.row)
+    True
     """
     not_negative('damping', damping, '1/ms')
     patch = _at_rest(patch)

@@ -38,6 +38,14 @@ class Displacements:
         Numbers of the particles, in the order of the row.
     displacements : ndarray, shape (frames, points, 2)
         In mm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.waves import Displacements
+    >>> record = Displacements(np.arange(5.0), np.array([3, 4]), np.zeros((5, 2, 2)))
+    >>> record.displacements.shape  # frames, particles, x and y
+    (5, 2, 2)
     """
 
     times: np.ndarray
@@ -82,6 +90,15 @@ def measure(t: ArrayLike, u: ArrayLike, particles: ArrayLike, rate: float, noise
     ------
     ValueError
         If the shapes do not belong together, or the record is shorter than two samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.waves import measure
+    >>> t = np.arange(0, 100, 0.1)
+    >>> u = np.zeros((len(t), 2, 2))
+    >>> measure(t, u, [0, 1], rate=1.0, noise=1e-6).displacements.shape
+    (100, 2, 2)
     """
     from scipy.interpolate import CubicSpline
 
@@ -101,7 +118,18 @@ MOTIONS_m = 1e-24, 1e3
 
 
 def write_displacements(path: str | PathLike[str], displacements: Displacements) -> None:
-    """Write a table in SI, columns time_s, particle, u_x_m, u_y_m, to the last digit; whole or not at all."""
+    """Write a table in SI, columns time_s, particle, u_x_m, u_y_m, to the last digit; whole or not at all.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from magphonon.waves import Displacements, read_displacements, write_displacements
+    >>> file = tempfile.mkdtemp() + '/scan.csv'
+    >>> write_displacements(file, Displacements(np.arange(5.0), np.array([3, 4]), np.full((5, 2, 2), 1e-3)))
+    >>> read_displacements(file).particles
+    array([3, 4])
+    """
     t, u = displacements.times / units.s, displacements.displacements / units.m
     refuse_overflow(path, {'time_s': t, 'u_x_m and u_y_m': u})
     with whole_file(path) as file:
@@ -130,6 +158,16 @@ def read_displacements(path: str | PathLike[str], particles: ArrayLike | None = 
     ------
     ValueError
         If a column, a number or a sample is missing, a sample is listed twice, or the times are not equally spaced.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from magphonon.waves import Displacements, read_displacements, write_displacements
+    >>> file = tempfile.mkdtemp() + '/scan.csv'
+    >>> write_displacements(file, Displacements(np.arange(5.0), np.array([3, 4]), np.full((5, 2, 2), 1e-3)))
+    >>> read_displacements(file, particles=[4]).displacements.shape
+    (5, 1, 2)
     """
     time, number, x, y = _columns(path)
     present = np.unique(number)

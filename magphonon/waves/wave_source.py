@@ -81,13 +81,29 @@ def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
     Returns
     -------
     ndarray, shape (3,)
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.waves import wavevector
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> wavevector(cell, 'row').tolist(), wavevector(cell, 'point').tolist()
+    ([0.0, 1.0, 0.0], [0.5000000000000001, 1.0, 0.0])
     """
     R1, R2 = cell.cell.array[:2]
     return np.array([0.0 if one_of('source', source, SOURCES) == 'row' else R1 @ R2 / (R2 @ R2), 1.0, 0.0])
 
 
 def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
-    """Unit vectors across and along the wavevector: a dict of 'transverse' and 'longitudinal', each of shape (2,)."""
+    """Unit vectors across and along the wavevector: a dict of 'transverse' and 'longitudinal', each of shape (2,).
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.waves import polarisations
+    >>> list(polarisations(read_scene(ready_scene('prototype')).atoms(), 'row'))
+    ['transverse', 'longitudinal']
+    """
     k = (wavevector(cell, source) @ cell.cell.reciprocal().array)[:2]
     along = k / np.linalg.norm(k)
     return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
@@ -115,6 +131,16 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     ------
     ValueError
         For a cell whose R1 does not lie along x or whose R2 does not point up, along y: then the lowest particles are no row.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.lattices import half_hexagon
+    >>> from magphonon.waves import site
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> where = site(cell, half_hexagon(cell, side=100.0), 'point')
+    >>> len(where.driven), len(where.row)
+    (1, 9)
     """
     one_of('source', source, SOURCES)
     _refuse_turned(cell)
