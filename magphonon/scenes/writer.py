@@ -44,6 +44,17 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
         If the atoms carry no calculator of this package, or one whose law a file cannot tell; the name ends otherwise.
     OSError
         If a file cannot be written; then none is.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, write_scene
+    >>> cell = lattices.triangular(10.0, 0.7)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1e4, 4.6), foundation=0.02)
+    >>> file = tempfile.mkdtemp() + '/mine.toml'
+    >>> write_scene(cell, file)
+    >>> read_scene(file).lattice.kind
+    'file'
     """
     path = Path(path)
     if path.suffix != '.toml':

@@ -74,6 +74,14 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
         Without xarray; `pip install 'magphonon[sweep]'`.
     BrokenExecutor
         If processes die, unless the executor can be made anew.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene, sweep
+    >>> scene = read_scene(ready_scene('ideal'))
+    >>> found = sweep(scene, {'law.a': [3.5, 4.0, 5.0]}, 'bands.M.1')
+    >>> found['bands.M.1'].values.round(3).tolist()  # in Hz: the root of 2 (a - 3) f/(m L), by 2 pi
+    [15.915, 22.508, 31.831]
     """
     try:
         import threadpoolctl  # noqa: F401  before anything is computed
