@@ -17,9 +17,10 @@ def strained(name, law, foundation):
     """A cell of little symmetry, relaxed before a foundation is put under it."""
     cell = lattice(name)
     cell.set_cell(cell.cell.array @ [[1.06, 0.03, 0], [-0.02, 0.97, 0], [0, 0, 1]], scale_atoms=True)
-    cell.calc = MagneticRepulsion(cell, law, cutoff=18.5)
+    strengths = np.linspace(1.1, 0.9, len(cell))
+    cell.calc = MagneticRepulsion(cell, law, cutoff=18.5, strengths=strengths)
     rest = relaxed(cell).atoms
-    rest.calc = MagneticRepulsion(rest, law, foundation=foundation, bonds=rest.calc.bonds)
+    rest.calc = MagneticRepulsion(rest, law, foundation=foundation, bonds=rest.calc.bonds, strengths=strengths)
     return rest
 
 
@@ -29,7 +30,8 @@ def scaled(atoms, factor, model, inner=True):
     wide.set_cell(np.where(atoms.pbc[:, None], factor, 1) * atoms.cell.array, scale_atoms=True)
     bonds = atoms.calc.bonds
     pairs = list(zip(bonds.i, bonds.j, bonds.shift, strict=True))
-    wide.calc = MagneticRepulsion(wide, atoms.calc.potential, bonds=pairs, foundation=atoms.calc.foundation)
+    wide.calc = MagneticRepulsion(wide, atoms.calc.potential, bonds=pairs, foundation=atoms.calc.foundation,
+                                  strengths=atoms.calc.strengths)
     if inner:
         wide = relaxed(wide).atoms
         omega = bloch_modes(wide, POINTS, model)[0]
