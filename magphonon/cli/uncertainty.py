@@ -15,6 +15,9 @@ SIGNIFICANT_DIFFERENCE = 5 / (2 * SAMPLES) ** 0.5
 """Relative difference of two standard deviations that sampling noise does not explain."""
 SECOND_ORDER_RATIO = 0.5
 """Ratio of the second-order to the first-order standard deviation above which the ribbon is too narrow, by 12 % at this ratio."""
+OWN_SCATTER = ('the scatter of each magnet by itself leaves the bands of an infinite lattice where they are, to first order, and '
+               'broadens them; a finite structure has a response that scatters')
+"""What is said of bands."""
 LINEAR_RANGE = 0.3
 """Relative standard deviation of an amplitude above which the flank of a peak is not a straight line."""
 
@@ -37,7 +40,8 @@ def run(options: Namespace) -> None:
     lines = [scene.title]
     with results(options, scene) as folder:
         if scene.bands is not None:
-            lines += _bands(folder, scene, tolerances)
+            lines += _bands(folder, scene, tolerances) if tolerances.changes else []
+            lines += ['', OWN_SCATTER] if tolerances.scatter.std.any() else []
         if scene.frf is not None:
             lines += _response(folder, scene, tolerances)
     print('\n'.join(lines))

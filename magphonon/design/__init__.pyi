@@ -6,6 +6,11 @@ from .inverse import (
     foundation_for as foundation_for,
     spacings_for as spacings_for,
 )
+from .scatter import (
+    Scatter as Scatter,
+    mode_scatter as mode_scatter,
+    response_scatter as response_scatter,
+)
 from .sensitivities import (
     Change as Change,
     LawChange as LawChange,

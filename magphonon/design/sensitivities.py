@@ -220,7 +220,8 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
         x = G(F)
         u[k] = x.reshape(n, 3)
         pushes = [-(H @ x + change.mass * inertia * x) for H, change in zip(dH, changes, strict=True)]
-        slopes[:, k] = G(np.transpose(pushes)).T.reshape(-1, n, 3)
+        if pushes:
+            slopes[:, k] = G(np.transpose(pushes)).T.reshape(-1, n, 3)
     return u, slopes
 
 

@@ -1,7 +1,8 @@
 """Uncertainty of frequencies and responses from the tolerances of parameters: to first order, and by Monte Carlo sampling.
 
 With the covariance C of the relative changes dp/p and the slopes S = d value/d ln p, the variance is `S^T C S`.  The
-parameters are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike.
+parameters are those of the lattice as a whole: every spacing, every magnet and every pillar deviates alike.  What each of them
+deviates by itself is `magphonon.design.scatter`; to the response of a structure it adds the sum of its squares.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
 from ..files import Saved
+from .scatter import NO_SCATTER, SITES, Scatter, response_scatter
 from .sensitivities import Change, frequency_sensitivities, response_sensitivities
 
 if TYPE_CHECKING:
@@ -38,20 +40,25 @@ class Tolerances:
         Each parameter by name, and what it changes (`magphonon.design.sensitivities`).
     covariance : ndarray, shape (parameters, parameters)
         Of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
+    scatter : Scatter
+        What each site deviates by itself besides; nothing by default.
 
     Raises
     ------
     ValueError
-        If the covariance has another shape, or is not that of any distribution.
+        If the covariance has another shape, or is not that of any distribution, or there are neither parameters nor scatter.
     """
 
     changes: dict[str, Change]
     covariance: np.ndarray
+    scatter: Scatter = NO_SCATTER
 
     def __post_init__(self) -> None:
         n = len(self.changes)
         C = finite('covariance', self.covariance, (n, n))
-        if not n or not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C)[0] < -ROUND_OFF * np.trace(C):
+        if not (n or self.scatter.std.any()):
+            raise ValueError('neither parameters nor sites have a tolerance; name one')
+        if not np.allclose(C, C.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(C).min(initial=0) < -ROUND_OFF * np.trace(C):
             raise ValueError(f'covariance must be symmetric without negative eigenvalues, with a row for each of the {n} '
                              f'parameters, not {C.tolist()}; check the correlations')
         object.__setattr__(self, 'covariance', C)
@@ -190,12 +197,22 @@ def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place
     Returns
     -------
     ResponseSpread
-        Of |u|, shape (frequencies,), in mm.
+        Of |u|, shape (frequencies,), in mm.  What scatters from site to site is one more parameter, 'each mass' and so on, with
+        the root of the sum of squares over the sites as its slope.
     """
+    from scipy.linalg import block_diag
+
     u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
     u, du = answer.seen(u), answer.seen(du)
     slopes, turns = np.real(u.conj() * du) / abs(u), np.imag(du / u)
-    return ResponseSpread(tuple(tolerances.changes), tolerances.covariance, abs(u), slopes, turns)
+    names, C, std = tuple(tolerances.changes), tolerances.covariance, tolerances.scatter.std
+    if std.any():
+        own = response_scatter(atoms, force, answer, omega, damping)[std > 0]
+        sites = [np.linalg.norm(part, axis=1) for part in (np.real(u.conj() * own) / abs(u), np.imag(own / u))]
+        slopes, turns = (np.concatenate(pair) for pair in zip((slopes, turns), sites, strict=True))
+        names = (*names, *(f'each {name}' for name, own_std in zip(SITES, std, strict=True) if own_std))
+        C = np.asarray(block_diag(C, np.diag(std[std > 0] ** 2)))
+    return ResponseSpread(names, C, abs(u), slopes, turns)
 
 
 def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike, tolerances: Tolerances, count: int,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import BeforeValidator, Field, create_model
 
+from ..design.scatter import SITES, Scatter
 from ..design.sensitivities import Change, exponent_change, force_change, screening_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
@@ -61,7 +62,10 @@ Correlation = Annotated[Number, BeforeValidator(_correlation), Allowed('between 
 
 
 class _Uncertainty(Table):
-    """Standard deviations of the parameters, absolute in the unit of the key or in percent; what is not named is exact."""
+    """Standard deviations of the parameters, absolute in the unit of the key or in percent; what is not named is exact.
+
+    Those named `each_...` belong to each magnet or pillar by itself, the others to all of them alike.
+    """
 
     correlation_a_b: Correlation | None = Field(None, description='the correlation of a and b, as "magphonon fit" prints it')
 
@@ -93,21 +97,35 @@ class _Uncertainty(Table):
                 raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than '
                                  f'the {LARGEST_TOLERANCE:g} within which a linear propagation holds; measure it better, or '
                                  'leave it out')
-        if not sigma:
+        scatter = self._scatter(scene)
+        if not sigma and not scatter.std.any():
             raise ValueError('uncertainty names no tolerance; add one, such as spacing_percent = 1.0')
-        C = np.diag(np.square(list(sigma.values())))
+        C = np.diag(np.square(list(sigma.values()))).reshape(len(sigma), len(sigma))
         if self.correlation_a_b is not None:
             if not {'a', 'b'} <= sigma.keys():
                 raise ValueError('uncertainty.correlation_a_b needs the tolerances of both a and b; add them')
             names = list(sigma)
             a, b = names.index('a'), names.index('b')
             C[a, b] = C[b, a] = self.correlation_a_b * sigma['a'] * sigma['b']
-        return Tolerances({name: changes[name] for name in sigma}, C)
+        return Tolerances({name: changes[name] for name in sigma}, C, scatter)
+
+    def _scatter(self, scene):
+        """What each site deviates by itself."""
+        percent = {name: getattr(self, f'each_{name}_percent') or 0.0 for name in SITES}
+        if percent['stiffness'] and scene.foundation is None:
+            raise ValueError('uncertainty.each_stiffness_percent belongs to a foundation, but the scene has none; leave it out')
+        for name, value in percent.items():
+            if value > 100 * LARGEST_TOLERANCE:
+                raise ValueError(f'uncertainty.each_{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} '
+                                 'within which a linear propagation holds; measure it better, or leave it out')
+        return Scatter(**{name: value / 100 for name, value in percent.items()})
 
 
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all
 _KEYS = {key: Field(None, description='the standard deviation, in the unit of the parameter') for key in _ABSOLUTE} | {
-    f'{name}_percent': Field(None, description='the standard deviation in percent', examples=[1.0]) for name in PLACES}
+    f'{name}_percent': Field(None, description='the standard deviation in percent', examples=[1.0]) for name in PLACES} | {
+    f'each_{name}_percent': Field(None, description='the standard deviation of each site by itself in percent', examples=[1.0])
+    for name in SITES}
 if TYPE_CHECKING:
     Uncertainty = _Uncertainty  # with more keys
 else:

@@ -69,6 +69,27 @@ def test_response_of_the_oscillator(tmp_path, capsys):
     assert 'response: the amplitude has a standard deviation of' in capsys.readouterr().out
 
 
+def test_a_mass_by_itself_is_that_of_all_where_one_is_free(tmp_path, capsys):
+    """Of the oscillator, whose other magnets are held; a table with nothing else besides is enough."""
+    text = ready_scene('oscillator').read_text().partition('[uncertainty]')[0].replace('points = 961', 'points = 61')
+    columns = []
+    for k, key in enumerate(('mass_percent', 'each_mass_percent')):
+        out = tmp_path / str(k)
+        scene = tmp_path / f'{k}.toml'
+        scene.write_text(f'{text}[uncertainty]\n{key} = 0.5\n')
+        assert main(['uncertainty', str(scene), '-o', str(out)]) == 0
+        columns.append(table(out / 'frf_uncertainty.csv'))
+    np.testing.assert_allclose(columns[1]['std_m_per_N'], columns[0]['std_m_per_N'], rtol=1e-9)
+    assert columns[0]['std_m_per_N'].max() > 0
+
+
+def test_bands_do_not_scatter_with_each_magnet(tmp_path, capsys):
+    text = ready_scene('ideal').read_text().partition('[uncertainty]')[0]
+    assert main(['uncertainty', scene_file(tmp_path, text + '[uncertainty]\neach_strength_percent = 1.0\n'),
+                 '-o', str(tmp_path / 'out')]) == 0
+    assert 'leaves the bands of an infinite lattice where they are' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(('to', 'warns'), [('40.0', True), ('33.0', False)])
 def test_a_ribbon_too_narrow_on_top_of_the_peak_is_called_so(to, warns, tmp_path, capsys):
     """1 % of k = 45 kN/m and 0.1 % of m w^2 move k - m w^2 = 0 by z = 452/(m w gamma) = 0.178 widths of the peak at 33.76 Hz."""
@@ -89,6 +110,8 @@ def test_a_ribbon_too_narrow_on_top_of_the_peak_is_called_so(to, warns, tmp_path
     ('spacing_percent = 0.2', 'spacing_percent = -1.0', ('uncertainty.spacing_percent must be a positive number', '-1.0')),
     ('spacing_percent = 0.2', 'spacing = 0.2', ("uncertainty has no key 'spacing'", 'did you mean')),
     ('spacing_percent = 0.2', 'correlation_a_b = 1.0', ('uncertainty.correlation_a_b must lie between -1 and 1, not 1.0',)),
+    ('spacing_percent = 0.2', 'each_mass_percent = 60.0', ('uncertainty.each_mass_percent = 60.0 is more than the 50',)),
+    ('spacing_percent = 0.2', 'each_stiffness_percent = 1.0', ('belongs to a foundation, but the scene has none',)),
     ('spacing_percent = 0.2', 'height_percent = 0.2', ('height is no parameter of this scene', 'spacing, mass, b, a')),
 ])
 def test_mistake_ends_in_words_and_writes_nothing(old, new, words, tmp_path, capsys):

@@ -1,0 +1,86 @@
+"""What each site changes by itself, against differences of structures that have come to rest again."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms
+from oracles import lattice
+
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
+from magphonon.design import Scatter, mode_scatter, response_scatter
+from magphonon.design.scatter import SITES, SiteSlopes
+from magphonon.response import Place, harmonic_response
+from magphonon.stiffness import LinearSystem
+
+LAW = InversePower(b=6200.0, a=4.5824)
+STEP = 1e-4
+
+
+def patch(mass=1.0, strength=1.0, stiffness=1.0):
+    """A relaxed honeycomb patch of drawn magnets between held ones, a pillar under each; factors of shape (particles,)."""
+    atoms = lattice('honeycomb').repeat((3, 3, 1))
+    atoms.pbc, n, rng = False, 18, np.random.default_rng(4)
+    atoms.set_masses(rng.uniform(0.5, 1.0, n) * mass)
+    strengths, springs = rng.uniform(0.9, 1.1, n) * strength, rng.uniform(0.05, 0.1, n) * stiffness
+    atoms.set_constraint(FixAtoms([0, 1, 4, 12, 17]))
+    atoms.calc = MagneticRepulsion(atoms, LAW, shells=2, foundation=springs, strengths=strengths)
+    return relaxed(atoms).atoms
+
+
+def differences(value, site):
+    """Derivatives of `value(atoms)` by the logarithms of mass, strength and spring of one site, shape (3, ...)."""
+    found = []
+    for name in SITES:
+        ends = []
+        for sign in (1, -1):
+            factor = np.ones(18)
+            factor[site] = np.exp(sign * STEP)
+            ends.append(value(patch(**{name: factor})))
+        found.append((ends[0] - ends[1]) / (2 * STEP))
+    return np.array(found)
+
+
+@pytest.mark.parametrize('site', [2, 7, 17])  # the last one is held
+def test_natural_frequencies(site):
+    atoms = patch()
+    found, slopes = modes(atoms), SiteSlopes(LinearSystem.of(atoms))
+    squares = found.omega**2
+    ours = np.array([slopes(x, x, -s)[:, site].real for x, s in zip(found.shapes, squares, strict=True)]).T
+    theirs = differences(lambda atoms: modes(atoms).omega ** 2, site)
+    # 1e-6: the square of the step, times third derivatives of some hundreds
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * squares.max())
+    at_rest = slopes._bonds[0]  # the control: without the rest that follows
+    ends = (slopes.system.calc.bonds.i == site) | (slopes.system.calc.bonds.j == site)
+    e = np.array([slopes.system.calc.bonds.incidence @ x for x in found.shapes])
+    fixed = np.einsum('mbx,bxy,mby->m', e[:, ends], at_rest[ends], e[:, ends])
+    assert abs(fixed - theirs[1]).max() > 1e-2 * squares.max()
+
+
+def test_response():
+    atoms = patch()
+    omega, damping, push, answer = np.array([0.3, 0.6]), 0.02, Place(7, np.array([0, 1.0, 0])), Place(10, np.array([1.0, 0, 0]))
+    force = push.force(18)
+    ours = response_scatter(atoms, force, answer, omega, damping)
+    scale = abs(answer.seen(harmonic_response(atoms, force, omega, damping))).max()
+    for site in (2, 9):
+        theirs = differences(lambda atoms: answer.seen(harmonic_response(atoms, force, omega, damping)), site)
+        np.testing.assert_allclose(ours[:, site], theirs, rtol=0, atol=1e-5 * scale)
+
+
+def test_waves_of_a_supercell():
+    cell = lattices.triangular(10.0, 0.7)
+    supercell = cell.repeat((3, 3, 1))
+    supercell.calc = MagneticRepulsion(supercell, LAW, foundation=0.02)
+    scatter = Scatter(mass=0.01)
+    omega, std = mode_scatter(supercell, scatter)
+    # waves of one frequency, two at Gamma: of the forms -w^2 m_i u_a.u_b the squares add up to w^4 (2/2)/9
+    np.testing.assert_allclose(std[:2], 0.01 * omega[:2] / 2 / 3, rtol=1e-9)
+    twice = cell.repeat((6, 6, 1))
+    twice.calc = MagneticRepulsion(twice, LAW, foundation=0.02)
+    np.testing.assert_allclose(mode_scatter(twice, scatter, 2)[1], std[:2] / 2, rtol=1e-9)
+    supercell.calc = MagneticRepulsion(supercell, LAW)
+    assert np.isnan(mode_scatter(supercell, scatter)[1][:2]).all()  # translations
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match=r'scatter of the strength must be a zero or positive number, not -0\.1'):
+        Scatter(strength=-0.1)
