@@ -1,4 +1,4 @@
-"""The scripts in README run as they stand there and find what they say."""
+"""The scripts in README and on the page about phonopy run as they stand there and find what they say."""
 
 import json
 import os
@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 README = Path(__file__).parents[1] / 'README.md'
+TEXT = '\n'.join(page.read_text(encoding='utf-8') for page in (README, README.parent / 'docs' / 'reference' / 'phonopy.md'))
 
 # The script states the pillars' 19.67572... N/m to six digits, at most 2.6e-6 off; a frequency goes as the root of a stiffness.
 ROUNDED = 1.3e-6
 
 
 def script_with(word):
-    blocks = re.findall(r'```python\n(.*?)```', README.read_text(encoding='utf-8'), re.S)
+    blocks = re.findall(r'```python\n(.*?)```', TEXT, re.S)
     [script] = [code for code in blocks if word in code]
     return compile(script, str(README), 'exec')
 
@@ -75,8 +76,7 @@ def test_time_steps_follow_the_exact_transient(capsys):
 @pytest.fixture(scope='module')
 def shell(tmp_path_factory):
     """The folder `out` after README's lines for the shell, those that install and test left out."""
-    text = README.read_text(encoding='utf-8')
-    blocks = re.findall(r'^```(\w*)\n(.*?)^```', text, re.S | re.M)
+    blocks = re.findall(r'^```(\w*)\n(.*?)^```', TEXT, re.S | re.M)
     lines = [line for language, block in blocks if not language for line in block.splitlines()]
     folder = tmp_path_factory.mktemp('shell')
     environment = os.environ | {'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}', 'MPLBACKEND': 'Agg'}
@@ -128,7 +128,7 @@ def test_a_type_checker_finds_nothing_in_the_programs_and_finds_mistakes_in_them
     pytest.importorskip('pyright')
     mistakes = {'keyword': ('foundation=', 'fundation='), 'name': ('analytic_bands,', 'analytical_bands,'),
                 'attribute': ('linear.displacements)', 'linear.displacement)'), 'type': ('a=4.5824)', "a='4.5824')")}
-    programs = re.findall(r'```python\n(.*?)```', README.read_text(encoding='utf-8'), re.S)
+    programs = re.findall(r'```python\n(.*?)```', TEXT, re.S)
     for k, program in enumerate(programs):
         (tmp_path / f'program_{k}.py').write_text(program, encoding='utf-8')
         for name, (right, wrong) in mistakes.items():

@@ -64,7 +64,7 @@ import matplotlib.pyplot as plt
 figure, ax = plt.subplots(figsize=(6, 3), layout='constrained')
 middle = len(at_rest()) // 2
 ax.plot(times, 1e3 * linear.displacements[:, middle, 1])
-ax.set(xlabel='time (ms)', ylabel='displacement of the driven magnet (µm)')
+ax.set(xlabel='time (ms)', ylabel='driven magnet (µm)')
 
 # %%
 # When is linear enough?

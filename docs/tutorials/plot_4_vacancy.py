@@ -76,7 +76,8 @@ ax.set(xlabel='frequency (Hz)', ylabel='participation ratio')
 ax.legend(frameon=False)
 
 # %%
-# One lies below all bands, one above: the soft one turns the bonds around the hole, where the neighbours have room.
+# One lies below all bands, one above: in the soft one the neighbours move into the hole and out of
+# it, where nothing pushes back.
 
 k = order[0]
 figure, ax = plt.subplots(figsize=(5, 4.2), layout='constrained')

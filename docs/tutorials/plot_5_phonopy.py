@@ -3,7 +3,7 @@ From phonopy, ASE and LAMMPS to here, and back
 ==============================================
 
 Cells are ASE's Atoms, forces come from an ASE calculator, force constants from phonopy.  What differs is the units: mm, g and
-ms instead of Å, u and fs.  :doc:`/reference/units` has the table.
+ms instead of Å, u and fs.  :doc:`/reference/phonopy` has the table.
 """
 
 # %%
