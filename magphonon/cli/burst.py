@@ -45,7 +45,8 @@ def run(options: Namespace) -> None:
         _write_row(folder / 'row.csv', *passages['complete'][:2])
         write_ridges(folder / 'ridges.csv', records)
         unstable = _unstable(cell)
-        text = '\n'.join([scene.title, '', report(records), *_amplitudes(cell, largest, loud=not unstable),
+        rest = [] if (found := scene.relaxation()) is None else [str(found)]
+        text = '\n'.join([scene.title, *rest, '', report(records), *_amplitudes(cell, largest, loud=not unstable),
                           *_decays(plan, cell, records), *unstable, '', *neglected(scene)])
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)

@@ -40,8 +40,17 @@ def run(options: Namespace) -> int:
               'balance the repulsion of the three magnets.')
     supercell = scene.supercell() if scene.bands is not None else None
     name = 'Oscillator' if scene.single else 'Structure' if scene.finite else 'Lattice'
-    verdicts = {name: verdict(atoms, supercell=supercell)}
+    try:
+        relaxation = scene.relaxation()
+    except ValueError as error:
+        print(f'\nWith its defects and disorder: {error}.')
+        return 1
     patch = scene.patch_atoms() if scene.patch is not None and not scene.single else None
+    if relaxation is not None:
+        patch = None if scene.finite else relaxation.atoms
+        atoms = relaxation.atoms if scene.finite else atoms
+        print(f'\nDefects and disorder: {relaxation} There it is stable.')
+    verdicts = {name: verdict(atoms, supercell=supercell)}
     if patch is not None and len(patch) <= JUDGED:
         verdicts['Patch'] = verdict(patch)
     for name, judged in verdicts.items():

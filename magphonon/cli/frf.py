@@ -34,6 +34,8 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf')
     plan, axes, lines = scene.wanted('frf'), None, [scene.title]
+    if (relaxation := scene.relaxation()) is not None:
+        lines.append(str(relaxation))
     with results(options, scene) as folder:
         responses = {}
         for model, style in (('complete', '-'), ('conventional', '--')):

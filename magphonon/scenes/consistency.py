@@ -15,7 +15,7 @@ from ase.dft.kpoints import parse_path_string
 from .. import units as u
 from ..stiffness.scale import FREQUENCIES_Hz, frequency_scale
 from .fields import fault, raise_all
-from .lattices import ALL
+from .lattices import ALL, Supercell
 from .laws import MagnetsLaw, SavedLaw
 from .structures import FileLattice
 
@@ -63,9 +63,9 @@ def check(scene: Scene) -> None:
     if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
         _scale(scene, calc)
     faults = []
-    for table, checked in (('title', _title), ('law', _mass), ('bands', _bands), ('frf', _frf), ('plan', _plan),
-                           ('vibrometer', _vibrometer), ('foundation', _pillar), ('uncertainty', _uncertainty),
-                           ('design', _design)):
+    for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
+                           ('bands', _bands), ('frf', _frf), ('plan', _plan), ('burst', _burst), ('vibrometer', _vibrometer),
+                           ('foundation', _pillar), ('uncertainty', _uncertainty), ('design', _design)):
         try:
             if getattr(scene, table) is not None:
                 checked(scene)
@@ -98,6 +98,11 @@ def _mass(scene: Scene) -> None:
 
 def _mass_kg(scene: Scene) -> float:
     return scene.lattice.least_mass_kg if isinstance(scene.lattice, FileLattice) else scene.lattice.mass_kg
+
+
+def _burst(scene: Scene) -> None:
+    if isinstance(scene.patch, Supercell):
+        raise ValueError('burst: a burst enters at the edge of a patch, and a supercell has none; take another patch.kind')
 
 
 def _vibrometer(scene: Scene) -> None:
@@ -159,6 +164,18 @@ def _file(scene: Scene) -> None:
     if lattice.relaxed and scene.law.shells == ALL:
         raise ValueError(f"lattice.relaxed and law.shells = '{ALL}': structures relax with a number of shells only; take one of "
                          'them out')
+
+
+def _imperfect(scene: Scene) -> None:
+    """What defects and disorder need, and what cannot be asked of them."""
+    name = 'defects' if scene.defects is not None else 'disorder'
+    if scene.single or (scene.patch is None and not scene.finite):
+        raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
+                         'cells_1 and cells_2')
+    if scene.law.shells == ALL:
+        raise ValueError(f"{name} and law.shells = '{ALL}': structures relax with a number of shells only; take one of them out")
+    if scene.uncertainty is not None:
+        raise ValueError(f'{name} and uncertainty: tolerances are those of the perfect lattice; take one of the tables out')
 
 
 def _bands(scene: Scene) -> None:

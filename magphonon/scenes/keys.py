@@ -127,7 +127,9 @@ def _key(table: str, kinds: tuple[str, ...], name: str, fields: list[FieldInfo],
                                       *(field.examples or ())) if found is not None), None)
     example = f'{name} = {_toml(value)}' if value is not None and not tables else ''
     unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), '') if not tables else ''
-    written = f'table [{whole}]' if tables else ' or '.join(dict.fromkeys(_types(field.annotation)))
+    several = any(get_origin(part) is tuple for part in (field.annotation, *get_args(field.annotation)))
+    of_tables = f'tables [[{whole}]]' if several else f'table [{whole}]'
+    written = of_tables if tables else ' or '.join(dict.fromkeys(_types(field.annotation)))
     either = ', ' if name == 'kind' else '; or '  # the choices of one table, or what its kinds ask for
     ranges = either.join(dict.fromkeys(', '.join(words) for words in allowed if words))
     return Key(table, kinds, name, written, unit, default, ranges, '; or '.join(described), example)
@@ -148,7 +150,7 @@ def _tables(annotation: Any) -> Iterator[type[Table]]:
     """The models of tables within the annotation of a field."""
     if isinstance(annotation, type) and issubclass(annotation, Table):
         yield annotation
-    for part in get_args(annotation) if get_origin(annotation) in (Annotated, Union, types.UnionType) else ():
+    for part in get_args(annotation) if get_origin(annotation) in (Annotated, Union, types.UnionType, tuple) else ():
         yield from _tables(part)
 
 
@@ -158,7 +160,7 @@ def _types(annotation: Any) -> Iterator[str]:
     if origin is Literal:
         yield 'text'
     elif origin is tuple:
-        yield 'place [x, y]' if parts[-1] is not Ellipsis else f'list of {next(_types(parts[0]))}s'
+        yield 'place [x, y]' if parts[-1] is not Ellipsis else f'list of {next(_types(parts[0]))}s'.replace('[x, y]s', '[x, y]')
     elif annotation in TYPES:
         yield TYPES[annotation]
     elif origin in (Annotated, Union, types.UnionType):

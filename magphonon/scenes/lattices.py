@@ -107,7 +107,27 @@ class Hexagon(PatchTable):
         return getattr(lattices, self.kind)(cell, self.side_m * u.m)
 
 
-PATCHES = ('parallelogram', 'rectangle', 'hexagon', 'half_hexagon')
+class Supercell(PatchTable):
+    """Whole cells that repeat periodically, without a rim: where defects and disorder stand in an endless lattice."""
+
+    size_key: ClassVar = 'patch.cells_1'
+
+    kind: Literal['supercell']
+    cells_1: Count = Field(description='the number of cells along the first lattice vector')
+    cells_2: Count = Field(1, description='the number of cells along the second lattice vector, 1 where it is no period')
+
+    def cells(self, cell: Atoms) -> float:
+        return self.cells_1 * self.cells_2
+
+    def shape(self, cell: Atoms) -> Atoms:
+        if cell.pbc[2]:
+            raise ValueError('a supercell is one of a planar lattice or a chain; take another patch')
+        if self.cells_2 > 1 and not cell.pbc[1]:
+            raise ValueError('the second lattice vector is no period; leave patch.cells_2 out')
+        return cell.repeat((self.cells_1, self.cells_2, 1))
+
+
+PATCHES = ('parallelogram', 'rectangle', 'hexagon', 'half_hexagon', 'supercell')
 
 
 def _known_patch(table):
@@ -117,7 +137,7 @@ def _known_patch(table):
     return table
 
 
-Patch = Annotated[Parallelogram | Rectangle | Hexagon, Field(discriminator='kind'), BeforeValidator(_known_patch)]
+Patch = Annotated[Parallelogram | Rectangle | Hexagon | Supercell, Field(discriminator='kind'), BeforeValidator(_known_patch)]
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
 ALL = 'all'

@@ -10,8 +10,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from .. import units as u
 from ..errors import one_of
-from ..lattices.patches import RIM
 from ..response.place import Place
+from ..stiffness.constraints import freedom
 from ..waves.wave_source import SOURCES
 from .fields import (
     Angle,
@@ -70,7 +70,7 @@ class Pick(Table):
         x, y = patch.positions[particle, :2] / u.m
         if distance[particle] > patch.calc.bonds.lengths.min():
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
-        if patch.get_tags()[particle] == RIM:
+        if not freedom(patch)[0][particle]:
             raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; go inside')
         return Place(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 

@@ -20,12 +20,13 @@ from ..errors import one_of
 from ..response.place import Place
 from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.relaxation import relaxed
+from ..stiffness.relaxation import Relaxation, relaxed
 from ..textfiles import MEGABYTE, text_of
 from .consistency import check
 from .design import DesignPlan
 from .fields import Table, Text, reason
-from .lattices import ALL, AnyLattice, Oscillator, Patch
+from .imperfections import Defects, Disorder
+from .lattices import ALL, AnyLattice, Oscillator, Patch, Supercell
 from .laws import Law, SavedLaw
 from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
 from .structures import FileLattice
@@ -66,6 +67,8 @@ class Scene(Table):
     patch: Patch | None = None
     bands: BandPlan | None = None
     frf: FrfPlan | None = None
+    defects: Defects | None = None
+    disorder: Disorder | None = None
     burst: BurstPlan | None = None
     vibrometer: VibrometerPlan | None = None
     plan: PlanTable | None = None
@@ -153,6 +156,27 @@ class Scene(Table):
         ValueError
             If the scene has neither, or a patch that cannot be cut, or particles that repel beyond their nearest neighbours.
         """
+        relaxation = self.relaxation(model)
+        return self._perfect(model) if relaxation is None else relaxation.atoms
+
+    def relaxation(self, model: str = 'complete') -> Relaxation | None:
+        """How the patch or the finite structure with [defects] and [disorder] came to rest; None if it has neither.
+
+        Raises
+        ------
+        ValueError
+            As `patch_atoms`; also if a defect finds no place, or the structure no stable rest.
+        """
+        tables = [table for table in (self.defects, self.disorder) if table is not None]
+        if not tables:
+            return None
+        atoms = self._perfect(model)
+        for table in tables:
+            atoms = table.applied(atoms)
+        return relaxed(atoms)
+
+    def _perfect(self, model: str) -> Atoms:
+        """The patch or the finite structure before defects and disorder."""
         if self.finite:
             atoms = self.atoms()
             atoms.calc.set(model=model)
@@ -162,10 +186,14 @@ class Scene(Table):
             patch = table.cut(self.cell())
         except ValueError as error:
             raise ValueError(f'{table.sizes}, {self.lattice.spacing_given}: {error}') from None
+        calc: Any = self.atoms().calc
+        if isinstance(table, Supercell):
+            patch.calc = calc.on(patch)
+            patch.calc.set(model=model)
+            return patch
         if self.law.shells != 1:
             raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
                              'forces between nearest neighbours only; take shells = 1, or in Python magphonon.relaxed(patch)')
-        calc = self.atoms().calc
         patch.calc = MagneticRepulsion(patch, calc.potential, model=model, **self._sites(patch))
         return patch
 

@@ -20,6 +20,13 @@ from .constraints import (
     freedom as freedom,
     refuse_held as refuse_held,
 )
+from .defects import (
+    Scatter as Scatter,
+    scattered as scattered,
+    substituted as substituted,
+    with_interstitial as with_interstitial,
+    without as without,
+)
 from .elastic import (
     Moduli as Moduli,
     cauchy_stress as cauchy_stress,

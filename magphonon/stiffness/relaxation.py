@@ -19,7 +19,7 @@ from ..errors import positive, whole
 from ..lattices.bonds import Bonds
 from ..lattices.pairs import pairs_within
 from .bond import model_stiffness
-from .constraints import free_motion
+from .constraints import free_motion, freedom
 from .lowest import lowest_mode
 from .matrices import hessian
 from .repulsion import repulsion_of
@@ -62,8 +62,8 @@ class Relaxation:
         as pillars do, and their springs carry what the particles do not balance among themselves.
     before, after : float
         Largest force on a free particle in N.
-    shift : float
-        Largest displacement in mm.
+    shift, rms : float
+        Largest and root mean square displacement of the free particles in mm.
     steps : int
         Of the minimiser; 0 where the structure was at a stable rest.
     saddles : int
@@ -77,6 +77,7 @@ class Relaxation:
     before: float
     after: float
     shift: float
+    rms: float
     steps: int
     saddles: int
     lowest: float
@@ -87,7 +88,8 @@ class Relaxation:
         return self.steps > 0
 
     def __str__(self) -> str:
-        moved = f'moved by up to {self.shift:.4g} mm in {self.steps} steps' if self.needed else 'was at rest already'
+        far = f'moved by up to {self.shift:.4g} mm (rms {self.rms:.4g} mm) in {self.steps} steps'
+        moved = far if self.needed else 'was at rest already'
         off = f', off {self.saddles} saddles' if self.saddles else ''
         return (f'The structure {moved}{off}: {self.before:.3g} N were left on a particle, now {self.after:.3g} N; its lowest '
                 f'squared frequency is {self.lowest:.4g} rad^2/ms^2.')
@@ -249,8 +251,9 @@ class _Descent:
         if steps:
             rest.positions[:, : self.calc.dim] += u
         rest.calc = at_rest(rest)
-        shift = np.linalg.norm(u, axis=1).max() if steps else 0.0
-        return Relaxation(rest, before, self.residual(y), float(shift), steps, saddles, float(lowest))
+        moved = np.linalg.norm(u, axis=1) if steps else np.zeros(len(u))
+        rms = np.sqrt((moved[freedom(self.source)[0]] ** 2).mean())
+        return Relaxation(rest, before, self.residual(y), float(moved.max()), float(rms), steps, saddles, float(lowest))
 
 
 def _near(atoms, reach):

@@ -44,7 +44,8 @@ def test_every_shape(table, model, scene_with):
 
 @pytest.mark.parametrize(('table', 'message'), [
     ('side_m = 0.3', r'patch must be a table \[patch\] with a kind, one of parallelogram, rectangle'),
-    ('kind = "circle"', "patch.kind must be one of 'parallelogram', 'rectangle', 'hexagon', 'half_hexagon', not 'circle'"),
+    ('kind = "circle"', "patch.kind must be one of 'parallelogram', 'rectangle', 'hexagon', 'half_hexagon', 'supercell', not "
+     "'circle'"),
     ('kind = "hexagon"\nside_m = -1', 'patch.side_m must be a positive number, not -1'),
     ('kind = "hexagon"', "patch lacks the key 'side_m'; add the side of the hexagon in m"),
     ('kind = "hexagon"\nside_mm = 3', "patch has no key 'side_mm'; did you mean 'side_m'"),

@@ -1,0 +1,141 @@
+"""Defects and disorder in scenes: the tables against structures built in Python, what the reports say, and what is refused."""
+
+import json
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon import MagneticRepulsion, relaxed, units as u
+from magphonon.cli.main import main
+from magphonon.response import natural_frequencies
+from magphonon.scenes.scene import Scene, ready_scenes
+from magphonon.stiffness.defects import Scatter, scattered, substituted, with_interstitial, without
+
+HZ = 1e3 / (2 * np.pi)
+
+
+def tables(name='vacancy', **changes):
+    return tomllib.loads(ready_scenes()[name].read_text(encoding='utf-8')) | changes
+
+
+def scene(**changes):
+    data = tables(**changes)
+    return Scene.model_validate({key: value for key, value in data.items() if value is not None})
+
+
+def test_the_ready_scene_has_local_modes_in_the_gap():
+    """Frequencies found independently by others, printed digits; unrelaxed they are not there."""
+    ready = scene()
+    f = natural_frequencies(ready.patch_atoms()) * HZ
+    assert_allclose(f[(f > 71) & (f < 86)], [78.83, 78.83, 80.27], atol=0.005)
+    rest = ready.relaxation()
+    assert rest.shift == pytest.approx(2.85, abs=0.005)
+    perfect = scene(defects=None).patch_atoms()
+    assert len(perfect) == 200
+    f = natural_frequencies(perfect) * HZ
+    assert not ((f > 71) & (f < 86)).any()  # no mode of the perfect lattice lies there
+    # control: the hole alone, held in balance by a load, without the motion towards it
+    unrelaxed = without(perfect, [0])
+    unrelaxed.calc = unrelaxed.calc.balanced(range(199))
+    f = natural_frequencies(unrelaxed) * HZ
+    assert not ((f > 78.7) & (f < 80.4)).any()
+    # how far the sites moved, counted by hand
+    start = without(perfect, [0]).positions
+    far = np.linalg.norm(rest.atoms.positions - start, axis=1)
+    assert rest.rms == pytest.approx(np.sqrt((far**2).mean()), rel=1e-9)
+
+
+def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
+    text = ready_scenes()['vacancy'].read_text(encoding='utf-8').replace('points = 401', 'points = 3')
+    text = text.replace('_1 = 10', '_1 = 5').replace('_2 = 10', '_2 = 5')
+    (tmp_path / 'v.toml').write_text(text)
+    rest = scene(patch=PATCH | {'cells_2': 5}).relaxation()
+    moved = f'moved by up to {rest.shift:.4g} mm (rms {rest.rms:.4g} mm)'
+    assert main(['check', str(tmp_path / 'v.toml')]) == 0
+    said = capsys.readouterr().out
+    assert moved in said
+    assert 'There it is stable' in said
+    assert main(['frf', str(tmp_path / 'v.toml'), '-o', str(tmp_path / 'out')]) == 0
+    assert moved in capsys.readouterr().out
+    (tmp_path / 'soft.toml').write_text(text.replace('stiffness_N_per_m = 80.0', 'stiffness_N_per_m = 1.0'))
+    assert main(['check', str(tmp_path / 'soft.toml')]) == 1
+    assert 'buckles or slides' in capsys.readouterr().out
+
+
+FIRST, LIGHT, BETWEEN = [0.01, 0.015], {'at_m': [0.03, 0.02], 'relative_mass': 0.2, 'relative_strength': 0.7,
+                                        'relative_stiffness': 0.5}, {'at_m': [0.052, 0.044], 'relative_strength': 0.3}
+PATCH = {'kind': 'supercell', 'cells_1': 5, 'cells_2': 6}
+
+
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
+def test_the_tables_build_what_python_builds(model):
+    defects = {'vacancies_m': [FIRST], 'substitutions': [LIGHT], 'interstitials': [BETWEEN]}
+    disorder = {'seed': 5, 'position_m': 2e-5, 'strength_percent': 1.0, 'mass_percent': 3.0, 'stiffness_percent': 2.0}
+    found = scene(patch=PATCH, defects=defects, disorder=disorder, frf=None)
+    ours = scene(patch=PATCH, defects=None, frf=None).patch_atoms(model)
+    nearest = [np.linalg.norm(ours.positions[:, :2] - np.array(place) * u.m, axis=1).argmin() for place in (FIRST, LIGHT['at_m'])]
+    ours = substituted(ours, nearest[1], mass=0.2, strength=0.7, stiffness=0.5)
+    ours = with_interstitial(ours, np.array(BETWEEN['at_m']) * u.m, strength=0.3)
+    ours = scattered(without(ours, [nearest[0]]), Scatter(0.02, 0.01, 0.03, 0.02), 5)
+    ours = relaxed(ours).atoms
+    theirs = found.patch_atoms(model)
+    assert len(theirs) == 60
+    assert np.array_equal(theirs.positions, ours.positions)
+    assert np.array_equal(theirs.calc.rest_hessian(model).toarray(), ours.calc.rest_hessian(model).toarray())
+    assert theirs.calc.model == model
+    other = scene(patch=PATCH, defects=defects, disorder=disorder | {'seed': 6}, frf=None)
+    assert not np.array_equal(other.patch_atoms(model).positions, theirs.positions)
+
+
+def test_a_patch_with_a_rim_keeps_it():
+    """Hexagon of the prototype: one magnet in its middle is missing; the rim stays held where it was."""
+    whole = scene(name='prototype', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
+                  foundation={'stiffness_N_per_m': 60.0})
+    holed = scene(name='prototype', patch={'kind': 'hexagon', 'side_m': 0.05}, burst=None, frf=None, vibrometer=None,
+                  foundation={'stiffness_N_per_m': 60.0}, defects={'vacancies_m': [[0.0, 0.0]]})
+    perfect, atoms = whole.patch_atoms(), holed.patch_atoms()
+    assert len(atoms) == len(perfect) - 1
+    kept = np.linalg.norm(perfect.positions, axis=1) > 1
+    rim = perfect.get_tags()[kept] == 1
+    assert np.array_equal(atoms.get_tags(), perfect.get_tags()[kept])
+    assert np.array_equal(atoms.positions[rim], perfect.positions[kept][rim])
+    assert abs(atoms.get_forces()).max() < 1e-8
+    # by hand: the particle deleted first, the calculator made afterwards, relaxed
+    again = perfect[kept]
+    again.calc = MagneticRepulsion(again, perfect.calc.potential, foundation=0.06, cutoff=12.0)
+    assert_allclose(atoms.positions, relaxed(again).atoms.positions, atol=1e-9)
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'defects': {}}, 'defects names no defect; give vacancies_m'),
+    ({'defects': {'vacancies_m': [[5.0, 0.0]]}, 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}, 'frf': None},
+     r'defects\.vacancies_m\[0\] = \[5\.0, 0\.0\] is outside the structure'),
+    ({'defects': {'vacancies_m': [[0.0, 0.0], [0.0, 1e-4]]}}, r'names the particle at \[0, 0\] twice'),
+    ({'defects': {'vacancies_m': [[0.0]]}}, r'vacancies_m\[0\] must be a place \[x, y\]'),
+    ({'defects': {'vacancys_m': [[0.0, 0.0]]}}, "has no key 'vacancys_m'; did you mean 'vacancies_m'"),
+    ({'defects': {'substitutions': [{'relative_mass': 0.5}]}}, r"substitutions\[0\] lacks the key 'at_m'"),
+    ({'defects': {'substitutions': [{'at_m': [0, 0], 'relative_mass': 0}]}}, 'relative_mass must be a positive number'),
+    ({'defects': {'interstitials': [{'at_m': [0.0, 0.0]}]}}, r'interstitials\[0\]\.at_m = \[0\.0, 0\.0\].*coincide'),
+    ({'disorder': {'seed': 1}}, 'disorder names nothing that scatters'),
+    ({'disorder': {'seed': -1, 'mass_percent': 1.0}}, 'seed must be a whole number'),
+    ({'disorder': {'seed': 1, 'mass_percent': 50.0}}, 'mass_percent must lie between 0 and 20'),
+    ({'disorder': {'seed': 1, 'position_m': 0.02}}, r'disorder\.position_m = 0\.02 is more than a tenth'),
+    ({'patch': None, 'frf': None}, r'defects: there is no structure for them; add a table \[patch\]'),
+    ({'uncertainty': {'mass_percent': 1.0}}, 'defects and uncertainty: tolerances are those of the perfect lattice'),
+    ({'patch': {'kind': 'supercell', 'cells_1': 0}}, 'cells_1 must be a whole number of at least 1'),
+])
+def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
+    def written(value):
+        if isinstance(value, dict):
+            return '{' + ', '.join(f'{key} = {written(item)}' for key, item in value.items()) + '}'
+        return '[' + ', '.join(map(written, value)) + ']' if isinstance(value, list) else json.dumps(value)
+
+    data = {key: value for key, value in tables(**changes).items() if value is not None}
+    (tmp_path / 's.toml').write_text('\n'.join(f'{key} = {written(value)}' for key, value in data.items()))
+    status = main(['check', str(tmp_path / 's.toml')])
+    said = capsys.readouterr()
+    assert status in (1, 2)
+    assert re.search(message, said.err + said.out)
