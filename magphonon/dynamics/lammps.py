@@ -18,8 +18,8 @@ from ase.constraints import FixAtoms
 
 from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
+from ..interactions.bond_laws import BondLaws, labels, taken
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.sites import refuse_unlike
 from .drives import Drives, ToneBurst
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
+MOST_TABLES, MOST_GROUPS = 100, 32
+"""Largest number of force tables in one file, a megabyte each, and of groups of particles, which LAMMPS has no more of."""
 INTERPOLATIONS = ('spline', 'linear')
 CLOSEST = 0.8
 """Shortest distance in the force table, in lengths of the shortest bond; LAMMPS stops at a closer pair."""
@@ -45,7 +47,7 @@ group free type 1:{free_types}
 group fixed subtract all free
 
 pair_style table {interpolation} {points}
-pair_coeff * * law.table LAW {cutoff:.17g}
+{pairs}
 neighbor {skin:.17g} bin
 neigh_modify once yes exclude group fixed fixed
 
@@ -96,7 +98,8 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     ------
     ValueError
         If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, bonds
-        that no cutoff describes, other drives than tone bursts of one amplitude.
+        that no cutoff describes, other drives than tone bursts of one amplitude; particles of more kinds, strengths and
+        springs than it has tables and groups for.
     OSError
         If the directory cannot be written.
 
@@ -118,13 +121,13 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     one_of('interpolation', interpolation, INTERPOLATIONS)
     decay = np.exp(-damping * timestep)
     masses = atoms.get_masses() * 2 / (1 + decay)
-    kinds, kind = np.unique(np.column_stack([fixed, masses]), axis=0, return_inverse=True)  # the free ones come first
+    own = [calc.reference.get_tags(), calc.strengths] if isinstance(calc.law, BondLaws) else []
+    kinds, kind = np.unique(np.column_stack([fixed, masses, *own]), axis=0, return_inverse=True)  # the free ones come first
+    kind = kind.ravel()
     free_types = int((kinds[:, 0] == 0).sum())
     cutoff = calc.bonds.cutoff
 
-    fixes = []
-    if calc.foundation:
-        fixes.append(f'fix foundation free spring/self {calc.foundation:.17g}')
+    fixes = _springs(calc.foundation, np.flatnonzero(~fixed), MOST_GROUPS - 3 - len(drives))
     if damping:
         scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(kinds[:free_types, 1]))
         fixes.append(f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}')
@@ -133,16 +136,17 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
         fixes += _burst(n, drive)
 
     directory = Path(directory)
+    pairs, tables = _pairs(calc, kind, cutoff)
     with whole_file(directory / 'law.table') as file:
-        _write_table(file, calc.law, CLOSEST * calc.bonds.lengths.min(), cutoff, points)
+        for name, law in tables.items():
+            _write_table(file, name, law, CLOSEST * calc.bonds.lengths.min(), cutoff, points)
     with whole_file(directory / 'particles.data') as file:
-        _write_particles(file, atoms.positions, kind.ravel() + 1, kinds[:, 1], margin=cutoff)
+        _write_particles(file, atoms.positions, kind + 1, kinds[:, 1], margin=cutoff)
     with whole_file(directory / 'in.lammps') as file:
         output = OUTPUT.format(interval=whole('interval', interval)) if interval is not None else ''
         file.write(INPUT.format(particles=len(atoms), free_types=free_types, interpolation=interpolation, points=points,
-                                cutoff=cutoff, skin=0.02 * cutoff,  # pyright: ignore[reportOperatorIssue]  `_scene` refuses None
-                                fixes='\n'.join(fixes), timestep=timestep,
-                                output=output, steps=steps))
+                                pairs='\n'.join(pairs), fixes='\n'.join(fixes), timestep=timestep, output=output, steps=steps,
+                                skin=0.02 * cutoff))  # pyright: ignore[reportOptionalOperand]  `_scene` refuses None
 
 
 def _scene(atoms):
@@ -155,7 +159,6 @@ def _scene(atoms):
     if atoms.pbc.any():
         raise ValueError(f'LAMMPS is given finite patches, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
-    refuse_unlike(calc, 'the input for LAMMPS', 'let DrivenVerlet integrate them')
     if calc.bonds.cutoff is None:
         raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
     if calc.offset.any():
@@ -169,6 +172,38 @@ def _scene(atoms):
             raise ValueError(f'LAMMPS is given fixed particles (FixAtoms) only, not {constraint!r}')
         fixed[constraint.index] = True
     return calc, fixed
+
+
+def _springs(foundation, free, most):
+    """Fixes that tie the free particles to their places: one for all of them, or for each group of equal springs."""
+    if not isinstance(foundation, np.ndarray):
+        return [f'fix foundation free spring/self {foundation:.17g}'] if foundation else []
+    springs, group = np.unique(foundation[free], axis=0, return_inverse=True)
+    if len(springs) > most:
+        raise ValueError(f'LAMMPS has groups for {most} different springs of the foundation, not for {len(springs)}; '
+                         'let DrivenVerlet integrate them')
+    lines = []
+    for n, components in enumerate(springs):
+        lines.append(f'group pillar{n} id {" ".join(map(str, free[group.ravel() == n] + 1))}')
+        lines += [f'fix foundation{n}{x} pillar{n} spring/self {k:.17g} {x}' for x, k in zip('xy', components, strict=True) if k]
+    return lines
+
+
+def _pairs(calc, kind, cutoff):
+    """Lines that give pairs of types their table, and the laws to tabulate by the names of the tables."""
+    label = labels(calc.law, len(calc.bonds))
+    if not label.any():
+        return [f'pair_coeff * * law.table LAW {cutoff:.17g}'], {'LAW': taken(calc.law, 0)}
+    types = np.sort(np.column_stack([kind[calc.bonds.i], kind[calc.bonds.j]]), axis=1)
+    pairs, first = np.unique(types, axis=0, return_index=True)
+    if label.max() >= MOST_TABLES:
+        raise ValueError(f'LAMMPS is given at most {MOST_TABLES} force tables, but the bonds have {label.max() + 1} different '
+                         'laws and strengths; let DrivenVerlet integrate them')
+    lines = [f'pair_coeff * * law.table NONE {cutoff:.17g}']  # what no bond joins
+    for (a, b), bond in zip(pairs, first, strict=True):
+        lines.append(f'pair_coeff {a + 1} {b + 1} law.table LAW{label[bond]} {cutoff:.17g}')
+    laws = {f'LAW{n}': taken(calc.law, int(np.argmax(label == n))) for n in range(label.max() + 1)}
+    return lines, {'NONE': None} | laws
 
 
 def _burst(n, drive):
@@ -185,11 +220,15 @@ def _burst(n, drive):
             f'fix drive{n} driven{n} addforce v_fx{n} v_fy{n} 0.0']
 
 
-def _write_table(file, law, shortest, cutoff, points):
+def _write_table(file, name, law, shortest, cutoff, points):
+    if law is None:
+        file.write(f'{name}\nN 2 RSQ {shortest:.17g} {cutoff:.17g} FPRIME 0 0\n\n1 {shortest:.17g} 0 0\n2 {cutoff:.17g} 0 0\n\n')
+        return
     r = np.sqrt(np.linspace(shortest**2, cutoff**2, points))
-    file.write('# pair law by magphonon: number, r in mm, energy in mJ, force in N\n'
-               f'LAW\nN {points} RSQ {shortest:.17g} {cutoff:.17g} FPRIME {-law.d2phi(r[0]):.17g} {-law.d2phi(r[-1]):.17g}\n\n')
+    file.write(f'# pair law by magphonon: number, r in mm, energy in mJ, force in N\n{name}\n'
+               f'N {points} RSQ {shortest:.17g} {cutoff:.17g} FPRIME {-law.d2phi(r[0]):.17g} {-law.d2phi(r[-1]):.17g}\n\n')
     np.savetxt(file, np.column_stack([np.arange(1, points + 1), r, law.phi(r), -law.dphi(r)]), fmt='%d %.17g %.17g %.17g')
+    file.write('\n')
 
 
 def _write_particles(file, positions, kind, masses, margin):

@@ -18,7 +18,7 @@ from ..errors import one_of, whole
 from ..response.frf import receptance
 from ..spelling import did_you_mean
 from ..stability.amplitude_shifts import frequency_shifts
-from ..stability.buckling import foundation_needed, softest_of, spacing_held
+from ..stability.buckling import common_spring, foundation_needed, softest_of, spacing_held
 from ..stability.verdicts import LINEAR_ERROR, verdict
 from ..stiffness.linear_system import LinearSystem
 
@@ -52,7 +52,7 @@ class Situation:
     @property
     def margin(self) -> float:
         """By how much the foundation exceeds what the lattice needs, N/mm."""
-        return self.atoms.calc.foundation - self.needed
+        return common_spring(self.atoms) - self.needed
 
     @cached_property
     def along_path(self) -> NDArray[np.float64]:
@@ -72,7 +72,7 @@ class Situation:
     def refuse_buckling(self) -> None:
         """Raise ValueError if the lattice buckles."""
         if self.margin < -BORDER * self.needed:
-            needed, given = (k / (u.N / u.m) for k in (self.needed, self.atoms.calc.foundation))
+            needed, given = (k / (u.N / u.m) for k in (self.needed, common_spring(self.atoms)))
             raise ValueError(f'the lattice buckles: it needs a foundation of {needed:.4g} N/m and has {given:.4g} N/m')
 
 
@@ -112,7 +112,7 @@ def _growth(situation: Situation) -> float:
     if situation.margin >= -BORDER * situation.needed:
         return 0.0
     atoms = situation.atoms
-    lowest = softest_of(atoms, foundation=atoms.calc.foundation, weighted=True).lowest
+    lowest = softest_of(atoms, foundation=common_spring(atoms), weighted=True).lowest
     return float(np.sqrt(max(-lowest, 0.0)) * u.s)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 
-from magphonon import MagneticRepulsion, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.dynamics.drives import Harmonic, ToneBurst
 from magphonon.dynamics.lammps import lammps_session, read_lammps_displacements, write_lammps_input
 from magphonon.dynamics.recorder import Recorder
@@ -189,3 +189,32 @@ def test_drive_that_lammps_cannot_apply_is_refused(patch, tmp_path, drive, messa
     with pytest.raises(ValueError, match=message):
         write_lammps_input(tmp_path, patch, TIMESTEP, STEPS, drives=[drive])
     assert not os.listdir(tmp_path)
+
+
+def test_kinds_strengths_and_springs_of_their_own(lammps, patch, tmp_path):
+    """Weak magnets, a second kind, and pillars that are stiffer along one direction; the control forgets one of them."""
+    n, law = len(patch), patch.calc.potential
+    patch.set_tags(np.arange(n) % 5 == 0)
+    # so little that what is out of balance at first does not fly apart
+    strengths, springs = np.where(np.arange(n) % 3, 1.0, 0.99), np.where((np.arange(n) % 4 == 0)[:, None], [0.03, 0.02], 0.025)
+    laws = {(0, 0): law, (0, 1): InversePower(1.02 * law.b, law.a), (1, 1): InversePower(law.b * 10.0, law.a + 1.0)}
+
+    def calculator(laws=laws, strengths=strengths, springs=springs):
+        return MagneticRepulsion(patch, laws, strengths=strengths, foundation=springs)
+
+    patch.calc = calculator()
+    found = by_lammps(tmp_path, patch, burst())
+    assert difference(found, by_magphonon(patch, burst())) < 1e-9
+    for other in {'laws': law}, {'strengths': None}, {'springs': 0.025}:
+        patch.calc = calculator(**other)
+        assert difference(found, by_magphonon(patch, burst())) > 1e-3
+
+
+def test_more_laws_and_springs_than_lammps_takes_are_refused(patch, tmp_path):
+    n, law = len(patch), patch.calc.potential
+    rng = np.random.default_rng(1)
+    for own, words in ({'strengths': rng.uniform(0.9, 1.1, n)}, 'at most 100 force tables'), (
+            {'foundation': rng.uniform(0.9, 1.1, n)}, 'groups for 28 different springs'):
+        patch.calc = MagneticRepulsion(patch, law, **own)
+        with pytest.raises(ValueError, match=words):
+            write_lammps_input(tmp_path, patch, TIMESTEP, 0, drives=[burst()])
