@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import one_of
-from ..stiffness.bond import MODELS
+from ..stiffness.bond import MODELS, refuse_upright
 from ..stiffness.matrices import bloch_matrix, mass_weighted
 from ..stiffness.repulsion import repulsion_of
 from .bloch import _wavevectors, bloch_modes, cell_at_rest
@@ -79,6 +79,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
         raise ValueError('a dead load or stretched springs of the foundation hold the particles, and it is not known how they '
                          'follow the spacing; take differences of relaxed structures')
     one_of('model', model, MODELS)
+    refuse_upright(calc.bond_vectors, calc.law, 'Grueneisen parameters')
     dK = stiffness_change(calc.bond_vectors, growth(calc, free), calc.law, model)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)

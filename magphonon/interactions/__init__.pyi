@@ -53,3 +53,4 @@ from .smooth_laws import (
     explained as explained,
     fit_spline as fit_spline,
 )
+from .upright import UprightMagnets as UprightMagnets

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import shown
+from .upright import UprightMagnets
 
 if TYPE_CHECKING:
     from typing import Any
@@ -81,6 +82,8 @@ def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[n
 
 def taken(law: PairLaw, bonds: Any) -> PairLaw:
     """The law of some of the bonds, by their numbers or a mask; of a single bond if `bonds` is one number."""
+    if isinstance(law, UprightMagnets):
+        return UprightMagnets(taken(law.planar, bonds))
     return laid(law.laws, law.which[bonds], law.strength[bonds]) if isinstance(law, BondLaws) else law
 
 
@@ -143,8 +146,15 @@ def law_along(potential: Potential, i: NDArray[np.intp], j: NDArray[np.intp], ki
     Raises
     ------
     ValueError
-        If two particles are bonded whose kinds have no law.
+        If two particles are bonded whose kinds have no law, or some laws are those of upright magnets and some are not.
     """
+    upright = [law.planar for law in laws_of(potential) if isinstance(law, UprightMagnets)]
+    if upright:
+        if len(upright) < len(laws_of(potential)):
+            raise ValueError('some laws of the potential are those of UprightMagnets and some are not; out of the plane a magnet '
+                             'and a particle without a moment would be neither: make all of them UprightMagnets, or none')
+        bare = dict(zip(potential, upright, strict=True)) if isinstance(potential, Mapping) else upright[0]
+        return UprightMagnets(law_along(bare, i, j, kinds, strengths))
     strength = strengths[i] * strengths[j]
     if not isinstance(potential, Mapping):
         return laid((potential,), np.zeros(len(i), int), strength)

@@ -10,15 +10,16 @@ import numpy as np
 
 from ..errors import one_of
 from .magnet_pairs import MagnetLaw, SphereLaw
-from .pair_laws import Hertz, InversePower, Tabulated, Yukawa
+from .pair_laws import Hertz, InversePower, PairLaw, Tabulated, Yukawa
+from .upright import UprightMagnets
 
 if TYPE_CHECKING:
     from typing import Any
 
     from .bond_laws import Potential
-    from .pair_laws import PairLaw
 
-LAWS: dict[str, Any] = {law.__name__: law for law in (InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw)}
+KNOWN = InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw, UprightMagnets
+LAWS: dict[str, Any] = {law.__name__: law for law in KNOWN}
 """The laws that a file can name."""
 
 
@@ -45,7 +46,8 @@ def law_to_dict(law: PairLaw) -> dict[str, Any]:
     if LAWS.get(type(law).__name__) is not type(law):
         return {'law': type(law).__qualname__, 'text': repr(law)}
     parameters = {field.name: getattr(law, field.name) for field in fields(law) if field.init}  # pyright: ignore[reportArgumentType]  all are dataclasses
-    return {'law': type(law).__name__} | parameters
+    within = {name: law_to_dict(value) for name, value in parameters.items() if isinstance(value, PairLaw)}
+    return {'law': type(law).__name__} | parameters | within
 
 
 def law_from_dict(saved: dict[str, Any]) -> PairLaw:
@@ -61,5 +63,6 @@ def law_from_dict(saved: dict[str, Any]) -> PairLaw:
     if 'text' in parameters:
         raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(LAWS)}, and its formula is not in the file; '
                          'give the law itself, fromdict(parameters, potential=law)')
-    arrays = {key: np.array(value) if np.ndim(value) else float(value) for key, value in parameters.items()}
+    arrays = {key: law_from_dict(value) if isinstance(value, dict) else np.array(value) if np.ndim(value) else float(value)
+              for key, value in parameters.items()}
     return LAWS[one_of('the law', name, tuple(LAWS))](**arrays)

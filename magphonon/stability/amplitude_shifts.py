@@ -11,6 +11,7 @@ from scipy import sparse
 
 from .. import units
 from ..interactions.pair_laws import higher_derivatives
+from ..stiffness.bond import refuse_upright
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE
 
@@ -82,6 +83,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
     def stiffness(q):
         return P.T @ calc.bloch_matrix(np.array([q]))[0].real @ P if zone else P.T @ calc.rest_hessian() @ P
 
+    refuse_upright(calc.bond_vectors, calc.law, 'shifts of frequencies')
     law, rest = _derivatives(calc.law, bonds.lengths), stiffness((0.0, 0.0, 0.0))
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     rows = []

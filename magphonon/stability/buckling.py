@@ -152,7 +152,10 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
     """The softest spring of the foundation of any particle that is not held, in N/mm: what all of them have at least."""
-    springs = np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim))
+    return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim)))
+
+
+def _softest_spring(atoms, springs):
     mobile = freedom(atoms if isinstance(atoms, Atoms) else atoms.atoms)[0]
     return float(springs[mobile if mobile.any() else ~mobile].min())
 
@@ -164,6 +167,35 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
     weights, other = root * root[:, None], np.eye(len(root)) * (foundation - common_spring(atoms))
     steps = _steps_of_sums(calc) if steps is None else steps
     return _over_zone(lambda q: (calc.bloch_matrix(q, model) + other) * weights, atoms.cell.array, atoms.pbc, len(atoms), steps)
+
+
+def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> Softest:
+    """Softest wave out of the plane of a flat layer; there motion along z and in the plane do not know of each other.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms or LinearSystem
+        With a foundation of three components; particles at one z.
+    foundation : float
+        Stiffness that the supports of all particles have in common, N/mm, in place of the calculator's own
+        `common_support`.
+    weighted : bool
+        With the masses: eigenvalues are squared frequencies.
+    """
+    calc, other = atoms.calc, foundation - common_support(atoms)
+    if isinstance(atoms, LinearSystem):
+        z = np.unique(atoms.free[2::3].indices)
+        masses, cell = atoms.masses if weighted else None, atoms.atoms
+        return softest(calc.bonds, calc.rest_stiffness('complete'), atoms.free[:, z], cell.cell.array, cell.pbc,
+                       calc.foundation + other, masses)
+    root = 1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms))
+    return _over_zone(lambda q: (calc.bloch_matrix(q)[:, 2::3, 2::3] + other * np.eye(len(root))) * root * root[:, None],
+                      atoms.cell.array, atoms.pbc, len(atoms), _steps_of_sums(calc))
+
+
+def common_support(atoms: Atoms | LinearSystem) -> float:
+    """The softest support along z of any particle of a layer that is not held, in N/mm."""
+    return _softest_spring(atoms, np.asarray(atoms.calc.foundation)[:, 2])
 
 
 def highest_squared(atoms: Atoms | LinearSystem) -> float:

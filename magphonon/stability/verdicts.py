@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,15 @@ from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
-from .buckling import common_spring, highest_squared, softest_of, spacing_held, support_needed
+from .buckling import (
+    common_spring,
+    common_support,
+    highest_squared,
+    softest_of,
+    softest_out_of_plane,
+    spacing_held,
+    support_needed,
+)
 from .escapes import escape_speeds
 
 if TYPE_CHECKING:
@@ -40,9 +48,45 @@ LARGE = 0.1
 """Largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted."""
 DERIVATIVE_ERROR = 1e-6
 """Largest relative error of the stiffness up to which a finite-difference displacement is called safe."""
+FLAT = 1e-9
+"""Largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat."""
 ROUND_OFF = 5e-17
 """Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
 proportional to the displacement."""
+
+
+@dataclass(frozen=True)
+class OutOfPlane:
+    """Stability of a flat layer against motion out of its plane.
+
+    Attributes
+    ----------
+    support, needed : float
+        Stiffness along z of the softest support, and the least that holds the layer flat, N/mm.
+    softest : ndarray, shape (3,)
+        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+    growth : float
+        Rate of the fastest unstable mode, 1/ms; zero for a layer that remains flat.
+    """
+
+    support: float
+    needed: float
+    softest: np.ndarray
+    growth: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether the supports hold the layer flat."""
+        return self.needed <= self.support
+
+    def __str__(self) -> str:
+        have, need = _stiffness(self.support), _stiffness(self.needed)
+        if self.stable:
+            margin = f'{_times(self.support / self.needed)} the {need} that they need' if self.needed else 'more than they need'
+            return f'Stable out of the plane: the supports of {have} along z are {margin}.'
+        at = f' with the softest mode at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
+        return (f'It buckles out of the plane{at}: the motion grows e-fold in {1 / self.growth / u.s:.3g} s. Its supports need '
+                f'{need} along z and have {have}.')
 
 
 @dataclass(frozen=True)
@@ -101,6 +145,9 @@ class Verdict:
         The displacement to be judged, mm.
     supercell : str or None
         What is wrong with the supercell.
+    out_of_plane : OutOfPlane or None
+        Of a flat layer whose particles move out of the plane (a foundation of three components); then all else is said of
+        its motion in the plane, but `omega_max`.
     """
 
     planar: bool
@@ -131,6 +178,7 @@ class Verdict:
     displacements: tuple
     distance: float
     supercell: str | None
+    out_of_plane: OutOfPlane | None = None
 
     @property
     def timestep_limit(self) -> float:
@@ -140,6 +188,10 @@ class Verdict:
     @property
     def stable(self) -> bool:
         """Whether the foundation holds the structure."""
+        return self._in_plane and (self.out_of_plane is None or self.out_of_plane.stable)
+
+    @property
+    def _in_plane(self):
         return self.needed <= self.foundation
 
     @property
@@ -156,8 +208,10 @@ class Verdict:
             found.append(f'Particle {self.particle} is not in equilibrium: a net static force of {self.residual / u.N:.4g} N '
                          f'acts on it, {self.residual / self.force:.4g} times the force in a bond{many}. '
                          'Hold the edge, add the force that balances it, or relax the structure first.')
-        if not self.stable:
+        if not self._in_plane:
             found.append(self._buckling())
+        if self.out_of_plane is not None and not self.out_of_plane.stable:
+            found.append(str(self.out_of_plane))
         if not self.stable and self.model != 'complete':
             found.append(f"The {self.model} model does not show this, because it leaves out D*. Use model='complete'.")
         if self.timestep is not None and self.timestep > self.timestep_limit:
@@ -182,8 +236,10 @@ class Verdict:
         said = []
         if not self.residual:
             said.append('The static forces balance on every free particle.')
-        if self.stable:
+        if self._in_plane:
             said.append(self._margin())
+        if self.out_of_plane is not None and self.out_of_plane.stable:
+            said.append(str(self.out_of_plane))
         if self.repeated:
             said.append('The periodic cell is so large that only waves that fit into one or two cells were judged; another wave '
                         'may be softer. Judge a smaller cell of the same lattice, or another number of repeats.')
@@ -193,7 +249,7 @@ class Verdict:
         if np.isfinite(self.timestep_limit):
             said.append(f'Time steps up to {self.timestep_limit / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
                         f'of {u.hertz(self.omega_max):.4g} Hz); a tenth of that is accurate.')
-        if self.central:
+        if self.central and self.out_of_plane is None:
             said.append('Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
                         + (f'{_stiffness(self.central)}.' if self.support is None else
                            f'{_stiffness(self.support)} (upright magnets, all moving), {_stiffness(self.alone)} (upright '
@@ -225,8 +281,7 @@ class Verdict:
             room = '' if self.held is None else f' It would buckle below a spacing of {self.held / u.m:.4g} m.'
             return f'Stable{self._where}; no foundation needed.{room}'
         room = '' if self.held is None else f' It would be stable down to a spacing of {self.held / u.m:.4g} m.'
-        ratio = self.foundation / self.needed
-        more = f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
+        more = _times(self.foundation / self.needed)
         return (f'Stable{self._where}: the foundation of {_stiffness(self.foundation)}{self._softest_spring} is {more} the '
                 f'{_stiffness(self.needed)} '
                 f'that it needs.{room}')
@@ -257,6 +312,10 @@ class Verdict:
         count = f'{len(self.faults)} problem{"s" * (len(self.faults) > 1)}'
         head = 'OK' if self.fine else f'NOT OK ({count})' if self.stable else f'UNSTABLE ({count})'
         return '\n'.join([head, *(f'  ! {text}' for text in self.faults), *(f'  - {text}' for text in self.notes)])
+
+
+def _times(ratio):
+    return f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
 
 
 def _three_digits(speed, rounded):
@@ -314,6 +373,13 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
     >>> judged.fine, round(judged.needed, 9)  # it needs 4 f/L0
     (False, 4.0)
     """
+    if isinstance(atoms.calc, Repulsion) and atoms.calc.layer and _flat(atoms):
+        return _of_layer(atoms, drives, timestep, supercell, distance)
+    return _judged(atoms, drives, timestep, supercell, distance, far=True)
+
+
+def _judged(atoms, drives, timestep, supercell, distance, far):
+    """The verdict; if `far`, also on motion that is not small."""
     near = not isinstance(atoms.calc, Repulsion) or atoms.calc.pairwise
     if near:  # judged where its rest is, or is nearest
         closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
@@ -328,15 +394,15 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
         structure, dense = atoms, True
     bond = calc.bonds.lengths.argmin()
     shortest, k = calc.bonds.lengths[bond], common_spring(structure)
-    alike = not (isinstance(calc.law, BondLaws) or np.ndim(calc.foundation))
     small = near and dense
+    alike = far and not (isinstance(calc.law, BondLaws) or np.ndim(calc.foundation))
     settled = not pushes.any()
     bare = softest_of(structure)
     stable = bare.needed <= k
     touching = any(isinstance(law, Hertz) for law in laws_of(calc.potential))  # other spacings are no contacts
     held = spacing_held(structure) if settled and small and not touching else None
     # whether the softest wave is among those of `frequency_shifts`
-    shifted = not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q))
+    shifted = settled and small and far and (not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q)))
     escape = escape_speeds(atoms) if settled and stable and small and alike and not touching else None
     apart = settled and small and calc.dim == 2  # out of the plane
     magnets = apart and not any(isinstance(law, CENTRAL) for law in laws_of(calc.potential))
@@ -362,7 +428,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
         support=wave,
         alone=alone,
         central=support_needed(structure, magnets=False)[0] if apart else None,
-        amplitude=frequency_shifts(structure).amplitude(LINEAR_ERROR) if settled and small and stable and shifted else None,
+        amplitude=frequency_shifts(structure).amplitude(LINEAR_ERROR) if stable and shifted else None,
         away=float(away),
         closest=closest,
         safe=escape.safe if escape else None,
@@ -371,6 +437,28 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),
     )
+
+
+def _flat(atoms):
+    """Whether a layer is at rest in one plane."""
+    places, calc = (atoms.positions, atoms.calc.reference.positions), atoms.calc
+    pushed = calc.pairwise and (calc.load[:, 2].any() or calc.slack[:, 2].any())
+    return not pushed and max(np.ptp(place[:, 2]) for place in places) <= FLAT * calc.bonds.lengths.min()
+
+
+def _of_layer(atoms, drives, timestep, supercell, distance):
+    """The verdict on the motion in the plane, with that on the motion out of it."""
+    calc = atoms.calc
+    flat = atoms.copy()
+    flat.calc = calc.in_plane()
+    judged = _judged(flat, drives, timestep, supercell, distance, far=False)  # far from rest they leave the plane
+    structure = LinearSystem.nearest(atoms) if calc.pairwise else atoms
+    there = common_support(structure)
+    needed = softest_out_of_plane(structure)
+    moving = softest_out_of_plane(structure, there, weighted=True)
+    growth = 0.0 if needed.needed <= there else float(np.sqrt(-moving.lowest))
+    return replace(judged, omega_max=max(judged.omega_max, float(np.sqrt(max(moving.highest, 0.0)))),
+                   out_of_plane=OutOfPlane(there, needed.needed, needed.q, growth))
 
 
 def _unguided(atoms):

@@ -17,7 +17,7 @@ from .matrices import bloch_matrix, bloch_series
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .restartable import Restartable
 from .scale import warn_of_units
-from .sites import range_of, site_springs
+from .sites import displacement_components, range_of, site_springs
 
 if TYPE_CHECKING:
     from typing import Any
@@ -45,7 +45,8 @@ class AllNeighbours(Restartable):
     potential : GaussianMixture
         InversePower with a > 1, Yukawa, or another law with a Gaussian expansion.
     foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
-        Stiffness of the spring between each particle and its rest position, N/mm.
+        Stiffness of the spring between each particle and its rest position, N/mm; with three components particles of a plane
+        move out of it too.
     split : float
         Where the sums are divided between lattice and reciprocal lattice; the results do not depend on it.
 
@@ -91,12 +92,12 @@ class AllNeighbours(Restartable):
         self.reference = reference.copy()
         self.reference.calc = None
         self._potential = potential
-        self.dim = 3 if reference.pbc.all() else 2
+        self.dim = displacement_components(reference, foundation)
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
         if self.dim == 2 and z.any():
             raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '
                              'a structure in space is periodic along three vectors')
-        self.parameters.foundation = site_springs(foundation, len(reference), self.dim)
+        self.parameters.foundation = site_springs(foundation, len(reference), self.dim, self.layer)
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
         warn_of_units(self)
@@ -115,6 +116,11 @@ class AllNeighbours(Restartable):
     def foundation(self) -> Foundation:
         """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
         return self.parameters.foundation
+
+    @property
+    def layer(self) -> bool:
+        """Whether particles of a plane may move out of it, each on a support of its own."""
+        return self.dim == 3 and not self.reference.pbc.all()
 
     @property
     def bloch_models(self) -> tuple[str, ...]:
@@ -136,6 +142,10 @@ class AllNeighbours(Restartable):
         if isinstance(foundation, np.ndarray):
             foundation = foundation[image_of(self.reference, supercell)]
         return AllNeighbours(supercell, self.potential, foundation=foundation, split=self.split)
+
+    def in_plane(self) -> AllNeighbours:
+        """The same calculator of a layer without motion out of its plane."""
+        return AllNeighbours(self.reference, self.potential, foundation=np.asarray(self.foundation)[:, :2], split=self.sums.split)
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image.

@@ -1,4 +1,7 @@
-"""Stiffness of one bond, D0 + D* (Eq. 4), against stretching and rotation, and the two models."""
+"""Stiffness of one bond, D0 + D* (Eq. 4), against stretching and rotation, and the two models.
+
+Out of the plane a flat lattice has no D0.  What is left is D*, phi'/r for a force along the bond, or that of upright magnets.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import one_of
+from ..interactions.upright import UprightMagnets
 
 if TYPE_CHECKING:
+    from typing import TypeGuard
+
     from numpy.typing import NDArray
 
     from ..interactions.pair_laws import PairLaw
@@ -47,9 +53,59 @@ def bond_stiffness(vectors: NDArray[np.float64], law: PairLaw) -> tuple[NDArray[
     >>> (Dstar[0] + 0).tolist()  # phi'/r across it
     [[0.0, 0.0], [0.0, -1.0]]
     """
+    if leaves_the_plane(law, vectors):
+        return _upright_stiffness(vectors, law)
     r, nn = _lengths_and_axes(vectors)
     D0 = law.d2phi(r) * nn
     Dstar = law.dphi(r) / r * (np.eye(vectors.shape[1]) - nn)
+    return D0, Dstar
+
+
+def leaves_the_plane(law: PairLaw, vectors: NDArray[np.float64]) -> TypeGuard[UprightMagnets]:
+    """Whether bonds of these vectors move out of the plane by the law of `UprightMagnets`."""
+    return isinstance(law, UprightMagnets) and vectors.shape[1] == 3
+
+
+def refuse_upright(vectors: NDArray[np.float64], law: PairLaw, what: str) -> None:
+    """Refuse upright magnets that leave the plane, for `what` knows the bonds as forces along the line between two particles."""
+    if leaves_the_plane(law, vectors):
+        raise ValueError(f'{what} of UprightMagnets that move out of the plane are not known; take the motion in the plane, '
+                         'atoms.calc = atoms.calc.in_plane()')
+
+
+def upright_forces(vectors: NDArray[np.float64], law: UprightMagnets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Energy of upright magnets, `phi + g z^2/2`, and its gradient.
+
+    Parameters
+    ----------
+    vectors : ndarray, shape (bonds, 3)
+        In mm.
+    law : UprightMagnets
+
+    Returns
+    -------
+    energy : ndarray, shape (bonds,)
+        In mJ.
+    gradient : ndarray, shape (bonds, 3)
+        In N.
+    """
+    z, rho = vectors[:, 2], np.hypot(vectors[:, 0], vectors[:, 1])
+    g, slope = law.vertical(rho), law.vertical_derivatives(rho)[0]
+    gradient = np.column_stack([((law.dphi(rho) + slope * z**2 / 2) / rho)[:, None] * vectors[:, :2], g * z])
+    return law.phi(rho) + g * z**2 / 2, gradient
+
+
+def _upright_stiffness(vectors, law):
+    """D0 and the rest of the second derivatives of `phi + g z^2/2`."""
+    e, z = np.array([0.0, 0.0, 1.0]), vectors[:, 2, None, None]
+    flat = vectors * (1 - e)
+    r, nn = _lengths_and_axes(flat)
+    n, vertical = flat / r[:, 0], np.outer(e, e)
+    g, (slope, curvature) = law.vertical(r), (f[:, None, None] for f in law.vertical_derivatives(r[:, 0, 0]))
+    ne = n[:, :, None] * e
+    D0 = law.d2phi(r) * nn
+    Dstar = ((law.dphi(r) + slope * z**2 / 2) / r * (np.eye(3) - vertical - nn) + curvature * z**2 / 2 * nn
+             + slope * z * (ne + ne.swapaxes(1, 2)) + g * vertical)
     return D0, Dstar
 
 
@@ -74,7 +130,7 @@ def model_stiffness(vectors: NDArray[np.float64], law: PairLaw, model: str = 'co
     [4.0, -1.0]
     """
     if one_of('model', model, MODELS) == 'conventional':
-        r, nn = _lengths_and_axes(vectors)
+        r, nn = _lengths_and_axes(vectors * [1, 1, 0] if leaves_the_plane(law, vectors) else vectors)
         return law.d2phi(r) * nn
     D0, Dstar = bond_stiffness(vectors, law)
     return D0 + Dstar

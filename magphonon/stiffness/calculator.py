@@ -12,15 +12,16 @@ from scipy import sparse
 
 from ..errors import finite, one_of
 from ..interactions.bond_laws import checked_potential, law_along
+from ..interactions.upright import UprightMagnets
 from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
-from .bond import MODELS, bond_stiffness, model_stiffness
+from .bond import MODELS, bond_stiffness, leaves_the_plane, model_stiffness, upright_forces
 from .cells import NO_STRESS, carried, same_cell, stress_per_volume
 from .matrices import bloch_matrix, bloch_series, hessian
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .repulsion import masses_of
 from .restartable import Restartable
 from .scale import warn_of_units
-from .sites import of_sites, range_of, refuse_infinite, site_springs, site_strengths
+from .sites import displacement_components, of_sites, range_of, refuse_infinite, site_springs, site_strengths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,6 +61,9 @@ class MagneticRepulsion(Restartable):
 
     Particles in a structure that is not periodic in all three directions are planar: they must share one z, and
     neither forces nor foundation act along it.  (Magnets are in truth unstable out of the plane; supports hold them.)
+    A foundation with three components, `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of
+    their supports along z.  Then the repulsion acts along the line between two particles, or as that of
+    `magphonon.interactions.UprightMagnets`.
 
     Parameters
     ----------
@@ -131,7 +135,7 @@ class MagneticRepulsion(Restartable):
         self.reference = reference.copy()
         self.reference.calc = None
         self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
-        self.dim = 3 if reference.pbc.all() else 2
+        self.dim = displacement_components(reference, foundation)
         first = not isinstance(bonds, Bonds)  # what is made of another calculator hands on its bonds
         reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
         self._reach = reach if bonds is None else f'bonds={len(bonds)}'
@@ -156,7 +160,10 @@ class MagneticRepulsion(Restartable):
         if self.dim == 2 and self.load[:, 2].any():
             raise ValueError(f'the load pushes particle {np.flatnonzero(self.load[:, 2])[0]} along z, but the structure is '
                              'planar; give it a direction in the plane')
-        self._law = law_along(self._potential, bonds.i, bonds.j, self.reference.get_tags(), self._strengths)
+        law = law_along(self._potential, bonds.i, bonds.j, self.reference.get_tags(), self._strengths)
+        self._law = law.planar if isinstance(law, UprightMagnets) and self.dim == 2 else law
+        if isinstance(self._law, UprightMagnets) and not height <= 1e-9 * bonds.lengths.min():
+            raise ValueError(f'upright magnets stand on a plane, but z ranges over {height:g} mm; give them one z')
         refuse_infinite(self._law, bonds)
         super().__init__(foundation=foundation, model=model)
         if first:
@@ -206,6 +213,11 @@ class MagneticRepulsion(Restartable):
         return 'complete' if self.model == 'complete' else 'conventional'
 
     @property
+    def layer(self) -> bool:
+        """Whether particles of a plane may move out of it, each on a support of its own."""
+        return self.dim == 3 and not self.reference.pbc.all()
+
+    @property
     def bond_vectors(self) -> NDArray[np.float64]:
         """Vectors of the bonds at rest in mm, shape (bonds, dim)."""
         return self.bonds.vectors[:, : self.dim]
@@ -221,7 +233,7 @@ class MagneticRepulsion(Restartable):
         for name in parameters:
             one_of('parameter', name, tuple(self.default_parameters))
         if 'foundation' in parameters:
-            parameters['foundation'] = site_springs(parameters['foundation'], len(self.reference), self.dim)
+            parameters['foundation'] = site_springs(parameters['foundation'], len(self.reference), self.dim, self.layer)
         if 'model' in parameters:
             one_of('model', parameters['model'], CALCULATOR_MODELS)
         changed = super().set(**parameters)
@@ -254,10 +266,16 @@ class MagneticRepulsion(Restartable):
         return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors, strengths=self.strengths,
                                  load=self.load if load is None else load, **self.parameters | parameters)
 
+    def in_plane(self) -> MagneticRepulsion:
+        """The same calculator of a layer without motion out of its plane."""
+        return MagneticRepulsion(self.reference, self.potential, bonds=self.bonds, anchors=self.anchors, load=self.load,
+                                 strengths=self.strengths, model=self.model, foundation=np.asarray(self.foundation)[:, :2])
+
     def balanced(self, particles: NDArray[Any] | Sequence[int]) -> MagneticRepulsion:
         """The same calculator with the dead load that balances all other forces on some particles at rest."""
         load = self.load.copy()
-        load[particles, : self.dim] -= self._forces(np.zeros((len(load), self.dim)))[particles]
+        rest = np.zeros((len(load), self.dim))
+        load[particles, : self.dim] -= self._forces(rest, self._repulsion(rest)[1])[particles]
         return self.about(self.reference, load)
 
     def __repr__(self) -> str:
@@ -307,10 +325,11 @@ class MagneticRepulsion(Restartable):
         u = here.displacements(self.atoms)
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, self.atoms)
+        energy, gradient = here._repulsion(u)
         self.results = {'forces': np.zeros((len(u), 3))}
-        self.results['forces'][:, : self.dim] = here._forces(u)
+        self.results['forces'][:, : self.dim] = here._forces(u, gradient)
         if self.model != 'literal':
-            energies = here._energies(u, self._rest[3])
+            energies = here._energies(u, energy - self._rest[3])
             self.results.update(energies=energies, energy=energies.sum(), free_energy=energies.sum())
         if 'stress' in properties:
             self.results['stress'] = stress_per_volume(self, self.atoms)
@@ -380,14 +399,19 @@ class MagneticRepulsion(Restartable):
                              f'(distance {length[b]:g} mm along their bond); start from smaller displacements')
         return length
 
-    def _forces(self, u):
+    def _repulsion(self, u):
+        """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
+        law = self.law
+        if leaves_the_plane(law, self.bond_vectors) and self.model == 'complete':
+            return upright_forces(self.bond_vectors + self.bonds.incidence @ u, law)
         length, n = self._geometry(u)
-        pull = self.bonds.incidence.T @ (self.law.dphi(length)[:, None] * n)
-        return self.offset - pull - self.foundation * u
+        return law.phi(length), law.dphi(length)[:, None] * n
 
-    def _energies(self, u, zero):
-        length, _ = self._geometry(u)
-        shared = self.law.phi(length) - zero  # half to each end of the bond
+    def _forces(self, u, gradient):
+        return self.offset - self.bonds.incidence.T @ gradient - self.foundation * u
+
+    def _energies(self, u, shared):
+        """Energy of each particle, with half of what each of its bonds has gained since rest."""
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
         return bonds + np.einsum('ix,ix->i', 0.5 * self.foundation * u - self.offset, u)
 

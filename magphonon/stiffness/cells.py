@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from ase.stress import full_3x3_to_voigt_6_stress
 
+from .bond import refuse_upright
 from .positions import from_reference
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def bond_virial(calc: MagneticRepulsion, u: NDArray[np.float64] | float = 0.0) -
         Displacements from the reference in mm; none by default.
     """
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
+    refuse_upright(R, calc.law, 'stresses')
     r = np.linalg.norm(R, axis=1)
     return np.einsum('b,bx,by->xy', calc.law.dphi(r) / r, R, R)
 

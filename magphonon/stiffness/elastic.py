@@ -27,6 +27,7 @@ import numpy as np
 from .. import units
 from ..errors import finite
 from ..files import Saved
+from .bond import refuse_upright
 from .cells import bond_virial, measure, same_cell
 from .matrices import signed_root
 from .repulsion import masses_of, repulsion_of
@@ -209,6 +210,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
         if calc.load.any() or calc.spring_forces.any():
             raise ValueError('a dead load or stretched springs of the foundation hold the particles, and the lattice has no '
                              'moduli without them; relax it with a calculator that has neither')
+        refuse_upright(calc.bond_vectors, calc.law, 'moduli')
         slopes = _of_bonds(calc)
     elif calc.singular(along).any():
         raise ValueError('repulsion reaches so far that it needs a uniform background to be summed over all neighbours, and the '

@@ -42,6 +42,8 @@ class Repulsion(Protocol):
         other positions or other spacings.
     dim : int
         Number of components of a displacement: 2 in the plane, 3 in space.
+    layer : bool
+        Whether particles of a plane may move out of it, each on a support of its own.
     foundation : float or ndarray, shape (particles, dim)
         Stiffness of the spring between each particle and its anchor, N/mm.
     model, linear_model : str
@@ -78,6 +80,11 @@ class Repulsion(Protocol):
     @property
     def dim(self) -> int:
         """Number of components of a displacement."""
+        ...
+
+    @property
+    def layer(self) -> bool:
+        """Whether particles of a plane may move out of it."""
         ...
 
     @property

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .bond import leaves_the_plane, upright_forces
 from .cells import same_cell
 from .constraints import free_directions, freedom
 from .repulsion import Repulsion, masses_of, repulsion_of
@@ -54,8 +55,12 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDA
     """
     bonds = calc.bonds
     R = calc.bond_vectors + (bonds.incidence @ u if np.ndim(u) else 0.0)
-    r = np.linalg.norm(R, axis=1)
-    pull = -(calc.law.dphi(r) / r)[:, None] * R
+    law = calc.law
+    if leaves_the_plane(law, R):
+        pull = -upright_forces(R, law)[1]
+    else:
+        r = np.linalg.norm(R, axis=1)
+        pull = -(law.dphi(r) / r)[:, None] * R
     total = calc.spring_forces - calc.foundation * u
     size = abs(calc.spring_forces).max(axis=1) + abs(total).max(axis=1)
     for end, sign in ((bonds.j, 1), (bonds.i, -1)):

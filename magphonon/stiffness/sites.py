@@ -15,6 +15,7 @@ from ..interactions.bond_laws import BondLaws, taken
 if TYPE_CHECKING:
     from typing import Any
 
+    from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
     from ..interactions.pair_laws import PairLaw
@@ -25,8 +26,15 @@ if TYPE_CHECKING:
     """Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
 
 
-def site_springs(foundation: Any, particles: int, dim: int) -> Foundation:
+def displacement_components(reference: Atoms, foundation: Any) -> int:
+    """Number of components of a displacement: 3 in space, and in a plane if the foundation has three components."""
+    return 3 if reference.pbc.all() or np.shape(foundation)[1:] == (3,) else 2
+
+
+def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
     """The foundation as one number where it is one, otherwise as an array, shape (particles, dim), read-only.
+
+    Of a `layer`, whose particles move out of their plane because the foundation has three components, it is always an array.
 
     Parameters
     ----------
@@ -38,17 +46,17 @@ def site_springs(foundation: Any, particles: int, dim: int) -> Foundation:
     ValueError
         For another shape, or a number that is negative or not finite.
     """
-    if np.ndim(foundation) == 0:
+    if np.ndim(foundation) == 0 and not layer:
         return not_negative('foundation', foundation, 'N/mm')
     given = finite('foundation', foundation)
     for where in np.argwhere(given < 0)[:1]:
         not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
-    shapes = (particles,), (particles, 1), (1, dim), (particles, dim)
+    shapes = (particles,), (particles, 1), (1, dim), (particles, dim), *([()] if layer else [])
     if given.shape not in shapes:
         raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
                          f'{particles} particles in {dim} dimensions, not {given.shape}')
     springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
-    if (springs == springs[0, 0]).all():
+    if (springs == springs[0, 0]).all() and not layer:
         return float(springs[0, 0])
     springs.flags.writeable = False
     return springs

@@ -1,0 +1,105 @@
+"""Buckling out of the plane: on both sides of the support that a layer needs."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms
+
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, relaxed, verdict
+from magphonon.bands import bloch_modes
+from magphonon.interactions import UprightMagnets
+
+LAW = InversePower(6000.0, 4.5824)
+
+
+def vertical(atoms, law, q):
+    """Stiffness along z without supports, by a sum over all images; shape (wavevectors, particles, particles)."""
+    n, reach = len(atoms), 1.2 * 10.0
+    D = np.zeros((len(q), n, n), complex)
+    for shift in np.ndindex(7, 7):
+        cell = np.array([*shift, 3]) - 3
+        for i in range(n):
+            for j in range(n):
+                r = np.linalg.norm(atoms.positions[j] + cell @ atoms.cell.array - atoms.positions[i])
+                if 0 < r < reach:
+                    slope, curvature = -law.b * r**-law.a, law.a * law.b * r ** (-law.a - 1)
+                    k = -(curvature + slope / r) if law.upright else slope / r
+                    D[:, i, i] += k
+                    D[:, i, j] -= k * np.exp(2j * np.pi * q @ cell)
+    return D
+
+
+class Law:
+    b, a = LAW.b, LAW.a
+
+    def __init__(self, upright):
+        self.upright = upright
+        self.law = UprightMagnets(LAW) if upright else LAW
+
+
+@pytest.mark.parametrize(('name', 'upright'), [('square', False), ('triangular', True), ('honeycomb', False), ('kagome', True)])
+def test_the_verdict_turns_at_the_support_that_the_softest_wave_needs(name, upright):
+    atoms, law = getattr(lattices, name)(10.0, 0.7), Law(upright)
+    q = np.stack(np.meshgrid(*[np.arange(24) / 24] * 2, [0.0]), axis=-1).reshape(-1, 3)
+    needed = -np.linalg.eigvalsh(vertical(atoms, law, q)).min()  # of these lattices at corners of the zone, which are on the mesh
+    for factor, stable in ((1.001, True), (0.999, False)):
+        atoms.calc = MagneticRepulsion(atoms, law.law, foundation=[[1.0, 1.0, factor * needed]])
+        judged = verdict(atoms)
+        assert judged.out_of_plane.needed == pytest.approx(needed, rel=1e-9)
+        assert judged.stable == judged.out_of_plane.stable == stable
+        assert ('buckles out of the plane' in str(judged)) != stable
+    planar = MagneticRepulsion(atoms, law.law, foundation=1.0)
+    atoms.calc = planar
+    assert verdict(atoms).out_of_plane is None
+
+
+def test_the_growth_out_of_the_plane_is_that_of_a_run():
+    """A run of a supercell in the mode at K grows as the verdict says; held flat it does not."""
+    cell = lattices.triangular(10.0, 0.7)
+    needed = 9 * -LAW.dphi(10.0) / 10.0
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=[[1.0, 1.0, 0.9 * needed]])
+    rate = verdict(cell).out_of_plane.growth
+    assert rate == pytest.approx(np.sqrt(0.1 * needed / 0.7), rel=1e-9)
+    atoms = cell.repeat((3, 3, 1))
+    atoms.calc = cell.calc.on(atoms)
+    wave = np.cos(2 * np.pi * (atoms.get_scaled_positions() @ [2, 1, 0]))  # q = (2/3, 1/3) of the cell
+    start, steps, dt = 1e-5, 400, 0.02
+    atoms.positions[:, 2] += start * wave
+    DrivenVerlet(atoms, dt, engine='ase').run(steps)
+    grown = atoms.positions[:, 2] @ wave / (wave @ wave) / start
+    assert grown == pytest.approx(np.cosh(rate * steps * dt), rel=1e-3)  # (w dt)^2/24 steps of Verlet, z of second order
+    assert abs(atoms.positions - atoms.calc.reference.positions)[:, :2].max() < 1e-6 * start
+
+
+def test_a_stable_layer_vibrates_at_its_bloch_frequency():
+    cell = lattices.honeycomb(10.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, UprightMagnets(LAW), foundation=[[1.0, 1.0, 3.0]])
+    omega, modes = bloch_modes(cell, [[0.5, 0, 0]], vectors=True)
+    branch = (abs(modes[0, :, :, 2]) ** 2).sum(axis=1).argmax()
+    atoms = cell.repeat((2, 1, 1))
+    atoms.calc = cell.calc.on(atoms)
+    shape = np.concatenate([modes[0, branch].real, -modes[0, branch].real])
+    assert abs(shape[:, :2]).max() < 1e-12
+    atoms.positions += 1e-6 * shape
+    dt, steps = 0.01, 300
+    DrivenVerlet(atoms, dt, engine='ase').run(steps)
+    z = (atoms.positions - atoms.calc.reference.positions)[:, 2] @ shape[:, 2] / (shape[:, 2] @ shape[:, 2]) / 1e-6
+    assert z == pytest.approx(np.cos(omega[0, branch] * dt * steps), abs=1e-4)
+
+
+def test_below_the_threshold_a_layer_relaxes_to_a_zigzag_out_of_its_plane_and_above_it_does_not():
+    """A row of grains between held ends: the zigzag of a trapped chain."""
+    atoms = lattices.chain(10.0, 0.7).repeat((8, 1, 1))
+    atoms.pbc = False
+    atoms.set_constraint(FixAtoms([0, 7]))
+    needed = 4 * -LAW.dphi(10.0) / 10.0 * np.sin(np.pi * 6 / 14) ** 2  # six free grains, fixed ends
+    for factor, flat in ((1.02, True), (0.98, False)):
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=[[1.0, 1.0, factor * needed]])
+        assert verdict(atoms).stable == flat
+        settled = relaxed(atoms).atoms
+        z = settled.positions[:, 2] - settled.positions[0, 2]
+        assert (abs(z).max() < 1e-9) == flat
+        if not flat:
+            assert (z[1:6] * z[2:7] < 0).all()
+            moved = settled.copy()
+            moved.calc = atoms.calc
+            assert moved.get_potential_energy() < 0

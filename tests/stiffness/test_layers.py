@@ -1,0 +1,219 @@
+"""Motion out of the plane: nothing but D* and the supports act on it."""
+
+import numpy as np
+import pytest
+from oracles import neighbour_vectors, second_derivatives
+
+from magphonon import (
+    InversePower,
+    MagneticRepulsion,
+    Yukawa,
+    analytic_bands,
+    finite_displacements,
+    lattices,
+    phonopy_bands,
+    units as u,
+)
+from magphonon.bands import band_path, bloch_modes, gruneisen_parameters, sound_speeds
+from magphonon.interactions import UprightMagnets
+from magphonon.interactions.magnet_pairs import magnet_law, pair_force
+from magphonon.interactions.magnets import Ring
+from magphonon.stability import frequency_shifts
+from magphonon.stiffness import AllNeighbours, elastic_moduli
+
+CELLS = 'chain', 'square', 'triangular', 'honeycomb', 'kagome'
+M, K = [0.5, 0, 0], [2 / 3, 1 / 3, 0]
+
+
+class Power:
+    """f = b r^-a, of particles in space or of upright magnets, by formulas of its own."""
+
+    def __init__(self, b, a, upright):
+        self.b, self.a, self.upright = b, a, upright
+
+    @property
+    def law(self):
+        law = InversePower(self.b, self.a)
+        return UprightMagnets(law) if self.upright else law
+
+    def energy(self, d):
+        """Of complex vectors, shape (..., 3)."""
+        flat, z = d[..., 0] ** 2 + d[..., 1] ** 2, d[..., 2]
+        if not self.upright:
+            return self.b * (flat + z**2) ** ((1 - self.a) / 2) / (self.a - 1)
+        g = -(self.a - 1) * self.b * flat ** (-(self.a + 1) / 2)  # Laplace's equation of phi(rho)
+        return self.b * flat ** ((1 - self.a) / 2) / (self.a - 1) + g * z**2 / 2
+
+
+def drawn_layer(seed):
+    """A cell or a cut of a lattice, jittered in its plane, on springs and supports that differ from particle to particle."""
+    rng = np.random.default_rng(seed)
+    cell = getattr(lattices, rng.choice(CELLS))(10.0, rng.uniform(0.3, 2.0))
+    atoms = cell.repeat((2, 1, 1)) if rng.random() < 0.5 else cell.repeat((2, 2 if cell.pbc[1] else 1, 1))
+    atoms.pbc = atoms.pbc & (rng.random() < 0.7)
+    if len(atoms) > 3 and rng.random() < 0.5:
+        del atoms[int(rng.integers(len(atoms)))]
+    atoms.positions[:, :2] += rng.uniform(-0.4, 0.4, (len(atoms), 2))
+    springs = np.column_stack([rng.uniform(0.0, 0.3, (len(atoms), 2)), rng.uniform(0.1, 2.0, len(atoms))])
+    return atoms, springs, Power(6000.0, rng.choice([2.5, 4.0, 4.5824]), rng.random() < 0.5), rng
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_forces_and_hessian_are_derivatives_of_an_energy_in_space(seed):
+    atoms, springs, power, rng = drawn_layer(seed)
+    reach = 13.0  # beyond the first shell of all of them, jitter included
+    atoms.calc = MagneticRepulsion(atoms, power.law, foundation=springs, cutoff=reach)
+    pairs = [(i, j, v) for i, j, _, v in neighbour_vectors(atoms, reach)]
+    i, j = np.array([pair[:2] for pair in pairs]).T
+    R = np.array([pair[2] for pair in pairs])
+
+    def energy(x, power=power):
+        d = x.reshape(*x.shape[:-1], -1, 3)
+        bonds = power.energy(R + d[..., j, :] - d[..., i, :]) - power.energy(R.astype(complex))
+        return bonds.sum(axis=-1) / 2 + (springs * d * d).sum(axis=(-1, -2)) / 2
+
+    x = rng.uniform(-0.3, 0.3, 3 * len(atoms))
+    moved = atoms.copy()
+    moved.calc = atoms.calc
+    moved.positions += x.reshape(-1, 3)
+    H = second_derivatives(energy, x, radius=0.3)
+    scale = abs(H).max()
+    assert abs(moved.calc.get_hessian(moved).toarray() - H).max() < 1e-9 * scale  # circle of Cauchy's formula: round-off
+    assert moved.get_potential_energy() == pytest.approx(energy(x.astype(complex)).real, rel=1e-11, abs=1e-11)
+    step = 1e-30  # a complex step has no round-off of differences
+    forces = [-energy(x + 1j * step * e).imag / step for e in np.eye(len(x))]
+    assert moved.get_forces().ravel() == pytest.approx(forces, rel=1e-9, abs=1e-10 * scale)
+    other = Power(power.b, power.a, not power.upright)  # control: the other kind of particles
+    wrong = second_derivatives(lambda x: energy(x, other), x, radius=0.3)
+    assert abs(wrong - H).max() > 1e-3 * scale
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_phonopy_finds_the_same_bands_with_a_branch_out_of_the_plane(seed):
+    rng = np.random.default_rng([seed, 3])
+    atoms = getattr(lattices, CELLS[1:][seed % 4])(10.0, 0.7)
+    law = InversePower(6000.0, 4.5824)
+    foundation = [[0.05, 0.08, 1.5]]
+    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(law) if seed % 2 else law, foundation=foundation)
+    path = band_path(atoms, npoints=12)
+    bands = analytic_bands(atoms, path)
+    assert bands.omega.shape[1] == 3 * len(atoms)
+    other = phonopy_bands(finite_displacements(atoms), path)
+    # squares, because the error of a finite displacement is one of the stiffness
+    assert abs(other.omega**2 - bands.omega**2).max() < 1e-8 * bands.omega.max() ** 2
+    control = analytic_bands(atoms, path, 'conventional').omega
+    assert abs(control**2 - bands.omega**2).max() > 1e-2 * bands.omega.max() ** 2
+    q = rng.random((5, 3)) * [1, 1, 0]
+    D0 = atoms.calc.bloch_matrix(q, 'conventional')[:, 2::3, 2::3]
+    assert abs(D0 - 1.5 * np.eye(len(atoms))).max() < 1e-12  # the conventional model has nothing but the supports
+
+
+def test_the_branch_out_of_the_plane_of_a_triangular_lattice_is_the_support_and_dstar():
+    law, kz = InversePower(6000.0, 4.5824), 1.5
+    for potential, factor in ((law, 1.0), (UprightMagnets(law), 3.5824)):
+        atoms = lattices.triangular(10.0, 0.7)
+        atoms.calc = MagneticRepulsion(atoms, potential, foundation=[[0.0, 0.0, kz]])
+        f = -law.dphi(10.0)
+        D = atoms.calc.bloch_matrix(np.array([[0, 0, 0], M, K]))
+        assert D[:, 2, 2].real == pytest.approx(kz - np.array([0, 8, 9]) * factor * f / 10.0, rel=1e-12)
+        assert abs(D[:, 2, :2]).max() < 1e-15
+
+
+@pytest.mark.parametrize(('kappa', 'at_M', 'at_K', 'gate'),
+                         [(1.0, 6.988902886, 7.418527680, 4.1517), (3.0, 1.649228234, 1.815066641, 2.5276)])
+def test_a_yukawa_crystal_with_all_neighbours_softens_as_known_and_touches_the_longitudinal_branch_at_its_gate(
+        kappa, at_M, at_K, gate):
+    """Numbers in units of Q^2/(4 pi eps0 m a^3), from a real-space sum to convergence by others."""
+    atoms = lattices.triangular(1.0, 1.0)
+    path = band_path(atoms, 'GMKG', 61)
+    gaps = []
+    for support in (gate - 1e-3, gate + 1e-3):
+        atoms.calc = AllNeighbours(atoms, Yukawa(c=1.0, kappa=kappa), foundation=[[0, 0, support**2]])
+        D = atoms.calc.bloch_matrix(np.array([M, K]))
+        assert support**2 - D[:, 2, 2].real == pytest.approx([at_M, at_K], abs=1e-9)
+        in_plane = np.linalg.eigvalsh(atoms.calc.bloch_matrix(path.kpts)[:, :2, :2])[:, 1]
+        gaps.append((atoms.calc.bloch_matrix(path.kpts)[:, 2, 2].real - in_plane).min())
+    assert gaps[0] < 0 < gaps[1]
+    at = abs(path.kpts - path.special_points['M']).sum(axis=1).argmin()
+    phonon = finite_displacements(atoms, (2, 2, 1))  # M fits the supercell
+    assert phonopy_bands(phonon, path).omega[at] == pytest.approx(bloch_modes(atoms, path.kpts[at])[0][0], rel=1e-7)
+
+
+def test_long_waves_out_of_the_plane_are_unstable_without_supports():
+    atoms = lattices.triangular(10.0, 0.7)
+    law = InversePower(6000.0, 4.0)
+    atoms.calc = MagneticRepulsion(atoms, law, foundation=[[0, 0, 0]])
+    # sum over bonds of k_zz (k.R)^2/2 = 3/2 k_zz L^2 k^2
+    assert sound_speeds(atoms).min() == pytest.approx(-np.sqrt(1.5 * -law.dphi(10.0) * 10.0 / 0.7), rel=1e-9)
+
+
+def test_upright_dipoles_have_the_stiffness_of_the_dipoles_energy():
+    moment = 500 * u.A * u.mm**2
+    c = u.mu0 * moment**2 / (4 * np.pi)
+
+    def energy(d):
+        R2 = (d * d).sum(axis=-1)
+        return c * (R2**-1.5 - 3 * d[..., 2] ** 2 * R2**-2.5)
+
+    H = second_derivatives(lambda x: energy(x + np.array([10.0, 0, 0])), np.zeros(3))
+    law = InversePower.dipoles(moment)
+    assert UprightMagnets(law).vertical(10.0) == pytest.approx(H[2, 2], rel=1e-11)
+    assert law.dphi(10.0) / 10.0 == pytest.approx(H[2, 2] / 3, rel=1e-11)  # control: three times too weak
+
+
+def test_upright_rings_have_the_stiffness_of_the_force_between_displaced_rings():
+    ring = Ring(6.35, 1.5875, 3.175, 1.3)
+    law, h, r = UprightMagnets(magnet_law(ring)), 1e-3, 10.0
+    ends = [pair_force(ring, ring, (r, 0, z))[2] for z in (h, -h)]
+    # the force on the displaced ring is -dU/dz; error of the difference h^2/r^2 = 1e-8
+    assert law.vertical(r) == pytest.approx(-(ends[0] - ends[1]) / (2 * h), rel=1e-6)
+
+
+def test_kinds_with_and_without_moment_do_not_mix():
+    atoms = lattices.honeycomb(10.0, 0.7)
+    atoms.set_tags([0, 1])
+    law = InversePower(6000.0, 4.0)
+    with pytest.raises(ValueError, match='UprightMagnets, or none'):
+        MagneticRepulsion(atoms, {(0, 1): UprightMagnets(law), (0, 0): law, (1, 1): law}, foundation=[[0, 0, 1]])
+
+
+def test_a_layer_keeps_its_supports_on_a_supercell_and_when_they_are_set():
+    atoms = lattices.triangular(10.0, 0.7)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(6000.0, 4.0), foundation=[[1.0, 1.0, 1.0]])
+    large = atoms.repeat((3, 3, 1))
+    assert atoms.calc.on(large).foundation.shape == (9, 3)
+    assert atoms.calc.about(atoms).dim == 3
+    atoms.calc.set(foundation=2.0)
+    assert atoms.calc.foundation.tolist() == [[2.0, 2.0, 2.0]]
+    assert atoms.calc.layer
+    assert atoms.calc.in_plane().dim == 2
+    assert atoms.calc.in_plane().foundation == 2.0
+
+
+def test_a_layer_of_upright_magnets_comes_back_from_its_dictionary():
+    atoms = lattices.triangular(10.0, 0.7)
+    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(InversePower(6000.0, 4.0)), foundation=[[1.0, 1.0, 3.0]])
+    again = MagneticRepulsion.fromdict(atoms.calc.todict())
+    assert again.potential == atoms.calc.potential
+    assert again.layer
+    q = np.array([M, K])
+    assert (again.bloch_matrix(q) == atoms.calc.bloch_matrix(q)).all()
+
+
+def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_lattice_and_refused_for_upright_magnets():
+    law = InversePower(6000.0, 4.5824)
+    planar, layer = lattices.honeycomb(10.0, 0.7), lattices.honeycomb(10.0, 0.7)
+    planar.calc = MagneticRepulsion(planar, law, shells=2)
+    layer.calc = MagneticRepulsion(layer, law, shells=2, foundation=[[0.0, 0.0, 3.0]])
+    constants = elastic_moduli(planar).constants
+    assert elastic_moduli(layer).constants[:2, :2, :2, :2] == pytest.approx(constants, rel=1e-10, abs=1e-14)
+    q = [[0.3, 0.1, 0.0]]
+    (omega, gamma), (flat, expected) = gruneisen_parameters(layer, q), gruneisen_parameters(planar, q)
+    own = [abs(omega[0] - w).argmin() for w in flat[0]]
+    assert gamma[0][own] == pytest.approx(expected[0], rel=1e-9)
+    layer.calc = MagneticRepulsion(layer, UprightMagnets(law), shells=2, foundation=[[0.0, 0.0, 3.0]])
+    for tool in (elastic_moduli, lambda atoms: gruneisen_parameters(atoms, q), frequency_shifts):
+        with pytest.raises(ValueError, match='take the motion in the plane'):
+            tool(layer)
+    layer.calc = layer.calc.in_plane()
+    assert elastic_moduli(layer).constants == pytest.approx(constants, rel=1e-10, abs=1e-14)
