@@ -11,6 +11,7 @@ from .buckling import (
     foundation_needed as foundation_needed,
     softest as softest,
     softest_of as softest_of,
+    softest_out_of_plane as softest_out_of_plane,
     spacing_held as spacing_held,
     support_needed as support_needed,
 )
@@ -22,6 +23,7 @@ from .soft_waves import (
     softest_wave as softest_wave,
 )
 from .verdicts import (
+    OutOfPlane as OutOfPlane,
     Verdict as Verdict,
     verdict as verdict,
 )
