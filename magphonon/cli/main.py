@@ -63,8 +63,11 @@ def _status(options):
     except MemoryError as error:
         return _refusal(f'{_inputs(options)} needs more memory than is available ({error or "the system gave no more"}); '
                         'make it smaller')
-    except (ValueError, OSError) as error:
+    except ValueError as error:
         return _refusal(error)
+    except OSError as error:
+        told = error.filename is None or error.errno is None  # by the package itself, with more words
+        return _refusal(error if told else f'{error.filename} cannot be opened ({error.strerror})')
     except Terminated as ended:
         _tell(ended.words)
         return ended.status

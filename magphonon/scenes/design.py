@@ -132,7 +132,7 @@ class DesignPlan(Table):
             needed, _ = foundation_needed(build(present))
             if needed > k:
                 raise ValueError(f'design.cut_off_Hz = {self.cut_off_Hz:g} gives a foundation of {_si(k)}, but at the spacing of '
-                                 f'{present / u.m:g} m the static forces ask for {_si(needed)}; raise the cut-off to '
+                                 f'{present / u.m:g} m the lattice needs {_si(needed)}; raise the cut-off to '
                                  f'{self._cut_off(scene, needed):.6g} Hz or more, or the spacing')
             return k, [Design(present, self.cut_off_Hz * HERTZ, 0.0, needed)]
         low, high = (limit * u.m for limit in self.spacings_m)
@@ -142,7 +142,7 @@ class DesignPlan(Table):
             if not error.stable:
                 needed = min(foundation_needed(build(spacing))[0] for spacing in (low, high))
                 raise ValueError(f'design.spacings_m: the lattice buckles at every spacing from {low / u.m:g} to {high / u.m:g} '
-                                 f'm on a foundation of {_si(k)}; the static forces ask for at least {_si(needed)}, a cut-off of '
+                                 f'm on a foundation of {_si(k)}; it needs at least {_si(needed)}, a cut-off of '
                                  f'{self._cut_off(scene, needed):.6g} Hz') from None
             stable = ' and '.join(f'from {a / u.m:.6g} to {b / u.m:.6g} m' for a, b in error.stable)
             least, most = (value / HERTZ for value in error.reach)

@@ -107,7 +107,7 @@ def test_lattice_that_buckles_throughout_is_refused_with_what_would_hold_it():
     plan = scene(edge(50.0, (0.008, 0.01)), foundation={'stiffness_N_per_m': 1.0}, lattice={'kind': 'square'})
     with pytest.raises(ValueError, match=r'buckles at every spacing from 0.008 to 0.01 m on a foundation of 1 N/m') as caught:
         plan.design.solve(plan)
-    assert 'ask for at least 94.7581 N/m' in str(caught.value)  # 4 x 0.2368952/0.01
+    assert 'it needs at least 94.7581 N/m' in str(caught.value)  # 4 x 0.2368952/0.01
 
 
 @pytest.mark.parametrize(('cut_off', 'refused'), [(40.0, True), (60.0, False)])
