@@ -13,7 +13,8 @@ os.environ.setdefault('OMP_NUM_THREADS', '1')  # before numpy is loaded: threads
 from .report import counted, text_table, write_html, write_summary
 
 NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'claims', 'prototype_bands', 'two_roads', 'bursts', 'vibrometer', 'magnets',
-         'neighbours', 'stability', 'matter', 'uncertainty', 'nonlinearity', 'design', 'speed_accuracy', 'planning')
+         'neighbours', 'stability', 'matter', 'uncertainty', 'nonlinearity', 'design', 'sites', 'speed_accuracy',
+         'planning')
 SHORTENED = ('speed_accuracy',)
 """Those that are shorter with --quick, and when all are run."""
 

@@ -1,0 +1,277 @@
+"""Every site its own: local modes of defects and ends, a magnet missing, disorder, and what pressure does to moduli."""
+
+import numpy as np
+from ase.constraints import FixAtoms, FixedLine
+
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, modes, relaxed, units
+from magphonon.bands import band_gaps, bloch_modes, gruneisen_parameters
+from magphonon.design import Scatter, mode_scatter
+from magphonon.plotting import new_axes, plot_shape
+from magphonon.plotting.axes import legend_above
+from magphonon.response import density_of_states, extents, local_modes, spectral_function
+from magphonon.scenes.scene import reference
+from magphonon.stiffness import LinearSystem, elastic_moduli
+
+from .checks import Check, Outcome, Reported, pairs, save_picture
+
+LIGHT = (0.3, 0.6)                     # masses of the light particle, over those of the others
+STRONG, WEAK = InversePower(b=1.0, a=6.0), InversePower(b=1.0, a=3.0)  # of equal force at L = 1, of stiffness 6 and 3
+CELLS = 10                             # of the honeycomb patch, along each vector
+SCATTER, SUPERCELLS, SMALL, PATCHES, LARGE = 0.01, 200, 8, 3, 24
+M = np.array([[0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0]])
+SHEAR = 54.0, 62.0                     # Hz, where the shear wave at M lies, alone
+SITES, SAMPLES = Scatter(mass=0.01, strength=0.01, stiffness=0.02), 1000
+CHAIN = 6000                           # particles of the disordered chain
+LOW = (0.3, 0.6, 1.2)                  # its frequencies, over sqrt(k/m), where waves are long
+
+
+def main(out):
+    """Each known result, with what fails it."""
+    known = reference()
+    honeycomb, local = missing_magnet(out, known['sites'])
+    spread, widths = scattered_magnets(out, known['prototype'])
+    checks = [*light_mass(), *dimerised_chain(), *honeycomb, *pressed_lattice(), *all_neighbours(), *spread,
+              *each_magnet(known['prototype']), *disordered_chain()]
+    return Outcome(checks, [local, widths])
+
+
+def along_x(particles, **options):
+    """A chain of unit spacing, mass and stiffness that moves along itself, periodic unless its ends are held."""
+    walls = options.pop('walls', False)
+    chain = lattices.chain(1.0, 1.0).repeat((particles, 1, 1))
+    chain.set_tags(np.resize(options.pop('tags', [0]), particles))
+    chain.set_masses(options.pop('masses', np.ones(particles)))
+    held = [0, particles - 1] if walls else []
+    chain.pbc = (not walls, False, False)
+    chain.set_constraint([FixAtoms(held), FixedLine(np.setdiff1d(np.arange(particles), held), (1, 0, 0))][0 if walls else 1:])
+    chain.calc = MagneticRepulsion(chain, options.pop('law', InversePower(b=0.25, a=4.0)), **options)
+    return chain
+
+
+def light_mass():
+    """One light particle in a chain has a mode of its own above the band: omega/omega_max = 1/sqrt(mu (2 - mu))."""
+    rows = []
+    for mu in (*LIGHT, 1.0):
+        masses = np.ones(101)
+        masses[50] = mu
+        top = modes(along_x(101, masses=masses)).omega[-1] / 2  # omega_max = 2 sqrt(k/m)
+        if mu < 1:
+            rows.append(Check(f'chain with one mass of {mu:g}: its mode over the band edge', top, (mu * (2 - mu)) ** -0.5, 1e-9))
+    return [*rows, Check(f'control: the chain without it, against the mode of {mu:g}', top, (LIGHT[1] * (2 - LIGHT[1])) ** -0.5,
+                         0.02, control=True)]
+
+
+def dimerised_chain():
+    """Two kinds of magnets in pairs, A A B B: springs k1 and k2 by turns; strong bonds at the walls hold a mode at each end."""
+    laws, k1, k2 = {(0, 0): STRONG, (1, 1): STRONG, (0, 1): WEAK}, 6.0, 3.0
+    squares = bloch_modes(along_x(4, law=laws, tags=[0, 0, 1, 1]), [[0, 0, 0]])[0][0] ** 2  # the zone of k1, k2, folded once
+    edges = pairs('dimerised chain, gap edges and top, omega^2 m', squares[1:], (2 * k2, 2 * k1, 2 * (k1 + k2)), 1e-9)
+    gap = np.sqrt([2 * k2 * 1.01, 2 * k1 * 0.99])
+    ends, other = (local_modes(along_x(42, law=laws, tags=tags, walls=True), gap) for tags in ([0, 0, 1, 1], [0, 1, 1, 0]))
+    u = abs(ends.shapes[0, :, 0] + np.array([1, -1])[:, None] * ends.shapes[1, :, 0])
+    left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
+    return [*edges, *pairs('its modes at the ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5),
+            Check('decay of such a mode in a cell', left[3] / left[1], k2 / k1, 1e-4),
+            Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
+            Check('control: with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
+
+
+def missing_magnet(out, known):
+    """A honeycomb patch of two masses with one magnet missing: its local modes stand in the gap once the others have moved."""
+    law, _ = prototype(reference()['prototype'])
+    cell = lattices.honeycomb(10.0, 0.707)
+    cell.set_masses([0.707, 1.5 * 0.707])
+    k = known['foundation'] * units.N / units.m
+    cell.calc = MagneticRepulsion(cell, law, foundation=k)
+    gap = band_gaps(cell)[0]
+    patch = cell.repeat((CELLS, CELLS, 1))
+    del patch[CELLS * (CELLS + 1)]  # a light one
+    patch.calc = MagneticRepulsion(patch, law, foundation=k)
+    rest = relaxed(patch)
+    held = local_modes(rest.atoms, gap)
+    found, unmoved = units.hertz(held.omega), local_modes(LinearSystem.about(patch.calc, patch), gap)
+    ax = plot_shape(rest.atoms, held.shapes[2], title=f'{found[2]:.2f} Hz, in the gap of {gap[0] / 2 / np.pi * 1e3:.2f} to '
+                    f'{gap[1] / 2 / np.pi * 1e3:.2f} Hz')
+    picture = save_picture(ax.figure, out / 'missing_magnet.png', (
+        'A local mode beside a magnet that is missing.  The others have moved towards the hole by up to '
+        f'{rest.shift:.2g} mm; without that nothing vibrates in the gap.'))
+    return [*pairs('honeycomb, a magnet missing: local modes (Hz)', found, known['honeycomb_hole_Hz'], 1e-4),
+            Check('control: their number before the others move', len(unmoved.omega), 3, 0.5, control=True),
+            Reported('farthest that a magnet moves towards the hole (mm)', rest.shift, 10)], picture
+
+
+def pressed_lattice():
+    """Nearest neighbours on a triangular lattice: stress and moduli in closed form, and sound with the static stress in it."""
+    rows = []
+    for a in (4.0, 4.5824):
+        law = InversePower(b=1.0, a=a)
+        cell = lattices.triangular(1.0, 1.0)
+        cell.calc = MagneticRepulsion(cell, law)
+        found, area = elastic_moduli(cell), np.sqrt(3) / 2
+        slow, fast = found.speeds([0.6, 0.8]) ** 2
+        without = np.einsum('ijkl,j,l->ik', found.constants, [1, 0], [1, 0])[1, 1] * area
+        gamma = gruneisen_parameters(cell, [[0.5, 0, 0]])[1][0, 0]
+        what = f'triangular lattice, a = {a:g}, f = L = m = 1'
+        rows += [Check(f'{what}: pressure', found.pressure, np.sqrt(3), 1e-12),
+                 Check(f'{what}: c_T^2 from the moduli', slow, 3 / 8 * (a - 3), 1e-12),
+                 Check(f'{what}: c_L^2 from the moduli', fast, 3 / 8 * (3 * a - 1), 1e-12),
+                 Check(f'{what}: bulk modulus over the pressure', found.bulk / found.pressure, (a + 1) / 2, 1e-12),
+                 Check(f'{what}: Grueneisen parameter of M shear', gamma, (a + 1) / 4, 1e-9),
+                 Check(f'control: {what}: c_T^2 from the second derivatives of the energy alone', without, 3 / 8 * (a - 3), 0.5,
+                       control=True)]
+    return rows
+
+
+def all_neighbours():
+    """Dipoles, every one repelling every other: the ratio of the speeds of sound, from energies of strained lattices."""
+    def ratio(a):
+        cell = lattices.triangular(1.0, 1.0)
+        cell.calc = AllNeighbours(cell, InversePower(b=1.0, a=a))
+        slow, fast = elastic_moduli(cell).speeds([0.6, 0.8])
+        return fast / slow
+
+    return [Check('dipoles, all neighbours, c_L/c_T from the moduli', ratio(4.0), np.sqrt(11), 1e-8),
+            Check('control: a = 5, all neighbours', ratio(5.0), np.sqrt(11), 0.1, control=True)]
+
+
+def prototype(known):
+    """Law and foundation of the paper's prototype."""
+    return InversePower(b=known['b'] * units.N * units.m ** known['a'], a=known['a']), known['k_eq'] * units.N / units.m
+
+
+class Supercells:
+    """Many small supercells of the prototype, every magnet drawn by itself, at rest by Newton's method: the theory written out.
+
+    Attributes
+    ----------
+    squares : ndarray, shape (samples, modes)
+        Squared frequencies in rad^2/ms^2.
+    vectors : ndarray, shape (samples, particles, 2, modes)
+    """
+
+    def __init__(self, known, size, samples, scatter):
+        law, k = prototype(known)
+        rest = lattices.triangular(known['spacing'] * units.m, known['mass'] * units.kg).repeat((size, size, 1))
+        bonds, n, rng = MagneticRepulsion(rest, law).bonds, size**2, np.random.default_rng(1)
+        mass, strength, spring = (1 + std * rng.normal(size=(samples, n)) for std in scatter.std)
+        self.bonds, self.R, self.law = bonds, bonds.vectors[:, :2], law
+        self.pairs, self.springs = strength[:, bonds.i] * strength[:, bonds.j], k * spring
+        u = np.zeros((samples, n, 2))
+        for _ in range(4):
+            force, K = self.linearised(u)
+            u += np.linalg.solve(K, force.reshape(samples, -1, 1)).reshape(u.shape)
+        root = np.repeat(np.sqrt(mass * rest.get_masses()), 2, axis=1)
+        self.squares, vectors = np.linalg.eigh(self.linearised(u)[1] / (root[:, :, None] * root[:, None, :]))
+        self.vectors = vectors.reshape(samples, n, 2, -1)
+
+    def linearised(self, u):
+        """Forces, shape (samples, particles, 2), and stiffness of all supercells with the displacements u."""
+        i, j = self.bonds.i, self.bonds.j
+        R = self.R + u[:, j] - u[:, i]
+        r = np.linalg.norm(R, axis=2)
+        n, slope = R / r[..., None], self.pairs * self.law.dphi(r)
+        pull, force = slope[..., None] * n, -self.springs[..., None] * u
+        nn = n[..., :, None] * n[..., None, :]
+        K = (self.pairs * self.law.d2phi(r))[..., None, None] * nn + (slope / r)[..., None, None] * (np.eye(2) - nn)
+        D = np.zeros((*u.shape[:2], u.shape[1], 2, 2))
+        for b, (p, q) in enumerate(zip(i, j, strict=True)):
+            force[:, p] += pull[:, b]
+            force[:, q] -= pull[:, b]
+            for row, column, sign in ((p, p, 1), (q, q, 1), (p, q, -1), (q, p, -1)):
+                D[:, row, column] += sign * K[:, b]
+        every = np.arange(u.shape[1])
+        D[:, every, every] += self.springs[..., None, None] * np.eye(2)
+        return force, D.swapaxes(2, 3).reshape(len(u), 2 * u.shape[1], -1)
+
+
+def scattered_magnets(out, known):
+    """The prototype's magnets not all alike: how broad M shear becomes, by kernel polynomials and by exact supercells."""
+    law, k = prototype(known)
+    cell = lattices.triangular(known['spacing'] * units.m, known['mass'] * units.kg)
+    f, smooth, rng = np.linspace(*SHEAR, 401), 0.0, np.random.default_rng(0)
+    for _ in range(PATCHES):
+        patch = cell.repeat((LARGE, LARGE, 1))
+        patch.calc = MagneticRepulsion(patch, law, foundation=k, strengths=1 + SCATTER * rng.normal(size=len(patch)))
+        found = spectral_function(relaxed(patch).atoms, cell, M, 2 * np.pi * units.Hz * f, moments=2048)
+        smooth = smooth + found.density.mean(axis=0)
+    resolution = units.hertz(found.width.mean())
+    exact = Supercells(known, SMALL, SUPERCELLS, Scatter(strength=SCATTER))
+    frequencies, weight = shear_at_M(exact)
+    width = np.sqrt(width_of(f, smooth) ** 2 - resolution**2)
+    here = (frequencies > SHEAR[0]) & (frequencies < SHEAR[1])
+    theirs = width_of(frequencies[here], weight[here])
+    ax = new_axes()
+    ax.hist(frequencies[here], bins=np.linspace(*SHEAR, 81), weights=weight[here], density=True, alpha=0.4,
+            label=f'{SUPERCELLS} exact supercells of {SMALL**2}')
+    ax.plot(f, smooth / np.trapezoid(smooth, f), label=f'A(M, f) of {PATCHES} patches of {LARGE**2}')
+    ax.axvline(known['M_complete_Hz'][0], color='k', linestyle=':', label='all alike')
+    ax.set(xlabel='frequency (Hz)', ylabel='density (1/Hz)')
+    legend_above(ax, ncols=3)
+    what = f'prototype, strengths scatter by {100 * SCATTER:g} %: width of M shear (Hz)'
+    place = np.average(frequencies, weights=here * weight)
+    # either is known to some 5 % from so many magnets
+    return [Check(f'{what}, A(k, omega) beside exact supercells', width, theirs, 0.15, consistency=True),
+            Check('control: the resolution of A(k, omega) alone, beside the same', resolution, theirs, 0.3, control=True),
+            Reported('where it lies then (Hz), beside that of equal magnets', float(place), known['M_complete_Hz'][0])], \
+        save_picture(ax.figure, out / 'scattered_magnets.png', 'Scatter of 1 % in the strength of each magnet broadens M shear.')
+
+
+def shear_at_M(cells):
+    """Frequencies in Hz of all modes of all supercells, and their share of the three shear waves, in which rows move by turns."""
+    one, two = np.divmod(np.arange(SMALL**2), SMALL)  # repeat counts along the last vector fastest
+    share = 0.0
+    for q, angle in zip(M, (np.pi / 3, 0.0, -np.pi / 3), strict=True):  # rows along R2, R1, R1 - R2
+        wave = np.cos(2 * np.pi * (q[0] * one + q[1] * two)) / SMALL
+        share = share + np.einsum('p,x,spxm->sm', wave, [np.cos(angle), np.sin(angle)], cells.vectors) ** 2
+    return units.hertz(np.sqrt(cells.squares)).ravel(), share.ravel()
+
+
+def width_of(f, weight):
+    """Standard deviation of a distribution."""
+    mean = np.average(f, weights=weight)
+    return float(np.sqrt(np.average((f - mean) ** 2, weights=weight)))
+
+
+def each_magnet(known):
+    """First-order scatter of frequencies of a supercell with the mass, strength and pillar of each magnet, against samples."""
+    law, k = prototype(known)
+    supercell = lattices.triangular(known['spacing'] * units.m, known['mass'] * units.kg).repeat((4, 4, 1))
+    supercell.calc = MagneticRepulsion(supercell, law, foundation=k)
+    omega, std = mode_scatter(supercell, SITES)
+    without = mode_scatter(supercell, Scatter(SITES.mass, 0.0, SITES.stiffness))[1]
+    drawn = np.sqrt(Supercells(known, 4, SAMPLES, SITES).squares)
+    rows = []
+    for name, frequency in (('cut-off', known['gamma_Hz']), ('M shear', known['M_complete_Hz'][0])):
+        own = np.isclose(units.hertz(omega), frequency, rtol=1e-6)
+        here, there, less = (units.hertz(x) for x in (std[own][0], drawn[:, own].std(), without[own][0]))
+        what = f'each magnet by itself, 16 of them: scatter of the {name} (Hz)'
+        rows += [Check(f'{what}, first order beside {SAMPLES} supercells', here, there, 0.1, consistency=True),
+                 Reported(f'{what}: mean shift in these, beside it', units.hertz(drawn[:, own].mean() - omega[own][0]), there)]
+    return [*rows, Check('control: the last scatter, of masses and pillars alone', less, there, 0.1, control=True)]
+
+
+def disordered_chain():
+    """Masses at random between 0.2 and 1.8: modes counted by the transfer matrix, and how far they reach in long waves."""
+    masses = np.random.default_rng(0).uniform(0.2, 1.8, CHAIN)
+    chain = along_x(CHAIN, masses=masses)
+    omega = np.array([0.25, 0.5, 1.0, 1.5, 1.95])
+    ratio, below = np.full(len(omega), 2.0), np.zeros(len(omega))
+    for mass in masses:  # Sturm: every change of sign of the displacements is a mode below
+        ratio = 2 - mass * omega**2 - 1 / ratio
+        below += ratio < 0
+    found = density_of_states(chain, moments=512, vectors=8)
+    steps = found.density * np.gradient(found.omega) / found.modes
+    here = np.array([steps[found.omega <= w].sum() for w in omega])
+    alike = 2 / np.pi * np.arcsin(omega / 2)
+    return [*(Check(f'disordered chain, share of modes below {w:g} sqrt(k/m)', a, b, 0.05)
+              for w, a, b in zip(omega, here, below / CHAIN, strict=True)),
+            Check('control: the same of equal masses, below 1.95', alike[-1], below[-1] / CHAIN, 0.05, control=True),
+            # some 50 modes at each frequency, of lengths that scatter by 60 %
+            Check('power of the frequency in the localisation length of long waves', reach_power(chain), -2, 0.25),
+            Check('control: the same of equal masses', reach_power(along_x(CHAIN // 10)), -2, 0.25, control=True)]
+
+
+def reach_power(chain):
+    """Slope of the mean localisation length of modes over their frequency, on logarithmic axes."""
+    lengths = [extents(local_modes(chain, (w - 0.01 / w, w + 0.01 / w)), chain).length.mean() for w in LOW]
+    return np.polyfit(np.log(LOW), np.log(lengths), 1)[0]
