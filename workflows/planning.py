@@ -13,6 +13,7 @@ from tqdm import tqdm
 from magphonon import InversePower
 from magphonon.planning.plan import Method, Plan, Settings
 from magphonon.plotting.axes import COLOURS
+from magphonon.sweeps import sweep
 
 from .checks import Check, Outcome, save_picture
 from .situations import TOLERANCES, Peak, drawn, situations
@@ -125,6 +126,12 @@ def main(out, quick=True):
     return Outcome(checks, [draw(out, verdicts)])
 
 
+def errors_of_linear(amplitude):
+    """What a plan for the oscillator at 45 degrees says of both linear methods, with its doubt."""
+    methods = Peak(InversePower(1.0, 4.0), 45, amplitude).plan(1e-5).methods
+    return {name: method.error * (1 + method.doubt) for name, method in zip(('frozen', 'linear'), methods, strict=False)}
+
+
 MARKERS = {'Bands': 'o', 'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
 
 
@@ -146,8 +153,8 @@ def draw(out, verdicts):
     ax.legend(fontsize=8)
 
     amplitudes = np.logspace(-3, -0.8, 40)
-    plans = [Peak(InversePower(1.0, 4.0), 45, A).plan(1e-5).methods for A in amplitudes]
-    frozen, linear = ([plan[k].error * (1 + plan[k].doubt) for plan in plans] for k in (0, 1))
+    bounds = sweep(errors_of_linear, {'amplitude': amplitudes})
+    frozen, linear = bounds.frozen.to_numpy(), bounds.linear.to_numpy()
     for low, high, grey, place, name in ((frozen, 1, '0.97', (4e-3, 0.3), 'conventional linear'),
                                          (linear, frozen, '0.87', (4e-3, 3e-3), 'complete linear'),
                                          (1e-5, linear, '0.72', (7e-2, 5e-5), 'nonlinear')):

@@ -1,5 +1,7 @@
 """Where it holds and where it does not: maps of buckling, complete beside conventional, and the time step of integrators."""
 
+from functools import partial
+
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine
@@ -11,6 +13,7 @@ from magphonon.lattices.crystals import SYMBOL
 from magphonon.plotting.axes import COLOURS, UNSTABLE
 from magphonon.scenes.scene import reference
 from magphonon.stiffness.bond import MODELS, model_stiffness
+from magphonon.sweeps import sweep
 
 from .checks import Check, Outcome, save_picture
 
@@ -34,7 +37,7 @@ MOST_GROWTH = 3.0  # of a step, beyond which a run is not linear for long
 
 def main(out):
     """Borders against closed forms, in the zone and by runs; angles of the oscillator; growth per step of three integrators."""
-    needed = {model: {name: np.array([foundation_needed(cell(name, a), model, steps=12)[0] for a in EXPONENTS]) for name in KINDS}
+    needed = {model: {name: sweep(partial(needed_by, name, model), {'a': EXPONENTS}).value.to_numpy() for name in KINDS}
               for model in MODELS}
     fates = {(name, model): runs(name, model) for name in KINDS for model in MODELS}
     checks = []
@@ -61,6 +64,11 @@ def cell(name, a, foundation=0.0, model='complete', repeat=(1, 1, 1)):
     atoms = getattr(lattices, name)(1.0, 1.0).repeat(repeat)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=foundation, model=model)
     return atoms
+
+
+def needed_by(name, model, a):
+    """Foundation that a lattice needs, f/L0."""
+    return foundation_needed(cell(name, a), model, steps=12)[0]
 
 
 def runs(name, model):

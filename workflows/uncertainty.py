@@ -1,5 +1,7 @@
 """Tolerances: ribbons on the prototype's bands and on the oscillator's response, against 10 000 lattices drawn at random."""
 
+from functools import partial
+
 import numpy as np
 
 from magphonon import Bands, read_scene, ready_scene, units
@@ -8,6 +10,7 @@ from magphonon.design.uncertainty import Tolerances, frequency_spread, response_
 from magphonon.plotting.axes import COLOURS, new_axes
 from magphonon.plotting.uncertainty import plot_band_ribbons, plot_contributions, plot_response_ribbon
 from magphonon.scenes.tolerances import Uncertainty
+from magphonon.sweeps import sweep
 
 from .checks import Check, Outcome, save_picture
 
@@ -96,14 +99,17 @@ def draw_bands(out):
                          'a and b are correlated and count as one.')]
 
 
+def error_of_linear(scene, sigma):
+    """Relative error of the linear deviations, of all POINTS but the cut-off, where the spacing has the deviation `sigma`."""
+    tolerances = Uncertainty(spacing_percent=100 * sigma).tolerances(scene)
+    return abs(closed_form(scene, tolerances).std(axis=0)[1:] / at_points(scene, tolerances).std[1:] - 1)
+
+
 def draw_limit(out, scene):
     """Where linear propagation ends: its error against the tolerance of the spacing."""
     ax = new_axes()
-    apart = []
-    for sigma in WIDE:
-        tolerances = Uncertainty(spacing_percent=100 * sigma).tolerances(scene)
-        apart.append(abs(closed_form(scene, tolerances).std(axis=0)[1:] / at_points(scene, tolerances).std[1:] - 1))
-    for name, row, marker, colour in zip(list(POINTS)[1:], np.transpose(apart), 'os^', COLOURS, strict=False):
+    apart = sweep(partial(error_of_linear, scene), {'sigma': WIDE}).value.to_numpy()
+    for name, row, marker, colour in zip(list(POINTS)[1:], apart.T, 'os^', COLOURS, strict=False):
         ax.loglog(100 * WIDE, row, marker, color=colour, fillstyle='none', label=name)
     ax.loglog(100 * WIDE, 0.75 * (2.8 * WIDE) ** 2, '--', color='0.5', label=r'$\propto \sigma^2$')
     ax.axhline(1 / np.sqrt(2 * SAMPLES), color='0.5', linestyle=':', label=f'chance, {SAMPLES} lattices')

@@ -16,6 +16,11 @@ HELP = 'tone bursts through the patch of a scene, in both models, compared with 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst], as in "magphonon scene ideal"')
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    parser.add_argument('--engine', choices=('own', 'lammps'), default='own',
+                        help='what takes the time steps of the complete model; LAMMPS on one or more MPI ranks')
+    parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
+    parser.add_argument('--files', metavar='DIR', help="keep LAMMPS's files there, a folder with submit.sh for each burst; what "
+                                                       'has been run there, here or on a cluster, is read')
     parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
 
 
@@ -28,13 +33,14 @@ def run(options: Namespace) -> None:
     from .costs import refuse_costly
     from .results import results
 
+    engine = _engine(options)
     scene = read_scene(options.scene)
     refuse_costly(scene, 'burst')
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
     with results(options, scene) as folder:
         records, largest = {}, {}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
-            passages = {model: _send(scene, k, cell, model) for model in MODELS}
+            passages = {model: _send(scene, k, cell, model, engine(name, model)) for model in MODELS}
             found = {model: waves(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
             _save(folder, name, passages, found)
             _draw(folder, name, passages, found)
@@ -53,7 +59,27 @@ def run(options: Namespace) -> None:
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
 
 
-def _send(scene, k, cell, model):
+def _engine(options):
+    """What takes the time steps of a burst in a model: a function from both to keywords of `send`."""
+    from pathlib import Path
+
+    from ..errors import whole
+
+    if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
+        raise ValueError('--ranks and --files are those of LAMMPS; add --engine lammps')
+    ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
+    if options.files is not None:
+        Path(options.files).mkdir(exist_ok=True)
+
+    def of(name, model):
+        if options.engine != 'lammps' or model != 'complete':  # LAMMPS knows no other model
+            return {}
+        return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name)}
+
+    return of
+
+
+def _send(scene, k, cell, model, engine):
     """Patch, site and passage of burst number k in one model; the row is measured by the vibrometer of the scene, if any."""
     from dataclasses import replace
 
@@ -61,7 +87,7 @@ def _send(scene, k, cell, model):
 
     patch = scene.patch_atoms(model)
     try:
-        site, passage = scene.burst.send(k, cell, patch)
+        site, passage = scene.burst.send(k, cell, patch, **engine)
     except Diverged as error:
         what = f'burst {scene.burst.names[k]}, {model} simulation'
         if unstable := _unstable(cell):

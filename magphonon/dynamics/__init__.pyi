@@ -19,6 +19,10 @@ from .lammps import (
     read_lammps_displacements as read_lammps_displacements,
     write_lammps_input as write_lammps_input,
 )
+from .lammps_runs import (
+    LammpsRecord as LammpsRecord,
+    run_lammps as run_lammps,
+)
 from .recorder import (
     Recorder as Recorder,
 )

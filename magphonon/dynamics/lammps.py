@@ -45,6 +45,8 @@ atom_modify map array
 read_data particles.data
 group free type 1:{free_types}
 group fixed subtract all free
+{motion}"""
+MOTION = """\
 
 pair_style table {interpolation} {points}
 {pairs}
@@ -58,17 +60,31 @@ timestep {timestep:.17g}
 thermo_style custom step
 uncompute thermo_press
 uncompute thermo_pe
-{output}run {steps}
 """
 OUTPUT = """\
-dump trajectory all custom {interval} trajectory.dump id x y
-dump_modify trajectory sort id format float %.17g
+dump {name} {group} custom {interval} {name}.dump id x y
+dump_modify {name} sort id format float %.17g
 """
+CONTINUED = """\
+# from where the run of in.lammps had come: lmp -in in.restart -var state restart.a
+read_restart ${{state}}
+{motion}"""
+CAUGHT_UP = """\
+# damping acts on the velocity of the half step before, which a restart file does not hold: velocities that make up for it
+run 0 post no
+variable vx atom "(vx-{h:.17g}*(vx-{k:.17g}*fx/mass)/{rest:.17g})/{rest:.17g}"
+variable vy atom "(vy-{h:.17g}*(vy-{k:.17g}*fy/mass)/{rest:.17g})/{rest:.17g}"
+velocity free set v_vx v_vy NULL
+"""
+AT_END = 'print "complete" file complete\n'
+RESTARTS = 'restart.a', 'restart.b'
+"""Written by turns, so that one is whole whenever LAMMPS is killed."""
 
 
 def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
                        drives: Sequence[ToneBurst] = (), damping: float = 0.0, interval: int | None = None,
-                       interpolation: str = 'spline', points: int = 10_000) -> None:
+                       interpolation: str = 'spline', points: int = 10_000,
+                       records: Sequence[tuple[Any, int]] = (), restart: int | None = None) -> None:
     """Write in.lammps, particles.data and law.table: the patch from rest, as `DrivenVerlet` integrates it.
 
     LAMMPS damps by `-c v` with the velocity of the half step before.  That is the exact decay by e^(-gamma dt) a step
@@ -93,6 +109,10 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
         Between the points of the table, which are equidistant in r^2.  A spline of 10 000 points is exact to
         round-off; 'linear' is faster.
     points : int
+    records : sequence of (particles, interval)
+        Which particles (None for all) are written to record0.dump, record1.dump, ... and how many steps lie between two frames.
+    restart : int, optional
+        Steps between two restart files; with them in.restart is written, which goes on from one.
 
     Raises
     ------
@@ -127,26 +147,51 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     free_types = int((kinds[:, 0] == 0).sum())
     cutoff = calc.bonds.cutoff
 
-    fixes = _springs(calc.foundation, np.flatnonzero(~fixed), MOST_GROUPS - 3 - len(drives))
+    recorded = sum(particles is not None for particles, _ in records)
+    fixes = _springs(calc.foundation, np.flatnonzero(~fixed), MOST_GROUPS - 3 - len(drives) - recorded)
+    viscous = caught_up = ''
     if damping:
         scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(kinds[:free_types, 1]))
-        fixes.append(f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}')
+        viscous = f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}\n'
+        half = (1 - decay) / 2
+        caught_up = CAUGHT_UP.format(h=half, k=timestep / 2, rest=1 - half)
     Drives(drives, len(atoms))  # refuses particles that are not there; LAMMPS would leave them out
     for n, drive in enumerate(drives):
         fixes += _burst(n, drive)
 
-    directory = Path(directory)
+    output = _output(len(atoms), interval, records)
+    if restart is not None:
+        output += f'restart {whole("restart", restart)} {" ".join(RESTARTS)}\n'
     pairs, tables = _pairs(calc, kind, cutoff)
+    motion = MOTION.format(interpolation=interpolation, points=points, pairs='\n'.join(pairs), fixes='\n'.join(fixes),
+                           timestep=timestep, skin=0.02 * cutoff)  # pyright: ignore[reportOptionalOperand]  `_scene` refuses None
+    run = f'run {steps} upto\n' + (AT_END if records else '')
+    directory = Path(directory)
     with whole_file(directory / 'law.table') as file:
         for name, law in tables.items():
             _write_table(file, name, law, CLOSEST * calc.bonds.lengths.min(), cutoff, points)
     with whole_file(directory / 'particles.data') as file:
         _write_particles(file, atoms.positions, kind + 1, kinds[:, 1], margin=cutoff)
     with whole_file(directory / 'in.lammps') as file:
-        output = OUTPUT.format(interval=whole('interval', interval)) if interval is not None else ''
-        file.write(INPUT.format(particles=len(atoms), free_types=free_types, interpolation=interpolation, points=points,
-                                pairs='\n'.join(pairs), fixes='\n'.join(fixes), timestep=timestep, output=output, steps=steps,
-                                skin=0.02 * cutoff))  # pyright: ignore[reportOptionalOperand]  `_scene` refuses None
+        file.write(INPUT.format(particles=len(atoms), free_types=free_types, motion=motion + viscous + output + run))
+    if restart is not None:
+        with whole_file(directory / 'in.restart') as file:
+            continued = output.replace('sort id', 'append yes sort id')
+            file.write(CONTINUED.format(motion=motion + caught_up + viscous + continued + run))
+
+
+def _output(count, interval, records):
+    """Commands that write trajectories."""
+    lines = [] if interval is None else [OUTPUT.format(name='trajectory', group='all', interval=whole('interval', interval))]
+    for n, (particles, every) in enumerate(records):
+        group = 'all' if particles is None else f'recorded{n}'
+        if particles is not None:
+            particles = np.atleast_1d(particles)
+            if particles.min(initial=0) < 0 or particles.max(initial=0) >= count:
+                raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
+            lines.append(f'group {group} id {" ".join(map(str, particles + 1))}\n')
+        lines.append(OUTPUT.format(name=f'record{n}', group=group, interval=whole('interval', every)))
+    return ''.join(lines)
 
 
 def _scene(atoms):

@@ -34,6 +34,7 @@ from .fields import (
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Any
 
     from ase import Atoms
     from numpy.typing import NDArray
@@ -155,8 +156,11 @@ class BurstPlan(Table):
         drive = site.burst((np.cos(angle), np.sin(angle)), self.force_N * u.N, omega, self.cycles)
         return Burst(drive, 2 * self.damping_ratio * omega, self.duration_s * u.s)
 
-    def send(self, k: int, cell: Atoms, patch: Atoms) -> tuple[Site, Passage]:
-        """Send burst number k through a patch; returns its Site and Passage."""
+    def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[Site, Passage]:
+        """Send burst number k through a patch; returns its Site and Passage.
+
+        `engine`, `ranks` and `directory` are those of `magphonon.waves.tone_burst.send`.
+        """
         from ..waves.spectrum import FEWEST
         from ..waves.tone_burst import send
         from ..waves.wave_source import site
@@ -166,7 +170,7 @@ class BurstPlan(Table):
             raise ValueError(f'the row along R2 has {len(where.row)} particles inside the rim, and a map of waves needs at least '
                              f'{FEWEST}; enlarge [patch]')
         burst = self.burst(k, where)
-        return where, send(patch, where, burst.drive, burst.damping, burst.duration)
+        return where, send(patch, where, burst.drive, burst.damping, burst.duration, **engine)
 
 
 class VibrometerPlan(Table):

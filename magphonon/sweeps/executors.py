@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from typing import Any
 
-MOST_IN_FLIGHT = 512
-"""Batches that are sent ahead to an executor that does not tell how many workers it has."""
+IN_FLIGHT = 64
+"""Batches that are sent ahead to an executor that does not tell how many workers it has, and at least to a Dask cluster, which
+starts more workers when it sees work waiting."""
 
 
 class Here(Executor):
@@ -79,7 +80,7 @@ def dask_workers(scheduler: str | None = None, workers: int | None = None) -> It
     """
     from dask.distributed import Client
 
-    own = {'n_workers': workers or usable_cores(), 'threads_per_worker': 1, 'dashboard_address': ''}
+    own = {'n_workers': workers or usable_cores(), 'threads_per_worker': 1, 'dashboard_address': ':0'}
     try:
         client = Client(scheduler) if scheduler else Client(**own)
     except (OSError, ValueError) as error:
@@ -107,11 +108,13 @@ def mpi_ranks() -> Iterator[Executor | None]:
 
 
 def in_flight(executor: Executor) -> int:
-    """How many batches keep all workers of an executor busy: two for each, as far as it tells how many there are."""
+    """How many batches keep all workers of an executor busy: two or more for each, as far as it tells how many there are."""
     if isinstance(executor, Here):
         return 1
+    if (client := getattr(executor, '_client', None)) is not None:  # of Dask
+        return max(IN_FLIGHT, 4 * sum(client.nthreads().values()))
     workers = getattr(executor, '_max_workers', None)  # of concurrent.futures and mpi4py
-    return 2 * workers if isinstance(workers, int) and workers > 0 else MOST_IN_FLIGHT
+    return 2 * workers if isinstance(workers, int) and workers > 0 else IN_FLIGHT
 
 
 def usable_cores() -> int:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
+from ..dynamics.lammps_runs import run_lammps
 from ..dynamics.recorder import Recorder
 from ..dynamics.timestep import highest_frequency
 from ..dynamics.verlet import DrivenVerlet
@@ -16,6 +17,8 @@ from ..stiffness.repulsion import repulsion_of
 from .vibrometer import Displacements
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from ase import Atoms
 
     from ..dynamics.drives import ToneBurst
@@ -52,7 +55,8 @@ class Passage:
     largest: float
 
 
-def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto') -> Passage:
+def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto', ranks: int = 1,
+         directory: str | PathLike[str] | None = None) -> Passage:
     """Send a burst through a copy of a patch at rest and record it.
 
     Parameters
@@ -67,7 +71,11 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     duration : float
         Of the record in ms, from the start of the burst.
     engine : str
-        As for DrivenVerlet.
+        As for DrivenVerlet, or 'lammps'.
+    ranks : int
+        MPI ranks of LAMMPS.
+    directory : path-like, optional
+        Folder that keeps the files of LAMMPS, see `run_lammps`.
 
     Returns
     -------
@@ -107,10 +115,14 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
     steps = int(duration / dt)
-    dyn = DrivenVerlet(patch, dt, [drive], damping, engine)
-    row, source = (Recorder(dyn, particles, interval) for particles in (site.row, site.driven))
-    field = Recorder(dyn, interval=max(1, steps // SNAPSHOTS))
-    dyn.run(steps)
+    wanted = [(site.row, interval), (site.driven, interval), (None, max(1, steps // SNAPSHOTS))]
+    if engine == 'lammps':
+        row, source, field = run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks,
+                                        directory=directory)
+    else:
+        dyn = DrivenVerlet(patch, dt, [drive], damping, engine)
+        row, source, field = (Recorder(dyn, particles, every) for particles, every in wanted)
+        dyn.run(steps)
     largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))
     on_row, everywhere = (Displacements(record.times, record.particles, record.displacements) for record in (row, field))
     return Passage(on_row, everywhere, float(largest))

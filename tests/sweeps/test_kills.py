@@ -121,7 +121,7 @@ def test_workers_end_with_a_killed_master(tmp_path):
 def test_dask_with_a_killed_worker(tmp_path):
     distributed = pytest.importorskip('distributed')
     over = {'x': np.linspace(0.1, 0.4, 6), 'y': [0.0, 1.0]}
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address='', silence_logs=50) as cluster, \
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=':0', silence_logs=50) as cluster, \
             distributed.Client(cluster) as client:
         client.run(sys.path.insert, 0, str(TESTS))
         executor = client.get_executor(pure=False)
