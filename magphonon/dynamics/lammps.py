@@ -164,7 +164,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
         output += f'restart {whole("restart", restart)} {" ".join(RESTARTS)}\n'
     pairs, tables = _pairs(calc, kind, cutoff)
     motion = MOTION.format(interpolation=interpolation, points=points, pairs='\n'.join(pairs), fixes='\n'.join(fixes),
-                           timestep=timestep, skin=0.02 * cutoff)  # pyright: ignore[reportOptionalOperand]  `_scene` refuses None
+                           timestep=timestep, skin=0.02 * cutoff)  # pyright: ignore[reportOperatorIssue]  `_scene` refuses None
     run = f'run {steps} upto\n' + (AT_END if records else '')
     directory = Path(directory)
     with whole_file(directory / 'law.table') as file:

@@ -127,6 +127,7 @@ def test_what_lammps_refuses_and_foreign_folders(tmp_path):
         run_lammps(atoms, DT, STEPS, records=[([len(atoms)], 1)])
 
 
+@pytest.mark.slow
 def test_burst_in_the_shell(tmp_path, capsys):
     text = ready_scene('prototype').read_text()
     for old, new in (('carriers_Hz = [30, 40, 50, 60]', 'carriers_Hz = [50]'), ('= [90, 90, 90, 90]', '= [90]'),
