@@ -9,6 +9,7 @@ from ase.calculators.calculator import all_changes
 from ase.geometry import find_mic
 
 from ..errors import one_of
+from ..interactions.bond_laws import law_along
 from ..interactions.pair_laws import GaussianMixture
 from ..lattices.bonds import bonds_within, image_of
 from .bond import MODELS
@@ -17,7 +18,7 @@ from .matrices import bloch_matrix, bloch_series
 from .positions import from_reference, refuse_motion_out_of_the_plane
 from .restartable import Restartable
 from .scale import warn_of_units
-from .sites import displacement_components, range_of, site_springs
+from .sites import displacement_components, of_sites, range_of, site_springs, site_strengths
 
 if TYPE_CHECKING:
     from typing import Any
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
+    from ..interactions.pair_laws import PairLaw
     from .sites import Foundation
 
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
@@ -47,6 +49,8 @@ class AllNeighbours(Restartable):
     foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
         Stiffness of the spring between each particle and its rest position, N/mm; with three components particles of a plane
         move out of it too.
+    strengths : array_like, shape (particles,), optional
+        Strength s of each particle, by default 1: two of them repel by `s_i s_j phi(r)`.
     split : float
         Where the sums are divided between lattice and reciprocal lattice; the results do not depend on it.
 
@@ -72,14 +76,14 @@ class AllNeighbours(Restartable):
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'forces']
-    saved: ClassVar[tuple[str, ...]] = ('foundation', 'split')
+    saved: ClassVar[tuple[str, ...]] = ('foundation', 'strengths', 'split')
     pairwise = False
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
     model = linear_model = 'complete'
 
     def __init__(self, reference: Atoms, potential: GaussianMixture, *, foundation: Foundation | ArrayLike = 0.0,
-                 split: float = 1.0) -> None:
+                 strengths: ArrayLike | None = None, split: float = 1.0) -> None:
         if not isinstance(potential, GaussianMixture):
             raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
                              f'not for {type(potential).__name__}; choose a number of shells')
@@ -92,6 +96,7 @@ class AllNeighbours(Restartable):
         self.reference = reference.copy()
         self.reference.calc = None
         self._potential = potential
+        self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
         self.dim = displacement_components(reference, foundation)
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
         if self.dim == 2 and z.any():
@@ -100,6 +105,7 @@ class AllNeighbours(Restartable):
         self.parameters.foundation = site_springs(foundation, len(reference), self.dim, self.layer)
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
+        self._law = law_along(potential, self.bonds.i, self.bonds.j, np.zeros(len(reference), int), self.strengths)
         warn_of_units(self)
 
     @property
@@ -108,9 +114,14 @@ class AllNeighbours(Restartable):
         return self._potential
 
     @property
-    def law(self) -> GaussianMixture:
-        """The law of each of the nearest pairs: all have the same."""
-        return self._potential
+    def law(self) -> PairLaw:
+        """The law of each of the nearest pairs."""
+        return self._law
+
+    @property
+    def strengths(self) -> NDArray[np.float64]:
+        """Strength of each particle, shape (particles,); read-only."""
+        return self._strengths
 
     @property
     def foundation(self) -> Foundation:
@@ -138,14 +149,16 @@ class AllNeighbours(Restartable):
 
     def on(self, supercell: Atoms) -> AllNeighbours:
         """The same calculator on a supercell of its reference."""
-        foundation = self.foundation
-        if isinstance(foundation, np.ndarray):
-            foundation = foundation[image_of(self.reference, supercell)]
-        return AllNeighbours(supercell, self.potential, foundation=foundation, split=self.split)
+        foundation, strengths = self.foundation, np.full(len(supercell), self.strengths[0])
+        if np.ndim(foundation) or np.ptp(self.strengths):
+            image = image_of(self.reference, supercell)
+            foundation, strengths = of_sites(foundation, image), self.strengths[image]
+        return AllNeighbours(supercell, self.potential, foundation=foundation, strengths=strengths, split=self.split)
 
     def in_plane(self) -> AllNeighbours:
         """The same calculator of a layer without motion out of its plane."""
-        return AllNeighbours(self.reference, self.potential, foundation=np.asarray(self.foundation)[:, :2], split=self.sums.split)
+        foundation = np.asarray(self.foundation)[:, :2]
+        return AllNeighbours(self.reference, self.potential, foundation=foundation, strengths=self.strengths, split=self.split)
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image.
@@ -167,12 +180,14 @@ class AllNeighbours(Restartable):
         flat.positions[:, self.dim :] = self.reference.positions[:, self.dim :]  # nothing acts along z, whatever the split
         bonds = bonds_within(flat, self.sums.radius)
         x = bonds.vectors[:, : self.dim]
-        phi, slope = self.sums.near_energy(bonds.lengths)
+        s = self.strengths
+        phi, slope = s[bonds.i] * s[bonds.j] * self.sums.near_energy(bonds.lengths)
         pull = slope[:, None] * x  # grad phi, the force on i, and its opposite on j
         i, j = np.triu_indices(n)
         far, gradient = self.sums.far_energy((self.atoms.positions[j] - self.atoms.positions[i])[:, : self.dim])
+        far, gradient = s[i] * s[j] * far, (s[i] * s[j])[:, None] * gradient
         energy = (phi.sum() + far @ np.where(i == j, 0.5, 1.0)
-                  - n / 2 * self.sums.wide_at_zero() + (k * u**2).sum() / 2)
+                  - (s**2).sum() / 2 * self.sums.wide_at_zero() + (k * u**2).sum() / 2)
         forces = np.zeros((n, 3))
         forces[:, : self.dim] -= k * u
         for ends, pulls in (((bonds.i, bonds.j), pull), ((i, j), gradient)):
@@ -185,6 +200,15 @@ class AllNeighbours(Restartable):
         r = self.reference.positions[:, : self.dim]
         return (r - r[:, None]).reshape(-1, self.dim)
 
+    def _near(self, part):
+        """Stiffness of the nearest pairs, shape (bonds, dim, dim)."""
+        strength = self.strengths[self.bonds.i] * self.strengths[self.bonds.j]
+        return strength[:, None, None] * self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
+
+    def _weighted(self, T):
+        """Far stiffness of the particles i and j with their strengths, shape (..., particles * particles, dim, dim)."""
+        return np.outer(self.strengths, self.strengths).reshape(-1, 1, 1) * T
+
     def _assembled(self, T, onsite):
         """Matrix with the blocks -T between i and j, and `onsite` on i."""
         n = len(self.reference)
@@ -194,7 +218,7 @@ class AllNeighbours(Restartable):
 
     def _far_onsite(self, part):
         at_zero = self.sums.far_stiffness(self.sums.waves(np.zeros((1, self.sums.d))), self._offsets(), part)
-        return at_zero.reshape(len(self.reference), -1, self.dim, self.dim).sum(axis=1)
+        return self._weighted(at_zero).reshape(len(self.reference), -1, self.dim, self.dim).sum(axis=1)
 
     def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Bloch matrix with the foundation, as `stiffness.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
@@ -202,21 +226,20 @@ class AllNeighbours(Restartable):
         At k = 0 itself the lattice moves with its background.
         """
         part = PART[one_of('model', model, MODELS)]
-        K = self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
-        D = bloch_matrix(self.bonds, K, q, self.foundation)
+        D = bloch_matrix(self.bonds, self._near(part), q, self.foundation)
         onsite, offsets = self._far_onsite(part), self._offsets()
         for few in np.array_split(np.arange(len(q)), -(-len(q) // 32)):
             T = self.sums.far_stiffness(self.sums.waves(q[few][:, self.reference.pbc]), offsets, part)
-            D[few] += self._assembled(T, onsite)
+            D[few] += self._assembled(self._weighted(T), onsite)
         return D
 
     def bloch_series(self, along: NDArray[np.float64],
                      model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """Bloch matrix to second order in k `along`, as `stiffness.bloch_series`, without what `singular` tells."""
         part, x = PART[one_of('model', model, MODELS)], self.bonds.vectors[:, : self.dim]
-        near = bloch_series(self.bonds, self.sums.near_stiffness(x, part), x @ along)
+        near = bloch_series(self.bonds, self._near(part), x @ along)
         onsite = self._far_onsite(part)
-        far = self.sums.far_series(along, self._offsets(), part)
+        far = self._weighted(self.sums.far_series(along, self._offsets(), part))
         return tuple(near[k] + self._assembled(far[k], onsite * (k == 0))[0] for k in range(3))
 
     def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
@@ -235,10 +258,10 @@ class AllNeighbours(Restartable):
         ndarray, shape (particles, dim, dim)
             In N/mm.
         """
-        K = self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
+        K = self._near(part)
         total = np.zeros((len(self.reference), self.dim, self.dim))
         np.add.at(total, self.bonds.i, K)
         np.add.at(total, self.bonds.j, K)
         far = self._far_onsite(part).real
         # the far sum of a particle with its own images includes itself
-        return total + far - self.sums.wide_at_zero(part) * np.eye(self.dim)
+        return total + far - (self.strengths**2)[:, None, None] * self.sums.wide_at_zero(part) * np.eye(self.dim)

@@ -24,6 +24,7 @@ from magphonon import (
 from magphonon.bands import band_path
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions import BondLaws
+from magphonon.stiffness import bloch_series
 
 LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a=2.0), (1, 1): Yukawa(c=20.0, kappa=0.3)}
 """About 0.2 N at 10 mm each, and of different slope."""
@@ -211,3 +212,35 @@ def test_refusals_of_what_is_no_site(given, words):
     cell.set_tags([0, 1])
     with pytest.raises(ValueError, match=words):
         MagneticRepulsion(cell, **{'potential': LAWS, **given})
+
+
+@pytest.mark.parametrize('name', ['honeycomb', 'kagome', 'chain'])
+def test_strengths_in_sums_over_all_neighbours(name):
+    """Of a law so steep that far shells are nothing, against many shells."""
+    law, rng = InversePower(b=2e13, a=13.0), np.random.default_rng(3)
+    cell = lattice(name).repeat((2, 1, 1))
+    n = len(cell)
+    cell.positions[:, :2] += rng.uniform(-0.3, 0.3, (n, 2))
+    strengths, q = rng.uniform(0.7, 1.3, n), np.array([[0.0, 0, 0], [0.2, 0.1, 0], [0.5, 0.3, 0]]) * cell.pbc
+    everything = AllNeighbours(cell, law, foundation=0.3, strengths=strengths)
+    many = MagneticRepulsion(cell, law, foundation=0.3, strengths=strengths, cutoff=61.0)
+    alike = AllNeighbours(cell, law, foundation=0.3)
+    there = cell.copy()
+    there.positions[:, :2] += rng.uniform(-0.2, 0.2, (n, 2))
+    along = np.array([1.0, 0.0])
+
+    def series(calc):  # with the phases of the particles, not of their cells
+        return calc.bloch_series(along)[2] if calc is not many else bloch_series(many.bonds, many.rest_stiffness(),
+                                                                                 many.bond_vectors @ along)[2]
+
+    for ask in (lambda calc: calc.bloch_matrix(q), lambda calc: calc.bloch_matrix(q, 'conventional'),
+                lambda calc: calc.get_forces(there), series):
+        expected = ask(many)
+        assert apart(ask(everything), expected) < 1e-6  # the shells beyond, which fall by r^-13
+        assert apart(ask(alike), expected) > 1e-2
+    energy = everything.get_potential_energy(there) - everything.get_potential_energy(cell)
+    assert energy == pytest.approx(many.get_potential_energy(there) - many.get_potential_energy(cell), rel=1e-7)
+    order = rng.permutation(2 * n)
+    double = cell.repeat((2, 1, 1))[order]
+    assert np.allclose(everything.on(double).strengths, np.tile(strengths, 2)[order])
+    assert np.allclose(everything.onsite(), everything.onsite('D0') + everything.onsite('Dstar'))
