@@ -89,16 +89,22 @@ def taken(law: PairLaw, bonds: Any) -> PairLaw:
 
 def labels(law: PairLaw, bonds: int) -> NDArray[np.intp]:
     """A whole number for each of a number of bonds, the same for bonds of the same law and strength."""
+    law = _in_plane(law)
     if not isinstance(law, BondLaws):
         return np.zeros(bonds, int)
     return np.unique(np.column_stack([law.which, law.strength]), axis=0, return_inverse=True)[1].ravel()
 
 
 def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:
-    """The different laws of a number of bonds, strengths apart, each with its own bonds."""
+    """The different laws of a number of bonds, strengths apart, each with its own bonds; of upright magnets in the plane."""
+    law = _in_plane(law)
     if not isinstance(law, BondLaws):
         return [(law, np.arange(bonds))]
     return [(one, np.flatnonzero(law.which == k)) for k, one in enumerate(law.laws)]
+
+
+def _in_plane(law):
+    return law.planar if isinstance(law, UprightMagnets) else law
 
 
 def laws_of(potential: Potential) -> tuple[PairLaw, ...]:

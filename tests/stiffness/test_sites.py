@@ -23,7 +23,7 @@ from magphonon import (
 )
 from magphonon.bands import band_path
 from magphonon.bands.bloch import bloch_modes
-from magphonon.interactions import BondLaws
+from magphonon.interactions import BondLaws, UprightMagnets
 from magphonon.stiffness import bloch_series
 
 LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a=2.0), (1, 1): Yukawa(c=20.0, kappa=0.3)}
@@ -143,6 +143,18 @@ def test_bands_of_cells_whose_sites_differ_by_both_roads(seed):
     assert apart(phonopy_bands(finite_displacements(cell), path).omega, exact) < 1e-8
     without = MagneticRepulsion(cell, LAWS, cutoff=REACH, foundation=drawn.given)
     cell.calc = without.balanced(np.arange(len(cell)))
+    assert apart(analytic_bands(cell, path).omega, exact) > 1e-3
+
+
+def test_upright_magnets_of_different_kinds_and_strengths_have_the_same_bands_by_both_roads():
+    cell = lattice('honeycomb')
+    cell.set_tags([0, 1])
+    laws = {pair: UprightMagnets(law) for pair, law in LAWS.items()}
+    cell.calc = MagneticRepulsion(cell, laws, foundation=[[0.3, 0.3, 0.9]], strengths=[1.0, 0.9], shells=2)
+    path = band_path(cell, npoints=4)
+    exact = analytic_bands(cell, path).omega
+    assert apart(phonopy_bands(finite_displacements(cell), path).omega, exact) < 1e-8
+    cell.calc = MagneticRepulsion(cell, laws, foundation=[[0.3, 0.3, 0.9]], shells=2)
     assert apart(analytic_bands(cell, path).omega, exact) > 1e-3
 
 
