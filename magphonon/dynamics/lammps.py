@@ -204,6 +204,8 @@ def _scene(atoms):
     if atoms.pbc.any():
         raise ValueError(f'LAMMPS is given finite patches, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
+    if calc.layer:
+        raise ValueError('LAMMPS is given motion in the plane only; take atoms.calc = atoms.calc.in_plane()')
     if calc.bonds.cutoff is None:
         raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
     if calc.offset.any():

@@ -214,7 +214,8 @@ def test_more_laws_and_springs_than_lammps_takes_are_refused(patch, tmp_path):
     n, law = len(patch), patch.calc.potential
     rng = np.random.default_rng(1)
     for own, words in ({'strengths': rng.uniform(0.9, 1.1, n)}, 'at most 100 force tables'), (
-            {'foundation': rng.uniform(0.9, 1.1, n)}, 'groups for 28 different springs'):
+            {'foundation': rng.uniform(0.9, 1.1, n)}, 'groups for 28 different springs'), (
+            {'foundation': [[0.1, 0.1, 0.3]]}, 'motion in the plane only'):
         patch.calc = MagneticRepulsion(patch, law, **own)
         with pytest.raises(ValueError, match=words):
             write_lammps_input(tmp_path, patch, TIMESTEP, 0, drives=[burst()])
