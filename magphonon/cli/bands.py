@@ -169,15 +169,21 @@ def _stability(scene, atoms, bands, phonon):
     from ..bands.force_constants import foundation_recovered
     from ..planning.scene import neglected
     from ..scenes.lattices import ALL
-    from ..stability.buckling import common_spring, foundation_needed
+    from ..stability.buckling import common_spring, common_support, foundation_needed
+    from ..stability.verdicts import verdict
 
-    needed, softest = foundation_needed(atoms)
-    recovered = np.einsum('ixx->i', foundation_recovered(phonon)).mean() / atoms.calc.dim
-    given, recovered, needed = (k / (units.N / units.m) for k in (common_spring(atoms), recovered, needed))
+    flat = atoms.copy()
+    flat.calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
+    needed, softest = foundation_needed(flat)
+    sums = np.einsum('ixx->x', foundation_recovered(phonon)) / len(phonon.unitcell)
+    recovered = sums[: flat.calc.dim].mean()
+    given, recovered, needed = (k / (units.N / units.m) for k in (common_spring(flat), recovered, needed))
     squares = [np.sign(bands[name].omega) * bands[name].omega ** 2 for name in ('complete', 'phonopy')]
     difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
     lines = [f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
              f'phonopy differs from complete by at most {difference.max():.1e} of the highest squared frequency']
+    if atoms.calc.layer:
+        lines[0] += f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2] / (units.N / units.m):.6g} N/m'
     if scene.law.shells == ALL:
         waves = bands['complete'].path.kpts * scene.supercell()
         fits = abs(waves - waves.round()).max(axis=1) < 1e-9
@@ -188,8 +194,10 @@ def _stability(scene, atoms, bands, phonon):
         lines.append('phonopy_params.yaml is not written: its 15 decimals are too few for force constants of '
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
     lines += neglected(scene)
+    if atoms.calc.layer:
+        lines.append(str(verdict(atoms).out_of_plane))
     if given >= needed:
-        place = ' in the plane' if atoms.calc.dim == 2 else ''
+        place = ' in the plane' if flat.calc.dim == 2 else ''
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'
         return [*lines, f'Stable{place}{why}.']
     where = ', '.join(f'{x:.3g}' for x in softest)

@@ -42,6 +42,7 @@ class UprightMagnets:
     Examples
     --------
     >>> from magphonon import InversePower
+    >>> from magphonon.interactions import UprightMagnets
     >>> dipoles = UprightMagnets(InversePower(b=8.0, a=4.0))
     >>> float(dipoles.dphi(2.0)), float(dipoles.vertical(2.0))
     (-0.5, -0.75)

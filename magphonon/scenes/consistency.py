@@ -39,6 +39,9 @@ MOST_SHELLS = 300
 MOST_LEGS = 100
 """Largest number of points along a path; a picture has no room for more names."""
 
+IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
+"""Tables of computations that know no motion out of the plane."""
+
 
 def check(scene: Scene) -> None:
     """Raise all faults that the tables of a scene have together.
@@ -65,7 +68,8 @@ def check(scene: Scene) -> None:
     faults = []
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
                            ('bands', _bands), ('frf', _frf), ('plan', _plan), ('burst', _burst), ('vibrometer', _vibrometer),
-                           ('foundation', _pillar), ('uncertainty', _uncertainty), ('design', _design)):
+                           ('foundation', _pillar), ('foundation', _out_of_plane),
+                           ('uncertainty', _uncertainty), ('design', _design)):
         try:
             if getattr(scene, table) is not None:
                 checked(scene)
@@ -117,6 +121,17 @@ def _pillar(scene: Scene) -> None:
     if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
         raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
                          'take it out, and add 33/140 of the mass of a pillar to lattice.mass_kg')
+
+
+def _out_of_plane(scene: Scene) -> None:
+    if scene.foundation.out_of_plane is None:
+        return
+    if scene.single or scene.lattice.cell().pbc.all():
+        raise ValueError(f'foundation.out_of_plane: the {scene.lattice.kind} lattice has no plane to leave; take the table out')
+    flat = [name for name in IN_PLANE if getattr(scene, name) is not None]
+    if flat:
+        raise ValueError(f'foundation.out_of_plane: [{"], [".join(flat)}] cannot be computed out of the plane; '
+                         'take it out for these, or keep [bands], [patch], [defects] and [disorder] alone')
 
 
 def _uncertainty(scene: Scene) -> None:

@@ -127,12 +127,12 @@ class Scene(Table):
         atoms = self.cell()
         if self.law.shells == ALL:
             try:
-                atoms.calc = AllNeighbours(atoms, self.law.potential(), **self._sites(atoms))  # pyright: ignore[reportArgumentType]  or it refuses
+                atoms.calc = AllNeighbours(atoms, self._law(), **self._sites(atoms))  # pyright: ignore[reportArgumentType]  or it refuses
             except ValueError as error:
                 raise ValueError(f"law.shells = '{ALL}': {error}") from None
             return atoms
         try:
-            atoms.calc = MagneticRepulsion(atoms, self.law.potential(), shells=self.law.shells, cutoff=self.lattice.cutoff,
+            atoms.calc = MagneticRepulsion(atoms, self._law(), shells=self.law.shells, cutoff=self.lattice.cutoff,
                                            bonds=self.lattice.bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
@@ -143,9 +143,15 @@ class Scene(Table):
             atoms.calc = atoms.calc.balanced([Oscillator.free])
         return atoms
 
+    def _law(self) -> Any:
+        law = self.law.potential()
+        return self.foundation.law(law) if self.foundation else law
+
     def _sites(self, atoms: Atoms) -> dict[str, Any]:
         """What each site has of its own, or all have in common, as the calculators take it."""
         foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
+        if self.foundation:
+            foundation = self.foundation.springs(foundation)
         return {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
 
     def patch_atoms(self, model: str = 'complete') -> Atoms:
