@@ -130,7 +130,7 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
     ({'law.kind': None}, 'law must be a table [law] with a kind, one of'),
     ({'lattice': 'triangular'},
      "lattice must be a table in brackets with the keys kind, spacing_m, mass_kg, relative_masses, not 'triangular'"),
-    ({'foundation': 19.7}, 'foundation must be a table in brackets with the keys stiffness_N_per_m, pillar, not 19.7'),
+    ({'foundation': 19.7}, 'foundation must be a table in brackets with the keys stiffness_N_per_m, pillar, out_of_plane, not 19.7'),
     ({'foundation': {}}, 'foundation has neither of stiffness_N_per_m and [foundation.pillar]; give one'),
     ({'foundation.stiffness_N_per_m': 19.7}, 'foundation has both of stiffness_N_per_m and [foundation.pillar]; give one'),
     ({'foundation': {'stiffness_N_per_m': -19.7}}, 'foundation.stiffness_N_per_m must be a zero or positive number, not -19.7'),
