@@ -16,7 +16,7 @@ from magphonon.sweeps.executors import Processes, usable_cores
 from .report import counted, text_table, write_html, write_summary
 
 NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'claims', 'prototype_bands', 'two_roads', 'bursts', 'vibrometer', 'magnets',
-         'neighbours', 'stability', 'matter', 'uncertainty', 'nonlinearity', 'design', 'sites', 'speed_accuracy',
+         'neighbours', 'stability', 'matter', 'uncertainty', 'nonlinearity', 'design', 'sites', 'layers', 'speed_accuracy',
          'planning')
 SHORTENED = ('speed_accuracy',)
 """Those that are shorter with --quick, and when all are run."""

@@ -162,7 +162,7 @@ def test_upright_dipoles_have_the_stiffness_of_the_dipoles_energy():
 
 
 def test_upright_rings_have_the_stiffness_of_the_force_between_displaced_rings():
-    ring = Ring(6.35, 1.5875, 3.175, 1.3)
+    ring = Ring(6.35, 1.5875, 3.175, 1.3 * u.T)
     law, h, r = UprightMagnets(magnet_law(ring)), 1e-3, 10.0
     ends = [pair_force(ring, ring, (r, 0, z))[2] for z in (h, -h)]
     # the force on the displaced ring is -dU/dz; error of the difference h^2/r^2 = 1e-8
