@@ -4,6 +4,7 @@ from .keys import (
 )
 from .scene import (
     Scene as Scene,
+    parts_of as parts_of,
     read_scene as read_scene,
     ready_scene as ready_scene,
     ready_scenes as ready_scenes,

@@ -314,8 +314,15 @@ def read_scene(path: str | PathLike[str]) -> Scene:
         raise ValueError('\n'.join(f'{path}: {fault}' for fault in _faults(error, data))) from None
 
 
-def scene_of(tables: dict[str, Any]) -> Scene:
-    """The scene of these tables, in the plain Python of `tomllib` or of `Scene.model_dump(mode='json', exclude_none=True)`.
+def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:
+    """The tables of a scene in plain Python, and the particles of its file, if any: `scene_of` makes it from them again."""
+    tables = scene.model_dump(mode='json', exclude_none=True)
+    tables['lattice'].pop('contents', None)  # the checksum of that file
+    return _without_files_of_columns(tables), getattr(scene.lattice, '_atoms', None)
+
+
+def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
+    """The scene of these tables, in the plain Python of `tomllib` or of `parts_of`.
 
     Raises
     ------
@@ -323,9 +330,16 @@ def scene_of(tables: dict[str, Any]) -> Scene:
         If they make no scene; the message names each key, its value and the mend.
     """
     try:
-        return Scene.model_validate(tables)
+        return Scene.model_validate(tables, context=None if particles is None else {'structure': particles.copy()})
     except ValidationError as error:
         raise ValueError('\n'.join(_faults(error, tables))) from None
+
+
+def _without_files_of_columns(table):
+    """A table of forces stands in the scene once it is read."""
+    read = 'distances_m' in table
+    return {key: _without_files_of_columns(value) if isinstance(value, dict) else value
+            for key, value in table.items() if not (read and key == 'file')}
 
 
 def _faults(error, data):

@@ -162,6 +162,8 @@ def _identity(function: Any) -> Any:
     """
     if isinstance(function, partial):
         return ['partial', _identity(function.func), _digest(function, [function.args, function.keywords])]
+    if hasattr(function, 'identity'):  # it knows itself
+        return function.identity
     if is_dataclass(function):
         return [type(function).__qualname__, _digest(function, asdict(function))]  # pyright: ignore[reportArgumentType]  no class
     try:

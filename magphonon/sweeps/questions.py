@@ -42,7 +42,9 @@ class Situation:
 
     @cached_property
     def atoms(self) -> Atoms:
-        return self.scene.atoms()
+        """The cell, or the finite structure at rest with its defects."""
+        relaxation = self.scene.relaxation() if self.scene.finite else None
+        return self.scene.atoms() if relaxation is None else relaxation.atoms
 
     @cached_property
     def needed(self) -> float:
@@ -57,6 +59,7 @@ class Situation:
     @cached_property
     def along_path(self) -> NDArray[np.float64]:
         """Frequencies along the path of [bands] in Hz, shape (wavevectors, branches)."""
+        self.refuse_finite()
         self.refuse_buckling()
         return u.hertz(bloch_modes(self.atoms, self.scene.band_path().kpts)[0])
 
@@ -69,6 +72,11 @@ class Situation:
         amplitude = abs(found.response)
         return float(u.hertz(found.omega[amplitude.argmax()])), float(amplitude.max() / (u.m / u.N))
 
+    def refuse_finite(self) -> None:
+        """Raise ValueError if the scene has no lattice."""
+        if not self.atoms.pbc.any():
+            raise ValueError('the structure is finite and has no bands; ask for frf.peak_Hz')
+
     def refuse_buckling(self) -> None:
         """Raise ValueError if the lattice buckles."""
         if self.margin < -BORDER * self.needed:
@@ -78,8 +86,7 @@ class Situation:
 
 def band_frequency(situation: Situation, point: str, branch: str) -> float:
     """Frequency of a branch at a special point, Hz."""
-    if situation.scene.single:
-        raise ValueError('the oscillator is one particle and has no bands; ask for frf.peak_Hz')
+    situation.refuse_finite()
     points = situation.scene.special_points
     situation.refuse_buckling()
     omega = bloch_modes(situation.atoms, points[one_of('the point', point, tuple(points))][None])[0][0]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import shown
-from ..scenes.scene import scene_of
+from ..scenes.scene import parts_of, scene_of
 from ..spelling import did_you_mean
 from .evaluation import Answer, refusals
 from .questions import Situation, question
@@ -16,6 +16,8 @@ from .questions import Situation, question
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from typing import Any
+
+    from ase import Atoms
 
     from ..scenes.scene import Scene
 
@@ -30,10 +32,16 @@ class SceneAnswers:
         The scene as its file has it, in plain Python.
     asked : tuple of str
         Names of questions.
+    particles : ase.Atoms, optional
+        Of a scene whose lattice is a file.
+    contents : str
+        The checksum of that file.
     """
 
     tables: dict[str, Any]
     asked: tuple[str, ...]
+    particles: Atoms | None = None
+    contents: str = ''
 
     @classmethod
     def of(cls, scene: Scene, over: Iterable[str], asked: Sequence[str]) -> SceneAnswers:
@@ -51,7 +59,13 @@ class SceneAnswers:
         tables = scene.model_dump(mode='json')
         for key in over:
             _refuse_unknown(tables, key)
-        return cls(scene.model_dump(mode='json', exclude_none=True), tuple(asked))
+        plain, particles = parts_of(scene)
+        return cls(plain, tuple(asked), particles, str(tables['lattice'].get('contents', '')))
+
+    @property
+    def identity(self) -> list[Any]:
+        """What the answers depend on, in plain Python."""
+        return [self.tables, self.contents, list(self.asked)]
 
     @property
     def units(self) -> dict[str, str]:
@@ -66,7 +80,7 @@ class SceneAnswers:
         ValueError
             If there is no such scene, as with a law that decays too slowly for its shells.
         """
-        situation = Situation(scene_of(_replaced(self.tables, point)))
+        situation = Situation(scene_of(_replaced(self.tables, point), self.particles))
         values, faults = {}, []
         for name in self.asked:
             known, words = question(name)

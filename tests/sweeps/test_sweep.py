@@ -60,6 +60,26 @@ def test_buckled_and_refused_points_are_recorded(prototype):
     assert found.fault.values[1, 0] == ''
 
 
+def test_scenes_with_files_and_disorder(tmp_path):
+    text = ready_scene('chain').read_text()
+    (tmp_path / 'law.csv').write_text('r_m,f_N\n' + ''.join(f'{r},{1e4 * r**-4}\n' for r in np.linspace(0.5, 2, 40)))
+    of_file = 'kind = "table"\nfile = "law.csv"\n'
+    for old, new in (('kind = "inverse_power"\n', of_file), ('b_N_m_a = 1e4', '#'), ('a = 4.0', '#')):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / 'my.toml').write_text(text)
+    found = sweep(read_scene(tmp_path / 'my.toml'), {'foundation.stiffness_N_per_m': [6e4]}, 'stability.needed')
+    assert_allclose(found['stability.needed'], [4e4], rtol=1e-6)  # 4 f/L0 of the chain; a spline through 40 points of r^-4
+    (tmp_path / 'three.csv').write_text('x_m,y_m,held\n0.0,0.0,1\n0.01,0.0,0\n0.02,0.0,1\n')
+    lattice = '[lattice]\nkind = "file"\nfile = "three.csv"\nmass_kg = 7.07e-4\ncutoff_m = 0.012\n'
+    law = '[law]\nkind = "inverse_power"\nb_N_m_a = 1.6209e-10\na = 4.5824\nshells = 1\n[foundation]\nstiffness_N_per_m = 20.0\n'
+    (tmp_path / 'three.toml').write_text(f'title = "three"\n{lattice}{law}')
+    found = sweep(read_scene(tmp_path / 'three.toml'), {'law.a': [4.0, 4.5824]}, ['stability.needed', 'bands.G.1'])
+    sideways = 2 * 1.6209e-10 * 0.01 ** -(1 + found['law.a'].values)  # 2 f/L0
+    assert_allclose(found['stability.needed'], sideways, rtol=1e-9, err_msg=str(found.fault.values))
+    assert 'is finite and has no bands' in found.fault.values[0]
+
+
 @pytest.mark.parametrize(('over', 'ask', 'words'), [
     ({'law.exponent': [3.0]}, 'bands.M.1', 'no number law.exponent'),
     ({'lattice.kind': [3.0]}, 'bands.M.1', 'only single numbers'),
