@@ -4,6 +4,9 @@ from dataclasses import dataclass, field
 
 from magphonon.files import whole_file
 
+DPI = 150
+"""Pixels per inch of the pictures."""
+
 
 @dataclass(frozen=True)
 class Check:
@@ -91,7 +94,7 @@ class Outcome:
 def save_picture(figure, path, caption):
     """Write a figure whole; returns the entry for `Outcome.pictures`."""
     with whole_file(path, 'wb') as file:
-        figure.savefig(file, format='png', dpi=150, bbox_inches='tight')
+        figure.savefig(file, format='png', dpi=DPI, bbox_inches='tight')
     return path, caption
 
 

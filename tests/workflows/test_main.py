@@ -5,10 +5,29 @@ from html import escape
 
 import pytest
 
+from workflows import checks, frf, stability, vibrometer
 from workflows.__main__ import NAMES, main
 from workflows.checks import Check
 
 
+@pytest.fixture
+def small(monkeypatch):
+    """Pictures of few pixels, and fewer points or bursts than the job has, in rows of the same kind with the same bounds."""
+    monkeypatch.setattr(checks, 'DPI', 20)
+    monkeypatch.setattr(frf, 'OMEGA', frf.OMEGA[::3])
+    monkeypatch.setattr(stability, 'EXPONENTS', stability.EXPONENTS[::2])  # the corner at 3 among them
+    read = vibrometer.read_scene
+
+    def two_bursts(file):
+        """Of four: the lowest carrier, where two lines of the zone are as fast, and the highest, where they are not."""
+        scene = read(file)
+        ends = {key: getattr(scene.burst, key)[::3] for key in ('carriers_Hz', 'directions_deg')}
+        return scene.model_copy(update={'burst': scene.burst.model_copy(update=ends)})
+
+    monkeypatch.setattr(vibrometer, 'read_scene', two_bursts)
+
+
+@pytest.mark.usefixtures('small')
 @pytest.mark.parametrize('name', NAMES)
 def test_every_number_of_a_workflow_passes(tmp_path, name):
     status = main([name, '--quick', '-o', str(tmp_path)])
@@ -18,8 +37,9 @@ def test_every_number_of_a_workflow_passes(tmp_path, name):
     assert status == 0
 
 
+@pytest.mark.usefixtures('small')
 def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
-    names = ['oscillator', 'chain', 'two_roads']
+    names = ['chain', 'two_roads']
     assert main([*names, '-o', str(tmp_path)]) == 0
     summary = json.loads((tmp_path / 'summary.json').read_text())
     assert list(summary) == names
