@@ -8,16 +8,17 @@ Each has a `plan` for a tolerance, and the `truth` about a method: its error in 
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, Yukawa, analytic_bands, lattices
 from magphonon.bands.bloch import bloch_modes
 from magphonon.dynamics.timestep import highest_frequency
+from magphonon.lattices.bonds import find_bonds
 from magphonon.planning.bands import Edge, plan_bands
 from magphonon.planning.peak import plan_peak
-from magphonon.planning.waveform import as_model, difference, plan_beam, plan_waveform, strip
+from magphonon.planning.waveform import StandIn, as_model, difference, plan_beam, plan_waveform, strip
 from magphonon.response.place import Place
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.bond import MODELS
@@ -32,6 +33,12 @@ FRAMES = 60
 """Moments at which waveforms are compared."""
 STEPS = 0.03
 """Of the true waveform, as a share of the limit 2/omega_max; extrapolated with twice of it."""
+
+
+@cache
+def bonds_of(kind, shells):
+    """The bonds of a lattice of unit spacing with this number of shells, found once for all laws."""
+    return find_bonds(getattr(lattices, kind)(1.0, 1.0), shells)
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,7 @@ class Bands:
         if shells == 'all':
             atoms.calc = AllNeighbours(atoms, self.law, foundation=self.foundation)
         else:
-            atoms.calc = MagneticRepulsion(atoms, self.law, foundation=self.foundation, shells=shells)
+            atoms.calc = MagneticRepulsion(atoms, self.law, foundation=self.foundation, bonds=bonds_of(self.kind, shells))
         return atoms
 
     def _omega(self, model, shells):
@@ -185,7 +192,7 @@ class Waveform:
         return drive, inside[:: len(inside) // (self.rows - 2)], 0.01 * omega, 1.6 * drive.end
 
     def plan(self, tolerance):
-        return plan_waveform(self._atoms, *self._burst, tolerance, copies=self.rows)
+        return plan_waveform(self._atoms, *self._burst, tolerance, StandIn(copies=self.rows))
 
     def _verlet(self, dt, model='complete', share=1.0):
         """Displacements of the row at FRAMES equal times, with steps of at most dt."""

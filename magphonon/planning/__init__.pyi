@@ -24,6 +24,7 @@ from .scene import (
     scene_plans as scene_plans,
 )
 from .waveform import (
+    StandIn as StandIn,
     as_model as as_model,
     difference as difference,
     plan_beam as plan_beam,

@@ -24,7 +24,7 @@ from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
 from ..stability.amplitude_shifts import DEGENERACY, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.linear_system import LinearSystem
-from .plan import EIGENSOLVE, Method, Plan, Settings, force_cost, percent
+from .plan import EIGENSOLVE, LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, Settings, force_cost, percent
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -33,10 +33,6 @@ if TYPE_CHECKING:
     from ..response.place import Place
     from ..stiffness.calculator import MagneticRepulsion
 
-LONGEST_STEP = 0.5
-"""Largest time step of a run, as a fraction of the stability limit 2/omega_max."""
-STEP_ERROR_FRACTION = 0.6
-"""Fraction of the tolerance allotted to the time-step error."""
 RIVAL_RATIO = 0.9
 """Ratio to the highest peak above which another peak may be the highest too, because D* and overlap can change the order."""
 ROUND_OFF = 1e-12
@@ -45,7 +41,8 @@ DECOUPLED = 1e-10
 """Force on a mode times what is seen of it, as a fraction of the largest such values of all modes, below which it is round-off:
 without D*, the rows and columns of a square lattice are chains that do not move each other."""
 MOST_DIRECTIONS = 1000
-"""Largest number of degrees of freedom of a structure that is diagonalised, which takes about 0.3 s."""
+"""Largest number of degrees of freedom of a structure that is diagonalised, which takes about 0.3 s; the time grows with the
+third power."""
 DOUBT_ONE_PATTERN = 10.0
 """Relative uncertainty of a shift that is estimated from one displacement pattern, without its mixing with others: only the order
 of magnitude is known."""

@@ -23,7 +23,13 @@ ALL = 'all'
 LAW_COST = 16
 """Number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.compiled_steps`."""
 EIGENSOLVE = 10
-"""Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size."""
+"""Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size: about 9 by the QR
+algorithm (Golub and Van Loan, Matrix Computations, Sec. 8.3)."""
+LONGEST_STEP = 0.5
+"""Largest time step of a run, as a fraction of the stability limit 2/omega_max.  The frequency error of a vibration at omega_max
+is then 13 % larger than in proportion to the square of the step, and with longer steps the difference grows fast."""
+STEP_ERROR_FRACTION = 0.6
+"""Fraction of the tolerance allotted to the time-step error: what is left is its own uncertainty, half of it in bursts."""
 
 
 @dataclass(frozen=True)

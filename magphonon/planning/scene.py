@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from typing import Any  # of a Scene: its room is above this one
 
 NEGLIGIBLE = 1e-3
-"""Largest relative change of the bands by neglected neighbours that is not mentioned."""
-SAMPLES = 12
-"""Number of recorded frames per period of the carrier."""
+"""Largest relative change of the bands by neglected neighbours that is not mentioned: spacings and forces of real lattices are
+hardly known better."""
 
 
 @dataclass(frozen=True)
@@ -220,9 +219,10 @@ def _write_waveform(scene, file, row, burst, settings):
     from ..dynamics.verlet import DrivenVerlet
     from ..response.propagation import propagate
     from ..waves.vibrometer import Displacements, write_displacements
+    from .waveform import FRAMES
 
     patch, dt = scene.patch_atoms(settings.model), settings.dt
-    frame = 2 * np.pi / burst.drive.omega / SAMPLES
+    frame = 2 * np.pi / burst.drive.omega / FRAMES
     if dt is None:
         times = np.arange(0, burst.duration, frame)
         record = Displacements(times, row, propagate(patch, times, [burst.drive], burst.damping, row).displacements)

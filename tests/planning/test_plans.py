@@ -171,7 +171,7 @@ def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
     linear, run = plan.methods[1:]
     loud, soft = stepped(1, 0.05), stepped(1e-4, 0.05)
     nonlinear = np.linalg.norm(loud - soft) / np.linalg.norm(soft)
-    assert 0.4 * linear.error < nonlinear < linear.error  # without its factor of five the bound would fail
+    assert 0.5 * linear.error < nonlinear < linear.error  # 0.73: without its factor of five the bound would fail
     fine = 0.4 * np.arange(1, len(soft) + 1)
     exact = propagation.propagate(pilot, fine, [burst], tolerance=1e-7).displacements[:, inside]
     off = np.linalg.norm(stepped(1e-4, 0.1) - exact) / np.linalg.norm(exact)
