@@ -1,7 +1,8 @@
 """Stability: buckling, the range of linear motion, and the verdict on a structure before it runs.
 
 `buckling` finds the softest mode and the foundation or the spacing that holds it, `amplitude_shifts` how frequencies move with
-amplitude, `escapes` which impact takes a particle out of its cage, `verdicts` says it all in words.
+amplitude, `escapes` which impact takes a particle out of its cage; `verdicts` judges a structure by all of them, `verdict_text`
+says it in words.
 """
 
 import lazy_loader

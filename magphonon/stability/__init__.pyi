@@ -22,8 +22,10 @@ from .escapes import (
 from .soft_waves import (
     softest_wave as softest_wave,
 )
-from .verdicts import (
+from .verdict_text import (
     OutOfPlane as OutOfPlane,
     Verdict as Verdict,
+)
+from .verdicts import (
     verdict as verdict,
 )
