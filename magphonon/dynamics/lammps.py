@@ -19,6 +19,7 @@ from ase.constraints import FixAtoms
 from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..interactions.bond_laws import BondLaws, labels, taken
+from ..interactions.upright import UprightMagnets
 from ..stiffness.calculator import MagneticRepulsion
 from .drives import Drives, ToneBurst
 
@@ -38,8 +39,8 @@ CLOSEST = 0.8
 INPUT = """\
 # {particles} particles written by magphonon: mm, g, ms, hence N and mJ; to LAMMPS any consistent units are "lj"
 units lj
-dimension 2
-boundary f f p
+dimension {dim}
+boundary f f {across}
 atom_style atomic
 atom_modify map array
 read_data particles.data
@@ -62,7 +63,7 @@ uncompute thermo_press
 uncompute thermo_pe
 """
 OUTPUT = """\
-dump {name} {group} custom {interval} {name}.dump id x y
+dump {name} {group} custom {interval} {name}.dump id {axes}
 dump_modify {name} sort id format float %.17g
 """
 CONTINUED = """\
@@ -159,7 +160,10 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     for n, drive in enumerate(drives):
         fixes += _burst(n, drive)
 
-    output = _output(len(atoms), interval, records)
+    if calc.layer and (records or restart is not None):
+        raise ValueError('records and restarts of LAMMPS are those of motion in the plane; take interval= for whole frames, or '
+                         'atoms.calc = atoms.calc.in_plane()')
+    output = _output(len(atoms), interval, records, 'x y z' if calc.layer else 'x y')
     if restart is not None:
         output += f'restart {whole("restart", restart)} {" ".join(RESTARTS)}\n'
     pairs, tables = _pairs(calc, kind, cutoff)
@@ -173,16 +177,18 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     with whole_file(directory / 'particles.data') as file:
         _write_particles(file, atoms.positions, kind + 1, kinds[:, 1], margin=cutoff)
     with whole_file(directory / 'in.lammps') as file:
-        file.write(INPUT.format(particles=len(atoms), free_types=free_types, motion=motion + viscous + output + run))
+        file.write(INPUT.format(particles=len(atoms), dim=calc.dim, across='f' if calc.layer else 'p', free_types=free_types,
+                                motion=motion + viscous + output + run))
     if restart is not None:
         with whole_file(directory / 'in.restart') as file:
             continued = output.replace('sort id', 'append yes sort id')
             file.write(CONTINUED.format(motion=motion + caught_up + viscous + continued + run))
 
 
-def _output(count, interval, records):
+def _output(count, interval, records, axes):
     """Commands that write trajectories."""
-    lines = [] if interval is None else [OUTPUT.format(name='trajectory', group='all', interval=whole('interval', interval))]
+    lines = [] if interval is None else [OUTPUT.format(name='trajectory', group='all', axes=axes,
+                                                            interval=whole('interval', interval))]
     for n, (particles, every) in enumerate(records):
         group = 'all' if particles is None else f'recorded{n}'
         if particles is not None:
@@ -190,7 +196,7 @@ def _output(count, interval, records):
             if particles.min(initial=0) < 0 or particles.max(initial=0) >= count:
                 raise ValueError(f'particles to record must be indices from 0 to {count - 1}, not {particles!r}')
             lines.append(f'group {group} id {" ".join(map(str, particles + 1))}\n')
-        lines.append(OUTPUT.format(name=f'record{n}', group=group, interval=whole('interval', every)))
+        lines.append(OUTPUT.format(name=f'record{n}', group=group, axes=axes, interval=whole('interval', every)))
     return ''.join(lines)
 
 
@@ -204,8 +210,9 @@ def _scene(atoms):
     if atoms.pbc.any():
         raise ValueError(f'LAMMPS is given finite patches, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
-    if calc.layer:
-        raise ValueError('LAMMPS is given motion in the plane only; take atoms.calc = atoms.calc.in_plane()')
+    if isinstance(calc.law, UprightMagnets):
+        raise ValueError('LAMMPS is given forces along the line between two particles, not those of UprightMagnets out of the '
+                         'plane; take atoms.calc = atoms.calc.in_plane()')
     if calc.bonds.cutoff is None:
         raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
     if calc.offset.any():
@@ -232,7 +239,8 @@ def _springs(foundation, free, most):
     lines = []
     for n, components in enumerate(springs):
         lines.append(f'group pillar{n} id {" ".join(map(str, free[group.ravel() == n] + 1))}')
-        lines += [f'fix foundation{n}{x} pillar{n} spring/self {k:.17g} {x}' for x, k in zip('xy', components, strict=True) if k]
+        lines += [f'fix foundation{n}{x} pillar{n} spring/self {k:.17g} {x}' for x, k in zip('xyz', components, strict=False)
+                  if k]
     return lines
 
 
@@ -260,11 +268,11 @@ def _burst(n, drive):
     ids = ' '.join(str(i + 1) for i in drive.particles)
     s, w = f'(time-{drive.start:.17g})', drive.omega
     window = f'(time>={drive.start:.17g})*(time<={drive.end:.17g})*0.5*(1-cos({w / drive.cycles:.17g}*{s}))'
-    fx, fy, _ = (f'{component:.17g}*v_burst{n}' for component in drive.amplitude[0] * drive.direction)
+    force = [f'{component:.17g}*v_burst{n}' for component in drive.amplitude[0] * drive.direction]
     return [f'group driven{n} id {ids}',
             f'variable burst{n} equal "{window}*sin({w:.17g}*{s})"',
-            f'variable fx{n} equal {fx}', f'variable fy{n} equal {fy}',
-            f'fix drive{n} driven{n} addforce v_fx{n} v_fy{n} 0.0']
+            *(f'variable f{x}{n} equal {f}' for x, f in zip('xyz', force, strict=True)),
+            f'fix drive{n} driven{n} addforce v_fx{n} v_fy{n} v_fz{n}']
 
 
 def _write_table(file, name, law, shortest, cutoff, points):
@@ -327,7 +335,8 @@ def _load_mpi():
 
 
 def read_lammps_displacements(directory: str | PathLike[str], atoms: Atoms) -> NDArray[np.float64]:
-    """Displacements from the rest positions of `atoms`, mm, shape (frames, particles, 2), from trajectory.dump."""
+    """Displacements from the rest positions of `atoms`, mm, shape (frames, particles, dim), from trajectory.dump."""
     lines = Path(directory, 'trajectory.dump').read_text().splitlines()
-    frames = np.array(lines).reshape(-1, 9 + len(atoms))[:, 9:]  # nine lines of header, then 'id x y' in order
-    return np.array([[line.split()[1:] for line in frame] for frame in frames], dtype=float) - atoms.positions[:, :2]
+    frames = np.array(lines).reshape(-1, 9 + len(atoms))[:, 9:]  # nine lines of header, then 'id x y', or 'id x y z', in order
+    places = np.array([[line.split()[1:] for line in frame] for frame in frames], dtype=float)
+    return places - atoms.positions[:, : places.shape[-1]]
