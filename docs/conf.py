@@ -10,12 +10,13 @@ import magphonon
 
 sys.path.insert(0, str(Path(__file__).parent))  # generate, which writes pages from the code
 import generate
+from generate import mathml
 
 project = 'magphonon'
 author = copyright = 'the magphonon developers'
 version = release = magphonon.__version__
 
-extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.intersphinx',
+extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.intersphinx',
               'sphinx.ext.viewcode', 'sphinx_gallery.gen_gallery', 'matplotlib.sphinxext.plot_directive']
 exclude_patterns = ['_build', 'tutorials/*.rst', 'generate']
 suppress_warnings = ['config.cache']  # functions in the settings of sphinx-gallery
@@ -24,7 +25,6 @@ myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist', 'colon_fence']
 myst_heading_anchors = 3
 
 autodoc_typehints = 'none'   # numpydoc's Parameters say types and shapes
-autosummary_generate = False
 numpydoc_show_class_members = False
 numpydoc_validation_checks = set()
 
@@ -54,13 +54,17 @@ plot_include_source = False
 plot_rcparams = {'svg.hashsalt': 'magphonon', 'font.size': 10}
 plot_apply_rcparams = True
 
+default_role = 'code'         # single backticks in docstrings
+
 html_theme = 'furo'
+html_math_renderer = 'mathml'
 html_title = f'magphonon {release}'
 html_static_path = ['_static']
 html_css_files = ['gallery.css']
 
 
 def setup(app):
-    """Write the generated pages before Sphinx looks for sources, and mend docstrings for its markup."""
+    """Write the generated pages before Sphinx looks for sources, mend docstrings for its markup, draw formulas offline."""
+    app.add_html_math_renderer('mathml', (mathml.inline, None), (mathml.displayed, None))
     app.connect('autodoc-process-docstring', generate.api.escape_docstring)
     app.connect('config-inited', lambda app, config: generate.write_all(Path(app.srcdir) / 'generated', app.tags.has('all')))

@@ -56,8 +56,10 @@ def front_door():
 
 def summary(thing):
     """First sentence of a docstring, its code marked for reStructuredText."""
-    first = ' '.join((inspect.getdoc(thing) or '').partition('\n\n')[0].split())
-    return escaped(first.replace('`', '``').replace('*', r'\*'))
+    told = inspect.getdoc(thing) if callable(thing) else None  # a plain value shows the docstring of its type
+    first = ' '.join((told or '').partition('\n\n')[0].split())
+    pieces = first.split('`')  # every second one is code, within which nothing needs an escape
+    return '``'.join(piece if k % 2 else escaped(piece.replace('*', r'\*')) for k, piece in enumerate(pieces))
 
 
 def escaped(text):
@@ -71,12 +73,12 @@ def escape_docstring(app, what, name, thing, options, lines):
 
 
 def page(room):
-    """One room: its docstring, a table of its names, and all of them in full."""
+    """One room: its docstring, a list of its names, and all of them in full."""
     module = import_module(f'magphonon.{room}')
     names = [name for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
     parts = [heading(f'magphonon.{room}'), TITLES.get(room, '') + '.' * (room in TITLES), '',
              f'.. automodule:: magphonon.{room}', '   :no-members:', '',
-             '.. autosummary::', '   :nosignatures:', '', *(f'   {name}' for name in names), '']
+             *(f'* :py:obj:`~magphonon.{room}.{name}`: {summary(getattr(module, name))}' for name in names), '']
     for name in names:
         thing = getattr(module, name)
         kind = 'autoclass' if inspect.isclass(thing) else 'autofunction' if callable(thing) else 'autodata'

@@ -11,7 +11,7 @@ refused with the name that was probably meant. `magphonon scene --keys` prints t
 `magphonon scene --keys law` one table of it; `magphonon scene prototype` prints a scene to start from. Examples are
 taken from the ready scenes.
 """
-ROW = '| {} | {} | {} | {} | {} | {} |\n'
+ROW = '| {} | {} | {} | {} | {} |\n'
 
 
 def write(folder):
@@ -19,7 +19,7 @@ def write(folder):
     parts = [HEAD]
     for table, keys in groupby(scene_keys(), lambda key: key.table):
         parts.append(f'\n## {f"[{table}]" if table else "The scene itself"}\n\n')
-        parts += [ROW.format('key', 'type', 'unit', 'default', 'allowed', 'meaning and example'), ROW.format(*6 * ['---'])]
+        parts += [ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'), ROW.format(*5 * ['---'])]
         parts += [row(key) for key in keys]
     (folder / 'keys.md').write_text(''.join(parts), encoding='utf-8')
 
@@ -30,8 +30,9 @@ def row(key):
     if key.kinds:
         told.append(f'Kind: {", ".join(key.kinds)}')
     text = '. '.join(part.rstrip('.') for part in told if part) + '.'
-    return ROW.format(f'`{key.name}`', cell(key.type), cell(key.unit), key.default, cell(key.allowed),
-                      cell(text) + (f' `{key.example}`' if key.example else ''))
+    kind = f'{key.type}, {key.unit}' if key.unit else key.type
+    return ROW.format(f'`{key.name}`', cell(text) + (f' `{key.example}`' if key.example else ''), cell(kind), key.default,
+                      cell(key.allowed))
 
 
 def cell(text):

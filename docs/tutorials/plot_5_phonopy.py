@@ -50,6 +50,11 @@ path = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc)
 exact, numerical = analytic_bands(cell, path), phonopy_bands(phonon, path)
 print(f'largest difference: {abs(numerical.frequencies_Hz - exact.frequencies_Hz).max():.1e} Hz')
 
+from magphonon import plot_bands
+
+ax = plot_bands(exact, label='analytic')
+ax = plot_bands(numerical, ax=ax, linestyle='', marker='o', fillstyle='none', label='phonopy')
+
 # %%
 # Its own methods work, in Hz.  A group velocity has the unit of a length times a frequency, here mm Hz, a thousandth of a
 # metre per second; this package gives mm/ms, which is m/s.
