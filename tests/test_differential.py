@@ -4,6 +4,7 @@ The long part draws thousands over everything: `python -m pytest -m long tests/t
 """
 
 from dataclasses import dataclass, replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
 
 from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, lattices, relaxed
+from magphonon.dynamics import memory_layout
 from magphonon.dynamics.memory_layout import LINE, arrange
 
 LAW = InversePower(b=8900.0, a=4.5)
@@ -22,7 +24,8 @@ DT, STEPS = 0.1, 40  # ms; a twentieth of a period, and past the end of one bloc
 EXACT = 1e-9
 """Of the largest displacement.  Positions of 500 mm are rounded to 1e-13 mm, 40 steps double that a few times, and the smallest
 largest displacement drawn is 0.01 mm; ASE's loop under FixAtoms makes momenta of such differences."""
-ENGINES = {'numpy': 'numpy', 'ase': 'ase', 'compiled grid': 'compiled', 'compiled table': 'compiled'}
+ENGINES = {'numpy': 'numpy', 'ase': 'ase'} | dict.fromkeys(('compiled grid', 'compiled found', 'compiled table'), 'compiled')
+"""The last two are given the particles in any order and not their places on a grid; one finds these, the other must not."""
 
 
 @dataclass
@@ -42,6 +45,7 @@ class Case:
     velocities: np.ndarray
     shift: np.ndarray | float = 0.0
     load: np.ndarray | float = 0.0
+    threads: int = 1
 
     @property
     def dim(self):
@@ -66,8 +70,8 @@ class Case:
             return np.pad(np.zeros_like(self.velocities) + x, ((0, 0), (0, 3 - self.dim)))[order]
 
         anchors = self.atoms[order]
-        calc = MagneticRepulsion(anchors, LAW, foundation=self.foundation, model=self.model, shells=self.shells,
-                                 load=in_space(self.load))
+        near = {'shells': self.shells} if self.shells else {'cutoff': self.reach}
+        calc = MagneticRepulsion(anchors, LAW, foundation=self.foundation, model=self.model, load=in_space(self.load), **near)
         atoms = anchors.copy()
         atoms.positions += in_space(self.shift)
         atoms.calc = calc.about(atoms)
@@ -77,16 +81,18 @@ class Case:
     def run(self, name):
         """Displacements at the end by an engine; a shuffled patch without places on a grid goes into a table."""
         order = np.arange(len(self.atoms))
-        if name == 'compiled table':
+        if name in ('compiled found', 'compiled table'):
             order = np.random.default_rng(0).permutation(order)
         atoms = self.at_rest(order)
-        if name == 'compiled table':
+        if name in ('compiled found', 'compiled table'):
             atoms.calc.reference.set_array('site', None)
         drive = Harmonic(np.flatnonzero(np.isin(order, self.pushed)), (0.6, 0.8), 0.02, 0.5, 0.3)
-        dyn = DrivenVerlet(atoms, DT, [drive], self.damping[order], ENGINES[name])
-        dyn.run(STEPS)
+        dyn = DrivenVerlet(atoms, DT, [drive], self.damping[order], ENGINES[name], threads=self.threads)
+        with mock.patch.object(memory_layout, 'SPREAD', 0 if name == 'compiled table' else memory_layout.SPREAD):
+            dyn.run(STEPS)
         assert dyn.engine == ENGINES[name]
-        assert 'compiled' not in name or (dyn._blocks.layout.offset is None) == (name == 'compiled table')
+        if name in ('compiled grid', 'compiled table'):
+            assert (dyn._blocks.layout.offset is None) == (name == 'compiled table')
         u = np.empty_like(self.velocities)
         u[order] = dyn.displacements
         return u
@@ -137,6 +143,14 @@ def strained(seed, **limits):
         return replace(case, load=load, shift=np.zeros_like(load) + 0.03 * L0 * rng.uniform(-1, 1, 2))
     rest = relaxed(replace(case, load=load).at_rest(np.arange(len(load)))).atoms.positions
     return replace(case, load=load, shift=(rest - case.atoms.positions)[:, :2])
+
+
+def scattered(seed, **limits):
+    """A drawn patch with its particles up to 2 % of a spacing off their places, not at rest: each bond has its own law."""
+    case, rng = drawn(seed, **limits), np.random.default_rng([seed, 4])
+    atoms = case.atoms.copy()
+    atoms.positions[:, :2] += 0.02 * L0 * rng.uniform(-1, 1, (len(atoms), 2))
+    return replace(case, atoms=atoms, shells=0)
 
 
 def chain(seed):
@@ -201,6 +215,26 @@ def test_the_compiled_table_is_velocity_verlet_on_any_patch():
     compare(range(300, 340), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
+def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_their_places():
+    pytest.importorskip('numba')
+    for name in ('compiled grid', 'compiled found', 'compiled table'):
+        compare(range(500, 515), [name], scattered, most=700, **SIMILAR | {'kinds': ('triangular',)})
+
+
+def test_threads_change_nothing_of_that(monkeypatch):
+    pytest.importorskip('numba')
+    from magphonon.dynamics import kernels_numba
+
+    monkeypatch.setattr(kernels_numba, 'RUN', 16)  # so that drives and holes lie in several runs, strips in part of one
+    for seed in range(520, 540):
+        case = drawn(seed, most=1000, **SIMILAR)
+        u = case.run('compiled grid')
+        assert misfit(u, case.expected()) < EXACT
+        for threads, cache in ((2, 0), (3, 2**16), (3, 2**40)):
+            monkeypatch.setattr(kernels_numba, 'CACHE', cache)
+            assert np.array_equal(replace(case, threads=threads).run('compiled grid'), u), f'drawn({seed}), {threads} threads'
+
+
 @pytest.mark.parametrize('change', [{'model': 'conventional'}, {'foundation': 1.01}, {'reach': 1.9 * L0}])
 def test_another_model_foundation_or_bond_list_is_noticed(change):
     # the control: the oracle about another structure is off by more than the tolerance, for every patch
@@ -219,7 +253,8 @@ def test_relaxed_and_loaded_patches_move_as_they_should():
 
 def test_compiled_too():
     pytest.importorskip('numba')
-    compare(range(410, 416), ['compiled table'], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
+    for name in ('compiled table', 'compiled found'):
+        compare(range(410, 416), [name], strained, most=150, **SIMILAR | {'kinds': ('triangular',)})
 
 
 def test_chains_and_crystals_move_as_they_should():
@@ -248,6 +283,7 @@ def test_two_hundred_prestressed_structures(twenty):
 def test_all_engines_are_velocity_verlet_on_two_thousand_patches(hundred):
     pytest.importorskip('numba')
     compare(range(100 * hundred, 100 * (hundred + 1)), ENGINES)
+    compare(range(100 * hundred, 100 * hundred + 20), [name for name in ENGINES if 'compiled' in name], scattered, shells=1)
 
 
 @pytest.mark.parametrize('gap', [8, 32, 1024])

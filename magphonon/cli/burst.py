@@ -21,6 +21,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
     parser.add_argument('--files', metavar='DIR', help="keep LAMMPS's files there, a folder with submit.sh for each burst; what "
                                                        'has been run there, here or on a cluster, is read')
+    parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: idle cores that pay)')
     parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
 
 
@@ -68,12 +69,13 @@ def _engine(options):
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
         raise ValueError('--ranks and --files are those of LAMMPS; add --engine lammps')
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
+    threads = None if options.threads is None else whole('--threads', options.threads)
     if options.files is not None:
         Path(options.files).mkdir(exist_ok=True)
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS knows no other model
-            return {}
+            return {'threads': threads}
         return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name)}
 
     return of

@@ -39,6 +39,10 @@ RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
 NEAR = 1e-3
 """Largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits."""
 MOST_COEFFICIENTS = 40
+ALIKE = 1e-14
+"""Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""
+TOGETHER = 2048
+"""Number of kinds that are fitted at a time, so that their samples stay within tens of megabytes."""
 POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, MOST_COEFFICIENTS - n - 1))
                    for n, row in enumerate(np.eye(MOST_COEFFICIENTS))]).T
 """Chebyshev polynomials in powers of x, one in each column."""
@@ -104,6 +108,10 @@ class Increments:
         """Bond length that enters the law, mm."""
         return r0 * (1 + e / 2) if self.model == 'conventional' else r0 * np.sqrt(1 + e)
 
+    def increment(self, length: Any) -> Any:
+        """The increment of a bond that is `length` times as long as at rest."""
+        return 2 * (length - 1) if self.model == 'conventional' else length**2 - 1
+
     def slope(self, e: Any, r0: Any) -> Any:
         """Slope dH/de in N/mm."""
         r = self.length(e, r0)
@@ -123,21 +131,48 @@ class Increments:
             H[near] = e * sum(w * few.slope(x * e, r0) for x, w in zip(NODES, WEIGHTS, strict=True))
         return H
 
+    def alike(self, e: NDArray[np.float64]) -> bool:
+        """Whether dH/de of all kinds differs by a factor only, at the increments `e`: so it does for a power of the distance."""
+        try:
+            with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
+                at_rest = self.slope(0.0, self.r0)
+                quotients = (self.slope(x, self.r0) / at_rest for x in e)
+                return all((abs(quotient - quotient[0]) <= ALIKE * abs(quotient[0])).all() for quotient in quotients)
+        except ValueError:  # the potential does not reach that far
+            return False
+
     def polynomial(self, reach: float) -> tuple[NDArray[np.float64], float] | None:
         """Coefficients of `H = e (c0 + c1 e + ...)` for |e| <= reach, shape (kinds, coefficients), and their error.
 
-        Their number is even.
+        Their number is even.  Where kinds are alike they are those of the first one times a factor, to the bit.
 
         Returns
         -------
         (ndarray, float) or None
             None if the law is not smooth enough there: a table with a knot within reach, or its end.
         """
+        kinds = len(self.r0)
+        if kinds > 1 and self.alike(reach * chebyshev.chebpts2(13)):
+            fit = self.at(np.zeros(1, int))._fitted(reach)
+            return fit and (np.outer(self.factors, fit[0]), fit[1])
         alone, shape, strength = self.shapes
-        fit = alone._polynomial_at_strength_one(reach)
-        return fit and (strength[:, None] * fit[0][shape], fit[1])
+        fits = []
+        for part in np.array_split(np.arange(len(alone.r0)), -(-len(alone.r0) // TOGETHER) or 1):
+            fits.append(alone.at(part)._fitted(reach))
+            if fits[-1] is None:
+                return None
+        count = max(c.shape[1] for c, _ in fits)
+        c = np.concatenate([np.pad(c, ((0, 0), (0, count - c.shape[1]))) for c, _ in fits])
+        return strength[:, None] * c[shape], max(error for _, error in fits)
 
-    def _polynomial_at_strength_one(self, reach):
+    @property
+    def factors(self) -> NDArray[np.float64]:
+        """Stiffness of the kinds, by that of the first one."""
+        stiffness = self.slope(0.0, self.r0)
+        return stiffness / stiffness[0]
+
+    def _fitted(self, reach):
+        """The same of some kinds, one by one."""
         x = np.cos(np.linspace(0, np.pi, 301))[:, None]
         nodes = chebyshev.chebpts1(MOST_COEFFICIENTS)[:, None]
         try:

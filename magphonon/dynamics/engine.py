@@ -15,7 +15,7 @@ from ..stiffness.rest import components, static_forces
 from .bond_increments import RANGES, Increments
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
-from .kernels_numpy import Kernel, Motion
+from .kernels_numpy import Kernel, Motion, largest
 from .law_pieces import Pieces, pieces
 from .memory_layout import arrange
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+MANY_LOADED = 1 / 8
+"""Share of the particles under static forces above which all have them in an array: a jittered patch that is not at rest."""
 PIECES = len(RANGES)
 """Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
 
@@ -68,25 +70,29 @@ class Blocks:
     drives : sequence of drives
     damping : ndarray, shape (particles,)
         gamma in 1/ms.
+    threads : int
+        Of compiled blocks; the bits do not depend on it.
     """
 
-    def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64]) -> None:
+    def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64], threads: int = 1) -> None:
         calc: MagneticRepulsion = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
         masses = atoms.get_masses()
-        self.atoms, self.calc, self.dt = atoms, calc, dt
+        self.atoms, self.calc, self.dt, self.threads = atoms, calc, dt, threads
         self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
         mobile, guided, barred = freedom(atoms)
         static = static_forces(calc, constant_push(drives, len(atoms)))
-        driven = np.flatnonzero(mobile & static.any(axis=1))
+        loaded = np.flatnonzero(mobile & static.any(axis=1))
+        everywhere = len(loaded) > MANY_LOADED * len(atoms)
+        driven = loaded[: len(loaded) * (not everywhere)]
         driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
-        self._static = static[driven]
+        self._static = static[driven] * (not everywhere)
 
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile, labels(calc.law, len(calc.bonds)))
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
                               layout.scatter(calc.foundation) if isinstance(calc.foundation, np.ndarray) else calc.foundation,
-                              layout.slot[driven], layout.slot[guided], barred)
+                              layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
         self.cages = Cages(atoms)
@@ -108,7 +114,7 @@ class Blocks:
 
     def steps_to_next_look(self, most: int) -> int:
         """How many steps the next block may have, `most` at most; fewer where particles are fast."""
-        largest, speed = (np.sqrt(2) * max(x.max(), -x.min()) for x in self._state[:2])
+        largest, speed = self._extent
         return self.cages.steps_between_looks(speed, largest, self.dt, most)
 
     def use(self, engine: str) -> None:
@@ -130,13 +136,22 @@ class Blocks:
             fitted = self._in_pieces()
             self._level, self._reach = (PIECES, 1.0) if fitted else (PIECES + 1, np.inf)
         kernel_class = Kernel if fitted is None else self._kernel_class
-        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted)
+        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, self.threads)
 
     def _in_pieces(self) -> list[Pieces] | None:
-        """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
+        """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many.
+
+        Where each bond has its own law, those of the first one, if it is all bonds' but for a factor.
+        """
         if self._kernel_class is Kernel:
             return None
-        alone, shape, strength = self._increments.shapes
+        law = self._increments
+        if self.layout.own_laws:
+            if not law.alike(law.increment(np.geomspace(CONTACT, BROKEN_BOND, 101))):
+                return None
+            first = pieces(law, 0, CONTACT, BROKEN_BOND)
+            return first and [first]
+        alone, shape, strength = law.shapes
         found = [pieces(alone, kind, CONTACT, BROKEN_BOND) for kind in range(len(alone.r0))]
         if None in found:
             return None
@@ -161,23 +176,27 @@ class Blocks:
             self._read()
         with np.errstate(over='ignore', invalid='ignore'):
             np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
-            while not (self._try(forces) <= self._reach or self._exact):
+            while True:
+                strain, *extent = self._try(forces)
+                if strain <= self._reach or self._exact:
+                    break
                 self._fit(self._level + 1)
                 self._stale = True
-        u = self._spare[0]
-        if not self.cages.still(np.sqrt(2) * max(u.max(), -u.min())):
-            u = np.where(self._mobile, self.layout.gather(u).T, self.displacements)  # a held one has any force, and stays
+        extent = np.sqrt(2) * np.array(extent)
+        if not self.cages.still(extent[0]):
+            u = np.where(self._mobile, self.layout.gather(self._spare[0]).T, self.displacements)  # a held one has any force
             self.cages.look(u, times[-1], bonded=self._exact)
-        self._state, self._spare = self._spare, self._state
+        self._state, self._spare, self._extent = self._spare, self._state, extent
 
     def _try(self, forces):
-        """Fill the spare state with the end of the block; returns the largest increment on the way."""
+        """Fill the spare state with the end of the block; returns what `Kernel.advance` does."""
         strain = 0.0
         if self._stale:
             u, _, a = self._state
             strain = self._kernel.accelerate(u, a, forces[0])
             self._stale = False
-        return np.maximum(strain, self._kernel.advance(self._state, forces[1:], out=self._spare))
+        found, *extent = self._kernel.advance(self._state, forces[1:], out=self._spare)
+        return np.maximum(strain, found), *extent
 
     def _external(self, times):
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
@@ -213,11 +232,16 @@ class Blocks:
         self._state = scatter(u), scatter(v), scatter(0 * v)
         self._spare = scatter(0 * u), scatter(0 * u), scatter(0 * u)
         self._anchors, self._stale = anchors, True
+        self._measure()
         level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
         if level > self._level:
             self._level = level
             if self._kernel is not None:
                 self._fit(level)
+
+    def _measure(self):
+        """The largest displacement and speed, or a little more."""
+        self._extent = [np.sqrt(2) * largest(x) for x in self._state[:2]]
 
     def _strain(self):
         """The largest increment |e| of the present state."""
@@ -246,6 +270,7 @@ class Blocks:
         self._fit(int(state['level']))
         for mine, name in zip(self._state, 'uva', strict=True):
             mine[:] = state[name]
+        self._measure()
         self._stale = bool(state['stale'])
 
 

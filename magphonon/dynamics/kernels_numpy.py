@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     State = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
     """Displacements, velocities and accelerations of the slots, each of the shape (2, slots)."""
+    Found = tuple[float, float, float]
+    """The largest increment |e| that any bond has had, and the largest components of displacement (mm) and velocity (mm/ms)."""
 
 RUN = 8192
 """Number of slots processed at a time: large enough for NumPy's overhead, small enough for the second-level cache."""
@@ -50,6 +52,8 @@ class Motion:
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float or ndarray, shape (2, slots)
         k in N/mm, of all particles or along each displacement.
+    static : ndarray, shape (2, slots), or None
+        Forces in N that do not change; None if they are counted among those on the driven slots, or zero.
     driven : ndarray of int
         Slots with external forces.
     guided : ndarray of int
@@ -62,6 +66,7 @@ class Motion:
     decay: np.ndarray
     mobility: np.ndarray
     foundation: Foundation
+    static: np.ndarray | None
     driven: np.ndarray
     guided: np.ndarray
     barred: np.ndarray
@@ -78,13 +83,15 @@ class Kernel:
     motion : Motion
     coefficients : ndarray, shape (kinds, coefficients), or list of Pieces, or None
         Of the polynomials in the increment; pieces for `CompiledKernel` only; None to evaluate the law itself.
+    threads : int
+        For `CompiledKernel` only.
     """
 
     engine = 'numpy'
 
     def __init__(self, layout: Layout, increments: Increments, motion: Motion,
-                 coefficients: NDArray[np.float64] | list[Pieces] | None) -> None:
-        self.layout, self.increments, self.motion = layout, increments, motion
+                 coefficients: NDArray[np.float64] | list[Pieces] | None, threads: int = 1) -> None:
+        self.layout, self.increments, self.motion, self.threads = layout, increments, motion, threads
         d, h = motion.decay, motion.dt / 2
         self.carry, self.push = d**2, (1 + d**2) * h * motion.mobility
         self.forget = np.zeros_like(d)
@@ -92,14 +99,14 @@ class Kernel:
 
     def _prepare(self, coefficients):
         layout = self.layout
-        self.forces = (TableForces if layout.offset is None else GridForces)(layout, self.increments, coefficients)
+        self.forces = (TableForces if layout.offset is None or layout.each else GridForces)(layout, self.increments, coefficients)
         self.f = np.zeros((2, layout.length))
-        self.scratch = np.empty((2, max(RUN, layout.length if layout.offset is None else 0)))
+        self.scratch = np.empty((2, max(RUN, layout.length if self.forces.whole else 0)))
 
-    def advance(self, state: State, forces: NDArray[np.float64], out: State) -> float:
+    def advance(self, state: State, forces: NDArray[np.float64], out: State) -> Found:
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
-        Returns the largest increment |e| that any bond has had on the way.
+        Returns the largest increment |e| that any bond has had on the way, and the largest components in the end.
 
         Parameters
         ----------
@@ -115,7 +122,7 @@ class Kernel:
         strain = np.maximum(strain, self.accelerate(u, a, forces[-1]))
         v += dt / 2 * a
         v *= d
-        return strain
+        return strain, largest(u), largest(v)
 
     def accelerate(self, u: NDArray[np.float64], a: NDArray[np.float64], force: NDArray[np.float64]) -> float:
         """Fill `a` with the accelerations at `u`: what a step that takes no time would leave as velocities.
@@ -133,6 +140,8 @@ class Kernel:
             for s, e in self.forces.fill(self.f, u):
                 us, vs, fs, t = u[:, s:e], v[:, s:e], self.f[:, s:e], self.scratch[:, : e - s]
                 fs -= np.multiply(k if whole else k[:, s:e], us, out=t)
+                if m.static is not None:
+                    fs += m.static[:, s:e]
                 fs *= push[s:e]
                 vs *= carry[s:e]
                 vs += fs
@@ -159,6 +168,11 @@ class Kernel:
         """Whether the positions and momenta are those that `write` left."""
         return all(np.array_equal(positions[:, x], anchors[x] + ux) and np.array_equal(momenta[:, x], masses * vx)
                    for x, (ux, vx) in enumerate(zip(self.layout.gather(u), self.layout.gather(v), strict=True)))
+
+
+def largest(x: NDArray[np.float64]) -> float:
+    """The largest component; no number if one is none."""
+    return max(x.max(), -x.min())
 
 
 class BondForces:
@@ -210,6 +224,7 @@ class GridForces(BondForces):
     def __init__(self, layout: Layout, increments: Increments, coefficients: NDArray[np.float64] | None) -> None:
         kinds = np.arange(len(layout.offset))[:, None]  # pyright: ignore[reportArgumentType]  a grid has offsets
         super().__init__(increments, coefficients, layout.kind_R.T[..., None], layout.r0[:, None], kinds)
+        self.whole = False
         self.offsets, self.strength = layout.offset.tolist(), layout.strength
         self.runs = layout.runs(gap=RUN // 8, longest=RUN).tolist()
         self.work = [np.empty((*shape, len(self.offsets) * RUN)) for shape in ((2,), (2,), (), ())]
@@ -238,6 +253,7 @@ class TableForces(BondForces):
         from scipy.sparse import csr_array
 
         super().__init__(increments, coefficients, layout.R.T.copy(), layout.r0[layout.kind], layout.kind)
+        self.whole = True  # filled in one run
         self.i, self.j, bonds = layout.i, layout.j, len(layout.i)
         ends = np.append(np.full(bonds, -1.0), np.ones(bonds)), (np.append(self.i, self.j), np.tile(np.arange(bonds), 2))
         self.sum = csr_array(ends, shape=(layout.length, bonds))

@@ -2,8 +2,9 @@
 
 In a patch made by `repeat` the bonds fall into a few groups of equal j - i and equal rest vector.  Such a group is
 a pair of shifted slices, and no index needs to be looked up.  A patch that was cut from a parallelogram is put back
-onto it (the array 'site'), with empty slots where particles are missing.  Everything else goes into a table of bonds,
-with the particles renumbered so that neighbours lie close in memory.
+onto it (the array 'site', or places found from the rest vectors), with empty slots where particles are missing.  Where rest
+vectors scatter, the groups are of equal j - i only, and each bond has its own.  Everything else goes into a table of bonds, with
+the particles renumbered so that neighbours lie close in memory.
 """
 
 from __future__ import annotations
@@ -22,6 +23,17 @@ if TYPE_CHECKING:
 
 GRID_COST = 6
 """Ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there."""
+GRID_COST_EACH = 3
+"""The same where each bond has its own rest vector and law, which must be read."""
+FEW_KINDS = 16
+"""Number of kinds of bonds up to which a table is sorted by kind; with more, each bond carries a law of its own."""
+SPREAD = 4
+"""Largest ratio of slots to particles of a grid."""
+OFF_PLACE = 0.3
+"""Largest difference, in shortest bonds, between a rest vector and a sum of two others times whole numbers, on a grid."""
+SKEWS = tuple(np.array(skew).reshape(2, 2) for skew in
+              ((1, 0, 0, 1), (1, 1, 0, 1), (1, -1, 0, 1), (1, 0, 1, 1), (1, 0, -1, 1), (0, 1, 1, 1), (0, 1, 1, -1)))
+"""Other base vectors of a lattice: in some of them a patch fills its parallelogram better."""
 LINE = 8
 """Number of floating-point numbers in a cache line."""
 SAME_VECTOR = 1e-10
@@ -52,16 +64,18 @@ class Layout:
     R : ndarray, shape (bonds, 2)
         Rest vectors in mm.
     kind : ndarray of int, shape (bonds,)
-        The increment law of each bond; ascending in a table.
+        The increment law of each bond.
     r0 : ndarray, shape (kinds,)
         Rest length of each kind in mm.
     example : ndarray of int, shape (kinds,)
         A bond of each kind, by its number in the list of bonds.
-    offset : ndarray of int, shape (kinds,), or None
-        On a grid, j - i of each kind; None for a table.
-    strength : ndarray, shape (kinds, length), or None
+    offset : ndarray of int, shape (groups,), or None
+        On a grid, j - i of each group; None for a table.
+    strength : ndarray, shape (groups, length), or None
         On a grid, 1 where slot i starts a bond and 0 elsewhere; None if this never matters because both its ends
         are held, as at a fixed rim.
+    group : ndarray of int, shape (bonds,), or None
+        On a grid, the group of each bond; with `kind` the same unless each bond has its own rest vector.
     """
 
     slot: np.ndarray
@@ -74,6 +88,23 @@ class Layout:
     example: np.ndarray
     offset: np.ndarray | None = None
     strength: np.ndarray | None = None
+    group: np.ndarray | None = None
+
+    @property
+    def each(self) -> bool:
+        """Whether bonds of one group differ on a grid."""
+        return self.group is not None and self.group is not self.kind
+
+    @property
+    def own_laws(self) -> bool:
+        """Whether each bond carries a law of its own."""
+        return self.each if self.offset is not None else len(self.r0) > FEW_KINDS
+
+    def on_grid(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of the bonds, shape (..., bonds), at groups and lower slots, shape (..., groups, length); zero elsewhere."""
+        grid = aligned_zeros((*values.shape[:-1], len(self.offset), self.length))  # pyright: ignore[reportArgumentType]
+        grid[..., self.group, self.i] = values
+        return grid
 
     @property
     def kind_R(self) -> NDArray[np.float64]:
@@ -123,15 +154,61 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     """
     other = np.flatnonzero(bonds.i != bonds.j)  # a bond to one's own image never changes
     i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]
-    layout = _grid(atoms, i, j, R, mobile, labels) or _table(len(atoms), i, j, R, labels)
+    layout = _on_any_grid(atoms, i, j, R, mobile, labels) or _table(len(atoms), i, j, R, labels)
     return replace(layout, example=other[layout.example])
 
 
-def _grid(atoms, i, j, R, mobile, labels):
-    slot = atoms.arrays.get('site', np.arange(len(atoms)))
-    if len(np.unique(slot)) < len(slot) or not len(i):  # as after joining two patches
+def _on_any_grid(atoms, i, j, R, mobile, labels):
+    for sites in (_given_sites, _sites_found) if len(i) else ():
+        slot = sites(atoms, i, j, R)
+        layout = None if slot is None else _grid(slot - slot.min(), i, j, R, mobile, labels)
+        if layout:
+            return layout
+    return None
+
+
+def _given_sites(atoms, *_):
+    sites = atoms.arrays.get('site', np.arange(len(atoms)))
+    return sites if len(np.unique(sites)) == len(sites) else None  # as after joining two patches
+
+
+def _sites_found(atoms, i, j, R):
+    """Places on a parallelogram where each bond leads from a place to one a whole number of rows and columns farther, or None."""
+    X, r = atoms.positions[:, :2], np.linalg.norm(R, axis=1)
+    first = R[r.argmin()]
+    across = abs(first[0] * R[:, 1] - first[1] * R[:, 0]) > r * r.min() / 2
+    if not across.any():
         return None
-    slot = slot - slot.min()
+    base = np.stack([first, R[np.where(across, r, np.inf).argmin()]])
+    for _ in range(3):
+        steps = np.rint(R @ np.linalg.inv(base))
+        if np.linalg.matrix_rank(steps.T @ steps) < 2:
+            return None
+        base = np.linalg.lstsq(steps, R, rcond=None)[0]
+    if (np.linalg.norm(R - steps @ base, axis=1) > OFF_PLACE * r.min()).any():
+        return None
+    places = np.rint((X - X[0]) @ np.linalg.inv(base))
+    for _ in range(2):
+        fit = np.linalg.lstsq(np.column_stack([places, np.ones(len(X))]), X, rcond=None)[0]
+        if np.linalg.matrix_rank(fit[:2]) < 2:
+            return None
+        places = np.rint((X - fit[2]) @ np.linalg.inv(fit[:2]))
+    if (places[j] - places[i] != steps).any():
+        return None
+    sites = min((_numbered(places @ skew, steps @ skew) for skew in SKEWS), key=lambda sites: sites.max())
+    few = sites.max() < SPREAD * len(sites) and len(np.unique(sites)) == len(sites)
+    return sites if few else None
+
+
+def _numbered(places, steps):
+    """Places numbered along the shorter side, so that bonds lead from a row to one of the next."""
+    places = (places - places.min(axis=0)).astype(int)
+    along = places.max(axis=0).argmin()
+    width = places[:, along].max() + 1 + int(abs(steps[:, along]).max())
+    return places[:, 1 - along] * width + places[:, along]
+
+
+def _grid(slot, i, j, R, mobile, labels):
     i, j = slot[i], slot[j]
     backward = j < i
     i, j = np.where(backward, j, i), np.where(backward, i, j)
@@ -139,19 +216,31 @@ def _grid(atoms, i, j, R, mobile, labels):
     r0 = np.linalg.norm(R, axis=1)
     groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME_VECTOR * r0.min())), labels]),
                                     axis=0, return_index=True, return_inverse=True)
-    slots = slot.max() + 1
+    group = kind = kind.ravel()
+    offset, R_of = groups[:, 0].astype(int), R[first][kind]
     if len(groups) * len(slot) > GRID_COST * len(i):
-        return None
-    kind = kind.ravel()
-    offset = groups[:, 0].astype(int)
+        offset, group = np.unique(j - i, return_inverse=True)
+        first, kind = _kinds(r0, labels)
+        R_of = R
+        pairs = group * (slot.max() + 1) + i
+        if len(offset) * len(slot) > GRID_COST_EACH * len(i) or len(np.unique(pairs)) < len(pairs):
+            return None
+    slots = slot.max() + 1
     length = slots + offset.max()
     length += -length % LINE
     free = np.zeros(length, bool)
     free[slot] = mobile
-    bonded = np.zeros((len(groups), length))
-    bonded[kind, i] = 1
+    bonded = np.zeros((len(offset), length))
+    bonded[group, i] = 1
     matters = [(free[:slots] | free[o : o + slots]) & (b[:slots] == 0) for o, b in zip(offset, bonded, strict=True)]
-    return Layout(slot, length, i, j, R[first][kind], kind, r0[first], first, offset, bonded if np.any(matters) else None)
+    return Layout(slot, length, i, j, R_of, kind, r0[first], first, offset, bonded if np.any(matters) else None, group)
+
+
+def _kinds(r0, labels):
+    """A bond for each of the kinds that differ in length or law, and the kind of each bond."""
+    _, first, kind = np.unique(np.column_stack([np.round(np.log(r0) / SAME_VECTOR), labels]), axis=0, return_index=True,
+                               return_inverse=True)
+    return first, kind.ravel()
 
 
 def _table(count, i, j, R, labels):
@@ -163,8 +252,6 @@ def _table(count, i, j, R, labels):
     slot[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(count)
     i, j = slot[i], slot[j]
     r0 = np.linalg.norm(R, axis=1)
-    _, first, kind = np.unique(np.column_stack([np.round(np.log(r0) / SAME_VECTOR), labels]), axis=0, return_index=True,
-                               return_inverse=True)
-    kind = kind.ravel()
+    first, kind = _kinds(r0, labels)
     order = np.lexsort([np.maximum(i, j), np.minimum(i, j), kind])
     return Layout(slot, count + -count % LINE, i[order], j[order], R[order], kind[order], r0[first], first)

@@ -14,6 +14,7 @@ Without damping and drives it is ASE's VelocityVerlet, bit for bit.
 
 from __future__ import annotations
 
+import os
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
+ENOUGH = 20_000
+"""Number of particles from which on another thread pays."""
 COMPILING_PAYS = 5e7
 """Number of particle-steps above which the compiled kernel saves the second that it takes to load."""
 BLOCK = 32
@@ -72,6 +75,9 @@ class DrivenVerlet(VelocityVerlet):
         For times in ms and energies in mJ, see `magphonon.dynamics.energy_log`; '-' is the terminal.
     loginterval : int
         Steps between two lines of the log, and between two frames of the trajectory.
+    threads : int, optional
+        Of compiled blocks; the bits do not depend on them.  By default one for each 20 000 particles, at most OMP_NUM_THREADS, or
+        as many as there are idle cores.
     **kwargs
         `trajectory` and what else ASE's MolecularDynamics takes.
 
@@ -102,7 +108,8 @@ class DrivenVerlet(VelocityVerlet):
 
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
                  allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None, loginterval: int = 1,
-                 **kwargs: Any) -> None:
+                 threads: int | None = None, **kwargs: Any) -> None:
+        self.threads = threads_for(len(atoms)) if threads is None else whole('threads', threads)
         self.asked_engine = one_of('engine', engine, ENGINES)
         self._drive_list = list(drives)
         self.drives = Drives(self._drive_list, len(atoms))
@@ -242,7 +249,7 @@ class DrivenVerlet(VelocityVerlet):
         else:
             fresh = self._blocks is None
             if fresh:
-                self._blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping)
+                self._blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping, self.threads)
             self._blocks.use(self.engine)
             if fresh and old is not None and old.current:
                 self._blocks.adopt(old)
@@ -363,6 +370,17 @@ class DrivenVerlet(VelocityVerlet):
     def _traj_write_image(self, description):
         self._refresh_properties()  # blocks of steps leave no forces behind
         super()._traj_write_image(description)
+
+
+def threads_for(particles: int) -> int:
+    """Threads that compiled blocks of steps take by themselves: one for each ENOUGH particles, on cores that nobody else uses.
+
+    A thread that waits for its core holds up the others, so that beside other load more of them are slower than one.
+    """
+    allowed = os.environ.get('OMP_NUM_THREADS', '')  # also what a batch system or a pool of processes sets
+    if not allowed.isdigit() and particles >= 2 * ENOUGH and hasattr(os, 'sched_getaffinity'):  # where there is a load to ask for
+        allowed = round(len(os.sched_getaffinity(0)) - os.getloadavg()[0])
+    return max(1, min(int(allowed or 1), particles // ENOUGH))
 
 
 def _damping_of(damping, count):

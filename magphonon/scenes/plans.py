@@ -159,7 +159,7 @@ class BurstPlan(Table):
     def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[Site, Passage]:
         """Send burst number k through a patch; returns its Site and Passage.
 
-        `engine`, `ranks` and `directory` are those of `magphonon.waves.tone_burst.send`.
+        `engine`, `threads`, `ranks` and `directory` are those of `magphonon.waves.tone_burst.send`.
         """
         from ..waves.spectrum import FEWEST
         from ..waves.tone_burst import send

@@ -56,7 +56,7 @@ class Passage:
 
 
 def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto', ranks: int = 1,
-         directory: str | PathLike[str] | None = None) -> Passage:
+         directory: str | PathLike[str] | None = None, threads: int | None = None) -> Passage:
     """Send a burst through a copy of a patch at rest and record it.
 
     Parameters
@@ -76,6 +76,8 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         MPI ranks of LAMMPS.
     directory : path-like, optional
         Folder that keeps the files of LAMMPS, see `run_lammps`.
+    threads : int, optional
+        As for DrivenVerlet.
 
     Returns
     -------
@@ -120,7 +122,7 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         row, source, field = run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks,
                                         directory=directory)
     else:
-        dyn = DrivenVerlet(patch, dt, [drive], damping, engine)
+        dyn = DrivenVerlet(patch, dt, [drive], damping, engine, threads=threads)
         row, source, field = (Recorder(dyn, particles, every) for particles, every in wanted)
         dyn.run(steps)
     largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))

@@ -2,6 +2,7 @@
 
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,11 +10,13 @@ from ase.constraints import FixAtoms
 from oracles import LAWS
 
 from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, Tabulated, Yukawa, lattices
+from magphonon.dynamics import memory_layout
 from magphonon.dynamics.bond_increments import RANGES, TOLERANCE, Increments
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
 from magphonon.dynamics.engine import PIECES, Blocks
 from magphonon.dynamics.law_pieces import octave_piece, pieces
 from magphonon.dynamics.memory_layout import arrange
+from magphonon.dynamics.verlet import threads_for
 from magphonon.interactions.pair_laws import Hertz
 
 LAW = InversePower(b=8900.0, a=4.5)
@@ -106,10 +109,36 @@ def test_patches_lie_on_a_grid_of_few_offsets(name):
     assert arrange(free, bonds, np.ones(30, bool)).strength is not None
 
 
+def in_table(name):
+    """Patches that are called a table do not find their places on a grid."""
+    return mock.patch.object(memory_layout, 'SPREAD', 0 if 'table' in name else memory_layout.SPREAD)
+
+
+@pytest.mark.parametrize('name', cells())
+def test_places_on_a_grid_are_found_in_any_order_and_with_scatter(name):
+    groups = 2 if name == 'square' else 3  # honeycomb and kagome are triangular lattices with places left free
+    rng = np.random.default_rng(8)
+    for shape, patch in shapes(name):
+        cut = vacancies(patch, share=0.05, free=True)
+        cut.set_array('site', None)
+        for scatter in (0.0, 0.5):  # mm
+            cut.positions[:, :2] += scatter * rng.uniform(-1, 1, (len(cut), 2))
+            angle = rng.uniform(0, 2 * np.pi)
+            c, s = np.cos(angle), np.sin(angle)
+            cut.positions[:, :2] = cut.positions[:, :2] @ [[c, s], [-s, c]]
+            layout = arrange(cut, MagneticRepulsion(cut, LAW, cutoff=12.0).bonds, np.ones(len(cut), bool))
+            assert layout.offset is not None, shape
+            assert len(layout.offset) == groups
+            assert layout.each == (scatter > 0)
+            places = {(i, j) for i, j in zip(layout.i, layout.j, strict=True)}
+            assert {int(j - i) for i, j in places} <= set(layout.offset.tolist())
+
+
 def test_other_structures_go_into_a_table():
     patch = vacancies(lattices.parallelogram(cells()['triangular'], 8, 8))
     patch.set_array('site', None)
-    layout = arrange(patch, MagneticRepulsion(patch, LAW).bonds, patch.get_tags() == 0)
+    with in_table('table'):
+        layout = arrange(patch, MagneticRepulsion(patch, LAW).bonds, patch.get_tags() == 0)
     assert layout.offset is None
     assert sorted(layout.slot) == list(range(len(patch)))
     twice = lattices.parallelogram(cells()['triangular'], 8, 8)
@@ -140,14 +169,15 @@ STRUCTURES = dict(structures())
 FEW = ['triangular hexagon', 'free edges', 'free vacancies on a grid', 'table', 'many runs on a grid', 'many runs of a table']
 
 
-def blocks_of(atoms, model, engine, amplitude, law=LAW, **bonds):
+def blocks_of(name, atoms, model, engine, amplitude, law=LAW, **bonds):
     atoms = atoms.copy()
     atoms.calc = MagneticRepulsion(atoms, law, foundation=0.02, model=model, **bonds)
     u = amplitude * np.random.default_rng(2).normal(size=(len(atoms), 3))
     u[:, 2] = 0
     atoms.positions += u
     atoms.set_momenta(np.zeros((len(atoms), 3)))
-    blocks = Blocks(atoms, 0.1, [], np.zeros(len(atoms)))
+    with in_table(name):
+        blocks = Blocks(atoms, 0.1, [], np.zeros(len(atoms)))
     blocks.use(engine)
     return atoms, blocks
 
@@ -166,7 +196,7 @@ def test_kernels_compute_the_calculators_forces(name, engine):
     models = MODELS if len(atoms) < 1000 else MODELS[:1]
     for model in models:
         for amplitude in (0.002, 0.2) if engine == 'numpy' else (0.002,):
-            moved, blocks = blocks_of(atoms, model, engine, amplitude)
+            moved, blocks = blocks_of(name, atoms, model, engine, amplitude)
             a = accelerations(blocks)
             blocks.write()
             expected = moved.get_forces()[:, :2] / 0.7  # at the new positions; FixAtoms holds the rim here too
@@ -185,7 +215,8 @@ def test_shells_of_neighbours_have_their_own_laws(engine):
             if not atoms.info['site']:
                 atoms.set_array('site', None)
                 atoms = atoms[np.random.default_rng(0).permutation(81)]
-            moved, blocks = blocks_of(atoms, 'complete', engine, 0.02 if engine == 'numpy' else 0.002, law, shells=3)
+            size = 0.02 if engine == 'numpy' else 0.002
+            moved, blocks = blocks_of('shells in a table', atoms, 'complete', engine, size, law, shells=3)
             a = accelerations(blocks)
             blocks.write()
             expected = moved.get_forces()[:, :2] / 0.7
@@ -206,7 +237,8 @@ def test_numpy_and_compiled_blocks_agree(name, model):
         drives = [Harmonic(inner, (1, 2), amplitude, 0.5)]
         dyn = DrivenVerlet(moving, 0.1, drives, np.linspace(0, 0.01, len(moving)), engine)
         recorder = Recorder(dyn, interval=9)
-        dyn.run(2000)
+        with in_table(name):
+            dyn.run(2000)
         assert dyn.engine == engine
         return recorder.displacements
 
@@ -311,6 +343,50 @@ def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
     dyn.run(64)
     assert dyn._blocks._level > PIECES
     assert dyn.engine == 'numpy'
+
+
+# --- threads ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', ['free vacancies on a grid', 'many runs on a grid', 'many runs of a table'])
+def test_threads_and_chunks_of_levels_leave_every_bit_as_it_is(name, monkeypatch):
+    pytest.importorskip('numba')
+    from magphonon.dynamics import kernels_numba
+
+    monkeypatch.setattr(kernels_numba, 'RUN', 64)  # 90 runs in the large ones
+
+    def run(threads, cache, amplitude=0.01):
+        monkeypatch.setattr(kernels_numba, 'CACHE', cache)
+        atoms = STRUCTURES[name].copy()
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=40.0)
+        drives = [Harmonic(np.arange(len(atoms))[:: len(atoms) // 9], (1, 2), amplitude, 0.5)]
+        dyn = DrivenVerlet(atoms, 0.1, drives, np.linspace(0, 0.01, len(atoms)), 'compiled', threads=threads)
+        dyn.attach(lambda: None, 7)
+        with in_table(name):
+            dyn.run(60)
+        assert dyn.engine == 'compiled'
+        return dyn.displacements, dyn.velocities, atoms.positions
+
+    expected = run(1, 2**40)  # all levels of a block in one chunk
+    assert abs(expected[0]).max() > 1e-6
+    for threads, cache in ((1, 0), (2, 2**40), (2, 0), (3, 2**17), (5, 0)):  # 0: each level by itself
+        assert all(np.array_equal(x, y) for x, y in zip(run(threads, cache), expected, strict=True))
+    assert not np.array_equal(run(2, 0, 0.0100001)[0], expected[0])  # the control
+
+
+def test_threads_are_a_whole_number_and_one_by_default_in_small_patches(monkeypatch):
+    atoms = lattices.parallelogram(cells()['triangular'], 6, 6)
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.02)
+    assert DrivenVerlet(atoms, 0.1).threads == 1
+    with pytest.raises(ValueError, match='threads must be a whole number of at least 1, not 0'):
+        DrivenVerlet(atoms, 0.1, threads=0)
+    monkeypatch.setenv('OMP_NUM_THREADS', '3')
+    assert [threads_for(n) for n in (10, 39_999, 40_000, 1_000_000)] == [1, 1, 2, 3]
+    monkeypatch.setenv('OMP_NUM_THREADS', '')
+    monkeypatch.setattr('os.sched_getaffinity', lambda process: set(range(8)), raising=False)
+    for load, threads in ((0.2, 8), (3.4, 5), (11.0, 1)):
+        monkeypatch.setattr('os.getloadavg', lambda load=load: (load, 0.0, 0.0), raising=False)
+        assert threads_for(1_000_000) == threads
 
 
 # --- what numba keeps -------------------------------------------------------------------------------------------------

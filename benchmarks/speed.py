@@ -1,0 +1,196 @@
+"""What is fast, and by how much: `python benchmarks/speed.py [ROW ...] [--chart FILE.png]` measures and prints one table.
+
+A row is a job and its peers, run in turns in one process, of which the least time of several rounds counts; a peer that is
+not installed is left out.  A row says what error the time bought, what ratio was wished for, and whether it was reached.
+Other benchmarks add theirs with `@row(...)`.  Set OMP_NUM_THREADS=1: threads are asked for by name.
+"""
+
+import argparse
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+import steps
+from lammps_steps import STYLES, lammps_stepper
+
+from magphonon import DrivenVerlet, MagneticRepulsion
+
+ROUNDS, SECONDS = 7, 0.15
+ROWS = {}
+"""Name of a row -> function that measures it and returns Results."""
+
+
+@dataclass
+class Result:
+    """One line of the table: seconds of a job and of its peer, per unit of work."""
+
+    job: str
+    peer: str
+    seconds: float
+    peer_seconds: float
+    error: float
+    goal: float
+
+    @property
+    def ratio(self):
+        return self.peer_seconds / self.seconds
+
+    def __str__(self):
+        met = 'met' if self.ratio >= self.goal else f'{self.ratio / self.goal:.0%} of it'
+        return (f'{self.job:44s} {self.seconds * 1e9:9.2f} ns   {self.peer:24s} {self.peer_seconds * 1e9:9.2f} ns   '
+                f'{self.ratio:6.2f} x   goal {self.goal:4.1f}: {met:10s} error {self.error:.0e}')
+
+
+def row(name):
+    """Add a function to the table under a name."""
+
+    def add(function: Callable[[], list[Result]]):
+        ROWS[name] = function
+        return function
+
+    return add
+
+
+def in_turns(candidates):
+    """The least seconds of each, per unit; `candidates` is name -> function(repeats) that returns seconds."""
+    best, repeats = dict.fromkeys(candidates, np.inf), {}
+    for name, seconds in candidates.items():
+        repeats[name] = 10 * max(1, round(SECONDS / (seconds(20) / 2 + 1e-9)))
+    for _ in range(ROUNDS):
+        for name, seconds in candidates.items():
+            best[name] = min(best[name], seconds(repeats[name]) / repeats[name])
+    return best
+
+
+def scattered(n):
+    """The patch with its magnets up to 2 % of the spacing off their places, in any order, and stiffly held there."""
+    atoms, _ = steps.patch(n)
+    rng = np.random.default_rng(5)
+    atoms.positions[:, :2] += 0.02 * 10 * rng.uniform(-1, 1, (len(atoms), 2))
+    atoms = atoms[rng.permutation(len(atoms))]
+    atoms.set_array('site', None)
+    return atoms, steps._displaced(atoms)
+
+
+def irregular(n):
+    """The same with magnets up to 15 % off, which lie on no grid any more."""
+    atoms, displacements = scattered(n)
+    atoms.positions[:, :2] += 0.13 * 10 * np.random.default_rng(6).uniform(-1, 1, (len(atoms), 2))
+    return atoms, displacements
+
+
+def compiled(start, threads=1):
+    """`seconds(steps)` of compiled blocks, with an observer every ten steps, and the displacements after the first 100."""
+    dyn = DrivenVerlet(moving(*start), steps.DT, engine='compiled', threads=threads)
+    dyn.attach(lambda: None, 10)
+    return steps._stepper(dyn, lambda: dyn.displacements)
+
+
+def moving(atoms, displacements, foundation, cutoff=13.0):
+    """A copy with bonds up to a distance, that starts from the displacements."""
+    copy = atoms.copy()
+    copy.calc = MagneticRepulsion(atoms, steps.LAW, foundation=foundation, cutoff=cutoff)
+    copy.positions += displacements
+    return copy
+
+
+def against_lammps(job, make, n, foundation, goal):
+    """Compiled blocks on one thread against the faster one of LAMMPS's styles."""
+    atoms, displacements = make(n)
+    start = atoms, displacements, foundation
+    seconds, end = compiled(start)
+    dyn = DrivenVerlet(moving(*start), steps.DT, engine='numpy')
+    dyn.run(0)
+    dyn._blocks._fit(len(steps.RANGES) + 1)
+    dyn.run(100)
+    error = steps.apart(end, dyn.displacements)
+    candidates = {'magphonon': seconds}
+    with ExitStack() as stack:
+        at_rest = atoms.copy()
+        at_rest.calc = moving(*start).calc
+        try:
+            candidates |= {f'LAMMPS {style}': stack.enter_context(lammps_stepper(at_rest, steps.DT, displacements, style))[0]
+                           for style in STYLES}
+        except ImportError:
+            print(f'{job}: LAMMPS is not installed')
+            return []
+        best = in_turns(candidates)
+    peer = min((name for name in best if name != 'magphonon'), key=best.get)
+    count = len(atoms)
+    return [Result(f'{job}, {count} magnets', peer, best['magphonon'] / count, best[peer] / count, error, goal)]
+
+
+for n in (100, 316, 1000):
+    row(f'patch{n * n}')(lambda n=n: against_lammps('patch', steps.patch, n, steps.FOUNDATION, 10))
+row('scattered10000')(lambda: against_lammps('2 % off their places', scattered, 100, 100 * steps.FOUNDATION, 3))
+row('scattered100000')(lambda: against_lammps('2 % off their places', scattered, 316, 100 * steps.FOUNDATION, 3))
+row('irregular10000')(lambda: against_lammps('15 % off, a table', irregular, 100, 1000 * steps.FOUNDATION, 2))
+
+
+@row('disorder')
+def disorder():
+    """Scattered against ordered, of the same size."""
+    ordered, other = (*steps.patch(100), steps.FOUNDATION), (*scattered(100), 100 * steps.FOUNDATION)
+    one, two = compiled(ordered), compiled(other)
+    best = in_turns({'ordered': one[0], 'scattered': two[0]})
+    return [Result('2 % off their places, 10000 magnets', 'ordered (1/1.5 wanted)', best['scattered'] / 1e4,
+                   best['ordered'] / 1e4, np.nan, 1 / 1.5)]
+
+
+@row('threads')
+def threads():
+    """Two threads against one; the error is whether any bit differs."""
+    found = []
+    for n in (316, 1000):
+        start = *steps.patch(n), steps.FOUNDATION
+        one, two = compiled(start), compiled(start, threads=2)
+        best = in_turns({'one': one[0], 'two': two[0]})
+        found.append(Result(f'two threads, {n * n} magnets', 'one thread', best['two'] / n**2, best['one'] / n**2,
+                            steps.apart(two[1], one[1]), 1.8))
+    return found
+
+
+@row('large motion')
+def large():
+    """The law in pieces, from a tenth to three spacings, against the polynomial of small motion, on the same motion."""
+    start = *steps.patch(100), steps.FOUNDATION
+    small, far = compiled(start), DrivenVerlet(moving(*start), steps.DT, engine='compiled', threads=1)
+    far.attach(lambda: None, 10)
+    far.run(0)
+    far._blocks._fit(len(steps.RANGES))
+    seconds, end = steps._stepper(far, lambda: far.displacements)
+    best = in_turns({'small': small[0], 'far': seconds})
+    return [Result('law in pieces, 10000 magnets', 'polynomial', best['far'] / 1e4, best['small'] / 1e4,
+                   steps.apart(end, small[1]), 0.5)]
+
+
+def draw(results, file):
+    """Ratios as bars from the peer's speed, and what was wished for."""
+    from matplotlib import pyplot as plt
+
+    figure, ax = plt.subplots(figsize=(7, 0.5 + 0.35 * len(results)), layout='constrained')
+    y = np.arange(len(results))[::-1]
+    ax.barh(y, [result.ratio for result in results], color='0.6')
+    ax.plot([result.goal for result in results], y, 'k|', markersize=14, label='wanted')
+    ax.set_yticks(y, [f'{result.job} / {result.peer}' for result in results], fontsize=7)
+    ax.axvline(1, color='k', linewidth=0.5)
+    ax.set_xlabel('times as fast')
+    ax.legend()
+    figure.savefig(file, dpi=150)
+
+
+if __name__ == '__main__':
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('rows', nargs='*', metavar='ROW', help=f'of {", ".join(ROWS)}; all by default')
+    parser.add_argument('--chart', metavar='FILE.png')
+    options = parser.parse_args()
+    begin, results = perf_counter(), []
+    for name in options.rows or ROWS:
+        for result in ROWS[name]():
+            print(result, flush=True)
+            results.append(result)
+    print(f'{len(results)} lines in {perf_counter() - begin:.0f} s; {sum(r.ratio >= r.goal for r in results)} goals met')
+    if options.chart:
+        draw(results, options.chart)
