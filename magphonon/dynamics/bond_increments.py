@@ -124,7 +124,7 @@ class Increments:
         r = self.length(e, r0)
         near = abs(e) < NEAR
         divisor = r if self.model == 'complete' else r0
-        H = -self._along(self.potential.dphi, r) / divisor + self._along(self.potential.dphi, r0) / r0
+        H: Any = -self._along(self.potential.dphi, r) / divisor + self._along(self.potential.dphi, r0) / r0
         if near.any():
             few = self.at(np.nonzero(near)[-1]) if isinstance(self.potential, BondLaws) else self
             e, r0 = e[near], np.broadcast_to(r0, e.shape)[near]
@@ -154,7 +154,7 @@ class Increments:
         kinds = len(self.r0)
         if kinds > 1 and self.alike(reach * chebyshev.chebpts2(13)):
             fit = self.at(np.zeros(1, int))._fitted(reach)
-            return fit and (np.outer(self.factors, fit[0]), fit[1])
+            return fit and (self.factors[:, None] * fit[0], fit[1])
         alone, shape, strength = self.shapes
         fits = []
         for part in np.array_split(np.arange(len(alone.r0)), -(-len(alone.r0) // TOGETHER) or 1):
@@ -162,7 +162,7 @@ class Increments:
             if fits[-1] is None:
                 return None
         count = max(c.shape[1] for c, _ in fits)
-        c = np.concatenate([np.pad(c, ((0, 0), (0, count - c.shape[1]))) for c, _ in fits])
+        c: NDArray[np.float64] = np.concatenate([np.pad(c, ((0, 0), (0, count - c.shape[1]))) for c, _ in fits])
         return strength[:, None] * c[shape], max(error for _, error in fits)
 
     @property

@@ -141,8 +141,9 @@ class Laws(NamedTuple):
     g         (kinds,) or (groups, length), (1, bonds) if each bond has its own law
     r2        r0^2 of the kinds, 1/r0^2 of each bond
     factors   as g where bonds differ by these only, or None
-    laws      coefficients of the kinds, (kinds, coefficients) as many as `pattern`, or their pieces; of one kind with factors;
-              of each bond without them, (groups, coefficients, length) or (1, coefficients, bonds)
+    laws      coefficients of the kinds, (kinds, coefficients) as many as `pattern`, or their pieces; with factors, coefficients
+              of the one kind, or pieces of several, of which `pattern` says for each bond which it has; if each bond has its own
+              without factors, its coefficients, (groups, coefficients, length) or (1, coefficients, bonds)
     """
 
     q: Any
@@ -244,13 +245,19 @@ def _own_quotient_of(laws, pattern, factors, law, n, b, e):
         quotient, reached = _quotient(law, e)
         return factors[n, b] * quotient, reached
 
+    def by_pieces(laws, pattern, factors, law, n, b, e):
+        quotient, reached = _quotient(_law(laws, pattern[n, b], None), e)
+        return factors[n, b] * quotient, reached
+
     def by_coefficients(laws, pattern, factors, law, n, b, e):
         p = laws[n, len(pattern) - 1, b]
         for k in range(len(pattern) - 2, -1, -1):
             p = p * e + laws[n, k, b]
         return p, e
 
-    return by_coefficients if isinstance(factors, types.NoneType) else by_factor
+    if isinstance(factors, types.NoneType):
+        return by_coefficients
+    return by_factor if isinstance(laws, types.Array) else by_pieces
 
 
 @jit
@@ -358,7 +365,7 @@ def _common_law(laws, pattern, factors):
 
 @overload(_common_law, jit_options=OPTIONS)
 def _common_law_of(laws, pattern, factors):
-    if isinstance(factors, types.NoneType):
+    if isinstance(factors, types.NoneType) or not isinstance(laws, types.Array):
         return lambda laws, pattern, factors: None
     return lambda laws, pattern, factors: _law(laws, 0, pattern)
 

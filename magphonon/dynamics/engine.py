@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 MANY_LOADED = 1 / 8
 """Share of the particles under static forces above which all have them in an array: a jittered patch that is not at rest."""
+MOST_LAWS = 64
+"""Number of laws up to which each is cut into pieces although bonds have their own."""
 PIECES = len(RANGES)
 """Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
 
@@ -141,20 +143,20 @@ class Blocks:
     def _in_pieces(self) -> list[Pieces] | None:
         """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many.
 
-        Where each bond has its own law, those of the first one, if it is all bonds' but for a factor.
+        Where each bond has its own law, those of all laws at strength 1 if they are few, or of the first if the others are
+        this one times a factor.
         """
         if self._kernel_class is Kernel:
             return None
-        law = self._increments
-        if self.layout.own_laws:
-            if not law.alike(law.increment(np.geomspace(CONTACT, BROKEN_BOND, 101))):
-                return None
-            first = pieces(law, 0, CONTACT, BROKEN_BOND)
-            return first and [first]
+        law, own = self._increments, self.layout.own_laws
         alone, shape, strength = law.shapes
-        found = [pieces(alone, kind, CONTACT, BROKEN_BOND) for kind in range(len(alone.r0))]
-        if None in found:
+        if own and len(alone.r0) > MOST_LAWS:
+            alone = law.at(np.zeros(1, int)) if law.alike(law.increment(np.geomspace(CONTACT, BROKEN_BOND, 101))) else None
+        if alone is None:
             return None
+        found = [pieces(alone, kind, CONTACT, BROKEN_BOND) for kind in range(len(alone.r0))]
+        if None in found or own:
+            return None if None in found else found  # pyright: ignore[reportReturnType]  none of them is None
         return [replace(found[k], coefficients=s * found[k].coefficients)  # pyright: ignore[reportArgumentType]  none of them is None
                 for k, s in zip(shape, strength, strict=True)]
 

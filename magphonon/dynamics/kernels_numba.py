@@ -169,9 +169,8 @@ def _shared(layout, law, fitted):
 
 
 def _own(layout, law, fitted, along):
-    """Each bond's law: the first one times a factor where that is all they differ by."""
+    """Each bond's law: one times a factor where that is all they differ by."""
     kind, r0 = layout.kind, layout.r0
-    factors, shape, pattern = law.factors, fitted, ()
     if isinstance(fitted, np.ndarray):
         pattern = (0.0,) * fitted.shape[1]
         with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
@@ -179,7 +178,10 @@ def _own(layout, law, fitted, along):
         alike = (abs(shapes - shapes[0]) <= SAME_SHAPE * abs(shapes[0])).all()
         factors, shape = (fitted[:, 0], shapes[:1]) if alike else (None, np.moveaxis(along(fitted.T[:, kind]), 0, -2).copy())
     else:
-        shape = _joined(fitted, np.ones(1))
+        alone, which, strength = law.shapes
+        every = len(fitted) == len(alone.r0)  # the pieces are those of all laws at strength 1, or else of the first kind
+        factors, which = (strength, which) if every else (law.factors, 0 * which)
+        shape, pattern = _joined(fitted, np.ones(len(fitted))), along(which[kind].astype(float)).astype(np.uint64)
     return Laws(law.q, law.t, along(law.g[kind]), along(1 / r0[kind] ** 2), shape, pattern,
                 None if factors is None else along(factors[kind]))
 
