@@ -42,7 +42,7 @@ class Drawn:
         self.strengths = rng.choice([0.0, 0.8, 1.0, 1.3], n) if few else rng.uniform(0.7, 1.3, n)
         self.springs = rng.uniform(0.2, 0.6, [(n, 2), (n, 1), (1, 2)][rng.integers(3)])
         self.potential, self.model = LAWS[seed % len(LAWS)], str(rng.choice(['complete', 'conventional', 'literal']))
-        self.atoms, size = atoms, rng.choice([1e-3, 1.5])  # the laws in one polynomial, and in pieces
+        self.atoms, size = atoms, rng.choice([1e-3, 1.2])  # the laws in one polynomial, and in pieces
         self.u, self.v = size * rng.uniform(-1, 1, (2, n, 2)) * np.isin(np.arange(n), free)[:, None]
         self.v[free[-1]] = 0.0
         atoms.calc = MagneticRepulsion(atoms, self.potential, foundation=self.springs, strengths=self.strengths, model=self.model,
