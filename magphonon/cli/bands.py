@@ -146,7 +146,7 @@ def _lattice(scene, atoms):
     if lattice.kind == 'file':
         held = len(atoms) - int(freedom(atoms)[0].sum())
         return f'{len(atoms)} particles from {lattice.file}, {held} of them held, the nearest {lattice.spacing_m:g} m apart'
-    force = repulsion(atoms.calc.potential, lattice.spacing_m * units.m)
+    force = repulsion(atoms.calc.law, lattice.spacing_m * units.m)
     return f'{lattice.kind} lattice, L0 = {lattice.spacing_m:g} m, M = {lattice.mass_kg:g} kg, f(L0) = {force:.6g} N'
 
 

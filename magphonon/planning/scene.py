@@ -132,7 +132,7 @@ def neglected(scene: Any) -> list[str]:
     """
     from .bands import REACHES, neighbour_shells
 
-    if scene.single or scene.law.shells == ALL or scene.lattice.kind == 'file':
+    if scene.single or scene.law.shells == ALL or scene.lattice.kind == 'file' or scene.laws_of_kinds:
         return []
     counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
     if len(neighbour_shells(_cell(scene), REACHES[0])) <= scene.law.shells:

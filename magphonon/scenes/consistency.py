@@ -57,6 +57,8 @@ def check(scene: Scene) -> None:
         _oscillator(scene)
     if isinstance(scene.lattice, FileLattice) or isinstance(scene.law, SavedLaw):
         _file(scene)
+    if scene.laws_of_kinds:
+        _kinds(scene)
     if isinstance(scene.law.shells, int) and scene.law.shells > MOST_SHELLS:
         raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
                          f"use '{ALL}', the sum over all neighbours")
@@ -170,10 +172,6 @@ def _file(scene: Scene) -> None:
         if given:
             raise ValueError(f'{name} and law.kind = "saved" say two things: law, bonds, masses and foundation are in '
                              f'{lattice.file}; take {name} out')
-    for array, column in (('strength', 'strength'), ('stiffness', 'stiffness_N_per_m')):
-        if lattice.cell().has(array) and scene.law.shells == ALL:
-            raise ValueError(f"law.shells = '{ALL}' sums over particles that are alike, but {lattice.file} has a column "
-                             f'{column}; take a number of shells')
     if lattice.cell().has('stiffness') and scene.foundation is not None:
         raise ValueError(f'foundation: {lattice.file} tells the stiffness of each particle; take one of them out')
     if lattice.relaxed and scene.law.shells == ALL:
@@ -191,6 +189,30 @@ def _imperfect(scene: Scene) -> None:
         raise ValueError(f"{name} and law.shells = '{ALL}': structures relax with a number of shells only; take one of them out")
     if scene.uncertainty is not None:
         raise ValueError(f'{name} and uncertainty: tolerances are those of the perfect lattice; take one of the tables out')
+
+
+def _kinds(scene: Scene) -> None:
+    """What laws of kinds need, and what knows one law only."""
+    pairs = [other.kinds for other in scene.laws_of_kinds]
+    for a, b in {pair for pair in pairs if pairs.count(pair) > 1}:
+        raise ValueError(f'laws_of_kinds has two laws for the kinds {a} and {b}; keep one of them')
+    guests = scene.defects.guests if scene.defects is not None else ()
+    there = {int(kind) for kind in scene.lattice.cell().get_tags()} | {guest.kind for guest in guests}
+    for kind in sorted(set(chain.from_iterable(pairs)) - there):
+        raise ValueError(f'laws_of_kinds names the kind {kind}, which no particle has; a kind comes from the column kind of a '
+                         'file, or from [[defects.substitutions]]')
+    for other in scene.laws_of_kinds:
+        if isinstance(other.law, SavedLaw) or isinstance(scene.law, SavedLaw):
+            raise ValueError('laws_of_kinds and kind = "saved" say two things: the laws are in the file of the particles')
+        if other.law.shells != scene.law.shells or scene.law.shells == ALL:
+            raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
+                             f'{scene.law.shells!r} in [law]')
+    for name in ('plan', 'design', 'uncertainty'):
+        if getattr(scene, name) is not None:
+            raise ValueError(f'{name}: it knows one law for all particles; take [{name}] or [[laws_of_kinds]] out')
+    if scene.patch is not None and not isinstance(scene.patch, Supercell):
+        raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; take patch.kind = "supercell", or cut it in '
+                         'Python and save it with magphonon.write_scene')
 
 
 def _bands(scene: Scene) -> None:

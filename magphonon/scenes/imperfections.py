@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
 NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of that of its neighbours')]
+Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')]
 Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
 
@@ -31,10 +32,13 @@ class Guest(Table):
                                                  examples=[0.5])
     relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of its foundation', examples=[0.0])
 
+    kind: Kind | None = Field(None, description='its kind, which chooses among [[laws_of_kinds]]', examples=[1])
+
     @property
     def properties(self) -> dict[str, Any]:
         """As `magphonon.stiffness.substituted` takes them."""
-        return {'mass': self.relative_mass, 'strength': self.relative_strength, 'stiffness': self.relative_stiffness}
+        return {'mass': self.relative_mass, 'strength': self.relative_strength, 'stiffness': self.relative_stiffness,
+                'kind': self.kind}
 
 
 class Substitution(Guest):
@@ -52,6 +56,11 @@ class Defects(Table):
                                 examples=[[[0.0, 0.0]]])
     substitutions: Annotated[tuple[Substitution, ...], listed] = ()
     interstitials: Annotated[tuple[Interstitial, ...], listed] = ()
+
+    @property
+    def guests(self) -> tuple[Guest, ...]:
+        """All that is other or new."""
+        return self.substitutions + self.interstitials
 
     @model_validator(mode='after')
     def _something(self):

@@ -123,8 +123,9 @@ def _key(table: str, kinds: tuple[str, ...], name: str, fields: list[FieldInfo],
         described = dict.fromkeys(filter(None, map(_told, tables)))
     allowed = [dict.fromkeys(_allowed([field.annotation, *field.metadata])) for field in fields]
     kind = kinds[0] if kinds else ''
-    value = next((found for found in (examples.get((table, kind, name)), examples.get((table, '', name)),
-                                      *(field.examples or ())) if found is not None), None)
+    alike = table, table.partition('.')[2]  # a law in [[laws_of_kinds]] is like [law]
+    found = [examples.get((place, of, name)) for place in alike for of in (kind, '')] + list(field.examples or ())
+    value = next((one for one in found if one is not None), None)
     example = f'{name} = {_toml(value)}' if value is not None and not tables else ''
     unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), '') if not tables else ''
     several = any(get_origin(part) is tuple for part in (field.annotation, *get_args(field.annotation)))

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from .. import units as u
-from ..errors import one_of, shown
+from ..errors import one_of, shown, whole
 from ..interactions.force_tables import read_forces
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
@@ -19,6 +19,9 @@ from .lattices import Shells
 from .supports import _poisson_ratio
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from ..interactions.bond_laws import Potential
     from ..interactions.pair_laws import PairLaw
 
 Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_T)))]
@@ -266,3 +269,27 @@ def _known_law(table):
 
 Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw | TableLaw | MagnetsLaw | SavedLaw,
                 Field(discriminator='kind'), BeforeValidator(_known_law)]
+
+
+def _two_kinds(value):
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f' must be two kinds of particles, as [0, 1], not {shown(value)}')
+    return tuple(sorted(whole('', kind, least=0) for kind in value))
+
+
+class LawOfKinds(Table):
+    """The law between particles of two kinds, in place of [law]."""
+
+    kinds: Annotated[tuple[int, int], BeforeValidator(_two_kinds), Allowed('0 or more each')] = Field(
+        description='the two kinds, in either order; a particle has the kind that its file or [[defects.substitutions]] gives, '
+        'or 0', examples=[[0, 1]])
+    law: Law = Field(description='their law, a table like [law]')
+
+
+def laws_of_kinds(law: PairLaw, others: tuple[LawOfKinds, ...], kinds: Iterable[int]) -> Potential:
+    """One law, or one for each pair of the `kinds` and of those that `others` name."""
+    if not others:
+        return law
+    named = sorted({int(kind) for kind in kinds}.union(*(other.kinds for other in others)))
+    laws: dict[tuple[int, int], PairLaw] = {(a, b): law for a in named for b in named if a <= b}
+    return laws | {other.kinds: other.law.potential() for other in others}

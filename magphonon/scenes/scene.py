@@ -11,7 +11,7 @@ import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -24,10 +24,10 @@ from ..stiffness.relaxation import Relaxation, relaxed
 from ..textfiles import MEGABYTE, text_of
 from .consistency import check
 from .design import DesignPlan
-from .fields import Table, Text, reason
+from .fields import Table, Text, listed, reason
 from .imperfections import Defects, Disorder
 from .lattices import ALL, AnyLattice, Oscillator, Patch, Supercell
-from .laws import Law, SavedLaw
+from .laws import Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
 from .structures import FileLattice
 from .supports import Foundation
@@ -63,6 +63,7 @@ class Scene(Table):
     title: Text = Field(description='a line that says what it is')
     lattice: AnyLattice = Field(description='a table [lattice]')
     law: Law = Field(description='a table [law]')
+    laws_of_kinds: Annotated[tuple[LawOfKinds, ...], listed] = ()
     foundation: Foundation | None = None
     patch: Patch | None = None
     bands: BandPlan | None = None
@@ -127,12 +128,12 @@ class Scene(Table):
         atoms = self.cell()
         if self.law.shells == ALL:
             try:
-                atoms.calc = AllNeighbours(atoms, self._law(), **self._sites(atoms))  # pyright: ignore[reportArgumentType]  or it refuses
+                atoms.calc = AllNeighbours(atoms, self._law(atoms), **self._sites(atoms))  # pyright: ignore[reportArgumentType]  or it refuses
             except ValueError as error:
                 raise ValueError(f"law.shells = '{ALL}': {error}") from None
             return atoms
         try:
-            atoms.calc = MagneticRepulsion(atoms, self._law(), shells=self.law.shells, cutoff=self.lattice.cutoff,
+            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), shells=self.law.shells, cutoff=self.lattice.cutoff,
                                            bonds=self.lattice.bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
@@ -143,9 +144,13 @@ class Scene(Table):
             atoms.calc = atoms.calc.balanced([Oscillator.free])
         return atoms
 
-    def _law(self) -> Any:
-        law = self.law.potential()
-        return self.foundation.law(law) if self.foundation else law
+    def _law(self, atoms: Atoms) -> Any:
+        """The law of all, or the laws of pairs of kinds; of upright magnets, if they leave the plane."""
+        laws: Any = laws_of_kinds(self.law.potential(), self.laws_of_kinds, atoms.get_tags())
+        if not self.foundation:
+            return laws
+        upright = self.foundation.law
+        return {pair: upright(law) for pair, law in laws.items()} if isinstance(laws, dict) else upright(laws)
 
     def _sites(self, atoms: Atoms) -> dict[str, Any]:
         """What each site has of its own, or all have in common, as the calculators take it."""

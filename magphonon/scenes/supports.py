@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from .. import units as u
 from ..errors import positive
 from ..interactions.upright import UprightMagnets
-from .fields import Length, NotNegative, Positive, Pressure, Table, within
+from .fields import Flag, Length, NotNegative, Positive, Pressure, Table, within
 
 if TYPE_CHECKING:
     from ..interactions.pair_laws import PairLaw
@@ -48,7 +48,7 @@ class OutOfPlane(Table):
 
     stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] = Field(
         description='the stiffness in N/m of the support of each particle along z', examples=[800.0])
-    upright_magnets: bool = Field(description='true for magnets that stand upright on the plane, whose energy obeys '
+    upright_magnets: Flag = Field(description='true for magnets that stand upright on the plane, whose energy obeys '
                                               "Laplace's equation; false for a force along the line between two particles")
 
 

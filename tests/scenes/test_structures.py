@@ -254,3 +254,59 @@ def test_all_neighbours_are_written_too(tmp_path):
     write_scene(cell, tmp_path / 'all.toml')
     q = np.array([[0.2, 0.1, 0]])
     assert np.array_equal(read_scene(tmp_path / 'all.toml').atoms().calc.bloch_matrix(q), cell.calc.bloch_matrix(q))
+
+
+WEAK = {'kinds': [1, 0], 'law': LAW | {'b_N_m_a': 0.4e-10}}
+
+
+def test_laws_of_kinds(tmp_path):
+    """A row of two kinds by turns: alike pairs two sites apart do not meet, so that all bonds have the law of unlike ones."""
+    text = 'x_m,y_m,kind\n' + '\n'.join(f'{0.01 * k},0,{k % 2}' for k in range(6))
+    (tmp_path / 'p.csv').write_text(text)
+
+    def forces(**changes):
+        made = Scene.model_validate({'title': 'x', 'law': LAW, 'lattice': {
+            'kind': 'file', 'file': 'p.csv', 'mass_kg': 1e-3, 'cell_m': [[0.06, 0]]}} | changes, context={'folder': tmp_path})
+        atoms = made.atoms()
+        atoms.positions[2, 0] += 0.3
+        return atoms.get_forces(), atoms.calc
+
+    plain, _ = forces()
+    weak, calc = forces(laws_of_kinds=[WEAK])
+    assert_allclose(weak, plain * 0.4 / 1.6209, rtol=1e-9, atol=1e-12)
+    assert set(calc.potential) == {(0, 0), (0, 1), (1, 1)}
+    unbonded, _ = forces(laws_of_kinds=[WEAK | {'kinds': [1, 1]}])  # the control: no such bond
+    assert_allclose(unbonded, plain, rtol=1e-9, atol=1e-12)
+
+
+def test_another_kind_in_a_lattice():
+    """One magnet of another kind in the triangular lattice: it pushes its neighbours by its own law, then all come to rest."""
+    data = {'title': 'x', 'law': LAW, 'lattice': {'kind': 'triangular', 'spacing_m': 0.01, 'mass_kg': 1e-3},
+            'foundation': {'stiffness_N_per_m': 60.0}, 'patch': {'kind': 'supercell', 'cells_1': 5, 'cells_2': 5},
+            'defects': {'substitutions': [{'at_m': [0.03, 0.0], 'kind': 1}]}, 'laws_of_kinds': [WEAK]}
+    made = Scene.model_validate(data)
+    atoms = made.patch_atoms()
+    k = int(np.flatnonzero(atoms.get_tags() == 1)[0])
+    calc = atoms.calc
+    own = (calc.bonds.i == k) | (calc.bonds.j == k)
+    r = calc.bonds.lengths
+    assert_allclose(calc.law.dphi(r), -np.where(own, 0.4e-10, 1.6209e-10) * u.N * u.m**4.5824 * r**-4.5824, rtol=1e-12)
+    assert r[own].max() < 10 - 1e-3  # its neighbours have moved towards it
+    assert abs(made.atoms().get_forces()).max() < 1e-12  # the lattice is what it was
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'laws_of_kinds': [WEAK, WEAK]}, 'two laws for the kinds 0 and 1'),
+    ({'laws_of_kinds': [WEAK | {'kinds': [0, 3]}]}, 'names the kind 3, which no particle has'),
+    ({'laws_of_kinds': [WEAK | {'kinds': [0]}]}, r'must be two kinds of particles, as \[0, 1\], not \[0\]'),
+    ({'laws_of_kinds': [WEAK | {'law': LAW | {'shells': 2}}]}, 'shells must be one number, the same in every law, not 2'),
+    ({'laws_of_kinds': [WEAK], 'uncertainty': {'mass_percent': 1.0}}, 'it knows one law for all particles'),
+    ({'laws_of_kinds': [WEAK], 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}}, 'a patch tags its rim'),
+    ({'laws_of_kinds': WEAK}, 'must be a list in brackets'),
+])
+def test_unsuitable_laws_of_kinds_are_refused(changes, message):
+    data = {'title': 'x', 'law': LAW, 'lattice': {'kind': 'triangular', 'spacing_m': 0.01, 'mass_kg': 1e-3},
+            'patch': {'kind': 'supercell', 'cells_1': 5, 'cells_2': 5},
+            'defects': {'substitutions': [{'at_m': [0.03, 0.0], 'kind': 1}]}}
+    with pytest.raises(ValueError, match=message):
+        Scene.model_validate(data | changes)

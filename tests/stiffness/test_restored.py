@@ -9,6 +9,7 @@ from ase.constraints import FixAtoms, FixedLine
 from ase.io.jsonio import decode, encode
 
 from magphonon import MagneticRepulsion, lattices, magnet_law, relaxed, restored
+from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnets import Cuboid, Sphere
 from magphonon.stiffness import AllNeighbours
 from tests.oracles import LAWS, Gaussian
@@ -86,7 +87,8 @@ def test_a_calculator_goes_on_after_a_restart(tmp_path):
     assert np.array_equal(through.atoms.positions, resumed.atoms.positions)
 
 
-LAWS_OF_MAGNETS = [*OWN.values(), magnet_law(Sphere(8.0, 1.2)), magnet_law(Cuboid(4.0, 6.0, 5.0, 1.1))]
+LAWS_OF_MAGNETS = [*OWN.values(), magnet_law(Sphere(8.0, 1.2)), magnet_law(Cuboid(4.0, 6.0, 5.0, 1.1)),
+                   UprightMagnets(OWN['table'])]
 
 
 @pytest.mark.parametrize('law', LAWS_OF_MAGNETS, ids=lambda law: type(law).__name__)
@@ -161,3 +163,11 @@ def test_sites_of_their_own_come_back(tmp_path):
     assert same(atoms, again)
     # control: one of the laws in place of all
     assert abs(restored(again, atoms.calc.todict(), laws[0, 0]).get_forces() - atoms.get_forces()).max() > 1e-3
+
+
+def test_motion_out_of_the_plane_comes_back(tmp_path):
+    atoms = lattices.triangular(10.0, 0.7).repeat((4, 4, 1))
+    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(LAWS['dipoles']), foundation=[[0.1, 0.2, 3.0]])
+    atoms.positions += 0.05 * np.random.default_rng(3).normal(size=(16, 3))
+    ase.io.write(tmp_path / 'a.traj', atoms)
+    assert same(atoms, restored(ase.io.read(tmp_path / 'a.traj')))
