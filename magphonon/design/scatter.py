@@ -23,6 +23,7 @@ from ..bands.gruneisen import stiffness_change
 from ..errors import not_negative
 from ..response.frf import resolvents
 from ..response.normal_modes import modes
+from ..stiffness.bond import refuse_upright
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import hessian
 
@@ -94,6 +95,7 @@ class SiteSlopes:
         """Stiffness K, its derivative by the bond vector, and pull phi' n of each bond."""
         calc, dim = self.system.calc, self.system.dim
         R = calc.bond_vectors
+        refuse_upright(R, calc.law, 'uncertainties of each magnet')
         r = np.linalg.norm(R, axis=1)
         turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.law, calc.linear_model) for axis in np.eye(dim)]
         return calc.rest_stiffness(calc.linear_model), np.stack(turns, axis=-1), (calc.law.dphi(r) / r)[:, None] * R
