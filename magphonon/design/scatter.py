@@ -152,6 +152,16 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter,
     std : ndarray, shape (modes,)
         Standard deviation to first order, in rad/ms; of modes of one frequency, which scatter parts, the root mean square of them
         all.  NaN for a frequency of zero.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.design import Scatter, mode_scatter
+    >>> cells = lattices.triangular(1.0, 1.0).repeat((3, 3, 1))
+    >>> cells.calc = MagneticRepulsion(cells, InversePower(1.0, 4.0), foundation=1.0)
+    >>> omega, std = mode_scatter(cells, Scatter(stiffness=0.06), count=1)  # of each of nine pillars
+    >>> round(float(std[0] / omega[0]), 6)  # 0.06/2/sqrt(9)
+    0.01
     """
     system = LinearSystem.of(atoms)
     found = modes(system, count)

@@ -167,6 +167,17 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     >>> cauchy_stress(cell).round(9)  # f/L0 of compression
     array([[-1.,  0.],
            [ 0., -1.]])
+
+    The lattice of a given pressure is found by a filter of ASE, which asks for the pressure on the walls of the cell, so many
+    times smaller than that per length as the cell is high, and for a mask that holds the height:
+
+    >>> from ase.filters import FrechetCellFilter
+    >>> from ase.optimize import BFGS
+    >>> pressed = FrechetCellFilter(cell, mask=(1, 1, 0, 0, 0, 1), scalar_pressure=2.0 / cell.cell[2, 2])
+    >>> bool(BFGS(pressed, logfile=None).run(fmax=1e-8))
+    True
+    >>> round(float(-cauchy_stress(cell)[0, 0]), 6), round(float(cell.cell[0, 0] ** -5), 6)  # f/L = L^-5
+    (2.0, 2.0)
     """
     calc = repulsion_of(atoms)
     _refuse_patches(atoms)
