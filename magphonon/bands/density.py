@@ -81,7 +81,8 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     omega : array_like, shape (frequencies,), optional
         Increasing, in rad/ms: the middles of the bins over which the density is averaged; 400 over all branches if not given.
     steps : int, optional
-        Mesh steps along each reciprocal vector; 1998 for a chain, 180 in the plane, 30 in space if not given.
+        Mesh steps along each reciprocal vector; if not given, 1998 for a chain, 180 in the plane, 30 in space, and fewer for
+        cells of more than six particles.
     model : {'complete', 'conventional'}
 
     Returns
@@ -157,10 +158,15 @@ def _on_mesh(atoms, steps, model):
     periodic = int(atoms.pbc.sum())
     if not periodic:
         raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
-    steps = STEPS[periodic] if steps is None else whole('steps', steps)
+    steps = _steps(len(atoms), periodic) if steps is None else whole('steps', steps)
     mesh = np.meshgrid(*(np.arange(steps) / steps if along else 0.0 for along in atoms.pbc), indexing='ij')
     frequencies, _ = bloch_modes(atoms, np.stack(mesh, axis=-1), model)
     return frequencies.reshape(*(steps,) * periodic, -1)
+
+
+def _steps(particles, periodic):
+    """Mesh steps for a cell of some particles: about as many wavevectors in its zone as there is room for in that of one."""
+    return 6 * int(np.ceil(STEPS[periodic] / 6 / (particles / 6) ** (1 / periodic))) if particles > 6 else STEPS[periodic]
 
 
 def _middles(frequencies):

@@ -118,17 +118,16 @@ def bands_cost(scene: Scene) -> Cost:
 
 def frf_cost(scene: Scene) -> Cost:
     """Cost of `magphonon frf`."""
-    plan, particles = scene.frf, _particles(scene)
+    plan, particles = scene.frf, particles_of(scene)
     size = 2 * particles
     if size <= SMALL:
         return Cost('frf', {'frf.points': PICTURES_bytes + 48.0 * plan.points * size},
                     PICTURES_s + 2e-8 * plan.points * size + 1e-9 * size**3, 4)
     terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
     factorised = terms > FACTORISATION * plan.points
-    size_key = 'lattice.file' if scene.finite else scene.patch.size_key
     dense = size if size <= DENSE else 0  # all natural frequencies
     memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
-              size_key: 20.0 * dense**2 + (FACTOR_bytes if factorised else SERIES_bytes) * particles}
+              size_key(scene): 20.0 * dense**2 + (FACTOR_bytes if factorised else SERIES_bytes) * particles}
     work = plan.points * FACTOR_s * particles if factorised else terms * (plan.points * TERM_s + PRODUCT_s * particles)
     return Cost('frf', memory, PICTURES_s + len(MODELS) * work + DENSE_s * dense**3, 4)
 
@@ -142,7 +141,7 @@ def uncertainty_cost(scene: Scene) -> Cost:
         memory['bands.points'] = scene.bands.points * len(scene.cell()) ** 2 * (POINT_bytes + PHASE_bytes * bonds * parameters)
         seconds, files = seconds + DRAWN_s + POINT_s * len(scene.cell()) * scene.bands.points, files + 4
     if scene.frf is not None:
-        particles = _particles(scene)
+        particles = particles_of(scene)
         memory['frf.points'] = 72.0 * scene.frf.points * particles * (2 + parameters) + FACTOR_bytes * particles
         seconds += scene.frf.points * (1e-3 + FACTOR_s * particles)
         files += 3
@@ -155,7 +154,7 @@ def burst_cost(scene: Scene) -> Cost:
 
     if scene.patch is None:
         return Cost('burst', {'burst.duration_s': PICTURES_bytes}, PICTURES_s, 0)
-    plan, particles = scene.burst, _particles(scene)
+    plan, particles = scene.burst, particles_of(scene)
     row, top, length = particles**0.5, _top(scene), plan.duration_s * u.s
     steps = length * top / (2 * STEP_FRACTION)
     frames = length * max(plan.carriers_Hz) * u.Hz * SAMPLES
@@ -169,7 +168,12 @@ def burst_cost(scene: Scene) -> Cost:
     return Cost('burst', memory, seconds, 8 * len(plan.carriers_Hz) + 3)
 
 
-def _particles(scene):
+def size_key(scene: Scene) -> str:
+    """The key that the number of particles grows with."""
+    return 'lattice.file' if scene.finite else scene.patch.size_key if scene.patch is not None else 'title'
+
+
+def particles_of(scene: Scene) -> float:
     """Number of particles of the patch, from its area, or of the finite structure; one for the oscillator."""
     if scene.single:
         return 1
@@ -203,10 +207,16 @@ def refuse_costly(scene: Scene, *tables: str) -> None:
     tables : str
         The tables that the command is about to work on; those that the scene does not have are ignored.
     """
-    free = free_memory()
     for cost in costs(scene):
-        if cost.table in tables and cost.bytes > USABLE_FRACTION * free:
-            raise ValueError(too_much(scene, cost, free))
+        if cost.table in tables:
+            refuse_cost(scene, cost)
+
+
+def refuse_cost(scene: Scene, cost: Cost) -> None:
+    """Raise ValueError if a command needs more memory than is available; the message names the key."""
+    free = free_memory()
+    if cost.bytes > USABLE_FRACTION * free:
+        raise ValueError(too_much(scene, cost, free))
 
 
 def too_much(scene: Scene, cost: Cost, free: float) -> str:

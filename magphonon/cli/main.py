@@ -24,7 +24,8 @@ from ..spelling import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-COMMANDS = ('bands', 'burst', 'check', 'design', 'fit', 'frf', 'plan', 'reproduce', 'scene', 'spectrum', 'sweep', 'uncertainty')
+COMMANDS = ('bands', 'burst', 'check', 'design', 'dos', 'fit', 'frf', 'modes', 'plan', 'reproduce', 'scene', 'spectrum', 'sweep',
+            'uncertainty')
 """The commands; each is a module of `magphonon.cli`."""
 COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
 """The commands that need a table of the same name in the scene."""

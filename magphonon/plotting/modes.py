@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 # Of a mode shape, in lattice constants: half the window, cells that fill it; and the longest arrow in bond lengths.
 WINDOW, REACH, ARROW = 2.4, 5, 0.42
+# Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
+LONG_ARROW, STILL = 1.4, 0.03
 
 
 def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, ax: Axes | None = None) -> Axes:
@@ -108,11 +110,13 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None,
     ax = new_axes(4.6, 4.6) if ax is None else ax
     bonds, rest = repulsion_of(atoms).bonds, atoms.positions[:, :2] / units.m
     share = atoms.get_masses() * (shape**2).sum(axis=1)
-    arrows = ARROW * bonds.lengths.min() / units.m / np.linalg.norm(shape, axis=1).max() * shape[:, :2]
+    length = np.linalg.norm(shape, axis=1)
+    moving = length > STILL * length.max()
+    arrows = LONG_ARROW * bonds.lengths.min() / units.m / length.max() * shape[moving, :2]
     size = ax.get_window_extent().width / ax.figure.dpi * 72 * bonds.lengths.min() / units.m / (np.ptp(rest, axis=0).max() or 1)
     ax.scatter(*rest.T, s=(0.6 * size) ** 2, c=share, cmap='Greys', vmin=0, vmax=share.max(), edgecolors='0.75',
                linewidths=min(0.5, 0.05 * size))
-    ax.quiver(*rest.T, *arrows.T, color=COLOURS[1], angles='xy', scale_units='xy', scale=0.3, width=0.006, zorder=3)
+    ax.quiver(*rest[moving].T, *arrows.T, color=COLOURS[1], angles='xy', scale_units='xy', scale=1, width=0.006, zorder=3)
     ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal', title=title)
     return ax
 

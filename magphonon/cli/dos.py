@@ -1,0 +1,136 @@
+"""`magphonon dos SCENE.toml -o DIR`: density of states of the lattice and of the patch, and the bands of the patch unfolded."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+
+    from ..scenes.scene import Scene
+    from .costs import Cost
+
+HELP = 'density of states of the lattice and of a patch, and the unfolded bands of the patch'
+FREQUENCIES = 400
+"""Number of bins of the density of a lattice."""
+MOMENTS, VECTORS, SPECTRAL_MOMENTS = 512, 16, 256
+"""Chebyshev moments and random vectors of the density of a patch, moments of its spectral function: they resolve 0.3 % and 0.6 %
+of the highest frequency."""
+WAVEVECTORS = 60
+"""Number of wavevectors along the path."""
+COLUMN_s, COLUMNS_bytes = 25e-9, 2900
+"""Time of a product of the matrix with one of several vectors, per particle; memory for one particle with its share of the matrix
+and of these vectors."""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+
+
+def run(options: Namespace) -> None:
+    from ..scenes.scene import read_scene
+    from .costs import refuse_cost
+    from .results import results
+    from .structures import lattice_and_patch
+
+    scene = read_scene(options.scene)
+    refuse_cost(scene, cost(scene))
+    lattice, patch, lines = lattice_and_patch(scene)
+    with results(options, scene) as folder:
+        report, axes = [scene.title, *lines], None
+        if lattice is not None:
+            axes, told = _of_lattice(folder, lattice)
+            report += told
+        if patch is not None:
+            axes, told = _of_patch(folder, patch, axes)
+            report += told
+            if lattice is not None and scene.bands is not None:
+                path = scene.lattice.path(scene.bands.path, WAVEVECTORS)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+                report += _unfolded(folder, scene, lattice, patch, path)
+        axes.figure.suptitle(scene.title, fontsize='medium')
+        axes.figure.savefig(folder / 'dos.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    print('\n'.join(report))
+    print(f'pictures and data are in {options.output}')
+
+
+def cost(scene: Scene) -> Cost:
+    """Estimate of what the command takes."""
+    from .costs import Cost, PICTURES_bytes, PICTURES_s, particles_of, size_key
+
+    particles = particles_of(scene)
+    waves = 0 if scene.finite or scene.single else 4 * len(scene.cell()) * WAVEVECTORS
+    work = particles * COLUMN_s * (VECTORS * MOMENTS + waves * SPECTRAL_MOMENTS) / 2
+    return Cost('dos', {size_key(scene): PICTURES_bytes + COLUMNS_bytes * particles}, PICTURES_s + work, 9)
+
+
+def _of_lattice(folder, atoms):
+    """Density of states by each model on the same bins; axes and lines of the report."""
+    import numpy as np
+
+    from .. import units
+    from ..bands.density import band_ranges, lattice_density
+    from ..files import write_columns
+    from ..plotting.density import plot_density
+    from .bands import ZERO_FRACTION
+
+    wide = [lattice_density(atoms, model=model) for model in atoms.calc.bloch_models]
+    omega = np.linspace(min(found.omega[0] for found in wide), max(found.omega[-1] for found in wide), FREQUENCIES)
+    axes, report, names, columns = None, [], ['frequency_Hz'], [units.hertz(omega)]
+    for model, style in zip(atoms.calc.bloch_models, ('-', '--'), strict=False):
+        found = lattice_density(atoms, omega, model=model)
+        found.save(folder / f'dos_{model}.npz')
+        axes = plot_density(found, axes, label=f'lattice, {model}', linestyle=style)
+        names.append(f'{model}_share_per_Hz')
+        columns.append(found.per_Hz)
+        ends = units.hertz(band_ranges(atoms, model=model))
+        ends = np.where(abs(ends) < ZERO_FRACTION * ends.max(), 0.0, ends)
+        report.append(f'lattice, {model}: {found.modes:.0f} branches from {ends[0, 0]:.6g} to {ends[-1, 1]:.6g} Hz, most modes '
+                      f'at {_hertz(found, found.density.argmax())}, in bins of {units.hertz(omega[1] - omega[0]):.3g} Hz')
+        report += [f'  gap from {low:.6g} to {high:.6g} Hz' for (_, low), (high, _) in pairwise(ends)]
+    write_columns(folder / 'dos.csv', names, columns)
+    return axes, report
+
+
+def _hertz(found, k):
+    return f'{found.frequencies_Hz[k]:.4g} Hz'
+
+
+def _of_patch(folder, patch, axes):
+    """Density of states of a patch, with its errors; axes and lines of the report."""
+    from .. import units
+    from ..files import write_columns
+    from ..plotting.density import plot_density
+    from ..response.spectral_density import density_of_states
+
+    found = density_of_states(patch, moments=MOMENTS, vectors=VECTORS)
+    found.save(folder / 'dos_patch.npz')
+    axes = plot_density(found, axes, label='patch', linewidth=1)
+    error = found.error * found.per_Hz.max() / found.density.max()
+    write_columns(folder / 'dos_patch.csv', ['frequency_Hz', 'share_per_Hz', 'standard_error_per_Hz', 'resolution_Hz'],
+                  [found.frequencies_Hz, found.per_Hz, error, units.hertz(found.width)])
+    middle = len(found.omega) // 2
+    return axes, [f'patch: {found.modes:.0f} free directions; {VECTORS} random vectors, standard error up to '
+                  f'{found.error.max() / found.density.max():.2g} of the highest density; resolution '
+                  f'{units.hertz(found.width[0]):.3g} Hz at low frequencies, {units.hertz(found.width[middle]):.3g} Hz at '
+                  f'{_hertz(found, middle)}']
+
+
+def _unfolded(folder, scene, lattice, patch, path):
+    """Spectral function of a patch along the path, under the bands of the lattice; lines of the report."""
+    from .. import units
+    from ..bands.bands import analytic_bands
+    from ..plotting.bands import plot_bands
+    from ..plotting.density import plot_spectral_function
+    from ..response.spectral_density import spectral_function
+
+    found = spectral_function(patch, lattice, path.kpts, moments=SPECTRAL_MOMENTS)
+    found.save(folder / 'spectral.npz')
+    axes = plot_spectral_function(found, path)
+    for model, style in zip(lattice.calc.bloch_models, ('-', '--'), strict=False):
+        plot_bands(analytic_bands(lattice, path, model), axes, label=f'lattice, {model}', linestyle=style, linewidth=0.8)
+    axes.figure.suptitle(scene.title, fontsize='medium')
+    axes.figure.savefig(folder / 'spectral.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    return [f'spectral.png: the modes of the patch along {path.path}, resolved to {units.hertz(found.width[0]):.3g} Hz at low '
+            'frequencies']

@@ -1,0 +1,197 @@
+"""`magphonon modes SCENE.toml -o DIR`: modes of the lattice at special points, and of the patch, the local ones named."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+
+    from ..scenes.scene import Scene
+    from .costs import Cost
+
+HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, and which are local'
+MOST_DIRECTIONS = 3000
+"""Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
+LOWEST = 60
+"""Number of the lowest modes of a larger patch."""
+SHOWN = 3
+"""Largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local."""
+MOST_BRANCHES = 6
+"""Largest number of branches of a lattice whose modes are drawn at each special point."""
+OUTSIDE = 1e-4
+"""Distance of a local mode from the bands, as a fraction of the highest frequency: between points of the mesh they may be
+wider."""
+
+SHAPES_bytes, SHAPES_s = 40, 3e-10
+"""Cost of all modes of a structure with their shapes, divided by the square and the cube of its free directions."""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
+    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    parser.add_argument('--animate', metavar='MODE', type=int,
+                        help='write a film of this mode of the patch, by its number in modes.csv')
+
+
+def run(options: Namespace) -> None:
+    from ..scenes.scene import read_scene
+    from .costs import refuse_cost
+    from .results import results
+    from .structures import lattice_and_patch
+
+    scene = read_scene(options.scene)
+    refuse_cost(scene, cost(scene))
+    lattice, patch, report = lattice_and_patch(scene)
+    if patch is None and options.animate is not None:
+        raise ValueError(f'--animate {options.animate}: the scene has no patch whose modes could be filmed; add a table [patch]')
+    with results(options, scene) as folder:
+        report = [scene.title, *report]
+        if lattice is not None:
+            report += _of_lattice(folder, scene, lattice)
+        if patch is not None:
+            report += _of_patch(folder, scene, lattice, patch, options.animate)
+    print('\n'.join(report))
+    print(f'pictures and data are in {options.output}')
+
+
+def cost(scene: Scene) -> Cost:
+    """Estimate of what the command takes."""
+    from .costs import Cost, FACTOR_bytes, FACTOR_s, PICTURES_bytes, PICTURES_s, particles_of, size_key
+
+    size = 2 * particles_of(scene)
+    if size <= MOST_DIRECTIONS:
+        memory, work = SHAPES_bytes * size**2, SHAPES_s * size**3
+    else:
+        memory, work = (FACTOR_bytes + 16 * LOWEST) * size / 2, 30 * FACTOR_s * size
+    return Cost('modes', {size_key(scene): PICTURES_bytes + memory}, PICTURES_s + work, 6)
+
+
+def _of_lattice(folder, scene, atoms):
+    """Pictures of the modes at the special points, and a table of their frequencies for the report."""
+    import numpy as np
+
+    from ..bands.bands import analytic_bands
+    from ..bands.zone import PLANAR
+    from ..plotting.modes import plot_mode
+    from ..plotting.waves import panels
+    from .bands import ZERO_FRACTION
+
+    path = scene.lattice.path(scene.bands.path if scene.bands is not None else None, 2)
+    names = list(dict.fromkeys(name for name in path.path if name in path.special_points))
+    path = scene.lattice.path(''.join(names), 2)
+    bands = analytic_bands(atoms, path, vectors=True)
+    at = [int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in names]
+    conventional = analytic_bands(atoms, path, 'conventional') if 'conventional' in atoms.calc.bloch_models else None
+    top = bands.frequencies_Hz.max()
+    report = [f'{"modes of the lattice (Hz)":28}' + f'{"complete":>14}' + f'{"conventional":>14}' * (conventional is not None)]
+    for name, where in zip(names, at, strict=True):
+        for branch, polarisation in enumerate(bands.polarisations[where]):
+            found = [which.frequencies_Hz[where, branch] for which in (bands, conventional) if which is not None]
+            shown = ''.join(f'{f if abs(f) > ZERO_FRACTION * top else 0.0:14.6g}' for f in found)
+            report.append(f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip())
+    drawable = atoms.calc.pairwise and tuple(atoms.pbc) == PLANAR and atoms.calc.dim == 2
+    if not drawable or bands.omega.shape[1] > MOST_BRANCHES:
+        return report
+    figure, axes = panels(len(names), bands.omega.shape[1])
+    for row, where in zip(axes, at, strict=True):
+        for branch, ax in enumerate(np.atleast_1d(row)):
+            plot_mode(atoms, bands, where, branch, ax)
+    figure.suptitle(scene.title, fontsize='medium')
+    figure.savefig(folder / 'modes_lattice.png')
+    return report
+
+
+def _of_patch(folder, scene, lattice, patch, filmed):
+    """Table and pictures of the modes of a patch; lines of the report."""
+    import numpy as np
+
+    from ..bands.density import band_ranges
+    from ..response.localised_modes import extents
+    from ..stiffness.linear_system import LinearSystem
+
+    system = LinearSystem.of(patch).moving()
+    ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
+    found, every = _modes(system, ranges)
+    if filmed is not None and not 1 <= filmed <= len(found.omega):
+        raise ValueError(f'--animate must be the number of a mode, 1 to {len(found.omega)}, not {filmed}')
+    extent = extents(found, system)
+    extent.save(folder / 'modes.npz')
+    _write_table(folder / 'modes.csv', extent)
+    room = OUTSIDE * abs(found.omega).max()
+    outside = [k for k, omega in enumerate(found.omega) if not any(low - room <= omega <= high + room for low, high in ranges)]
+    local = sorted(outside, key=lambda k: extent.participation[k]) if len(ranges) else []
+    drawn = (local or [*(np.argsort(extent.participation) if not len(ranges) else range(len(found.omega)))])[:SHOWN]
+    _draw(folder, scene, system, found, extent, ranges, drawn)
+    report = ['', f'modes of the patch: {"all" if every else "the lowest and those between the bands,"} {len(found.omega)}, from '
+              f'{found.frequencies_Hz[0]:.6g} to {found.frequencies_Hz[-1]:.6g} Hz']
+    if len(ranges):
+        report.append(f'  {len(local)} of them lie outside the bands of the lattice' + (', the most local ones:' * bool(local)))
+    else:
+        report.append('  the most local ones:')
+    for k in drawn if local or not len(ranges) else []:
+        x, y = extent.centre[k, :2] / 1e3
+        report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g} Hz, {extent.participation[k]:.3g} particles take part, '
+                      f'about ({x:.4g}, {y:.4g}) m, localisation length {extent.length[k] / 1e3:.3g} m')
+    if filmed is not None:
+        report.append(_film(folder, system, found, filmed))
+    return report
+
+
+def _modes(system, ranges):
+    """All modes of a small patch; the lowest ones of a large one and all between the bands of the lattice, and above them."""
+    import numpy as np
+
+    from ..response.chebyshev import stable_interval
+    from ..response.localised_modes import local_modes
+    from ..response.normal_modes import Modes, modes
+
+    if system.K.shape[0] <= MOST_DIRECTIONS:
+        return modes(system), True
+    lowest = modes(system, LOWEST)
+    top = np.sqrt(stable_interval(system.K).highest)
+    gaps = [*zip(ranges[:-1, 1], ranges[1:, 0], strict=True), *((high, top) for high in ranges[-1:, 1] if high < top)]
+    between = [local_modes(system, gap) for gap in gaps]
+    omega = np.concatenate([lowest.omega, *(found.omega for found in between)])
+    new = np.concatenate([np.ones(LOWEST, bool), *(found.omega > lowest.omega[-1] for found in between)])
+    return Modes(omega[new], np.concatenate([lowest.shapes, *(found.shapes for found in between)])[new]), False
+
+
+def _write_table(file, extent):
+    """One row for each mode."""
+    import numpy as np
+
+    from .. import units
+    from ..files import write_columns
+
+    axes = 'xyz'[: extent.along.shape[1]]
+    names = ['mode', 'frequency_Hz', 'participating_particles', 'localisation_length_m', *(f'centre_{x}_m' for x in axes),
+             *(f'share_along_{x}' for x in axes)]
+    write_columns(file, names, [np.arange(len(extent.omega)) + 1, extent.frequencies_Hz, extent.participation,
+                                extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T])
+
+
+def _draw(folder, scene, system, found, extent, ranges, drawn):
+    """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
+    from ..plotting.modes import plot_extents, plot_shape
+    from ..plotting.waves import panels
+
+    figure, axes = panels(2, 2)
+    plot_extents(extent, axes[0, 0], ranges)
+    for ax in axes.flat[1 + len(drawn) :]:
+        ax.remove()
+    for k, ax in zip(drawn, axes.flat[1:], strict=False):
+        plot_shape(system.atoms, found.shapes[k], ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz')
+    figure.suptitle(scene.title, fontsize='medium')
+    figure.savefig(folder / 'modes.png')
+
+
+def _film(folder, system, found, filmed):
+    """A film of one period of a mode whose largest displacement is a thousandth of the shortest bond; a line of the report."""
+    from ..plotting.animation import animate, period
+
+    amplitude = system.calc.bonds.lengths.min() / 1000
+    title = f'mode {filmed}, {found.frequencies_Hz[filmed - 1]:.5g} Hz'
+    factor = animate(folder / f'mode_{filmed}.gif', system.atoms, period(found.shapes[filmed - 1], amplitude), title=title)
+    return (f'  mode_{filmed}.gif: one period of mode {filmed}, with displacements of up to {amplitude / 1e3:.3g} m drawn '
+            f'{factor:.3g} times as large')

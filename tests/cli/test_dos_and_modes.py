@@ -1,0 +1,146 @@
+"""`magphonon dos` and `magphonon modes` on lattices, patches and structures from files: what is written and what is said."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from motion import L0, LAW, MASS
+
+from magphonon import MagneticRepulsion, lattices, modes, relaxed, write_scene
+from magphonon.bands import DensityOfStates
+from magphonon.cli import costs, dos
+from magphonon.cli.main import main
+from magphonon.response import Extent, SpectralFunction
+from magphonon.scenes.scene import read_scene, ready_scene
+
+
+@pytest.fixture
+def prototype(tmp_path):
+    """The prototype's scene with a smaller patch."""
+    text = ready_scene('prototype').read_text()
+    assert 'side_m = 0.3 ' in text
+    file = tmp_path / 'my.toml'
+    file.write_text(text.replace('side_m = 0.3 ', 'side_m = 0.08 '))
+    return file
+
+
+def table(file):
+    with open(file, newline='') as rows:
+        header, *rows = csv.reader(rows)
+    return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+
+
+def test_densities_of_the_prototype(prototype, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(dos, 'WAVEVECTORS', 13)
+    out = tmp_path / 'out'
+    assert main(['dos', str(prototype), '-o', str(out)]) == 0
+    assert {file.name for file in out.iterdir()} == {
+        'dos.png', 'spectral.png', 'dos.csv', 'dos_patch.csv', 'dos_complete.npz', 'dos_conventional.npz', 'dos_patch.npz',
+        'spectral.npz', 'scene.toml', 'provenance.json'}
+    shown = capsys.readouterr().out
+    # 2 branches from the foundation's cut-off to M, where the reference has 149.476 and 155.0505 Hz
+    assert 'lattice, complete: 2 branches from 26.5507 to 149.476 Hz, most modes at' in shown
+    assert 'lattice, conventional: 2 branches from 26.5507 to 155.051 Hz' in shown
+    found = table(out / 'dos.csv')
+    bin_Hz = found['frequency_Hz'][1] - found['frequency_Hz'][0]
+    for model in ('complete', 'conventional'):
+        assert found[f'{model}_share_per_Hz'].sum() * bin_Hz == pytest.approx(1, rel=1e-9)
+    below = found['frequency_Hz'] < 75
+    assert found['frequency_Hz'][below][found['complete_share_per_Hz'][below].argmax()] == pytest.approx(58.23, abs=0.5)
+    patch = table(out / 'dos_patch.csv')
+    free = read_scene(prototype).patch_atoms()
+    count = 2 * int((free.get_tags() == 0).sum())
+    assert f'patch: {count} free directions' in shown
+    saved = DensityOfStates.load(out / 'dos_patch.npz')
+    np.testing.assert_allclose(saved.density * 2 * np.pi / 1e3 / count, patch['share_per_Hz'], rtol=1e-9)
+    below_M = patch['frequency_Hz'] < 60
+    exact = (modes(free).frequencies_Hz < 60).mean()
+    share = patch['share_per_Hz'][below_M].sum() * (patch['frequency_Hz'][1] - patch['frequency_Hz'][0])
+    assert share == pytest.approx(exact, abs=0.05)  # of 16 random vectors and 74 modes
+    assert SpectralFunction.load(out / 'spectral.npz').density.shape == (13, dos.SPECTRAL_MOMENTS)
+
+
+def test_modes_of_the_prototype(prototype, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main(['modes', str(prototype), '-o', str(out), '--animate', '2']) == 0
+    assert {file.name for file in out.iterdir()} == {'modes.png', 'modes_lattice.png', 'modes.csv', 'modes.npz', 'mode_2.gif',
+                                                     'scene.toml', 'provenance.json'}
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ['M,', 'branch', '1', '58.2327', '92.106', 'transverse'] in lines
+    assert ['0', 'of', 'them', 'lie', 'outside', 'the', 'bands', 'of', 'the', 'lattice'] in lines
+    expected = modes(read_scene(prototype).patch_atoms()).frequencies_Hz
+    np.testing.assert_allclose(table(out / 'modes.csv')['frequency_Hz'], expected, rtol=1e-12)
+    np.testing.assert_allclose(Extent.load(out / 'modes.npz').frequencies_Hz, expected, rtol=1e-12)
+    assert json.loads((out / 'provenance.json').read_text())['results']['modes']['command'].endswith('--animate 2')
+
+
+def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
+    chain = tmp_path / 'chain.toml'
+    chain.write_text(ready_scene('chain').read_text())
+    for command, files in (('dos', {'dos.png', 'dos.csv', 'dos_complete.npz', 'dos_conventional.npz'}), ('modes', set())):
+        assert main([command, str(chain), '-o', str(tmp_path / command)]) == 0
+        assert {file.name for file in (tmp_path / command).iterdir()} == files | {'scene.toml', 'provenance.json'}
+    assert ['X,', 'branch', '1', '15.9155', '35.5881', 'transverse'] in [
+        line.split() for line in capsys.readouterr().out.splitlines()]
+    atoms = lattices.parallelogram(lattices.triangular(L0, MASS), 7, 7)
+    light = 24
+    masses = atoms.get_masses()
+    masses[light] *= 0.2
+    atoms.set_masses(masses)
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.0196757)
+    write_scene(relaxed(atoms).atoms, tmp_path / 'file.toml', title='a light magnet')
+    assert main(['modes', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
+    shown = capsys.readouterr().out
+    assert 'modes of the patch: all 50, from' in shown
+    assert main(['dos', str(tmp_path / 'file.toml'), '-o', str(tmp_path / 'light')]) == 0
+    assert 'patch: 50 free directions' in capsys.readouterr().out
+
+
+def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
+    cell = lattices.triangular(L0, MASS)
+
+    def with_a_light_magnet(scene, model='complete'):
+        atoms = lattices.parallelogram(cell, 9, 9)
+        masses = atoms.get_masses()
+        masses[40] *= 0.2
+        atoms.set_masses(masses)
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.0196757, model=model)
+        return atoms
+
+    monkeypatch.setattr('magphonon.scenes.scene.Scene.patch_atoms', with_a_light_magnet)
+    found = {}
+    for most in (3000, 20):  # all modes; the lowest ones and those between the bands
+        monkeypatch.setattr('magphonon.cli.modes.MOST_DIRECTIONS', most)
+        monkeypatch.setattr('magphonon.cli.modes.LOWEST', 8)
+        assert main(['modes', str(prototype), '-o', str(tmp_path / 'out')]) == 0
+        shown = capsys.readouterr().out
+        assert '2 of them lie outside the bands of the lattice, the most local ones:' in shown
+        found[most] = [line.split(': ')[1] for line in shown.splitlines() if line.startswith('  mode ')]
+    assert found[3000] == found[20]
+    assert len(table(tmp_path / 'out' / 'modes.csv')['mode']) == 10
+
+
+def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch):
+    oscillator = tmp_path / 'oscillator.toml'
+    oscillator.write_text(ready_scene('oscillator').read_text())
+    chain = tmp_path / 'chain.toml'
+    chain.write_text(ready_scene('chain').read_text())
+    for arguments, words in ((['dos', str(oscillator)], '"magphonon frf" is for it'),
+                             (['modes', str(oscillator)], '"magphonon frf" is for it'),
+                             (['modes', str(chain), '--animate', '1'], 'has no patch whose modes could be filmed'),
+                             (['modes', str(prototype), '--animate', '99999'], '--animate must be the number of a mode, 1 to ')):
+        assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / 'out').exists()
+    monkeypatch.setattr(costs, 'free_memory', lambda: 10**8)
+    for command in ('dos', 'modes'):
+        assert main([command, str(prototype), '-o', str(tmp_path / 'out')]) == 2
+        assert f'makes [{command}] need' in capsys.readouterr().err
+
+
+def test_the_patch_of_several_shells_is_left_out(tmp_path, capsys):
+    file = tmp_path / 'my.toml'
+    file.write_text(ready_scene('prototype').read_text().replace('shells = 1', 'shells = 2'))
+    assert main(['dos', str(file), '-o', str(tmp_path / 'out')]) == 0
+    assert 'the patch is left out' in capsys.readouterr().out
