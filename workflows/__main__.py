@@ -3,25 +3,16 @@
 import argparse
 import os
 import sys
-from concurrent.futures import as_completed
-from importlib import import_module
 from pathlib import Path
-
-from tqdm import tqdm
 
 os.environ.setdefault('OMP_NUM_THREADS', '1')  # before numpy is loaded: threads get in the way of its small matrices
 
-from magphonon.sweeps.executors import Processes, usable_cores
-
+from .parts import SHORTENED, outcomes_of
 from .report import counted, text_table, write_html, write_summary
 
 NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'claims', 'prototype_bands', 'two_roads', 'bursts', 'vibrometer', 'magnets',
          'neighbours', 'stability', 'matter', 'uncertainty', 'nonlinearity', 'design', 'sites', 'layers', 'speed_accuracy',
          'planning')
-SHORTENED = ('speed_accuracy',)
-"""Those that are shorter with --quick, and when all are run."""
-LONGEST = ('speed_accuracy', 'planning', 'vibrometer', 'frf', 'bursts', 'stability')
-"""Those that take longest, in order: they start first, so that no core waits for them in the end."""
 
 
 def main(arguments=None):
@@ -47,25 +38,6 @@ def main(arguments=None):
     checks = [check for outcome in outcomes.values() for check in outcome.checks]
     print(f'\n{counted(outcomes)}; pictures and report.html in {options.out}/')
     return 0 if all(check.passed for check in checks) else 1
-
-
-def outcomes_of(names, out, quick):
-    """Outcome and title of each workflow by its name, in the order of `names`; several run side by side on all cores."""
-    if len(names) == 1:
-        return {names[0]: run(names[0], out, quick)}
-    with Processes(min(usable_cores(), len(names))) as pool:
-        longest_first = sorted(names, key=lambda name: LONGEST.index(name) if name in LONGEST else len(LONGEST))
-        futures = {name: pool.submit(run, name, out, quick) for name in longest_first}
-        for done in tqdm(as_completed(futures.values()), total=len(names), desc='workflows', disable=None):
-            done.result()  # raises at once what a workflow raised
-    return {name: futures[name].result() for name in names}
-
-
-def run(name, out, quick):
-    """Outcome and title of one workflow."""
-    workflow = import_module(f'.{name}', __package__)
-    shorter = {'quick': quick} if name in SHORTENED else {}
-    return workflow.main(out, **shorter), workflow.__doc__.splitlines()[0]
 
 
 if __name__ == '__main__':

@@ -55,6 +55,10 @@ def run(options: Namespace) -> None:
             _lead(options, Here() if options.executor == 'here' else processes(options.workers))
     except ImportError as error:
         raise ValueError(f"{error}; pip install 'magphonon[sweep,dask,mpi]' installs all that sweeps need") from None
+    except RuntimeError as error:  # of an executor: BrokenExecutor, or Dask's
+        why = ' '.join(str(error).split()).rstrip('.')
+        raise ValueError(f'the workers failed: {why}. See that each has this magphonon, and give the command again: it goes on '
+                         'where it stopped') from None
 
 
 def _lead(options, executor):

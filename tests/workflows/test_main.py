@@ -1,10 +1,14 @@
 """The main job: its table, its exit status, its report."""
 
 import json
+import subprocess
+import sys
 from html import escape
+from pathlib import Path
 
 import pytest
 
+import workflows
 from workflows import checks, frf, stability, vibrometer
 from workflows.__main__ import NAMES, main
 from workflows.checks import Check
@@ -49,6 +53,13 @@ def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
     for rows in summary.values():
         assert all(escape(row['quantity']) in html and row['quantity'] in table for row in rows)
     assert 'FAIL' not in table
+
+
+def test_the_command_itself(tmp_path):
+    done = subprocess.run([sys.executable, '-m', 'workflows', 'prototype_bands', 'chain', '-o', str(tmp_path)], check=True,
+                          cwd=Path(workflows.__file__).parents[1], capture_output=True, text=True)
+    assert '0 rows fail' in done.stdout
+    assert list(json.loads((tmp_path / 'summary.json').read_text())) == ['prototype_bands', 'chain']
 
 
 def test_a_wrong_reference_fails_the_run(tmp_path, monkeypatch, capsys):
