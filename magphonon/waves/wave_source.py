@@ -14,7 +14,7 @@ import numpy as np
 
 from ..dynamics.drives import ToneBurst
 from ..errors import one_of
-from ..lattices.patches import RIM
+from ..stiffness.constraints import freedom
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -145,7 +145,7 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     one_of('source', source, SOURCES)
     _refuse_turned(cell)
     x, y = patch.positions[:, :2].T
-    inside = np.flatnonzero(patch.get_tags() != RIM)
+    inside = np.flatnonzero(freedom(patch)[0])  # not by tags, which may be kinds of magnets
     row = inside[y[inside] < y[inside].min() + NEAR * cell.cell.lengths()[0]]
     R2 = cell.cell.array[1, :2]
     middle = (x[row].min() + x[row].max()) / 2

@@ -240,3 +240,12 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     # xi = 1, omega = 141.42 rad/s sin(1/2), a wave of 1 mm; the line of the map is up to half a bin away, which costs 1.4 dB each
     assert [float(strongest[k]) for k in (2, 4)] == pytest.approx([1, 141.421356 * np.sin(0.5) / (2 * np.pi)], rel=1e-3)
     assert 0.5e-6 < float(strongest[6]) < 1.01e-6
+
+
+def test_the_places_of_a_burst_do_not_depend_on_the_kinds_of_magnets(prototype):
+    patch = lattices.half_hexagon(prototype, side=100.0)
+    expected = site(prototype, patch, 'row')
+    patch.set_tags(np.arange(len(patch)) % 2)
+    here = site(prototype, patch, 'row')
+    assert (here.driven == expected.driven).all()
+    assert (here.row == expected.row).all()
