@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from ase import Atoms
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 SPAN = 2000.0
 """Longest part of a propagation in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
@@ -134,16 +134,24 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     refuse_held_drives(drives, atoms)
     calc = rest_of_motion(atoms, constant_push(drives, len(atoms)))
     system = LinearSystem.about(calc, atoms).moving()
+    rows, shapes = system.rows(particles)
     state, load = _initial_state(atoms, system), _Load(system, drives, tolerance)
+
+    def moved(interval):
+        asked = _Asked(system.K, interval, gamma, load, rows, sizes(shapes), tolerance)
+        y, error, products = _propagate(asked, state, times)
+        motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
+        return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
+
     try:
-        return _propagate(system, stable_interval(system.K), gamma, state, load, times, particles, tolerance)
+        return moved(stable_interval(system.K))
     except Outside:
         interval = whole_interval(system.K)
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
         raise ValueError(f'the structure is unstable and grows e^{growth:.0f} times in {times[-1]:g} ms; ask for a shorter time, '
                          'or see magphonon.stability.verdicts for what would hold it')
-    return _propagate(system, interval, gamma, state, load, times, particles, tolerance)
+    return moved(interval)
 
 
 def _initial_state(atoms, system):
@@ -185,10 +193,37 @@ class _Load:
         return edges, courses[:, acting].reshape(panels, nodes, acting.sum()), patterns[:, acting]
 
 
-def _propagate(system, interval, gamma, state, load, times, particles, tolerance):
-    """The transient, in parts that are short enough."""
-    rows, shapes = system.rows(particles)
-    size = sizes(shapes)
+@dataclass(frozen=True)
+class _Asked:
+    """What is the same in all parts of a motion.
+
+    Attributes
+    ----------
+    K : sparse array, shape (free, free)
+    interval : Interval
+        That holds the spectrum of K.
+    gamma : float
+        In 1/ms.
+    load : _Load
+    rows : ndarray of int
+        Of K, that are asked for.
+    size : ndarray, shape (rows,)
+        Displacement for each of these coordinates.
+    tolerance : float
+    """
+
+    K: Any
+    interval: Any
+    gamma: float
+    load: _Load
+    rows: NDArray[np.int_]
+    size: NDArray[np.float64]
+    tolerance: float
+
+
+def _propagate(asked, state, times):
+    """The motion in parts that are short enough: y of shape (times, 2, rows), error and products as in Transient."""
+    interval = asked.interval
     rate = np.sqrt(interval.highest - interval.lowest)
     parts = int(np.ceil(max(rate * times[-1] / SPAN, len(times) * rate * times[-1] / 2 / LARGEST, 1)))
     ends = times[-1] * np.arange(1, parts + 1) / parts
@@ -197,14 +232,11 @@ def _propagate(system, interval, gamma, state, load, times, particles, tolerance
     for k, end in enumerate(ends):
         wanted = times[part == k]
         stops = wanted if end in wanted[-1:] else np.append(wanted, end)
-        y, state, missed, taken = _part(system.K, interval, gamma, state, load, start, stops, rows, size, tolerance,
-                                        last=k + 1 == parts)
+        y, state, missed, taken = _part(asked, state, start, stops, last=k + 1 == parts)
         found.append(y[: len(wanted)])
         growth = np.exp(np.sqrt(-interval.lowest) * (end - start))
         error, products, start = growth * error + missed, products + taken, end
-    y = np.concatenate(found)
-    motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
-    return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
+    return np.concatenate(found), error, products
 
 
 def _resolved(motions, interval, terms):
@@ -224,7 +256,7 @@ def _resolved(motions, interval, terms):
     return c
 
 
-def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, last):
+def _part(asked, state, start, stops, last):
     """Motion at the `stops` after the `state` at `start`; to round-off, for the next part, unless it is the last one.
 
     Returns
@@ -236,8 +268,9 @@ def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, 
         As in Transient.
     products : int
     """
+    K, interval, gamma, rows, size = asked.K, asked.interval, asked.gamma, asked.rows, asked.size
     rate = np.sqrt(interval.highest - interval.lowest)
-    edges, courses, patterns = load.between(start, stops, max(rate, gamma))
+    edges, courses, patterns = asked.load.between(start, stops, max(rate, gamma))
     outputs = np.searchsorted(edges, stops)
     moving = np.flatnonzero(state.any(axis=0))
 
@@ -267,7 +300,7 @@ def _part(K, interval, gamma, state, load, start, stops, rows, size, tolerance, 
                 end += np.tensordot(own[-1], block, ((2, 1), (0, 1)))
                 block = block[..., rows]
             y += np.tensordot(own, block, ((3, 2), (0, 1)))
-            enough = tolerance * (abs(y[:, 0]) * size).max(initial=0.0) / len(sources) if last else 0.0
+            enough = asked.tolerance * (abs(y[:, 0]) * size).max(initial=0.0) / len(sources) if last else 0.0
             if used >= c.shape[-1] or left[used] <= enough:
                 break
         error, products = error + left[used] + EPS * (1 + z) * left[0], products + used * s.shape[1]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from ase import Atoms
-
+    from numpy.typing import NDArray
 
 ROUND_OFF = 1e-12
 """Fraction of the highest squared frequency below which a squared frequency is zero."""
@@ -84,13 +84,14 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
         return P.T @ calc.bloch_matrix(np.array([q]))[0].real @ P if zone else P.T @ calc.rest_hessian() @ P
 
     refuse_upright(calc.bond_vectors, calc.law, 'shifts of frequencies')
-    law, rest = _derivatives(calc.law, bonds.lengths), stiffness((0.0, 0.0, 0.0))
+    rest = stiffness((0.0, 0.0, 0.0))
+    shifts = _SecondOrder(R, *_derivatives(calc.law, bonds.lengths), bonds.incidence, P, rest, M)
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     rows = []
     for q in edges:
         C = bonds.incidence_at(q).real
         for w, e in _modes(stiffness(q) if zone else rest, M, whole=zone):
-            rows.append((q, w, _curvature(R, law, (P @ e).reshape(len(system), -1), w, C, bonds.incidence, P, rest, M)))
+            rows.append((q, w, shifts.curvature((P @ e).reshape(len(system), -1), w, C)))
     q, w, curvature = zip(*rows, strict=True) if rows else ((), (), ())
     return Shifts(np.reshape(q, (-1, 3)), np.array(w), np.array(curvature))
 
@@ -108,17 +109,42 @@ def _modes(D, M, whole):
     return [(np.sqrt(squares[n]), root @ modes[:, n]) for n in picked if squares[n] > ROUND_OFF * squares[-1]]
 
 
-def _curvature(R, law, u, w, C, C0, P, D, M):
-    """dw/w over A^2 of the mode `u`, shape (particles, dim): its bonds part by `C u`, those of what follows by `C0`."""
-    psi2, psi3, psi4 = law
-    u = u / np.linalg.norm(u, axis=1).max()
-    d, e = C @ u, P.T @ u.ravel()
-    dd, Rd = (d * d).sum(axis=1), (R * d).sum(axis=1)
-    phi3 = 4 * psi2[:, None] * (dd[:, None] * R + 2 * Rd[:, None] * d) + 8 * (psi3 * Rd**2)[:, None] * R
-    phi4 = 12 * psi2 * dd**2 + 48 * psi3 * dd * Rd**2 + 16 * psi4 * Rd**4
-    g = P.T @ (C0.T @ phi3).ravel()
-    follow = g @ _solve(D, g) + g @ _solve(D - 4 * w**2 * M, g) / 2
-    return (phi4.sum() / 16 - follow / 8) / (w**2 * (e @ (M @ e)))
+@dataclass(frozen=True)
+class _SecondOrder:
+    """What the second order in the amplitude needs of a structure.
+
+    Attributes
+    ----------
+    R : ndarray, shape (bonds, dim)
+        Bond vectors at rest, mm.
+    psi2, psi3, psi4 : ndarray, shape (bonds,)
+        Derivatives of the law with respect to the square of the distance.
+    incidence : sparse array, shape (bonds, particles)
+        Of the uniform motion that follows the mode.
+    P, D, M : sparse array or ndarray
+        Free directions, stiffness and masses of this motion.
+    """
+
+    R: NDArray[np.float64]
+    psi2: NDArray[np.float64]
+    psi3: NDArray[np.float64]
+    psi4: NDArray[np.float64]
+    incidence: sparse.csr_array
+    P: sparse.csr_array
+    D: Any
+    M: Any
+
+    def curvature(self, u, w, C):
+        """dw/w over A^2 of the mode `u`, shape (particles, dim), at the frequency `w`; `C u` is how its bonds change."""
+        R, P, psi2, psi3, psi4 = self.R, self.P, self.psi2, self.psi3, self.psi4
+        u = u / np.linalg.norm(u, axis=1).max()
+        d, e = C @ u, P.T @ u.ravel()
+        dd, Rd = (d * d).sum(axis=1), (R * d).sum(axis=1)
+        phi3 = 4 * psi2[:, None] * (dd[:, None] * R + 2 * Rd[:, None] * d) + 8 * (psi3 * Rd**2)[:, None] * R
+        phi4 = 12 * psi2 * dd**2 + 48 * psi3 * dd * Rd**2 + 16 * psi4 * Rd**4
+        g = P.T @ (self.incidence.T @ phi3).ravel()
+        follow = g @ _solve(self.D, g) + g @ _solve(self.D - 4 * w**2 * self.M, g) / 2
+        return (phi4.sum() / 16 - follow / 8) / (w**2 * (e @ (self.M @ e)))
 
 
 def _solve(D, g):

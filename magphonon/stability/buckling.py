@@ -26,7 +26,6 @@ from ..stiffness.rest import BALANCED, settled
 from .soft_waves import softest_wave
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from typing import Any
 
     from numpy.typing import NDArray
@@ -62,8 +61,7 @@ class Softest:
         return float(-self.lowest) if -self.lowest > ROUND_OFF * abs(self.highest) else 0.0
 
 
-def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, cell: NDArray[np.float64] | None = None,
-            pbc: Sequence[bool] | NDArray[np.bool_] = (False, False, False), foundation: Foundation = 0.0,
+def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, structure: Atoms, foundation: Foundation = 0.0,
             masses: NDArray[np.float64] | None = None, steps: int | None = None) -> Softest:
     """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
 
@@ -77,9 +75,8 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, cell: 
         Stiffness of each bond, N/mm.
     free : sparse array, shape (particles * components, free)
         What the constraints leave free, from `free_directions`.
-    cell : ndarray, shape (3, 3), optional
-        Lattice vectors in rows, mm; of a periodic cell.
-    pbc : three bools
+    structure : ase.Atoms
+        Of which only the cell and its periodicity count.
     foundation : float or ndarray, shape (particles, components)
         N/mm.
     masses : ndarray, shape (particles,), optional
@@ -96,13 +93,15 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, cell: 
     if masses is not None:
         root: Any = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1])))
         free = root @ free
-    if not any(pbc) or free.shape[1] > DENSE:
+    pbc = structure.pbc
+    if not pbc.any() or free.shape[1] > DENSE:
         edges = np.array(list(product(*((0.0, 0.5) if along else (0.0,) for along in pbc))))
         found = [lowest_mode(free.T @ hessian(bonds, K, foundation, q) @ free) for q in edges]
         softest = min(range(len(found)), key=lambda n: found[n][0])
         return Softest(found[softest][0], max(highest for _, highest, _ in found), edges[softest])
     P = free.toarray()
-    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, cell, pbc, bonds.particles, steps)
+    return _over_zone(lambda q: P.T @ bloch_matrix(bonds, K, q, foundation) @ P, structure.cell.array, pbc,
+                      bonds.particles, steps)
 
 
 def _over_zone(matrix, cell, pbc, particles, steps):
@@ -147,7 +146,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
     calc, cell = atoms.calc, atoms.atoms
     K = model_stiffness(scale * calc.bond_vectors, calc.law, model)
     springs = calc.foundation - common_spring(atoms) + foundation
-    return softest(calc.bonds, K, atoms.free, cell.cell.array, cell.pbc, springs, atoms.masses if weighted else None, steps)
+    return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
 
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
@@ -186,8 +185,8 @@ def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, w
     if isinstance(atoms, LinearSystem):
         z = np.unique(atoms.free[2::3].indices)
         masses, cell = atoms.masses if weighted else None, atoms.atoms
-        return softest(calc.bonds, calc.rest_stiffness('complete'), atoms.free[:, z], cell.cell.array, cell.pbc,
-                       calc.foundation + other, masses)
+        K = calc.rest_stiffness('complete')
+        return softest(calc.bonds, K, atoms.free[:, z], cell, calc.foundation + other, masses)
     root = 1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms))
     return _over_zone(lambda q: (calc.bloch_matrix(q)[:, 2::3, 2::3] + other * np.eye(len(root))) * root * root[:, None],
                       atoms.cell.array, atoms.pbc, len(atoms), _steps_of_sums(calc))
@@ -368,4 +367,4 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[f
     free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(mobile)]
     K = per_bond[:, None, None]
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
-    return softest(calc.bonds, K, free, cell.cell.array, cell.pbc).needed, float(alone[mobile].max(initial=0.0))
+    return softest(calc.bonds, K, free, cell).needed, float(alone[mobile].max(initial=0.0))

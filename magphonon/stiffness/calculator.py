@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from threading import RLock
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat
 from .bond import MODELS, bond_stiffness, leaves_the_plane, model_stiffness, upright_forces
 from .cells import NO_STRESS, carried, same_cell, stress_per_volume
 from .matrices import bloch_matrix, bloch_series, hessian
-from .positions import from_reference, refuse_motion_out_of_the_plane
+from .positions import from_reference, minimum_image, refuse_motion_out_of_the_plane, shortest_period
 from .repulsion import masses_of
 from .restartable import Restartable
 from .scale import warn_of_units
@@ -283,34 +282,7 @@ class MagneticRepulsion(Restartable):
         return (f'{type(self).__name__}({self.potential!r}, {self._reach}, foundation={range_of(self.foundation)}{own}, '
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
-    # A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's allclose on every array.
-    def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:
-        if self.atoms is None:
-            return all_changes
-        changes = []
-        if not np.array_equal(self.atoms.positions, atoms.positions):
-            changes.append('positions')
-        if not np.array_equal(self.atoms.cell.array, atoms.cell.array):
-            changes.append('cell')
-        if not np.array_equal(self.atoms.pbc, atoms.pbc):
-            changes.append('pbc')
-        if not np.array_equal(self.atoms.numbers, atoms.numbers):
-            changes.append('numbers')
-        return changes
-
-    @cached_property
-    def _lock(self):
-        return RLock()
-
-    def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name != '_lock'}  # no copy shares it
-
-    # Threads may share a calculator: nobody else calculates between a calculation and the copy of its results.
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
-        with self._lock:
-            return self._get_property(name, atoms, allow_calculation)
-
-    def _get_property(self, name, atoms, allow_calculation):
         if name == 'hessian':  # dear, and no part of a trajectory: never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
         if self.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
@@ -345,20 +317,11 @@ class MagneticRepulsion(Restartable):
         return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
 
     def _minimum_image(self, u):
-        if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
-            from ase.geometry import find_mic
-
-            u = find_mic(u, self.reference.cell, self.reference.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
-        return u
+        return minimum_image(u, self.reference, self._shortest_period)
 
     @cached_property
     def _shortest_period(self):
-        """Length of the shortest lattice vector in mm."""
-        from ase.geometry import minkowski_reduce
-
-        periodic = self.reference.pbc
-        reduced = minkowski_reduce(self.reference.cell.array, periodic)[0]  # pyright: ignore[reportArgumentType]  three pbc
-        return np.linalg.norm(np.asarray(reduced)[periodic], axis=1).min(initial=np.inf)
+        return shortest_period(self.reference)
 
     @cached_property
     def _rest(self):

@@ -39,6 +39,24 @@ def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
     return u
 
 
+def shortest_period(reference: Atoms) -> float:
+    """Length of the shortest lattice vector in mm; infinite for a finite structure."""
+    from ase.geometry import minkowski_reduce
+
+    periodic = reference.pbc
+    reduced = minkowski_reduce(reference.cell.array, periodic)[0]  # pyright: ignore[reportArgumentType]  three pbc
+    return np.linalg.norm(np.asarray(reduced)[periodic], axis=1).min(initial=np.inf)
+
+
+def minimum_image(u: NDArray[np.float64], reference: Atoms, shortest: float) -> NDArray[np.float64]:
+    """The shortest of the vectors `u`, shape (particles, 3), in the periodic directions; `shortest` is the `shortest_period`."""
+    if np.einsum('ix,ix->i', u, u).max(initial=0) > shortest**2 / 4:  # below it u is its own minimum image
+        from ase.geometry import find_mic
+
+        u = find_mic(u, reference.cell, reference.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
+    return u
+
+
 def out_of_plane(atoms: Atoms) -> NDArray[np.bool_]:
     """Which particles move along z, shape (particles,)."""
     if 'momenta' not in atoms.arrays:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from ase import Atoms
-from ase.calculators.calculator import Calculator
 
 from ..errors import shown
 from ..interactions.saved_laws import potential_from_dict, potential_to_dict
 from ..lattices.bonds import Bonds
+from .shared import Shared
 
 if TYPE_CHECKING:
     from typing import Any, Self
@@ -21,7 +21,7 @@ UNITS = 'mm, g, ms'
 """What the numbers in such a dictionary are in; it stands there for whoever reads the file without this package."""
 
 
-class Restartable(Calculator):
+class Restartable(Shared):
     """An ASE calculator of a `reference` and a `potential` that its dictionary makes again.
 
     Attributes
