@@ -156,7 +156,7 @@ class _Fingerprint:
                 yield self.of(value)
 
     def _part(self, module, names):
-        """What is read of a module that has no version, by the names after its own, as in `settings.push.AMPLITUDE`."""
+        """The value that is read of a module without a version, by the names after its own, as in `settings.push.AMPLITUDE`."""
         value = module
         for k, name in enumerate(names, 1):
             value = getattr(value, name, None)
@@ -236,7 +236,7 @@ def _imports(code):
 
 
 def _captured(function):
-    """What a function has captured of the function around it, as far as it is bound already: dict by name."""
+    """The variables that a function uses of the function around it, as far as they have a value already: dict by name."""
     held = {}
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         with suppress(ValueError):

@@ -40,7 +40,7 @@ RUN = 8192
 
 @dataclass(frozen=True)
 class Motion:
-    """What moves the particles, besides the bonds.
+    """Everything that moves the particles besides the bonds.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ neigh_modify once yes exclude group fixed fixed
 fix motion free nve
 {fixes}
 timestep {timestep:.17g}
-# a fix with a variable would have the energy and the virial summed in every step, which makes it dearer by a third or more
+# a fix with a variable would have the energy and the virial summed in every step, which raises its cost by a third or more
 thermo_style custom step
 uncompute thermo_press
 uncompute thermo_pe

@@ -56,7 +56,7 @@ fi
 
 @dataclass(frozen=True)
 class LammpsRecord:
-    """What a `Recorder` would have kept.
+    """The record that a `Recorder` would have kept.
 
     Attributes
     ----------

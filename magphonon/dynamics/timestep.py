@@ -52,7 +52,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
 
 
 def frequency_bound(atoms: Atoms, dt: float) -> float:
-    """Upper bound of the highest frequency, no dearer than a verdict on the time step `dt` (ms) needs; in rad/ms.
+    """Upper bound of the highest frequency, at no higher cost than a verdict on the time step `dt` (ms) needs; in rad/ms.
 
     Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, it is the highest frequency itself.
 

@@ -186,7 +186,7 @@ class DrivenVerlet(VelocityVerlet):
             self.atoms.set_momenta(momenta)
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
-        """As ASE's; blocks of steps yield at their ends."""
+        """The iterator of ASE's `irun`, which yields at the end of each block of steps."""
         self._prepare(steps)
         run = super().irun(steps) if self.engine == 'ase' else self._irun_blocks(steps)
         good = self._good_state() if self.engine == 'ase' else None

@@ -17,7 +17,8 @@ from .plan import ALL, Plan, Settings, percent
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
-    from typing import Any  # of a Scene: its room is above this one
+
+    from .asking import AskingScene
 
 NEGLIGIBLE = 1e-3
 """Largest relative change of the bands by neglected neighbours that is not mentioned: spacings and forces of real lattices are
@@ -53,7 +54,7 @@ class Wanted:
         self.answer(folder / f'plan_{self.name}', self.plan.choice.settings)
 
 
-def scene_plans(scene: Any, tolerance: float) -> Iterator[Wanted]:
+def scene_plans(scene: AskingScene, tolerance: float) -> Iterator[Wanted]:
     """Plans for all quantities that a scene asks for, one after the other, as Wanted.
 
     Parameters
@@ -116,7 +117,7 @@ def _beyond_nearest(scene):
             f'rim; including all neighbours would shift the bands by {percent(_error_of_shells(scene, 1))}.')
 
 
-def neglected(scene: Any) -> list[str]:
+def neglected(scene: AskingScene) -> list[str]:
     """The effect on the bands of the neighbours that a scene leaves out: a list of one line, or empty if it is negligible.
 
     Parameters

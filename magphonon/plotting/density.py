@@ -11,12 +11,13 @@ from .axes import COLOURS, legend_above, new_axes
 from .bands import label_path
 
 if TYPE_CHECKING:
-    from typing import Any  # of results of a room beside this one
+    from typing import Any
 
     from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
 
     from ..bands.density import DensityOfStates
+    from .results import SpectralFunction
 
 DECADES = 3
 """Range of a spectral function that is shown, in powers of ten below its highest value."""
@@ -53,7 +54,7 @@ def plot_density(density: DensityOfStates, ax: Axes | None = None, label: str | 
     return ax
 
 
-def plot_spectral_function(spectral: Any, path: BandPath, ax: Axes | None = None) -> Axes:
+def plot_spectral_function(spectral: SpectralFunction, path: BandPath, ax: Axes | None = None) -> Axes:
     """Map of A(k, omega) along a path, over which `plot_bands` draws the branches of the perfect lattice.
 
     Parameters

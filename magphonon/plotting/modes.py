@@ -14,13 +14,14 @@ from .axes import COLOURS, legend_above, new_axes, point_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any  # of results of a room beside this one
+    from typing import Any
 
     from ase import Atoms
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
     from ..bands.bands import Bands
+    from .results import Extent
 
 # Of a mode shape, in lattice constants: half the window, cells that fill it; and the longest arrow in bond lengths.
 WINDOW, REACH, ARROW = 2.4, 5, 0.42
@@ -121,7 +122,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None,
     return ax
 
 
-def plot_extents(extent: Any, ax: Axes | None = None, bands: Sequence[Any] = ()) -> Axes:
+def plot_extents(extent: Extent, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
     """How many particles take part in each mode, over its frequency; shaded: where the lattice has bands.
 
     Parameters

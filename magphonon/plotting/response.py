@@ -10,15 +10,17 @@ from .. import units
 from .axes import COLOURS, legend_above
 
 if TYPE_CHECKING:
-    from typing import Any  # of results of rooms beside this one or above it, and of axes in an array
+    from typing import Any
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
+
+    from .results import Response
 
 MOST_BARS = 8
 """Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
 
 
-def response_axes() -> Any:
+def response_axes() -> NDArray[np.object_]:
     """Two axes of a figure of its own, for amplitude and phase."""
     from matplotlib.figure import Figure
 
@@ -31,7 +33,8 @@ def response_axes() -> Any:
     return axes
 
 
-def plot_response(response: Any, natural: ArrayLike = (), axes: Any | None = None, label: str | None = None, **line: Any) -> Any:
+def plot_response(response: Response, natural: ArrayLike = (), axes: NDArray[np.object_] | None = None, label: str | None = None,
+                  **line: Any) -> NDArray[np.object_]:
     """Amplitude and phase of a response, and the natural frequencies in its range.
 
     Parameters

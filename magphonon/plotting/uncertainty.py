@@ -12,12 +12,13 @@ from .bands import plot_bands
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any  # of a Spread, whose room is above this one
+    from typing import Any
 
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
     from ..bands.bands import Bands
+    from .results import Spread
 
 HALF_WIDTH = 2
 """Half width of a ribbon in standard deviations; it contains 95 of 100 lattices."""
@@ -25,7 +26,7 @@ HATCHES = ('', '////', '....', 'xxxx', '----')
 """Hatches by which bars can be distinguished in grey."""
 
 
-def plot_band_ribbons(bands: Bands, spread: Any, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
+def plot_band_ribbons(bands: Bands, spread: Spread, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Bands with a ribbon of two standard deviations around each branch; `line` as in `plot_bands`."""
     ax = plot_bands(bands, ax, label=label, **line)
     x = bands.path.get_linear_kpoint_axis()[0]
@@ -37,7 +38,7 @@ def plot_band_ribbons(bands: Bands, spread: Any, ax: Axes | None = None, label: 
     return ax
 
 
-def plot_response_ribbon(omega: NDArray[np.float64], spread: Any, force: float = 1.0, ax: Axes | None = None,
+def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: float = 1.0, ax: Axes | None = None,
                          label: str | None = None, **line: Any) -> Axes:
     """Amplitude of a response per `force` (N) over the angular frequencies `omega`, with a ribbon of two standard deviations."""
     if ax is None:
@@ -54,7 +55,7 @@ def plot_response_ribbon(omega: NDArray[np.float64], spread: Any, force: float =
     return ax
 
 
-def plot_contributions(spread: Any, labels: Sequence[str], ax: Axes | None = None) -> Axes:
+def plot_contributions(spread: Spread, labels: Sequence[str], ax: Axes | None = None) -> Axes:
     """Bars of the standard deviation that each parameter causes alone, correlated ones together, and of all.
 
     Parameters

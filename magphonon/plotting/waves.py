@@ -11,11 +11,13 @@ from .axes import COLOURS, legend_above, new_axes
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from typing import Any  # of results of rooms beside this one or above it, and of axes in an array
 
     from ase import Atoms
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from .results import Passage, Record, Site, Wave
 
 FLOOR_dB = -40
 """Lowest power shown in a map, in decibels relative to the strongest."""
@@ -24,7 +26,7 @@ MARGIN = 1.4
 """Ratio of the upper end of a map to the highest frequency that it shows."""
 
 
-def plot_wave(wave: Any, ax: Axes | None = None) -> Axes:
+def plot_wave(wave: Wave, ax: Axes | None = None) -> Axes:
     """Wavenumber-frequency map with the branches of both models and the ridge over it.
 
     Parameters
@@ -73,7 +75,7 @@ def plot_wave(wave: Any, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_snapshot(patch: Atoms, field: Any, frame: int, site: Any, ax: Axes | None = None) -> Axes:
+def plot_snapshot(patch: Atoms, field: Record, frame: int, site: Site, ax: Axes | None = None) -> Axes:
     """All particles of a patch at one time, darker for a larger displacement, with the source and the measured row.
 
     Parameters
@@ -103,13 +105,13 @@ def plot_snapshot(patch: Atoms, field: Any, frame: int, site: Any, ax: Axes | No
     return ax
 
 
-def crossing(passage: Any) -> int:
+def crossing(passage: Passage) -> int:
     """Index of the frame of the whole patch closest to the time of the largest displacement in the middle of the row."""
     u = np.linalg.norm(passage.row.displacements[:, len(passage.row.particles) // 2], axis=1)
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 
 
-def save_animation(path: str | Path, patch: Atoms, field: Any, site: Any) -> None:
+def save_animation(path: str | Path, patch: Atoms, field: Record, site: Site) -> None:
     """Write a GIF of all frames, each with its own grey scale, so that a wave is visible until it has decayed."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 
@@ -134,7 +136,7 @@ def _moment(patch, field, frame):
     return f'{patch.calc.parameters.model} model, {field.times[frame] / units.s:.3f} s after the start'
 
 
-def panels(rows: int, columns: int) -> tuple[Figure, Any]:
+def panels(rows: int, columns: int) -> tuple[Figure, NDArray[np.object_]]:
     """A figure of its own with `rows x columns` axes, an array of that shape."""
     from matplotlib.figure import Figure
 

@@ -39,7 +39,7 @@ class Outside(ArithmeticError):
 
 @dataclass(frozen=True)
 class Interval:
-    """Where the spectrum lies."""
+    """Interval that holds the spectrum."""
 
     lowest: float
     highest: float
@@ -60,7 +60,7 @@ class Interval:
 
 
 def stable_interval(K: sparse.csr_array) -> Interval:
-    """From zero to a bound of the highest eigenvalue (the largest row sum), which holds the spectrum of a stable K."""
+    """Interval from zero to a bound of the highest eigenvalue (the largest row sum), which holds the spectrum of a stable K."""
     return Interval(0.0, float(abs(K).sum(axis=1).max()) or 1.0)
 
 

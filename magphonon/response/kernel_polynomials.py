@@ -135,7 +135,7 @@ class Spectrum:
 
     @property
     def grid(self) -> NDArray[np.float64]:
-        """As many angular frequencies as there are moments, in equal steps over the whole interval; in rad/ms."""
+        """Angular frequencies in rad/ms, as many as there are moments, in equal steps over the whole interval."""
         low, high = signed_root(np.array([self.interval.lowest, self.interval.highest]))
         count = len(self.moments)
         return low + (high - low) * (np.arange(count) + 0.5) / count

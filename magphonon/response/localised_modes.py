@@ -25,7 +25,7 @@ class Extent(units.InHertz, Saved, kind='extents of modes', units={
     'omega': ('rad/ms', 'modes'), 'participation': ('', 'modes'), 'centre': ('mm', 'modes', 'dim'), 'length': ('mm', 'modes'),
     'along': ('', 'modes', 'dim'),
 }):
-    """Where modes move a structure, how far they reach, and along which axes.
+    """Centre, extent and direction of the motion in each mode of a structure.
 
     The share of a particle in a mode is that of the kinetic energy, `m u^2` of a mode normalised to `sum m u^2 = 1`.
 

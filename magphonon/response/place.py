@@ -45,5 +45,5 @@ class Place:
         return force
 
     def seen(self, displacements: NDArray[Any]) -> NDArray[Any]:
-        """What is seen there of displacements of the shape (..., particles, dim)."""
+        """The component of displacements, shape (..., particles, dim), that is measured there."""
         return displacements[..., self.particle, :] @ self.direction[: displacements.shape[-1]]

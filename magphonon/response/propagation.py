@@ -195,7 +195,7 @@ class _Load:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What is the same in all parts of a motion.
+    """The quantities that are the same in all parts of a motion.
 
     Attributes
     ----------

@@ -224,7 +224,7 @@ class _Waves:
 
 
 def sites_of(places: NDArray[np.float64], cell: Atoms) -> NDArray[np.int_]:
-    """To which particle of the primitive cell each particle of a patch belongs, wherever the patch lies.
+    """The particle of the primitive cell to which each particle of a patch belongs, wherever the patch lies.
 
     Parameters
     ----------

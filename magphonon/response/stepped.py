@@ -125,7 +125,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
 
 
 def _differing(one, other):
-    """What two structures have apart that replicas share."""
+    """The properties in which two structures differ and replicas must not."""
     if one.calc is not other.calc:
         a, b = one.calc, other.calc
         if a.potential is not b.potential and not _same_law(a.potential, b.potential):
@@ -214,7 +214,7 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
 
 
 def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float64]:
-    """What the transient still adds to the last of several successive lock-in amplitudes, as a share of it.
+    """The change that the transient will still make to the last of several successive lock-in amplitudes, as a share of it.
 
     From window to window a free vibration changes by a complex factor z of modulus `decay`, so the way left is the last
     step times z/(1 - z), at most |step| decay/(1 - decay); at resonance, where it takes longest, exactly that.  A mere

@@ -111,7 +111,7 @@ def _modes(D, M, whole):
 
 @dataclass(frozen=True)
 class _SecondOrder:
-    """What the second order in the amplitude needs of a structure.
+    """The quantities of a structure from which frequencies follow to second order in the amplitude.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ class Softest:
 
     @property
     def needed(self) -> float:
-        """What must be added to the stiffness so that no eigenvalue is negative; zero if none is."""
+        """The spring constant that must be added so that no eigenvalue is negative; zero if none is."""
         return float(-self.lowest) if -self.lowest > ROUND_OFF * abs(self.highest) else 0.0
 
 
@@ -160,7 +160,7 @@ def _softest_spring(atoms, springs):
 
 
 def _softest_of_sums(atoms, model, foundation, weighted, steps):
-    """Of a cell whose calculator sums over all neighbours, which it knows at the present spacing only."""
+    """The softest mode of a cell whose calculator sums over all neighbours; it knows these sums at the present spacing only."""
     calc = atoms.calc
     root = np.repeat(1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms)), calc.dim)
     weights, other = root * root[:, None], np.eye(len(root)) * (foundation - common_spring(atoms))
@@ -223,7 +223,7 @@ def highest_squared(atoms: Atoms | LinearSystem) -> float:
 
 
 def _steps_of_sums(calc):
-    return 24 if calc.dim == 2 else 8  # as dear as they are
+    return 24 if calc.dim == 2 else 8  # because they take long
 
 
 def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',

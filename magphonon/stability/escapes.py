@@ -293,7 +293,7 @@ class _Drag:
 
 
 def _first_to_leave(atoms, shot, held):
-    """Where shots begin to lose their cage: the speed, the particle and the direction; None if none of them does.
+    """The lowest speed at which a shot loses its cage, with its particle and direction; None if none of them does.
 
     Parameters
     ----------

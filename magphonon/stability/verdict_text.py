@@ -161,7 +161,7 @@ class Verdict:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What makes a run fail or mean nothing, each a sentence or two; a tuple of str."""
+        """The faults that make a run fail or mean nothing, each in a sentence or two; a tuple of str."""
         found = []
         if self.residual:
             many = f'; {self.pushed} particles are not in equilibrium' if self.pushed > 1 else ''
@@ -192,7 +192,7 @@ class Verdict:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is good to know; a tuple of str."""
+        """Further facts about the structure; a tuple of str."""
         said = []
         if not self.residual:
             said.append('The static forces balance on every free particle.')

@@ -230,7 +230,7 @@ def _unguided(atoms):
 
 
 def _omega_max(structure, zone):
-    """Highest frequency of the structure, of a large cell as it would move in a run, or in the whole zone of a cell."""
+    """Highest frequency in a run of the structure, or, with `zone`, of all waves in a lattice of which it is the cell."""
     if not zone:
         return float(highest_frequency(structure))
     return float(np.sqrt(max(highest_squared(structure), 0.0)))
@@ -243,7 +243,7 @@ def _closest(calc, atoms):
 
 
 def _safe_displacements(calc):
-    """From round-off to where the curvature of a law, one sixth of its fourth derivative times d^2, counts; in mm."""
+    """The least displacement in mm, by round-off, and the largest, by the curvature of a law: phi'''' d^2/6 of its stiffness."""
     lengths = calc.bonds.lengths
     nearest = [(law, lengths[own].min()) for law, own in groups(calc.law, len(lengths))]
     curvature = max(abs(higher_derivatives(law, np.array([r]))[1][0] / law.d2phi(r)) for law, r in nearest)

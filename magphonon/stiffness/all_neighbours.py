@@ -140,7 +140,7 @@ class AllNeighbours(Restartable):
 
     @property
     def split(self) -> float:
-        """Where the sums are divided between lattice and reciprocal lattice."""
+        """The parameter that divides the sums between lattice and reciprocal lattice."""
         return self.sums.split
 
     def __repr__(self) -> str:
@@ -243,7 +243,7 @@ class AllNeighbours(Restartable):
         return tuple(near[k] + self._assembled(far[k], onsite * (k == 0))[0] for k in range(3))
 
     def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
-        """What outgrows k^2 in long waves; see `EwaldSums.singular`."""
+        """The part of the Bloch matrix that outgrows k^2 in long waves; see `EwaldSums.singular`."""
         return self.sums.singular(along, PART[one_of('model', model, MODELS)])
 
     def onsite(self, part: str = 'all') -> NDArray[np.float64]:

@@ -188,7 +188,7 @@ class MagneticRepulsion(Restartable):
 
     @property
     def anchors(self) -> NDArray[np.float64]:
-        """Where the foundation springs are slack in mm, shape (particles, 3); read-only."""
+        """Positions at which the foundation springs are slack in mm, shape (particles, 3); read-only."""
         return self._anchors
 
     @property
@@ -283,7 +283,7 @@ class MagneticRepulsion(Restartable):
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
-        if name == 'hessian':  # dear, and no part of a trajectory: never cached
+        if name == 'hessian':  # it takes long and is no part of a trajectory, so it is never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
         if self.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
             raise PropertyNotImplementedError(NO_ENERGY)

@@ -21,7 +21,7 @@ HELD = 1e-12
 
 
 def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[np.float64]]:
-    """What the constraints leave free in the plane.
+    """The freedom that the constraints leave in the plane.
 
     Returns
     -------

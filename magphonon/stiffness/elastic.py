@@ -299,7 +299,7 @@ def _strained(calc, eta):
 
 
 def _following(Phi, Lambda):
-    """What the particles of a basis take off the clamped moduli as they follow the strain, in mJ."""
+    """The decrease of the clamped moduli because the particles of a basis follow the strain, in mJ."""
     dim = Lambda.shape[1]
     internal = np.linalg.svd(np.tile(np.eye(dim), (len(Phi) // dim, 1)))[0][:, dim:]
     push = internal.T @ Lambda.reshape(len(Phi), -1)

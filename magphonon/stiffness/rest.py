@@ -77,7 +77,7 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDA
 
 
 def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
-    """What is left of the static forces along what is free, in N, shape (particles,); zero if it is less than BALANCED.
+    """The static forces that nothing balances, along free directions, in N, shape (particles,); zero if less than BALANCED.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _largest_force(calc, u):
 
 
 def _shaken(calc):
-    """What round-off of the positions makes of the stiffest bond, in N."""
+    """The change of the force of the stiffest bond by round-off of the positions, in N."""
     lengths = calc.bonds.lengths
     size = max(abs(calc.reference.positions).max(), lengths.max(initial=0.0))
     return PLACES * size * abs(calc.law.d2phi(lengths)).max(initial=0.0)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..interactions.bond_laws import Potential
 
 UNITS = 'mm, g, ms'
-"""What the numbers in such a dictionary are in; it stands there for whoever reads the file without this package."""
+"""The units of the numbers in such a dictionary, written for readers of the file who do not have this package."""
 
 
 class Restartable(Shared):

@@ -36,7 +36,7 @@ class Shared(Calculator):
             return super().get_property(name, atoms, allow_calculation)
 
     def check_state(self, atoms: Atoms, tol: float = 0.0) -> list[str]:
-        """What differs from the atoms of the last calculation.
+        """The names of the arrays that differ from those of the last calculation.
 
         A displacement below 1e-15 is a change too, and exact comparison is cheaper than ASE's with a tolerance for every array.
         """

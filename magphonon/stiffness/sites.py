@@ -1,4 +1,4 @@
-"""What each site of a structure may have of its own: the stiffness of its foundation, the strength of its particle.
+"""Properties that each site of a structure may have of its own: the stiffness of its foundation, the strength of its particle.
 
 Where all sites are alike one number says so, and everything is computed with it as such.
 """
@@ -72,7 +72,7 @@ def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
 
 
 def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
-    """What some sites have of `values`, which are those of all sites, or one for all of them."""
+    """The `values` of some sites; they are given for each site, or once for all of them."""
     return values[sites] if np.ndim(values) else values
 
 
