@@ -50,3 +50,14 @@ def test_drawings_and_tutorials_are_those_of_the_pages():
     drawn = set(re.findall(r'plot:: theory/(\w+)\.py', pages))
     assert drawn == {file.stem for file in (ROOT / 'docs/theory').glob('*.py')}
     assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 5
+
+
+def test_the_scene_of_own_positions_on_its_page_is_stable(tmp_path):
+    from magphonon import modes, read_scene
+
+    page = (ROOT / 'docs/reference/structures.md').read_text(encoding='utf-8')
+    for name, language in (('particles.csv', 'text'), ('mine.toml', 'toml')):
+        (tmp_path / name).write_text(re.search(rf'```{language}\n(.*?)```', page, re.S)[1], encoding='utf-8')
+    omega = modes(read_scene(tmp_path / 'mine.toml').atoms()).omega
+    assert len(omega) == 8  # four free magnets in the plane
+    assert (omega > 0).all()

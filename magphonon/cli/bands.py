@@ -182,6 +182,8 @@ def _stability(scene, atoms, bands, phonon):
     difference = abs(squares[1] - squares[0]).max(axis=1) / abs(squares[0]).max()
     lines = [f"foundation: {given:.6g} N/m in the scene, {recovered:.6g} N/m in the sums of phonopy's force constants",
              f'phonopy differs from complete by at most {difference.max():.1e} of the highest squared frequency']
+    if atoms.constraints:
+        lines[0] += ', which contain the bonds to the held particles'
     if atoms.calc.layer:
         lines[0] += f'; along z {common_support(atoms) / (units.N / units.m):.6g} and {sums[2] / (units.N / units.m):.6g} N/m'
     if scene.law.shells == ALL:

@@ -167,7 +167,8 @@ class Verdict:
             many = f'; {self.pushed} particles are not in equilibrium' if self.pushed > 1 else ''
             found.append(f'Particle {self.particle} is not in equilibrium: a net static force of {self.residual / u.N:.4g} N '
                          f'acts on it, {self.residual / self.force:.4g} times the force in a bond{many}. '
-                         'Hold the edge, add the force that balances it, or relax the structure first.')
+                         'Hold the edge, add the force that balances it, or relax the structure first (in a scene whose '
+                         'particles are in a file: relaxed = true in [lattice]).')
         if not self._in_plane:
             found.append(self._buckling())
         if self.out_of_plane is not None and not self.out_of_plane.stable:

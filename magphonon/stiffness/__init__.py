@@ -2,9 +2,10 @@
 
 `bond` is Eq. 4 of the paper; `matrices` assembles bonds to the Hessian and the Bloch matrix (Eq. 18); `calculator` is the ASE
 calculator with its foundation, `all_neighbours` the one without a cutoff, on the lattice sums of `ewald`; `rest` says
-where the forces balance, `relaxation` finds that place, `constraints` are the free directions; `cells` are those that change,
-and the stress on them, `elastic` the moduli;
-`truncation` says what a finite number of neighbours leaves out.
+where the forces balance, `relaxation` finds that place, and `constraints` holds the free directions.  `sites` is what each
+particle has of its own, `defects` makes vacancies and disorder.  `cells` follows a cell that changes and computes the stress on
+it, `elastic` the elastic moduli.  `truncation` computes the effect of the neighbours that are left out.  `restart` makes a
+calculator again from a file of ASE.
 """
 
 import lazy_loader

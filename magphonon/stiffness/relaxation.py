@@ -67,7 +67,7 @@ class Relaxation:
     steps : int
         Of the minimiser; 0 where the structure was at a stable rest.
     saddles : int
-        How many unstable rests it left on the way.
+        Number of places of unstable equilibrium that it left on the way.
     lowest : float
         Lowest squared angular frequency at rest in rad^2/ms^2, of the complete model; zero, up to round-off, for what moves
         without stiffness.
@@ -84,13 +84,13 @@ class Relaxation:
 
     @property
     def needed(self) -> float:
-        """Whether the structure was out of balance, or at an unstable rest."""
+        """Whether the structure was out of balance, or in unstable equilibrium."""
         return self.steps > 0
 
     def __str__(self) -> str:
         far = f'moved by up to {self.shift:.4g} mm (rms {self.rms:.4g} mm) in {self.steps} steps'
         moved = far if self.needed else 'was at rest already'
-        off = f', off {self.saddles} saddles' if self.saddles else ''
+        off = f' (places of unstable equilibrium that it left on the way: {self.saddles})' if self.saddles else ''
         return (f'The structure {moved}{off}: {self.before:.3g} N were left on a particle, now {self.after:.3g} N; its lowest '
                 f'squared frequency is {self.lowest:.4g} rad^2/ms^2.')
 

@@ -233,7 +233,8 @@ def _refuse_unsettled_sums(atoms):
 def _refuse(atoms, u, left):
     calc, k = atoms.calc, left.argmax()
     share = left[k] / (_largest_force(calc, u) or np.inf)
-    mend = ('relax it, magphonon.relaxed(atoms).atoms, or give the calculator the constant force that holds it, load= or '
+    mend = ('relax it, with magphonon.relaxed(atoms).atoms in Python or relaxed = true in the table [lattice] of a scene whose '
+            'particles are in a file, or give the calculator the constant force that holds it, load= or '
             'atoms.calc.balanced(particles)')
     if np.any(u) and not unbalanced(atoms).any():
         mend = ('set the positions back to those of atoms.calc.reference, where the forces balance (up to '
