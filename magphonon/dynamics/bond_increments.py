@@ -162,7 +162,7 @@ class Increments:
             if fits[-1] is None:
                 return None
         count = max(c.shape[1] for c, _ in fits)
-        c: NDArray[np.float64] = np.concatenate([np.pad(c, ((0, 0), (0, int(count - c.shape[1])))) for c, _ in fits])
+        c = np.concatenate([np.hstack([c, np.zeros((len(c), count - c.shape[1]))]) for c, _ in fits])
         return strength[:, None] * c[shape], max(error for _, error in fits)
 
     @property
