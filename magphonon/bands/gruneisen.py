@@ -1,7 +1,8 @@
-"""Grueneisen parameters: how the bands answer to the spacing.
+"""Grueneisen parameters: how the frequencies of the bands change with the spacing.
 
-As a lattice grows by d ln L in all its d periodic directions, the bond vectors change by dR = R + C u: the particles of a basis
-follow by the u that balances the forces again, `Phi u = -C^T phi'' r n` with the Hessian Phi of the cell.  The stiffness
+As a lattice grows in all its d periodic directions, the bond vectors change by dR = R + C u per relative change d ln L of the
+spacing.  The particles of a basis follow by the displacement u that balances the forces again, `Phi u = -C^T phi'' r n` with the
+Hessian Phi of the cell.  The stiffness
 K = phi'' n(x)n + g (1 - n(x)n) of a bond with g = phi'/r then changes by
 
     dK = phi''' dr n(x)n + (phi'' - g) dr/r (1 - n(x)n) + (phi'' - g) (dn(x)n + n(x)dn)
@@ -31,17 +32,17 @@ if TYPE_CHECKING:
     from ..stiffness.calculator import MagneticRepulsion
 
 FLOPPY = 1e-12
-"""Fraction of the largest stiffness below which a motion of the whole cell has none, as translations have."""
+"""Fraction of the largest stiffness below which a motion counts as one without stiffness, as a translation is."""
 CROSSING = 1e-9
-"""Difference of two branches, as a fraction of the highest frequency, below which they cross."""
+"""Difference of two branches, as a fraction of the highest frequency, below which they count as crossing."""
 STILL = 1e-6
-"""Fraction of the highest frequency below which a frequency is the root of a rounded zero."""
+"""Fraction of the highest frequency below which a frequency counts as zero: it is the square root of a round-off."""
 
 
 def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Grueneisen parameters `-d ln w/d ln V` of the bands: V is the length, area or volume, as the lattice is periodic.
+    """Grueneisen parameters `-d ln w/d ln V` of the bands; V is the length, area or volume of a cell.
 
-    A foundation stays as stiff as it is, its anchors follow the spacing, and so do held particles.
+    The foundation keeps its stiffness; its anchors and the held particles follow the spacing.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
     omega : ndarray, shape (wavevectors, modes)
         In rad/ms, unstable modes negative.
     gamma : ndarray, shape (wavevectors, modes)
-        Where branches cross, those of the branches, in no order.  NaN where the frequency is zero.
+        Where branches cross, the parameters of the crossing branches in no particular order.  NaN where the frequency is zero.
 
     Raises
     ------
@@ -97,7 +98,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
 
 
 def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Change of the bond vectors `R + C u` by the logarithm of the spacing in mm, shape (bonds, dim).
+    """Derivative `R + C u` of the bond vectors with respect to the logarithm of the spacing, in mm, shape (bonds, dim).
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Pair laws laid along the bonds of a structure: what repels where not all particles are alike.
+"""The pair law of each bond, for structures whose particles are not all alike.
 
 Particles of different kinds repel by different laws, particles of different strengths s by
 
     s_i s_j phi(r)
 
-as magnets of the moments s_i and s_j do.  `law_along` lays these laws along the bonds.  It is itself a pair law, with
-one number for each bond: who evaluates it at the lengths of all bonds need not know that they differ.  Where they do not, it is
-the one law that they share.
+as magnets of the moments s_i and s_j do.  `law_along` finds the law of each bond and returns all of them as one object, which is
+itself a pair law: evaluated at the lengths of all bonds it gives one number for each bond.  Code that uses it need not know
+that the bonds differ.  If all bonds have the same law, `law_along` returns that law.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ class BondLaws:
     Attributes
     ----------
     laws : tuple of PairLaw
-        The different ones.
+        The different laws.
     which : ndarray of int, shape (bonds,)
-        Of these, the law of each bond.
+        Index of the law of each bond in `laws`.
     strength : ndarray, shape (bonds,)
-        Its factor.
+        Factor of the law of each bond.
     """
 
     laws: tuple[PairLaw, ...]
@@ -56,11 +56,11 @@ class BondLaws:
         return self._each('phi', r)
 
     def dphi(self, r: Any) -> Any:
-        """Its slope in N."""
+        """First derivative of the energy of each bond in N."""
         return self._each('dphi', r)
 
     def d2phi(self, r: Any) -> Any:
-        """Its curvature in N/mm."""
+        """Second derivative of the energy of each bond in N/mm."""
         return self._each('d2phi', r)
 
     def _each(self, name, r):
@@ -74,21 +74,21 @@ class BondLaws:
 
 
 def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[np.float64]) -> PairLaw:
-    """`BondLaws` of no more laws than are needed; the law itself where all bonds have the same one at the strength 1."""
+    """`BondLaws` with only the laws that occur; the law itself if all bonds have the same law and the strength 1."""
     used, which = np.unique(which, return_inverse=True)
     laws = tuple(laws[k] for k in used)
     return laws[0] if len(laws) == 1 and (strength == 1).all() else BondLaws(laws, which, strength)
 
 
 def taken(law: PairLaw, bonds: Any) -> PairLaw:
-    """The law of some of the bonds, by their numbers or a mask; of a single bond if `bonds` is one number."""
+    """The law of some of the bonds, chosen by their indices or by a mask; that of a single bond if `bonds` is one number."""
     if isinstance(law, UprightMagnets):
         return UprightMagnets(taken(law.planar, bonds))
     return laid(law.laws, law.which[bonds], law.strength[bonds]) if isinstance(law, BondLaws) else law
 
 
 def labels(law: PairLaw, bonds: int) -> NDArray[np.intp]:
-    """A whole number for each of a number of bonds, the same for bonds of the same law and strength."""
+    """An integer label for each bond, equal for bonds of the same law and strength; shape (bonds,)."""
     law = _in_plane(law)
     if not isinstance(law, BondLaws):
         return np.zeros(bonds, int)
@@ -96,7 +96,7 @@ def labels(law: PairLaw, bonds: int) -> NDArray[np.intp]:
 
 
 def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:
-    """The different laws of a number of bonds, strengths apart, each with its own bonds; of upright magnets in the plane."""
+    """The different laws, without strengths, each with the indices of its bonds; for upright magnets the law in the plane."""
     law = _in_plane(law)
     if not isinstance(law, BondLaws):
         return [(law, np.arange(bonds))]

@@ -1,4 +1,4 @@
-"""Magnets that stand upright on a plane: what they do to each other out of the plane.
+"""Magnets that stand upright on a plane: the stiffness of a pair out of the plane.
 
 The magnets of a lattice stand normal to its plane, and supports keep them from turning.  If they are round, the energy U of a
 pair depends on the distance rho in the plane and on the difference z of heights.  Outside the magnets U obeys Laplace's
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 class UprightMagnets:
     """The pair law of magnets that stand upright on a plane; in the plane it is `planar`.
 
-    It matters only where particles move out of the plane (`MagneticRepulsion` with `foundation=[[k, k, kz]]`).  Without it a
-    law is taken for that of a force along the line that joins two particles, as between charges or grains of dust.
+    It makes a difference only if the particles move out of the plane (`MagneticRepulsion` with `foundation=[[k, k, kz]]`).  A law
+    that is not wrapped in it is that of a force along the line that joins two particles, as between charges or grains of dust.
 
     Attributes
     ----------
@@ -55,11 +55,11 @@ class UprightMagnets:
         return self.planar.phi(r)
 
     def dphi(self, r: Any) -> Any:
-        """Its slope in N."""
+        """First derivative of the energy at equal height, in N."""
         return self.planar.dphi(r)
 
     def d2phi(self, r: Any) -> Any:
-        """Its curvature in N/mm."""
+        """Second derivative of the energy at equal height, in N/mm."""
         return self.planar.d2phi(r)
 
     def vertical(self, r: Any) -> Any:
@@ -67,6 +67,6 @@ class UprightMagnets:
         return -(self.planar.d2phi(r) + self.planar.dphi(r) / r)
 
     def vertical_derivatives(self, r: Any) -> tuple[Any, Any]:
-        """First and second derivative of `vertical` by the distance, in N/mm^2 and N/mm^3."""
+        """First and second derivative of `vertical` with respect to the distance, in N/mm^2 and N/mm^3."""
         p1, p2, (p3, p4) = self.planar.dphi(r), self.planar.d2phi(r), higher_derivatives(self.planar, r)
         return -(p3 + p2 / r - p1 / r**2), -(p4 + p3 / r - 2 * p2 / r**2 + 2 * p1 / r**3)

@@ -1,7 +1,7 @@
-"""Cells that change: what a calculator means by other lattice vectors than those of its reference, and the stress on a cell.
+"""Cells that change: the energy and the stress of a calculator whose lattice vectors are no longer those of its reference.
 
-Where nothing is anchored, the energy depends on the bonds alone, and these follow the cell: the same pairs of particles, over
-the same periods.  A foundation or a dead load would have to be told whether it follows, too, so it is refused.
+Without a foundation the energy depends on the bonds alone.  As the cell changes, the bonds join the same pairs of particles
+across the same periods.  A foundation or a dead load is refused, because it is not known whether it follows the cell.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STRETCHED = 3.0
 NO_STRESS = ('the stress on a cell is that of its bonds in the complete model: a foundation or a dead load presses on the ground '
              "besides; take a calculator without them, or magphonon.stiffness.elastic_moduli(atoms).stress for the bonds alone")
 ACROSS = 1e-9
-"""Relative change of the cell across its periodic directions above which it is no round-off."""
+"""Relative change of the cell across its periodic directions above which the change is not round-off."""
 
 
 def measure(atoms: Atoms) -> float:
@@ -42,7 +42,7 @@ def same_cell(calc: MagneticRepulsion, atoms: Atoms) -> bool:
 
 
 def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
-    """Reference and bonds of a calculator, carried along as its cell changes to that of `atoms`.
+    """Reference and bonds of a calculator, strained homogeneously from its cell to that of `atoms`.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Defects and disorder: structures without some of their particles, with others in their place, or with sites that scatter.
+"""Defects and disorder: vacancies, substitutions, interstitials, and sites with random scatter.
 
-Each function takes atoms with their MagneticRepulsion and returns others, whose calculator keeps the bonds of the perfect
-structure but for the particles that are gone or new.  What comes out is in general not at rest: `magphonon.relaxed` it before all
-else.
+Each function takes atoms with their MagneticRepulsion and returns new atoms with a calculator of their own.  The bonds are those
+of the perfect structure, except at the particles that were removed or added.  The result is in general not at rest: relax it
+first with `magphonon.relaxed`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 LARGEST_SCATTER = 0.2
-"""Largest relative standard deviation: of 3 million sites none is then expected to lose its sign."""
+"""Largest relative standard deviation: with it, fewer than one of 3 million sites is expected to become negative."""
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'
-"""What scatters, in the order of the random numbers of a site; each has its own, whatever else scatters."""
+"""The quantities that scatter, in the order of the random numbers of a site.  Each has a number of its own, so that the scatter
+of one does not depend on whether another one scatters, too."""
 
 
 def without(atoms: Atoms, particles: ArrayLike) -> Atoms:
-    """The structure with vacancies: without these particles, their bonds and their springs."""
+    """The structure with vacancies: these particles are removed, with their bonds and their springs."""
     calc = repulsion_of(atoms)
     kept = np.delete(np.arange(len(atoms)), np.atleast_1d(np.asarray(particles, int)))
     number = np.full(len(atoms), -1)
@@ -46,16 +47,16 @@ def without(atoms: Atoms, particles: ArrayLike) -> Atoms:
 
 def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
                 kind: int | None = None) -> Atoms:
-    """The structure with another particle in the place of one.
+    """The structure with one particle replaced by another.
 
     Parameters
     ----------
     atoms : ase.Atoms
     particle : int
     mass, strength, stiffness : float
-        Factors of the mass, of the strength and of the stiffness of the spring of the particle that stood there.
+        Mass, strength and stiffness of the foundation of the new particle, as factors of those of the replaced one.
     kind : int, optional
-        Its kind, by which its law is chosen; that of the particle that stood there if not given.
+        Kind of the new particle, which chooses its law; by default the kind of the replaced one.
     """
     factors = {name: np.ones(len(atoms)) for name in ('mass', 'strength', 'stiffness')}
     factors['mass'][particle] = positive('mass', mass)
@@ -66,15 +67,15 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
 
 def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
                       kind: int | None = None) -> Atoms:
-    """The structure with a particle more, which repels all others within the reach of the longest bond.
+    """The structure with one more particle, which repels all others within the length of the longest bond.
 
     Parameters
     ----------
     atoms : ase.Atoms
     place : array_like, shape (2,) or (3,)
-        Where it stands and where its spring is slack, mm.
+        Position of the new particle and of its anchor, where its spring is slack, in mm.
     mass, strength, stiffness, kind
-        As of `substituted`, with the particle that is nearest for comparison.
+        As for `substituted`; the factors are relative to the nearest particle.
 
     Raises
     ------
@@ -115,14 +116,14 @@ class Scatter:
     Attributes
     ----------
     position : float
-        Of each coordinate in mm; anchors move with the particles, as misplaced pillars do.
+        Standard deviation of each coordinate in mm; the anchors move with the particles, like misplaced pillars.
     strength, mass, stiffness : float
-        Relative, of the strengths, the masses and the springs of the foundation.
+        Relative standard deviations of the strengths, the masses and the springs of the foundation.
 
     Raises
     ------
     ValueError
-        For one that is negative, or relative and above `LARGEST_SCATTER`.
+        If one is negative, or a relative one is above `LARGEST_SCATTER`.
     """
 
     position: float = 0.0
@@ -135,11 +136,11 @@ class Scatter:
         for name in ('strength', 'mass', 'stiffness'):
             if not_negative(name, getattr(self, name)) > LARGEST_SCATTER:
                 raise ValueError(f'the scatter of {name} must be at most {LARGEST_SCATTER:g}, not {getattr(self, name):g}; '
-                                 'larger ones leave sites without sense')
+                                 'with a larger one some masses, strengths or springs would become negative')
 
 
 def scattered(atoms: Atoms, scatter: Scatter, seed: int) -> Atoms:
-    """The structure with sites that scatter, held ones too; one seed gives one structure on every machine."""
+    """The structure with random scatter at all sites, held ones too; a seed gives the same structure on every machine."""
     normal: dict[str, Any] = dict(zip(QUANTITIES, site_normals(seed, len(atoms)).T, strict=True))
     moved = np.stack([normal[axis] for axis in 'xyz'], axis=1) * scatter.position
     moved[:, repulsion_of(atoms).dim :] = 0
@@ -150,7 +151,7 @@ def scattered(atoms: Atoms, scatter: Scatter, seed: int) -> Atoms:
 def site_normals(seed: int, sites: int) -> NDArray[np.float64]:
     """Normal random numbers of each site, shape (sites, 6), of mean 0 and variance 1.
 
-    From the raw bits of PCG64, which NumPy never changes, through the inverse of the normal distribution.
+    They come from the raw bits of PCG64, which do not change between versions of NumPy, and the inverse normal distribution.
     """
     from scipy.special import ndtri
 
@@ -159,7 +160,7 @@ def site_normals(seed: int, sites: int) -> NDArray[np.float64]:
 
 
 def _varied(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: Any = None, kinds: Any = None) -> Atoms:
-    """The structure with factors for each of its sites, moved sites, and other kinds."""
+    """The structure with a factor of mass, strength and stiffness for each site, with moved sites, and with other kinds."""
     calc = repulsion_of(atoms)
     moved = np.zeros((len(atoms), 3)) if moved is None else moved
     varied, reference = atoms.copy(), calc.reference.copy()

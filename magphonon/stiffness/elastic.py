@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from .calculator import MagneticRepulsion
 
 FLOPPY = 1e-12
-"""Fraction of the largest stiffness below which an internal motion has none, and follows no strain."""
+"""Fraction of the largest stiffness below which an internal motion counts as one without stiffness, which follows no strain."""
 STRAIN = 4e-3
-"""Step of the finite strains of an infinite lattice: with nine points its truncation, about STRAIN^8, and round-off are alike."""
+"""Step of the finite strains of an infinite lattice: with nine points the truncation error, about STRAIN^8, equals round-off."""
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 UNIT = 'N in a chain, N/mm in the plane, N/mm^2 in space'
@@ -65,11 +65,11 @@ class Moduli(Saved, kind='elastic moduli', units={
     density : float
         Mass per length, area or volume in g/mm, g/mm^2 or g/mm^3.
     stress : ndarray, shape (dim, dim)
-        Cauchy stress; that of repulsion is negative.
+        Cauchy stress; negative if the particles repel each other.
     clamped : ndarray, shape (dim, dim, dim, dim)
-        C with the particles of a cell at their fractions of it.
+        C if the particles of a basis keep their fractional coordinates.
     constants : ndarray, shape (dim, dim, dim, dim)
-        C with the particles of a cell where forces balance.
+        C if the particles of a basis move to where the forces balance again.
     """
 
     along: np.ndarray
@@ -90,8 +90,8 @@ class Moduli(Saved, kind='elastic moduli', units={
 
     @property
     def birch(self) -> NDArray[np.float64]:
-        """Answer B of the stress to a small strain, shape (dim, dim, dim, dim); without the symmetry B_ijkl = B_klij where the
-        stress is not a pressure.
+        """Change B of the stress under a small strain, shape (dim, dim, dim, dim).  It lacks the symmetry B_ijkl = B_klij if
+        the stress is not a hydrostatic pressure.
         """
         turned = sum(np.einsum(f'{pair},{rest}->ijkl', self.stress, self.along)
                      for pair, rest in (('ik', 'jl'), ('il', 'jk'), ('jk', 'il'), ('jl', 'ik')))
@@ -99,12 +99,12 @@ class Moduli(Saved, kind='elastic moduli', units={
 
     @property
     def bulk(self) -> float:
-        """Bulk modulus `-V dp/dV = B_iikk/d^2`, of the area in the plane."""
+        """Bulk modulus `-V dp/dV = B_iikk/d^2`; in the plane V is the area."""
         return float(np.einsum('iikk', self.birch) / self.periodic**2)
 
     @property
     def shear(self) -> float:
-        """Shear modulus, the mean over all directions (Voigt's) where the lattice is not isotropic; NaN for a chain."""
+        """Shear modulus; for a lattice that is not isotropic the mean over all directions (Voigt's mean), for a chain NaN."""
         d, B = self.periodic, self.birch
         if d == 1:
             return np.nan
@@ -116,7 +116,7 @@ class Moduli(Saved, kind='elastic moduli', units={
         Parameters
         ----------
         direction : array_like, shape (dim,)
-            Along which the lattice is periodic.
+            Direction of propagation, along which the lattice is periodic.
 
         Raises
         ------
@@ -140,8 +140,8 @@ class Moduli(Saved, kind='elastic moduli', units={
 def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     """Stress of the bonds at the present positions, whether the forces balance there or not.
 
-    What `atoms.get_stress()` says too, but as a force per length in the plane, without the height of the cell, and also on a
-    foundation, which it leaves out.
+    It is the same stress as `atoms.get_stress()`, but in the plane as a force per length, without the height of the cell.  It is
+    also available on a foundation, whose forces it does not contain.
 
     Parameters
     ----------
@@ -168,8 +168,8 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     array([[-1.,  0.],
            [ 0., -1.]])
 
-    The lattice of a given pressure is found by a filter of ASE, which asks for the pressure on the walls of the cell, so many
-    times smaller than that per length as the cell is high, and for a mask that holds the height:
+    A filter of ASE finds the lattice under a given pressure.  It takes the pressure on the walls of the cell, which is the
+    pressure per length divided by the height of the cell, and a mask that keeps the height fixed:
 
     >>> from ase.filters import FrechetCellFilter
     >>> from ase.optimize import BFGS
@@ -191,7 +191,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     Parameters
     ----------
     atoms : ase.Atoms
-        One cell with its MagneticRepulsion or AllNeighbours.  Constraints are not looked at.
+        One cell with its MagneticRepulsion or AllNeighbours.  Constraints are ignored.
 
     Returns
     -------
@@ -246,9 +246,9 @@ def _along_periods(atoms, dim):
 
 
 def _of_bonds(calc: MagneticRepulsion) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """First and second derivative of the energy by the strain in mJ, and Lambda in N, shape (particles * dim, dim, dim).
+    """First and second strain derivative of the energy in mJ, and Lambda in N, shape (particles * dim, dim, dim).
 
-    Lambda is that at rest: what the forces on a particle add to it cancels.
+    Lambda holds at rest only, where the terms with the forces on a particle cancel.
     """
     bonds, R, dim = calc.bonds, calc.bond_vectors, calc.dim
     S = R @ _along_periods(calc.reference, dim)
@@ -262,7 +262,7 @@ def _of_bonds(calc: MagneticRepulsion) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def _by_finite_strain(calc: AllNeighbours) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The same of an infinite lattice, from energies and forces of strained cells by differences of eighth order."""
+    """The same for an infinite lattice, from energies and forces of strained cells by differences of eighth order."""
     atoms, dim = calc.reference, calc.dim
     P = np.linalg.svd(_along_periods(atoms, dim))[0][:, : atoms.pbc.sum()]
     pairs = [(i, j) for i in range(P.shape[1]) for j in range(i + 1)]

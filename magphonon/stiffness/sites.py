@@ -1,6 +1,6 @@
 """Properties that each site of a structure may have of its own: the stiffness of its foundation, the strength of its particle.
 
-Where all sites are alike one number says so, and everything is computed with it as such.
+Where all sites are alike the foundation stays a single number, and the computation is as fast as with one spring for all.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def displacement_components(reference: Atoms, foundation: Any) -> int:
 def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
     """The foundation as one number where it is one, otherwise as an array, shape (particles, dim), read-only.
 
-    Of a `layer`, whose particles move out of their plane because the foundation has three components, it is always an array.
+    For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
 
 
 def range_of(values: Foundation) -> str:
-    """One number, or the range of those of all sites, for `repr`."""
+    """The text for `repr`: the number if there is only one, otherwise the lowest and the highest value of all sites."""
     return repr(values) if np.ndim(values) == 0 else f'<{np.min(values):.4g} to {np.max(values):.4g}>'
 
 
@@ -103,9 +103,9 @@ def refuse_unlike(calc: Repulsion, tool: str, instead: str) -> None:
     Parameters
     ----------
     tool : str
-        What it is and does, the subject of a sentence.
+        Name of the tool, as the subject of a sentence.
     instead : str
-        The way round.
+        What the user can do instead.
     """
     unlike = [what for what, differs in (('laws or strengths', isinstance(calc.law, BondLaws)),
                                          ('foundations', np.ndim(calc.foundation) > 0)) if differs]
