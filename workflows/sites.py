@@ -1,22 +1,10 @@
-"""Every site its own: local modes, a magnet missing, disorder, pressure and moduli, and the motion out of the plane."""
+"""Every site its own: local modes, a magnet missing, disorder, pressure and moduli."""
 
 import numpy as np
 from ase.constraints import FixAtoms, FixedLine
 
-from magphonon import (
-    AllNeighbours,
-    InversePower,
-    MagneticRepulsion,
-    Yukawa,
-    analytic_bands,
-    finite_displacements,
-    lattices,
-    modes,
-    phonopy_bands,
-    relaxed,
-    units,
-)
-from magphonon.bands import band_gaps, band_path, bloch_modes, gruneisen_parameters
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, modes, relaxed, units
+from magphonon.bands import band_gaps, bloch_modes, gruneisen_parameters
 from magphonon.design import Scatter, mode_scatter
 from magphonon.plotting import new_axes, plot_shape
 from magphonon.plotting.axes import legend_above
@@ -43,7 +31,7 @@ def main(out):
     honeycomb, local = missing_magnet(out, known['sites'])
     spread, widths = scattered_magnets(out, known['prototype'])
     checks = [*light_mass(), *dimerised_chain(), *honeycomb, *pressed_lattice(), *all_neighbours(),
-              *out_of_plane(), *plasma_crystal(known['sites']), *spread, *each_magnet(known['prototype']), *disordered_chain()]
+              *spread, *each_magnet(known['prototype']), *disordered_chain()]
     return Outcome(checks, [local, widths])
 
 
@@ -144,41 +132,6 @@ def all_neighbours():
 
     return [Check('dipoles, all neighbours, c_L/c_T from the moduli', ratio(4.0), np.sqrt(11), 1e-8),
             Check('control: a = 5, all neighbours', ratio(5.0), np.sqrt(11), 0.1, control=True)]
-
-
-def out_of_plane():
-    """Nearest neighbours on a triangular lattice that may leave their plane: omega_z^2 is that of the support, and D*."""
-    cell, support = lattices.triangular(1.0, 1.0), 20.0
-    cell.calc = MagneticRepulsion(cell, InversePower(b=1.0, a=4.0), foundation=[[0, 0, support]])
-    q = np.array([[0.5, 0, 0], [2 / 3, 1 / 3, 0]])
-    drop, none = (support - cell.calc.bloch_matrix(q, model)[:, 2, 2].real for model in ('complete', 'conventional'))
-    path = band_path(cell, 'GMKG', 31)
-    ours, theirs = analytic_bands(cell, path).omega, phonopy_bands(finite_displacements(cell), path).omega
-    apart = abs(ours**2 - theirs**2).max() / ours.max() ** 2
-    return [Check('out of the plane, drop of omega_z^2 at K (f/(L m))', drop[1], 9, 1e-12),
-            Check('the same at M', drop[0], 8, 1e-12),
-            Check('control: the same at K of D0 alone', none[1], 9, 0.5, control=True),
-            Check("bands of all three directions, phonopy's beside ours, of the highest square", apart, 0, 1e-8)]
-
-
-def plasma_crystal(known):
-    """Grains of dust, every one repelling every other: how far D* softens the motion out of their plane, and the gate."""
-    rows, support = [], 100.0
-    for kappa in (1.0, 3.0):
-        cell, law = lattices.triangular(1.0, 1.0), Yukawa(c=1.0, kappa=kappa)
-        path = band_path(cell, 'GMKG', 121)
-        what, stated = f'plasma crystal, kappa = {kappa:g}', known[f'yukawa_{kappa:g}']
-        at = [abs(path.kpts - path.special_points[name]).sum(axis=1).argmin() for name in 'MK']
-        D, near = (calc(cell, law, foundation=[[0, 0, support]]).bloch_matrix(path.kpts)
-                   for calc in (AllNeighbours, MagneticRepulsion))
-        drop, longitudinal = support - D[:, 2, 2].real, np.linalg.eigvalsh(D[:, :2, :2])[:, 1]
-        gate = np.sqrt((drop + longitudinal).max())
-        rows += [Check(f'{what}: drop of omega_z^2 at M', drop[at[0]], stated[0], 1e-9),
-                 Check(f'{what}: drop of omega_z^2 at K', drop[at[1]], stated[1], 1e-9),
-                 Check(f'{what}: support at which omega_z touches omega_L', gate, stated[2], 2e-5),
-                 Check(f'control: {what}: drop at K, nearest neighbours', support - near[at[1], 2, 2].real, stated[1], 0.005,
-                       control=True)]
-    return rows
 
 
 def prototype(known):
