@@ -1,4 +1,4 @@
-"""Density of states: how many modes there are per frequency; of a lattice, by an integral over the zone.
+"""Density of states of a lattice, the number of modes per frequency, by an integral over the Brillouin zone.
 
 A mesh divides the zone into simplices: lines, triangles or tetrahedra.  In each of them the square of the frequency is taken as
 a linear function of the wavevector; the share of the simplex where it is below E is then the distribution function
@@ -113,7 +113,7 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
 
 
 def band_ranges(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
-    """Ranges of frequency in which an infinite lattice has modes; where branches overlap they are one.
+    """Ranges of frequency in which an infinite lattice has modes; overlapping branches make one range.
 
     Parameters
     ----------

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from .bands import Bands
 
 ROUND_OFF = 1e-9
-"""Of a depth: a row at this very depth belongs to the edge."""
+"""Relative tolerance of the depth, so that a row exactly at this depth belongs to the edge."""
 
 
 def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDArray[np.float64]:
-    """Share of each mode in the rows at the two edges of a ribbon, from 0 to 1: of its kinetic energy, averaged over a period.
+    """Share of the kinetic energy of each mode in the rows at the two edges of a ribbon, from 0 to 1.
 
-    An edge wave keeps most of itself there however wide the ribbon is; the share of all other modes falls with its width.  Where
-    branches cross, as those of two equal edges do, the mean of them: their modes are arbitrary there.
+    An edge wave has most of its energy there, however wide the ribbon is; the share of all other modes falls with the width.
+    Where branches cross, as those of two equal edges do, each gets the mean share, because their modes are arbitrary there.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     Returns
     -------
     ndarray, shape (wavevectors, modes, 2)
-        At the edge on the right of the periodic direction, seen along it, and at that on the left: of a ribbon along x the lower
-        edge first.
+        The edge on the right of the periodic direction comes first, then that on the left: for a ribbon along x the lower edge
+        comes first.
 
     Raises
     ------
@@ -49,8 +49,8 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     """
     calc, _ = cell_at_rest(atoms)
     if atoms.pbc.sum() != 1:
-        raise ValueError(f'edges are those of a ribbon, periodic in one direction, not in {atoms.pbc.sum()}; '
-                         'lattices.ribbon cuts one out of a lattice')
+        raise ValueError('only a ribbon, periodic in one direction, has edges, but these atoms are periodic in '
+                         f'{atoms.pbc.sum()}; lattices.ribbon cuts one out of a lattice')
     if bands.vectors is None:
         raise ValueError('these bands were computed without modes; ask for them with vectors=True')
     if bands.vectors.shape[2] != len(atoms):

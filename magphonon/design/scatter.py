@@ -1,13 +1,13 @@
-"""Scatter of each magnet and each pillar by itself, to first order, the magnets at rest again.
+"""Effect of independent scatter of every magnet and every pillar, to first order, with the magnets relaxed again.
 
 With the displacements x and y, and e = C x in the bonds, the stiffness H changes with the strength s_i of one magnet by
 
     x.(dH/d ln s_i) y = sum_b e^x_b.K_b e^y_b - sum_b phi'_b n_b.(C w)_b      over the bonds b of the magnet, where
     Phi w = C^T t       t_b = e^x_b.(dK_b/dR) e^y_b                           in the statics of the structure, Phi
 
-The second sum is due to the rest: a stronger magnet pushes its neighbours away until forces balance again.  One solution w serves
-all magnets.  With the stiffness k_i of a pillar it changes by k_i x_i.y_i, and by what the pillar pushes if it is bent at rest; a
-mass adds -omega^2 m_i x_i.y_i.
+The second sum comes from the new rest positions: a stronger magnet pushes its neighbours away until the forces balance again.
+One solution w serves all magnets.  The derivative by the logarithm of the stiffness k_i of a pillar is k_i x_i.y_i, plus a term
+of the force of the pillar if it is bent at rest; that by the logarithm of a mass is -omega^2 m_i x_i.y_i.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..response.place import Place
 
 SITES = ('mass', 'strength', 'stiffness')
-"""What scatters from site to site."""
+"""The quantities that scatter from site to site."""
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 CROSSING = 1e-9
@@ -45,16 +45,16 @@ CROSSING = 1e-9
 
 @dataclass(frozen=True)
 class Scatter:
-    """Relative standard deviations of what each site has of its own, all independent.
+    """Relative standard deviations of the quantities of each site; all of them scatter independently.
 
     Attributes
     ----------
     mass : float
-        Of each particle.
+        Standard deviation of the mass of each particle.
     strength : float
-        Of each magnet: the force between two goes with the product of theirs.
+        Standard deviation of the strength of each magnet; the force between two magnets is proportional to the product of theirs.
     stiffness : float
-        Of the foundation under each particle.
+        Standard deviation of the stiffness of the foundation under each particle.
 
     Raises
     ------
@@ -81,7 +81,7 @@ NO_SCATTER = Scatter()
 
 @dataclass(frozen=True, eq=False)
 class SiteSlopes:
-    """Derivatives of bilinear forms of the stiffness by what each site has of its own.
+    """Derivatives of bilinear forms of the stiffness with respect to the mass, strength and foundation of each site.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class SiteSlopes:
 
     @cached_property
     def _bonds(self):
-        """Stiffness K, its derivative by the bond vector, and pull phi' n of each bond."""
+        """Stiffness K, its derivative with respect to the bond vector, and the tension phi' n of each bond."""
         calc, dim = self.system.calc, self.system.dim
         R = calc.bond_vectors
         refuse_upright(R, calc.law, 'uncertainties of each magnet')
@@ -102,7 +102,7 @@ class SiteSlopes:
 
     @cached_property
     def _statics(self):
-        """Solver of the static equations `Phi w = t` of the free directions."""
+        """Factorised matrix of the static equations `Phi w = t` for the free directions."""
         calc, P = self.system.calc, self.system.free
         Phi = P.T @ hessian(calc.bonds, calc.rest_stiffness(), calc.foundation) @ P
         return sparse.linalg.splu(sparse.csc_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1])))
@@ -132,10 +132,10 @@ class SiteSlopes:
 
 def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter,
                  count: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Natural frequencies of a structure, and by how much they scatter from one made so to the next.
+    """Natural frequencies of a structure, and their standard deviation from one sample to the next.
 
-    Of a periodic cell they are the frequencies of waves that are alike in all cells; band edges of a supercell of N particles
-    scatter with 1/sqrt(N).
+    For a periodic cell these are the waves whose displacements are equal in all cells; band edges of a supercell of N particles
+    scatter as 1/sqrt(N).
 
     Parameters
     ----------
@@ -143,15 +143,15 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter,
         At rest, with MagneticRepulsion.
     scatter : Scatter
     count : int, optional
-        The lowest ones only.
+        Number of modes, the lowest ones; all if not given.
 
     Returns
     -------
     omega : ndarray, shape (modes,)
         In rad/ms.
     std : ndarray, shape (modes,)
-        Standard deviation to first order, in rad/ms; of modes of one frequency, which scatter parts, the root mean square of them
-        all.  NaN for a frequency of zero.
+        Standard deviation to first order, in rad/ms.  Modes of equal frequency, which the scatter splits, all get the root mean
+        square of their group.  NaN for a frequency of zero.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """The kernel polynomial method: densities of the squared frequencies of a large structure, by products with its matrix alone.
 
-Of a start vector s the Chebyshev moments `mu_n = s.T_n(X) s`, X = (K - centre)/radius, hold how its energy is spread over the
+Of a start vector s the Chebyshev moments `mu_n = s.T_n(X) s`, X = (K - centre)/radius, describe how its energy is spread over the
 spectrum.  A product gives two of them,
 
     mu_2n = 2 t_n.t_n - mu_0        mu_2n+1 = 2 t_n+1.t_n - mu_1        t_n = T_n(X) s
@@ -9,8 +9,8 @@ With squares = centre + radius cos(theta) their sum is a density over the angle,
 
     rho(theta) = (g_0 mu_0 + 2 sum_n g_n mu_n cos(n theta)) / pi
 
-in which Jackson's factors g_n make of each mode a positive peak, nearly a Gaussian of the standard deviation pi/count (Weisse et
-al., Rev. Mod. Phys. 78, 275 (2006)).  If the interval begins at zero, omega = top cos(theta/2): the peak is then
+in which Jackson's factors g_n turn each mode into a positive peak, nearly a Gaussian of the standard deviation pi/count (Weisse
+et al., Rev. Mod. Phys. 78, 275 (2006)).  If the interval begins at zero, omega = top cos(theta/2): the peak is then
 pi/(2 count) sqrt(top^2 - omega^2) wide in frequency, and equally wide at all low ones.
 """
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 COLUMNS = 8
-"""Number of start vectors that are multiplied together: a product reads the matrix once for all of them."""
+"""Number of start vectors that are multiplied at once, so that a product reads the matrix only once for all of them."""
 ROWS = 2**14
-"""Number of rows of the matrix at a time, so that what becomes of a product is still in the processor's cache when it is used."""
+"""Number of rows of the matrix in one piece, so that the product is still in the processor's cache when it is used."""
 BATCH = 2**22
 """Number of cosines computed at a time."""
 
@@ -46,7 +46,7 @@ def spectrum_of(K: sparse.csr_array, starts: Callable[[], Iterable[NDArray[np.fl
     Parameters
     ----------
     K : sparse array, shape (size, size)
-        Of squared frequencies, rad^2/ms^2.
+        Matrix of squared frequencies, rad^2/ms^2.
     starts : function
         Returns the start vectors, in arrays of the shape (size, columns).
     count : int
@@ -70,7 +70,7 @@ def _moments_on(interval, K, starts, count, progress):
 
 
 def moments(X2: sparse.csr_array, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Moments `s.T_n(X) s` of each column by itself, from half as many products.
+    """Moments `s.T_n(X) s` of each column s separately, from half as many products as moments.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Spectrum:
     Attributes
     ----------
     interval : Interval
-        That holds all squared frequencies, rad^2/ms^2.
+        Interval that contains all squared frequencies, rad^2/ms^2.
     moments : ndarray, shape (count, columns)
     """
 

@@ -1,4 +1,4 @@
-"""How far each mode of a structure reaches, and the local modes in a gap of its lattice: those of defects, walls, edges."""
+"""Extent of each mode of a structure, and the local modes of defects, walls and edges in a gap of the lattice."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Extent(units.InHertz, Saved, kind='extents of modes', units={
     participation : ndarray, shape (modes,)
         Number of particles that take part, `1/sum share^2`: 1 if one moves alone, their number if all move alike.
     centre : ndarray, shape (modes, dim)
-        Of the shares, in mm.
+        Centre of the shares, in mm.
     length : ndarray, shape (modes,)
         Localisation length in mm: the l of a decay e^{-r/l} of the displacement that has the same second moment of the shares.
-        Of a mode that reaches through the whole structure it is about the size of that.
+        For a mode that extends over the whole structure it is about the size of the structure.
     along : ndarray, shape (modes, dim)
         Share of the motion along each axis.
     """
@@ -58,7 +58,8 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     ----------
     found : Modes
     atoms : ase.Atoms or LinearSystem
-        Of which they are; in periodic directions distances are those of the nearest images of the particle that moves most.
+        The structure of the modes.  In periodic directions distances are those of the images nearest to the particle that moves
+        most.
 
     Returns
     -------
@@ -106,7 +107,7 @@ def _nearest_images(vectors: NDArray[np.float64], atoms: Atoms) -> NDArray[np.fl
 
 
 def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
-    """All modes with frequencies within a gap of the lattice, however large the structure is: those that its defects hold.
+    """All modes with frequencies within a gap of the lattice: the local modes of defects, in structures of any size.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Densities of states of a large structure, disordered ones included: total, local, and over the wavevector.
+"""Densities of states of a large structure, with any disorder: total, local, and resolved by the wavevector.
 
-They are found by the kernel polynomial method (`magphonon.response.kernel_polynomials`), which keeps a few vectors in memory and
-takes a time in proportion to the number of particles.
+They are computed by the kernel polynomial method (`magphonon.response.kernel_polynomials`).  It keeps only a few vectors in
+memory, and its time is proportional to the number of particles.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .place import Place
 
 ASTRAY = 0.3
-"""Distance from the nearest lattice site, in shortest distances between sites, beyond which a particle belongs to none."""
+"""Distance from the nearest lattice site, in shortest distances between sites, beyond which a particle belongs to no site."""
 
 
 def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = None, moments: int = 512, vectors: int = COLUMNS,
@@ -47,7 +47,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     vectors : int
         Number of random vectors, at least 2.
     seed : int
-        Of the random signs.
+        Seed of the random signs.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
 
 def local_density(atoms: Atoms | LinearSystem, place: Place, omega: ArrayLike | None = None,
                   moments: int = 512) -> DensityOfStates:
-    """Density of states of one direction of one particle: how much of its motion the modes at a frequency hold.
+    """Local density of states of one particle along one direction: the share of its motion in the modes at each frequency.
 
     It is `-(2 m omega/pi) Im u/F` of the undamped receptance there, and has no statistical error.
 
@@ -99,7 +99,7 @@ def local_density(atoms: Atoms | LinearSystem, place: Place, omega: ArrayLike | 
     Returns
     -------
     DensityOfStates
-        Whose integral is one.
+        Its integral over the frequency is one.
 
     Raises
     ------
@@ -123,7 +123,7 @@ class SpectralFunction(units.InHertz, Saved, kind='spectral functions', units={
     'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
     'density': ('ms/rad', 'wavevectors', 'frequencies'), 'modes': ('',), 'width': ('rad/ms', 'frequencies'),
 }):
-    """How the plane waves of a perfect lattice are spread over the modes of a disordered one: its unfolded bands.
+    """Unfolded bands: how the plane waves of a perfect lattice are distributed over the modes of a disordered one.
 
     Attributes
     ----------
@@ -134,7 +134,8 @@ class SpectralFunction(units.InHertz, Saved, kind='spectral functions', units={
     density : ndarray, shape (wavevectors, frequencies)
         A(k, omega) in ms/rad, summed over the branches.
     modes : float
-        Its integral over the frequency at each wavevector, the number of branches; what is held everywhere has none.
+        Integral over the frequency at each wavevector: the number of branches, without those of sites and directions that are
+        held in every cell.
     width : ndarray, shape (frequencies,)
         Resolution in rad/ms: the standard deviation of the peak that one undisturbed wave makes there.
     """
@@ -148,7 +149,7 @@ class SpectralFunction(units.InHertz, Saved, kind='spectral functions', units={
 
 def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, omega: ArrayLike | None = None,
                       moments: int = 256) -> SpectralFunction:
-    """Spectral function A(k, omega) of a structure that is a disturbed patch of a lattice.
+    """Spectral function A(k, omega) of a patch of a lattice with defects or disorder.
 
     The start vectors are plane waves in mass-weighted displacements, one for each particle of the primitive cell and each
     direction,
@@ -156,7 +157,7 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
         e^{i k.R} / sqrt(sites)    on the free sites of one sort, along one direction
 
     with the places R of the anchors, so that those of a perfect lattice make up its Bloch waves.  In a patch of the length l a
-    wave is at least some 2 pi/l wide in wavevector; in a periodic one a wavevector should be one of its own.
+    wave has a width of at least about 2 pi/l in wavevector.  In a periodic structure take wavevectors that fit its period.
 
     Parameters
     ----------
@@ -192,7 +193,7 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
 
 
 class _Waves:
-    """Plane waves on the free sites, in real columns: of each wavevector the cosines, then the sines, of all polarisations."""
+    """Plane waves on the free sites as real columns: for each wavevector the cosines, then the sines, of all polarisations."""
 
     def __init__(self, system, cell, q):
         self.places = system.calc.anchors

@@ -1,4 +1,4 @@
-"""The tables [defects] and [disorder] of a scene: what is missing, other or in between in a structure, and what scatters."""
+"""The tables [defects] and [disorder] of a scene: vacancies, substitutions, interstitials, and random scatter of the sites."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
 
 class Guest(Table):
-    """Another particle, by what it has more or less than the one that it is compared with."""
+    """Another particle, by its mass, strength and stiffness relative to the particle with which it is compared."""
 
     at_m: Point = Field(description='the place [x, y] in m', examples=[[0.0, 0.0]])
     relative_mass: Factor = Field(1.0, description='factor of the mass', examples=[0.5])
-    relative_strength: NotNegativeFactor = Field(1.0, description='factor of the strength, as of its magnetic moment',
+    relative_strength: NotNegativeFactor = Field(1.0, description='factor of the strength, for example of its magnetic moment',
                                                  examples=[0.5])
     relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of its foundation', examples=[0.0])
 
@@ -36,21 +36,21 @@ class Guest(Table):
 
     @property
     def properties(self) -> dict[str, Any]:
-        """As `magphonon.stiffness.substituted` takes them."""
+        """The arguments of `magphonon.stiffness.substituted`."""
         return {'mass': self.relative_mass, 'strength': self.relative_strength, 'stiffness': self.relative_stiffness,
                 'kind': self.kind}
 
 
 class Substitution(Guest):
-    """Another particle in the place of the nearest one."""
+    """A particle that replaces the one nearest to the place."""
 
 
 class Interstitial(Guest):
-    """A particle more, compared with the nearest one; it repels all within the reach of the bonds."""
+    """An additional particle, relative to the nearest one; it repels all particles within the length of the longest bond."""
 
 
 class Defects(Table):
-    """Defects of the patch or of the finite structure, which then relaxes; places are those before."""
+    """Defects of the patch or of the finite structure, which then relaxes; places are those before it relaxes."""
 
     vacancies_m: Points = Field((), description='places [x, y] in m, at each of which the nearest particle is missing',
                                 examples=[[[0.0, 0.0]]])
@@ -59,7 +59,7 @@ class Defects(Table):
 
     @property
     def guests(self) -> tuple[Guest, ...]:
-        """All that is other or new."""
+        """All substitutions and interstitials."""
         return self.substitutions + self.interstitials
 
     @model_validator(mode='after')
@@ -105,19 +105,20 @@ def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
     if distances[nearest] > atoms.calc.bonds.lengths.min():
         raise ValueError(f'defects.{key} = {list(place)} is outside the structure; the nearest particle is at [{x:.6g}, {y:.6g}]')
     if not freedom(atoms)[0][nearest]:
-        raise ValueError(f'defects.{key} = {list(place)} is nearest to the held particle at [{x:.6g}, {y:.6g}]; go inside')
+        raise ValueError(f'defects.{key} = {list(place)} is nearest to the held particle at [{x:.6g}, {y:.6g}]; '
+                         'choose a place further inside')
     return nearest
 
 
 class Disorder(Table):
-    """Scatter of the sites of the patch or of the finite structure, normally distributed, which then relaxes."""
+    """Normally distributed scatter of the sites of the patch or of the finite structure, which then relaxes."""
 
     seed: Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')] = Field(
         description='the seed of the random numbers; one seed gives one structure on every machine', examples=[1])
     position_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(
         0.0, description='the standard deviation of each coordinate of a particle and of its support in m', examples=[1e-5])
-    strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths, as of magnetic moments, in '
-                                      'percent', examples=[1.0])
+    strength_percent: Percent = Field(0.0, description='the standard deviation of the strengths (for example magnetic moments) '
+                                      'in percent', examples=[1.0])
     mass_percent: Percent = Field(0.0, description='the standard deviation of the masses in percent', examples=[1.0])
     stiffness_percent: Percent = Field(0.0, description='the standard deviation of the stiffness of the foundation in percent',
                                        examples=[5.0])

@@ -72,7 +72,7 @@ class Pick(Table):
         if distance[particle] > patch.calc.bonds.lengths.min():
             raise ValueError(f'.at_m = {list(self.at_m)} is outside the patch; the nearest particle is at [{x:.6g}, {y:.6g}]')
         if not freedom(patch)[0][particle]:
-            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; go inside')
+            raise ValueError(f'.at_m = {list(self.at_m)} is on the held rim, nearest to [{x:.6g}, {y:.6g}]; choose one inside')
         return Place(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 

@@ -44,7 +44,7 @@ class Pillar(Table):
 
 
 class OutOfPlane(Table):
-    """Supports along z, with which the particles of a planar lattice move out of its plane."""
+    """Supports along z; with this table the particles of a planar lattice move out of its plane, too."""
 
     stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] = Field(
         description='the stiffness in N/m of the support of each particle along z', examples=[800.0])

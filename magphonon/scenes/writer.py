@@ -1,4 +1,4 @@
-"""Scene files of what was built in Python: the tables in TOML, and the particles with their calculator in a file beside it."""
+"""Scene files of structures built in Python: the tables in TOML, the particles with their calculator in a .traj file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ POINTS = 200
 
 
 def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = None) -> None:
-    """Write atoms with their calculator as a scene, so that every command goes on from them, to the same bits.
+    """Write atoms with their calculator as a scene, on which every command computes to the same bits as Python does.
 
     Beside `path`, NAME.toml, the particles go into NAME.traj, a file of ASE, with law, bonds, foundation and anchors.
 

@@ -1,4 +1,4 @@
-"""Atoms from ASE's files with their calculator again, so that what was built in Python goes on where it ended.
+"""Restart: the calculator of atoms that were read from files of ASE, made again as it was when they were written.
 
 ASE writes `calc.todict()` beside the atoms, into .traj files and into databases.  It holds all that the forces depend on, rest
 positions, anchors and bonds included::

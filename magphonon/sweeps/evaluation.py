@@ -1,4 +1,4 @@
-"""What a worker does: it answers a batch of points with one thread, and tells which points it had to refuse."""
+"""The work of a worker: it computes a batch of points with one thread, and reports the points that it had to refuse."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _pinned = False  # in this process
 
 @dataclass(frozen=True)
 class Answer:
-    """What was found at one point.
+    """The result at one point.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where a sweep computes: in this process, in others of this machine, on Dask, on MPI.
+"""The executors of a sweep: this process, other processes of this machine, Dask, MPI.
 
 Nothing that needs numpy is imported here: a new process imports this file first, and then sets how many threads numpy starts.
 """

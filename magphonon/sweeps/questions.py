@@ -1,7 +1,7 @@
-"""What a sweep can ask of a scene, each question a name, a unit and a function of the scene.
+"""The quantities that a sweep can compute of a scene: each has a name, a unit and a function of the scene.
 
-Frequencies are asked of lattices that hold together: of one that buckles they would be those of a motion about a place that it
-leaves.  What tells where it buckles is answered on both sides of the border.
+Frequencies are computed for stable lattices only, because a lattice that buckles leaves the positions about which it would
+vibrate.  Quantities that show where it buckles are computed on both sides of the border.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 BORDER = 1e-9
-"""Share of the foundation needed within which a lattice is on the border of buckling, its softest frequency zero to round-off."""
+"""Fraction of the needed foundation within which a lattice is on the border of buckling, its softest frequency round-off."""
 
 
 @dataclass(frozen=True)
 class Situation:
-    """A scene and what several questions about it share."""
+    """A scene, with intermediate results that several questions share."""
 
     scene: Scene
 
@@ -53,7 +53,7 @@ class Situation:
 
     @property
     def margin(self) -> float:
-        """By how much the foundation exceeds what the lattice needs, N/mm."""
+        """Excess of the foundation over the stiffness that the lattice needs, N/mm."""
         return common_spring(self.atoms) - self.needed
 
     @cached_property

@@ -1,6 +1,6 @@
-"""Sending points to an executor in batches, and what happens when a process dies on the way.
+"""Points of a sweep are sent to an executor in batches; when a process dies, they are sent again.
 
-Batches are so long that sending them costs little, and so short that little is lost with one.  Where the death of a process
+A batch is long enough that sending it costs little, and short enough that little is lost with it.  Where the death of a process
 breaks the executor, a new one is made.  Which point was to blame is not known, so all that were on their way become suspects:
 they are sent again when the others are done, one by one, and half as many at a time after every further death.  A point with
 which processes die twice while it is alone is recorded as a bad one.
