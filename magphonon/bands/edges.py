@@ -49,8 +49,8 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     """
     calc, _ = cell_at_rest(atoms)
     if atoms.pbc.sum() != 1:
-        raise ValueError('only a ribbon, periodic in one direction, has edges, but these atoms are periodic in '
-                         f'{atoms.pbc.sum()}; lattices.ribbon cuts one out of a lattice')
+        raise ValueError(f'only a ribbon has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
+                         'lattices.ribbon cuts one out of a lattice')
     if bands.vectors is None:
         raise ValueError('these bands were computed without modes; ask for them with vectors=True')
     if bands.vectors.shape[2] != len(atoms):
