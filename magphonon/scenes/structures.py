@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from copy import deepcopy
 from pathlib import Path
@@ -13,10 +12,12 @@ from pydantic import Field, PrivateAttr, ValidationInfo, computed_field, model_v
 
 from .. import units as u
 from ..bands.bands import band_path
+from ..dynamics.fingerprints import fingerprint
 from ..lattices.pairs import distances_within
 from ..stiffness.constraints import freedom
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.restart import restored
+from ..stiffness.restartable import Restartable
 from ..textfiles import refuse_endless
 from .fields import Flag, Length, Mass, Points, Positive, Table, Text, within
 from .particle_tables import MOST_BYTES, read_particles
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 NEAREST_m = 1e-6, 1e6
 """Range of the distance of nearest particles, as of `lattice.spacing_m`; beyond it a unit is wrong."""
+OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
+          'stiffness_N_per_m': 'stiffness, in N/mm'}
+"""Columns of tables, and what a file that ASE reads has in their place."""
 PACKAGE_UNIT_m = 1e-3
 """The unit of length of this package's own Atoms, mm."""
 
@@ -72,7 +76,7 @@ class FileLattice(Table):
             for key in ('cell_m',):
                 if getattr(self, key) is not None:
                     raise ValueError(f'{path} has a cell of its own; take {key} out')
-            return self._in_mm(_read_by_ase(path))
+            return self._in_mm(_without_columns_of_tables(_read_by_ase(path), path))
         except OSError as error:
             raise ValueError(f'.file: {path} cannot be read ({error.strerror}); it is sought beside the scene') from None
         except ValueError as error:
@@ -180,14 +184,23 @@ class FileLattice(Table):
     @computed_field
     @property
     def contents(self) -> str:
-        """Fingerprint of the particles, by which results know of which structure they are."""
-        arrays = self._atoms.arrays
-        parts = [self._atoms.cell.array, self._atoms.pbc, *(arrays[name] for name in sorted(arrays))]
-        return hashlib.sha256(b''.join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+        """Fingerprint of all that the file says, by which results know of which structure they are."""
+        atoms, calc = self._atoms, self._atoms.calc
+        calculator = calc.todict() if isinstance(calc, Restartable) else getattr(calc, 'parameters', None)
+        return fingerprint([atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator])
 
     def path(self, points: str | None, npoints: int) -> BandPath:
         """Path through special points, `ase.dft.kpoints.BandPath`."""
         return band_path(self.cell(), points, npoints)
+
+
+def _without_columns_of_tables(atoms, path):
+    """The particles, if none of their arrays has the name of a column of tables .csv that in a file of ASE means nothing."""
+    for name, instead in OF_ASE.items():
+        if atoms.has(name):
+            raise ValueError(f'{path} has the column {name}, which is one of tables .csv; in a file of ASE it is '
+                             f'{instead}')
+    return atoms
 
 
 def _read_by_ase(path):

@@ -145,6 +145,9 @@ class MagneticRepulsion(Restartable):
         if bonds.particles != len(reference):
             raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(reference)}; '
                              'find them in this structure, or use repeat_bonds')
+        if not len(bonds):
+            raise ValueError(f'no two of the {len(reference)} particles are bonded, so nothing repels; keep at least one pair of '
+                             'neighbours')
         bonds = bonds.fitted(self.reference)
         height = max(np.ptp(reference.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
         if self.dim == 2 and height > 1e-9 * bonds.lengths.min():

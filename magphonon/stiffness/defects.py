@@ -67,7 +67,7 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
 
 def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
                       kind: int | None = None) -> Atoms:
-    """The structure with one more particle, which repels all others within the length of the longest bond.
+    """The structure with one more particle, which repels all others within the cutoff of the bonds, or else their greatest length.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
     reference.positions[:-1] = calc.reference.positions
     old = calc.bonds
     bonds = Bonds(*(np.concatenate([getattr(old, name), getattr(near, name)[own]]) for name in ('i', 'j', 'shift', 'vectors')),
-                  particles=len(grown), cutoff=None)
+                  particles=len(grown), cutoff=old.cutoff)
     grown = _carrying(grown, calc, reference, bonds=bonds, foundation=of_sites(calc.foundation, site),
                       strengths=calc.strengths[site], anchors=np.vstack([calc.anchors, place]),
                       load=np.vstack([calc.load, np.zeros(3)]))
@@ -116,7 +116,8 @@ class Scatter:
     Attributes
     ----------
     position : float
-        Standard deviation of each coordinate in mm; the anchors move with the particles, like misplaced pillars.
+        Standard deviation of each coordinate in mm, in the plane of a planar structure or a layer; the anchors move with the
+        particles, like misplaced pillars.
     strength, mass, stiffness : float
         Relative standard deviations of the strengths, the masses and the springs of the foundation.
 
@@ -143,7 +144,8 @@ def scattered(atoms: Atoms, scatter: Scatter, seed: int) -> Atoms:
     """The structure with random scatter at all sites, held ones too; a seed gives the same structure on every machine."""
     normal: dict[str, Any] = dict(zip(QUANTITIES, site_normals(seed, len(atoms)).T, strict=True))
     moved = np.stack([normal[axis] for axis in 'xyz'], axis=1) * scatter.position
-    moved[:, repulsion_of(atoms).dim :] = 0
+    if not repulsion_of(atoms).reference.pbc.all():
+        moved[:, 2] = 0
     factors = {name: 1 + getattr(scatter, name) * normal[name] for name in ('mass', 'strength', 'stiffness')}
     return _varied(atoms, moved=moved, **factors)
 

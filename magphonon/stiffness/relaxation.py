@@ -168,6 +168,9 @@ class _Descent:
         self.length = self.calc.bonds.lengths.min()
         lengths = self.calc.bonds.lengths
         self.force = max(abs(calc.law.dphi(lengths)).max(), SLACK * self.length * abs(calc.law.d2phi(lengths)).max())
+        if not self.force:
+            raise ValueError('no bond repels: at the lengths of all of them the law has neither force nor stiffness; check the '
+                             'strengths of the particles and the reach of the law')
         self.source = atoms
         self._at = None
 

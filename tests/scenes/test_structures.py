@@ -161,6 +161,42 @@ def test_files_of_ase_are_read_in_their_unit(name, tmp_path):
                              context={'folder': tmp_path})
 
 
+def test_structures_that_differ_have_other_contents(tmp_path):
+    """By these, results and journals of sweeps know what they are of: what is held counts, what a column is, and a saved law."""
+
+    def contents(lattice, law):
+        tables = {'title': 'mine', 'lattice': {'kind': 'file', **lattice}, 'law': law}
+        first, again = (Scene.model_validate(tables, context={'folder': tmp_path}).lattice.contents for _ in range(2))
+        assert first == again
+        return first
+
+    found = []
+    table = {'file': 'mine.csv', 'mass_kg': 1e-3, 'cell_m': [[0.01, 0.0], [0.0, 0.02]]}
+    for column, one, other in (('', '', ''), (',held', ',1', ',0'), (',strength', ',1', ',0.5'),
+                               (',stiffness_N_per_m', ',1000', ',500')):  # 1 and 0.5 N/mm
+        (tmp_path / 'mine.csv').write_text(f'x_m,y_m{column}\n0.0,0.0{one}\n0.0,0.01{other}\n')
+        found.append(contents(table, LAW))
+    atoms = lattices.square(10.0, 0.7)
+    for strength in (1.0, 2.0):
+        atoms.calc = MagneticRepulsion(atoms, InversePower(strength * B, 4.5824), foundation=1.0)
+        write_scene(atoms, tmp_path / 'saved.toml')
+        found.append(contents({'file': 'saved.traj'}, {'kind': 'saved'}))
+    assert len(set(found)) == len(found) == 6
+
+
+@pytest.mark.parametrize('column', ['kind', 'held', 'mass_kg', 'stiffness_N_per_m'])
+def test_columns_of_tables_mean_nothing_to_ase(column, tmp_path):
+    """They must not be read and forgotten in silence."""
+    atoms = lattices.honeycomb(10.0, 0.7)
+    tables = {'title': 'mine', 'lattice': {'kind': 'file', 'file': 'mine.extxyz'}, 'law': LAW}
+    ase.io.write(tmp_path / 'mine.extxyz', atoms)
+    Scene.model_validate(tables, context={'folder': tmp_path})
+    atoms.set_array(column, np.array([0, 1]))
+    ase.io.write(tmp_path / 'mine.extxyz', atoms)
+    with pytest.raises(ValueError, match=f'has the column {column}, which is one of tables'):
+        Scene.model_validate(tables, context={'folder': tmp_path})
+
+
 def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
     rng = np.random.default_rng(5)
     atoms = lattices.triangular(10.0, 0.7).repeat((4, 4, 1))

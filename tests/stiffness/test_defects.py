@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import InversePower, MagneticRepulsion, lattices, relaxed
+from magphonon.interactions import UprightMagnets
 from magphonon.response import natural_frequencies
 from magphonon.stiffness.defects import LARGEST_SCATTER, Scatter, scattered, site_normals, substituted, with_interstitial, without
 from tests.oracles import LAWS, neighbour_vectors
@@ -128,6 +129,43 @@ def test_an_interstitial_repels_all_within_reach(seed):
     assert_allclose(raw, push, rtol=0, atol=1e-11 * abs(push).max())
     with pytest.raises(ValueError, match='no neighbour within 12 mm'):
         with_interstitial(atoms if not atoms.pbc.any() else supercell(0)[0], [900.0, 0.0])
+
+
+def test_interstitials_may_come_in_any_order():
+    """The reach of the first, which has a neighbour at 13.2 mm, or has none beyond 11.5 mm, is not that of the second."""
+    cell = lattices.triangular(10.0, 0.7).repeat((5, 5, 1))
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=1.0)  # within 13.66 mm
+    three, two = cell.positions[6, :2] + [5.0, 2.887], cell.positions[13, :2] + [5.0, 0.0]
+    found = [with_interstitial(with_interstitial(cell, a), b) for a, b in ((three, two), (two, three))]
+    assert [len(atoms.calc.bonds) for atoms in found] == [len(cell.calc.bonds) + 6 + 8] * 2
+    exchanged = [*range(25), 26, 25]
+    forces, others = (atoms.get_forces() for atoms in found)
+    assert_allclose(forces, others[exchanged], rtol=0, atol=1e-13 * abs(forces).max())
+
+
+@pytest.mark.parametrize('law', [LAW, UprightMagnets(LAW)])
+def test_places_in_a_layer_scatter_in_its_plane(law):
+    cell = lattices.triangular(10.0, 0.7).repeat((3, 3, 1))
+    found = []
+    for foundation in (1.0, [[1.0, 1.0, 4.0]]):
+        cell.calc = MagneticRepulsion(cell, law, foundation=foundation)
+        found.append(relaxed(scattered(cell, Scatter(0.2, stiffness=0.1), seed=3)).atoms)
+    flat, layer = found
+    assert_allclose(layer.positions, flat.positions, rtol=0, atol=1e-9)
+    assert not np.ptp(layer.positions[:, 2])
+    assert not np.allclose(flat.positions, cell.positions, rtol=0, atol=0.1)  # the control: they scatter
+    assert_allclose(layer.calc.foundation[:, 2], 4 * flat.calc.foundation[:, 0])
+
+
+def test_what_repels_nothing_is_refused():
+    cell = lattices.chain(10.0, 0.7).repeat((3, 1, 1))
+    cell.pbc = False
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=1.0)
+    with pytest.raises(ValueError, match='no two of the 2 particles are bonded'):
+        without(cell, 1)
+    with pytest.raises(ValueError, match='no bond repels'):
+        relaxed(substituted(cell, 1, strength=0.0))
+    relaxed(substituted(cell, 1, strength=1e-6))
 
 
 def test_the_numbers_of_a_seed():
