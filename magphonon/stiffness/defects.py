@@ -67,7 +67,9 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
 
 def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
                       kind: int | None = None) -> Atoms:
-    """The structure with one more particle, which repels all others within the cutoff of the bonds, or else their greatest length.
+    """The structure with one more particle, which repels all others within the cutoff of the bonds.
+
+    Bonds that have no cutoff, as those of a relaxed structure, are taken to reach as far as the longest of them.
 
     Parameters
     ----------
