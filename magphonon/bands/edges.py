@@ -32,7 +32,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     atoms : ase.Atoms
         One cell of the ribbon, periodic in one direction, with the calculator that `bands` were computed with.
     bands : Bands
-        Of these atoms, with vectors=True.
+        Bands of these atoms, computed with vectors=True.
     depth : float, optional
         Distance in mm from the outermost free particle within which rows belong to the edge; by default the shortest bond.
 

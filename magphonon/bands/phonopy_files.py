@@ -85,7 +85,7 @@ def _pieces(path):
     -------
     pieces : list of ndarray, shape (wavevectors, 3)
     names : list of str
-        Of the end of each piece, and of its start where it does not continue the piece before.
+        Name of the end of each piece, and of its start where it does not continue the piece before.
     connected : list of bool
         Whether the next piece continues this one.
     """

@@ -138,7 +138,7 @@ def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.floa
     Parameters
     ----------
     complete, conventional : ZoneMap
-        Of the same lattice on the same mesh.
+        Maps of both models, for the same lattice on the same mesh.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a scene has that can vibrate: an infinite lattice, a finite structure, or both."""
+"""The vibrating structures of a scene: an infinite lattice, a finite structure, or both."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Tolerances:
     changes : dict of str to Change
         Each parameter by name, and what it changes (`magphonon.design.sensitivities`).
     covariance : ndarray, shape (parameters, parameters)
-        Of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
+        Covariance of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
     scatter : Scatter
         What each site deviates by itself besides; nothing by default.
 
@@ -87,7 +87,7 @@ class Spread(Saved, kind='uncertainties', units={
     names : tuple of str
         The parameters.
     covariance : ndarray, shape (parameters, parameters)
-        Of their relative changes.
+        Covariance of the relative changes of the parameters.
     values : ndarray, shape (...)
         Frequencies in rad/ms, or amplitudes in mm.
     slopes : ndarray, shape (parameters, ...)
@@ -166,7 +166,7 @@ def frequency_spread(atoms: Atoms, q: ArrayLike, tolerances: Tolerances, model: 
     Returns
     -------
     Spread
-        Of the shape (wavevectors, modes).
+        Its arrays have the shape (wavevectors, modes).
 
     Examples
     --------

@@ -58,7 +58,7 @@ class Increments:
     Attributes
     ----------
     potential : PairLaw
-        Of all bonds, or laid along the kinds.
+        The law of all bonds, or the laws of the kinds of bonds.
     model : {'complete', 'conventional', 'literal'}
     r0 : ndarray, shape (kinds,)
         Rest length of each kind of bond, mm.

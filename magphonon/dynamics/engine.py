@@ -73,7 +73,7 @@ class Blocks:
     damping : ndarray, shape (particles,)
         gamma in 1/ms.
     threads : int
-        Of compiled blocks; the bits do not depend on it.
+        Number of threads of compiled blocks; the bits of the results do not depend on it.
     """
 
     def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64], threads: int = 1) -> None:

@@ -55,7 +55,7 @@ class Pieces:
     centre : ndarray, shape (pieces,)
         Where it is halved, or the middle.
     coefficients : ndarray, shape (pieces, DEGREE + 1)
-        Of Q in powers of w - centre, in N/mm.
+        Coefficients of Q in powers of w - centre, in N/mm.
     """
 
     per_increment: float

@@ -51,7 +51,7 @@ class Fit:
     at_spacing : ndarray, shape (2,)
         Force in N and its slope df/dr in N/mm at r0.
     covariance : ndarray, shape (2, 2)
-        Of these two.
+        Covariance of the two parameters above.
     half_width : ndarray, shape (2,)
         Half the width of their intervals of 95 %.  With few points and unknown noise that is more than 1.96 standard
         uncertainties.

@@ -31,7 +31,7 @@ def potential_to_dict(potential: Potential) -> dict[str, Any]:
 
 
 def potential_from_dict(saved: dict[str, Any]) -> Potential:
-    """What `potential_to_dict` wrote, to the last bit; errors as in `law_from_dict`."""
+    """The potential that `potential_to_dict` wrote, equal to the last bit; errors as in `law_from_dict`."""
     if 'pairs' not in saved:
         return law_from_dict(saved)
     laws = {}

@@ -65,7 +65,7 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     times : array_like, shape (frames,), optional
         In ms, shown in s.
     magnification : float, optional
-        Of the displacements; if not given, the largest one of all frames is a third of the shortest bond long.
+        Factor of the displacements; if not given, the largest one in all frames is drawn a third of the shortest bond long.
     title : str
     fps : float
         Frames per second.

@@ -40,7 +40,7 @@ def plot_response(response: Response, natural: ArrayLike = (), axes: NDArray[np.
     Parameters
     ----------
     response : FrequencyResponse
-        Of one particle, shape (frequencies,).
+        Response of one particle, shape (frequencies,).
     natural : array_like
         Natural frequencies in rad/ms; unstable ones, which are negative, are left out.
     axes : array of two matplotlib.axes.Axes, optional

@@ -61,7 +61,7 @@ def plot_contributions(spread: Spread, labels: Sequence[str], ax: Axes | None = 
     Parameters
     ----------
     spread : Spread
-        Of frequencies, shape (frequencies,).
+        Spread of frequencies, shape (frequencies,).
     labels : sequence of str
         Names of these frequencies.
     ax : matplotlib.axes.Axes, optional

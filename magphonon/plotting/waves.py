@@ -83,7 +83,7 @@ def plot_snapshot(patch: Atoms, field: Record, frame: int, site: Site, ax: Axes 
     patch : ase.Atoms
         Structure whose calculator stores the rest positions.
     field : Displacements
-        Of all its particles.
+        Displacements of all particles of the patch.
     frame : int
     site : Site
     ax : matplotlib.axes.Axes, optional

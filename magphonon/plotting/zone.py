@@ -64,7 +64,7 @@ def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, ax:
     Parameters
     ----------
     complete, conventional : ZoneMap
-        Of the same lattice.
+        Maps of both models, for the same lattice.
     branch : int
         By ascending frequency, from 0; it is printed from 1.
     ax : matplotlib.axes.Axes, optional
@@ -120,7 +120,7 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes |
     Parameters
     ----------
     complete, conventional : ZoneMap
-        Of the same lattice on the same mesh.
+        Maps of both models, for the same lattice on the same mesh.
     branch : int
         By ascending frequency, from 0; it is printed from 1.
     ax : matplotlib.axes.Axes, optional

@@ -64,7 +64,7 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     edges : ndarray
         Increasing times in ms at which panels must end.
     rate : float
-        Of the fastest oscillator in rad/ms.
+        Angular frequency of the fastest oscillator in rad/ms.
     tolerance : float
         Share of the impulse that may be missed at a kink of the force.
 

@@ -233,7 +233,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega:
     Returns
     -------
     FrequencyResponse
-        Of shape (frequencies,).
+        Its `response` has the shape (frequencies,).
 
     Examples
     --------

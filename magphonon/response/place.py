@@ -23,7 +23,7 @@ class Place:
     ----------
     particle : int
     direction : ndarray, shape (3,)
-        Of the force or displacement; a unit vector unless a multiple is meant.
+        Direction of the force or displacement; a unit vector unless a multiple is meant.
 
     Examples
     --------

@@ -96,7 +96,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     damping : float
         gamma in 1/ms, of all particles.
     particles : array_like of int, optional
-        Whose motion is wanted; that of all if not given.
+        The particles whose motion is returned; all if not given.
     tolerance : float
         Largest error of a displacement, as a share of the largest one in the answer.
 
@@ -201,12 +201,12 @@ class _Asked:
     ----------
     K : sparse array, shape (free, free)
     interval : Interval
-        That holds the spectrum of K.
+        Interval that contains the spectrum of K.
     gamma : float
         In 1/ms.
     load : _Load
     rows : ndarray of int
-        Of K, that are asked for.
+        Rows of K whose motion is returned.
     size : ndarray, shape (rows,)
         Displacement for each of these coordinates.
     tolerance : float
@@ -265,7 +265,7 @@ def _part(asked, state, start, stops, last):
     state : ndarray, shape (free, 2)
         At the last stop, unless this part is the last.
     error : float
-        As in Transient.
+        Estimated error, as in Transient.
     products : int
     """
     K, interval, gamma, rows, size = asked.K, asked.interval, asked.gamma, asked.rows, asked.size

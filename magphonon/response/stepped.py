@@ -223,7 +223,7 @@ def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float
     Parameters
     ----------
     amplitudes : array_like of complex, shape (windows, ...)
-        Of windows of equal length, at least three.
+        Amplitudes in windows of equal length, at least three.
     decay : float
         Free vibration left after the length T of one window, e^{-gamma T/2}.
 
@@ -259,9 +259,9 @@ def steady_amplitudes(dyn: DrivenVerlet, recorder: Recorder, omega: ArrayLike, a
     dyn : DrivenVerlet
         With its drives and with damping.
     recorder : Recorder
-        Of dyn, on the particles to look at.
+        Recorder attached to dyn, of the particles whose amplitude is wanted.
     omega : array_like, shape (particles,)
-        Of the drive that each of them follows, rad/ms.
+        Angular frequency of the drive that each of these particles follows, in rad/ms.
     axis : {0, 1}
         The component to look at.
     tolerance : float

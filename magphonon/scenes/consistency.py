@@ -1,4 +1,4 @@
-"""What the tables of a scene must not say against one another; `Scene` calls `check` when all its tables are read.
+"""Consistency of the tables of a scene with each other; `Scene` calls `check` when all its tables are read.
 
 A check that fails raises ValueError with the key in front, the value and how to mend it.
 """
@@ -152,7 +152,7 @@ def _oscillator(scene: Scene) -> None:
 
 
 def _file(scene: Scene) -> None:
-    """What particles from a file, or their saved calculator, leave without meaning."""
+    """Refuse tables that have no meaning for particles from a file, or for their saved calculator."""
     lattice, saved = scene.lattice, isinstance(scene.law, SavedLaw)
     if not isinstance(lattice, FileLattice):
         raise ValueError('law.kind = "saved" takes the law from the file of the particles; it belongs to lattice.kind = "file"')
@@ -180,7 +180,7 @@ def _file(scene: Scene) -> None:
 
 
 def _imperfect(scene: Scene) -> None:
-    """What defects and disorder need, and what cannot be asked of them."""
+    """Refuse defects and disorder without the tables that they need, or with commands that cannot take them."""
     name = 'defects' if scene.defects is not None else 'disorder'
     if scene.single or (scene.patch is None and not scene.finite):
         raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
@@ -192,7 +192,7 @@ def _imperfect(scene: Scene) -> None:
 
 
 def _kinds(scene: Scene) -> None:
-    """What laws of kinds need, and what knows one law only."""
+    """Refuse laws of kinds without what they need, or with tables that know one law only."""
     pairs = [other.kinds for other in scene.laws_of_kinds]
     for a, b in {pair for pair in pairs if pairs.count(pair) > 1}:
         raise ValueError(f'laws_of_kinds has two laws for the kinds {a} and {b}; keep one of them')

@@ -26,7 +26,7 @@ MOST_CELLS = 10**6
 
 
 class PatchTable(Table):
-    """What every shape does."""
+    """Base of the shapes of patches."""
 
     @property
     def sizes(self) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 PLACES = 'x_m', 'y_m', 'z_m'
 COLUMNS = (*PLACES, 'kind', 'held', 'mass_kg', 'strength', 'stiffness_N_per_m')
-"""What a column may be called; x_m and y_m must be there."""
+"""Allowed names of columns; x_m and y_m are required."""
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
 

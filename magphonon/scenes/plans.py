@@ -1,4 +1,4 @@
-"""What is asked of a scene: bands, frequency responses, tone bursts, plans."""
+"""The tables of a scene that say what to compute: bands, frequency responses, tone bursts, plans."""
 
 from __future__ import annotations
 

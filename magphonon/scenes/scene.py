@@ -153,7 +153,7 @@ class Scene(Table):
         return {pair: upright(law) for pair, law in laws.items()} if isinstance(laws, dict) else upright(laws)
 
     def _sites(self, atoms: Atoms) -> dict[str, Any]:
-        """What each site has of its own, or all have in common, as the calculators take it."""
+        """Foundation and strengths, of each site or of all, as arguments of the calculators."""
         foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
         if self.foundation:
             foundation = self.foundation.springs(foundation)

@@ -34,7 +34,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     atoms : ase.Atoms
         With MagneticRepulsion or AllNeighbours.
     path : path-like
-        Of the scene; its name ends in .toml.
+        Path of the scene file; its name ends in .toml.
     title : str, optional
         A line that says what it is.
 

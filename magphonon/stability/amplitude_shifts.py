@@ -120,7 +120,7 @@ class _SecondOrder:
     psi2, psi3, psi4 : ndarray, shape (bonds,)
         Derivatives of the law with respect to the square of the distance.
     incidence : sparse array, shape (bonds, particles)
-        Of the uniform motion that follows the mode.
+        Incidence matrix of the uniform motion that follows the mode.
     P, D, M : sparse array or ndarray
         Free directions, stiffness and masses of this motion.
     """

@@ -76,7 +76,7 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
     free : sparse array, shape (particles * components, free)
         What the constraints leave free, from `free_directions`.
     structure : ase.Atoms
-        Of which only the cell and its periodicity count.
+        Structure, of which only the cell and its periodicity are used.
     foundation : float or ndarray, shape (particles, components)
         N/mm.
     masses : ndarray, shape (particles,), optional
@@ -121,7 +121,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
     atoms : ase.Atoms or LinearSystem
     model : {'complete', 'conventional'}
     scale : float
-        By which all bonds are stretched.
+        Factor by which all bonds are stretched.
     foundation : float
         What all have in common, N/mm.
     weighted : bool

@@ -57,7 +57,7 @@ class Verdict:
     ----------
     planar : bool
     model : str
-        That of the calculator.  Stability is judged by the complete one, as the others hide it.
+        Model of the calculator.  Stability is always judged by the complete model, because the others do not show buckling.
     spacing, force : float
         Shortest bond in mm and its static repulsion in N.
     residual : float

@@ -169,7 +169,7 @@ class _Case:
     pushes : ndarray, shape (particles,)
         Static force that nothing balances on each particle, N.
     away, closest : float
-        As in Verdict.
+        The numbers of the same names in Verdict.
     """
 
     atoms: Atoms

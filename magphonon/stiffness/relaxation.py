@@ -65,7 +65,7 @@ class Relaxation:
     shift, rms : float
         Largest and root mean square displacement of the free particles in mm.
     steps : int
-        Of the minimiser; 0 where the structure was at a stable rest.
+        Number of steps of the minimiser; 0 if the structure was at a stable rest already.
     saddles : int
         Number of places of unstable equilibrium that it left on the way.
     lowest : float
@@ -105,7 +105,7 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     tolerance : float
         Largest force that may be left, as a share of the largest bond force.
     steps : int
-        Of the minimiser at most, on the way to each rest.
+        Largest number of steps of the minimiser on the way to each rest.
 
     Returns
     -------

@@ -32,7 +32,7 @@ class Repulsion(Protocol):
     reference : ase.Atoms
         The positions from which displacements are counted, without a calculator.
     potential : PairLaw, or mapping from pairs of kinds to PairLaw
-        As given.
+        The potential, as it was given.
     law : PairLaw
         Laid along the bonds: one number for each of them.
     bonds : Bonds

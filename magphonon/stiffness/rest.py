@@ -129,7 +129,7 @@ def at_rest(atoms: Atoms) -> MagneticRepulsion:
     Returns
     -------
     MagneticRepulsion
-        That of the atoms, or one whose reference are their present positions.
+        The calculator of the atoms, or one whose reference is at their present positions.
 
     Raises
     ------

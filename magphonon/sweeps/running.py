@@ -37,7 +37,7 @@ def completed(function: Callable[..., Any], points: Sequence[Mapping[str, float]
     Parameters
     ----------
     function : callable
-        Of the keys of a point.
+        Function whose keyword arguments are the keys of a point.
     points : sequence of dict
     wanted : sequence of int
         Numbers of the points to be answered.

@@ -33,7 +33,7 @@ class SceneAnswers:
     asked : tuple of str
         Names of questions.
     particles : ase.Atoms, optional
-        Of a scene whose lattice is a file.
+        Particles of the scene, if its lattice is a file.
     contents : str
         The checksum of that file.
     """
@@ -64,7 +64,7 @@ class SceneAnswers:
 
     @property
     def identity(self) -> list[Any]:
-        """What the answers depend on, in plain Python."""
+        """All that the answers depend on, as plain Python objects; its checksum identifies the sweep."""
         return [self.tables, self.contents, list(self.asked)]
 
     @property

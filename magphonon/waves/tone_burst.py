@@ -38,14 +38,14 @@ ROUND_OFF = 1e-9
 
 @dataclass(frozen=True)
 class Passage:
-    """What a burst leaves behind.
+    """Recorded motion of a burst.
 
     Attributes
     ----------
     row : Displacements
-        Of the measured row.
+        Displacements of the measured row.
     field : Displacements
-        Of all particles, at a few moments.
+        Displacements of all particles at a few moments.
     largest : float
         Displacement in mm that no particle exceeds where it is driven, along the row and at these moments.
     """
@@ -69,15 +69,15 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     damping : float
         gamma in 1/ms; a wave of the frequency w has the damping ratio gamma/(2 w).
     duration : float
-        Of the record in ms, from the start of the burst.
+        Length of the record in ms, from the start of the burst.
     engine : str
-        As for DrivenVerlet, or 'lammps'.
+        Engine as for DrivenVerlet, or 'lammps'.
     ranks : int
         MPI ranks of LAMMPS.
     directory : path-like, optional
         Folder that keeps the files of LAMMPS, see `run_lammps`.
     threads : int, optional
-        As for DrivenVerlet.
+        Number of threads, as for DrivenVerlet.
 
     Returns
     -------

@@ -80,7 +80,7 @@ def measure(t: ArrayLike, u: ArrayLike, particles: ArrayLike, rate: float, noise
     noise : float
         Standard deviation of each sample, mm; white.
     seed : int
-        Of the noise.
+        Seed of the noise.
 
     Returns
     -------

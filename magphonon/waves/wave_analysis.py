@@ -76,7 +76,7 @@ def waves(row: Displacements, cell: Atoms, source: str) -> list[Wave]:
     Parameters
     ----------
     row : Displacements
-        Of particles in equal steps of R2, away from the source.
+        Displacements of particles in equal steps of R2, away from the source.
     cell : ase.Atoms
         With its MagneticRepulsion.
     source : {'row', 'point'}
