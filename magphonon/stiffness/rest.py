@@ -224,7 +224,7 @@ def _refuse_unsettled_sums(atoms):
     if len(atoms) > 1:  # a single particle is in equilibrium by symmetry
         P, forces = free_directions(atoms), calc.get_forces(atoms)[:, : calc.dim]
         left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
-        if left.max() > BALANCED * abs(calc.law.dphi(shortest)):
+        if left.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max():
             raise ValueError('the cell is not at rest, and linear theory holds only about rest: a net static force of '
                              f'{left.max():.4g} N acts on particle {left.argmax()}; relax it with an optimiser of ASE, and make '
                              'AllNeighbours at the relaxed positions')
