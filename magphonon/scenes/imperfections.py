@@ -46,7 +46,7 @@ class Substitution(Guest):
 
 
 class Interstitial(Guest):
-    """An additional particle, relative to the nearest one; it repels all particles within the length of the longest bond."""
+    """An additional particle, relative to the nearest one; it repels all particles within the cutoff of the bonds."""
 
 
 class Defects(Table):
