@@ -289,9 +289,12 @@ def test_a_closed_terminal_leaves_nothing(tmp_path):
     text = ready_scene('ideal').read_text()
     out = tmp_path / 'out'
     out.mkdir()
-    process = subprocess.Popen([sys.executable, '-m', 'magphonon', 'burst', str(scene_file(tmp_path, text)), '-o', str(out)],
+    slow = ('import sys, time; from matplotlib.figure import Figure; save = Figure.savefig; '
+            'Figure.savefig = lambda *args, **options: (time.sleep(30), save(*args, **options)); '  # waits to be closed
+            'from magphonon.cli.main import main; sys.exit(main(sys.argv[1:]))')
+    process = subprocess.Popen([sys.executable, '-c', slow, 'burst', str(scene_file(tmp_path, text)), '-o', str(out)],
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    while process.poll() is None and not list(out.glob('.partial-*')):
+    while process.poll() is None and not list(out.glob('.partial-*/*')):
         time.sleep(0.02)
     process.send_signal(signal.SIGHUP)
     process.communicate()
