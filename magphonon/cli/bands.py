@@ -121,6 +121,8 @@ def _frequencies(scene, atoms, bands):
     highest = max(result.frequencies_Hz.max() for result in bands.values())
     lines = [scene.title, _lattice(scene, atoms), '',
              f'{"frequency (Hz)":18}' + ''.join(f'{name:>14}' for name in bands)]
+    if scene.defects or scene.disorder:
+        lines.insert(2, 'bands of the perfect lattice; [defects] and [disorder] belong to its patch, see "magphonon modes"')
     for name in dict.fromkeys(name for leg in parse_path_string(path.path) for name in leg):
         at = abs(path.kpts - path.special_points[name]).max(axis=1).argmin()
         lines += rows(f'{name}, ', [result.frequencies_Hz[at] for result in bands.values()], highest)

@@ -82,11 +82,14 @@ def _of_lattice(folder, scene, atoms):
     path = scene.lattice.path(''.join(names), 2)
     bands = analytic_bands(atoms, path, vectors=True)
     at = [int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in names]
+    labels = bands.polarisations
+    if atoms.calc.layer:
+        labels = np.where((abs(bands.vectors[..., 2]) ** 2).sum(axis=2) > 0.9, 'out of the plane', labels)  # pyright: ignore[reportOptionalSubscript]  asked for
     conventional = analytic_bands(atoms, path, 'conventional') if 'conventional' in atoms.calc.bloch_models else None
     top = bands.frequencies_Hz.max()
     report = [f'{"modes of the lattice (Hz)":28}' + f'{"complete":>14}' + f'{"conventional":>14}' * (conventional is not None)]
     for name, where in zip(names, at, strict=True):
-        for branch, polarisation in enumerate(bands.polarisations[where]):
+        for branch, polarisation in enumerate(labels[where]):
             found = [which.frequencies_Hz[where, branch] for which in (bands, conventional) if which is not None]
             shown = ''.join(f'{f if abs(f) > ZERO_FRACTION * top else 0.0:14.6g}' for f in found)
             report.append(f'{f"  {name}, branch {branch + 1}":28}{shown}  {polarisation}'.rstrip())

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from magphonon import read_scene, verdict
+from magphonon.cli.main import main
 from magphonon.interactions import UprightMagnets
 from magphonon.scenes import ready_scene
 
@@ -78,3 +79,9 @@ def test_the_ready_layer_has_a_backward_branch_above_the_plane(tmp_path):
     D = atoms.calc.bloch_matrix(np.array([[0, 0, 0], [0.5, 0, 0], [2 / 3, 1 / 3, 0]]))
     unit = 3.3e-20 / 8e-4**3 / 1000  # strength/spacing^3 in N/mm
     assert (2.6e-12 - D[:, 2, 2].real) / unit == pytest.approx([0, 6.988902886, 7.418527680], abs=1e-8)
+
+
+def test_the_report_of_modes_names_the_branch_out_of_the_plane(tmp_path, capsys):
+    assert main(['modes', str(ready_scene('layer')), '-o', str(tmp_path / 'out')]) == 0
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith('  M, branch')]
+    assert [row.endswith('out of the plane') for row in rows] == [False, False, True]
