@@ -289,7 +289,8 @@ def test_a_closed_terminal_leaves_nothing(tmp_path):
     text = ready_scene('ideal').read_text()
     out = tmp_path / 'out'
     out.mkdir()
-    slow = ('import sys, time; from matplotlib.figure import Figure; save = Figure.savefig; '
+    slow = ('import signal, sys, time; signal.signal(signal.SIGHUP, signal.SIG_DFL); '  # ignored where the tests run under nohup
+            'from matplotlib.figure import Figure; save = Figure.savefig; '
             'Figure.savefig = lambda *args, **options: (time.sleep(30), save(*args, **options)); '  # waits to be closed
             'from magphonon.cli.main import main; sys.exit(main(sys.argv[1:]))')
     process = subprocess.Popen([sys.executable, '-c', slow, 'burst', str(scene_file(tmp_path, text)), '-o', str(out)],
