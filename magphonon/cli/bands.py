@@ -172,7 +172,7 @@ def _stability(scene, atoms, bands, phonon):
     from ..planning.scene import neglected
     from ..scenes.lattices import ALL
     from ..stability.buckling import common_spring, common_support, foundation_needed
-    from ..stability.verdicts import verdict
+    from ..stability.verdicts import out_of_plane
 
     flat = atoms.copy()
     flat.calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
@@ -199,7 +199,7 @@ def _stability(scene, atoms, bands, phonon):
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
     lines += neglected(scene)
     if atoms.calc.layer:
-        lines.append(str(verdict(atoms).out_of_plane))
+        lines.append(str(out_of_plane(atoms)[0]))
     if given >= needed:
         place = ' in the plane' if flat.calc.dim == 2 else ''
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'

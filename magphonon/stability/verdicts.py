@@ -209,13 +209,18 @@ def _of_layer(atoms, drives, timestep, supercell, distance):
     flat = atoms.copy()
     flat.calc = calc.in_plane()
     judged = _judged(flat, drives, timestep, supercell, distance, far=False)  # far from rest they leave the plane
-    structure = LinearSystem.nearest(atoms) if calc.pairwise else atoms
+    above, highest = out_of_plane(atoms)
+    return replace(judged, omega_max=max(judged.omega_max, highest), out_of_plane=above)
+
+
+def out_of_plane(atoms: Atoms) -> tuple[OutOfPlane, float]:
+    """Stability of a flat layer against motion out of its plane, and the highest angular frequency of that motion in rad/ms."""
+    structure = LinearSystem.nearest(atoms) if atoms.calc.pairwise else atoms
     there = common_support(structure)
     needed = softest_out_of_plane(structure)
     moving = softest_out_of_plane(structure, there, weighted=True)
     growth = 0.0 if needed.needed <= there else float(np.sqrt(-moving.lowest))
-    return replace(judged, omega_max=max(judged.omega_max, float(np.sqrt(max(moving.highest, 0.0)))),
-                   out_of_plane=OutOfPlane(there, needed.needed, needed.q, growth))
+    return OutOfPlane(there, needed.needed, needed.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
 
 
 def _unguided(atoms):
