@@ -107,6 +107,7 @@ def faults(verdicts):
     return {seed: found.faults for seed, found in verdicts.items() if found.faults}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('command', COMMANDS)
 def test_mutated_scenes(command, tmp_path):
     verdicts = {seed: scene_verdict(seed, command, tmp_path) for seed in range(COMMANDS[command])}

@@ -87,6 +87,7 @@ def shell(tmp_path_factory):
     return folder / 'out'
 
 
+@pytest.mark.slow
 def test_the_lines_for_the_shell_draw_the_bands(shell):
     import matplotlib.image
 

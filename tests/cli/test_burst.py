@@ -81,6 +81,7 @@ def reported(text):
     return {row[0]: (float(row[5]), float(row[7])) for row in rows}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('more', ['', VIBROMETER], ids=['simulated', 'measured'])
 def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, run_of, tmp_path, capsys):
     scene, out, shown, said = run_of(more)
@@ -133,6 +134,7 @@ def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, caps
     assert quiet == pytest.approx(2 * measured, rel=0.15)  # the row starts half way up the beam, whose middle moves most
 
 
+@pytest.mark.slow
 def test_the_row_to_measure_and_an_animation_on_request(scene_file, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('magphonon.waves.tone_burst.SNAPSHOTS', 5)  # frames are slow to draw
     assert main(['burst', str(scene_file()), '-o', str(tmp_path / 'out'), '--animation']) == 0

@@ -85,6 +85,7 @@ def test_free_memory_is_that_of_the_system_and_within_limits():
     assert 0 < int(done.stdout) < 3 * 2**30
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path('/proc/self/status').exists(), reason='a system that tells memory otherwise')
 @pytest.mark.parametrize(('command', 'small', 'large'), [
     ('bands', {}, {'bands__points': 8000}),

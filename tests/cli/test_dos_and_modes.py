@@ -61,6 +61,7 @@ def test_densities_of_the_prototype(prototype, tmp_path, capsys, monkeypatch):
     assert SpectralFunction.load(out / 'spectral.npz').density.shape == (13, dos.SPECTRAL_MOMENTS)
 
 
+@pytest.mark.slow
 def test_modes_of_the_prototype(prototype, tmp_path, capsys):
     out = tmp_path / 'out'
     assert main(['modes', str(prototype), '-o', str(out), '--animate', '2']) == 0

@@ -260,6 +260,7 @@ def whole_but_hidden(out):
     return all(sha256((out / name).read_bytes()).hexdigest() == value for name, value in known.items())
 
 
+@pytest.mark.slow
 def test_leftovers_of_killed_commands_are_collected_and_those_of_living_ones_are_not(tmp_path):
     scene, out = scene_file(tmp_path), tmp_path / 'out'
     program = ('import os, signal, sys; sys.path.insert(0, sys.argv[3]); from test_results import *\n'
@@ -284,6 +285,7 @@ def test_leftovers_of_killed_commands_are_collected_and_those_of_living_ones_are
     assert not list(out.glob('.*'))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, 'SIGHUP'), reason='needs a terminal that can be closed')
 def test_a_closed_terminal_leaves_nothing(tmp_path):
     text = ready_scene('ideal').read_text()
@@ -325,6 +327,7 @@ def test_commands_at_once_in_one_folder_leave_one_whole_result(tmp_path):
         assert set(contents(out)) == {*FILES, f'own{versions.pop()}.csv', 'scene.toml', 'provenance.json'}
 
 
+@pytest.mark.slow
 def test_two_scenes_at_once_in_one_folder_leave_one_whole_result(tmp_path):
     out = tmp_path / 'out'
     start = [[sys.executable, '-m', 'magphonon', 'bands', str(scene_file(tmp_path, text, name)), '-o', str(out)]

@@ -15,6 +15,7 @@ def command(*arguments, **options):
                           **({'capture_output': True} | options))
 
 
+@pytest.mark.slow
 def test_closed_streams_cost_nothing(tmp_path):
     """As `>&-` and `2>&-` close them: results are written all the same."""
     file = tmp_path / 'chain.toml'
@@ -27,6 +28,7 @@ def test_closed_streams_cost_nothing(tmp_path):
         assert (out / 'bands.csv').exists()
 
 
+@pytest.mark.slow
 def test_letters_that_the_terminal_lacks(tmp_path):
     file = tmp_path / 'chain.toml'
     file.write_text(ready_scene('chain').read_text().replace('title = "', 'title = "größe 😀 '), encoding='utf-8')
@@ -35,6 +37,7 @@ def test_letters_that_the_terminal_lacks(tmp_path):
     assert done.stdout.startswith('gr\\xf6\\xdfe \\U0001f600')
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists('/dev/full'), reason='a system without such files')
 def test_a_report_that_cannot_be_shown_has_a_status_of_its_own(tmp_path):
     (tmp_path / 'law.csv').write_text('r_mm,f_N\n1,16\n2,8\n4,4\n8,2\n16,1\n')
@@ -53,6 +56,7 @@ def test_a_mistake_keeps_its_status_where_its_message_cannot_be_shown(tmp_path):
     assert (done.returncode, done.stdout) == (2, '')
 
 
+@pytest.mark.slow
 def test_python_without_docstrings_and_a_shell_with_another_backend_change_nothing(tmp_path):
     shell = {**os.environ, 'PYTHONOPTIMIZE': '2', 'MPLBACKEND': 'bogus'}
     (tmp_path / 'chain.toml').write_text(ready_scene('chain').read_text())

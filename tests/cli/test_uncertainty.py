@@ -27,6 +27,7 @@ def table(file):
     return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
 
 
+@pytest.mark.slow
 def test_bands_of_a_lattice_with_tolerances(tmp_path, capsys):
     """Without foundation, 1 % of spacing is (a + 1)/2 = 2.5 % of every frequency, and 1 % of the mass 0.5 %: 2.55 % together."""
     text = ready_scene('ideal').read_text().partition('[patch]')[0]
@@ -48,6 +49,7 @@ def test_bands_of_a_lattice_with_tolerances(tmp_path, capsys):
     assert Spread.load(tmp_path / 'out' / 'band_uncertainty.npz').names == ('spacing', 'mass')
 
 
+@pytest.mark.slow
 def test_tolerances_too_wide_for_a_ribbon_are_called_so(tmp_path, capsys):
     """A chain on springs of 42 kN/m, which needs 40: 3 % of spacing buckles a part of them."""
     text = ready_scene('chain').read_text().replace('5e4', '4.2e4') + '\n[uncertainty]\nspacing_percent = 3.0\n'

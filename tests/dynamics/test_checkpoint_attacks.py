@@ -273,6 +273,7 @@ def outcomes(stopped, place, damaged):
     return len(words)
 
 
+@pytest.mark.slow
 def test_flipped_bits_are_refused_or_change_nothing(stopped, tmp_path):
     rng = np.random.default_rng(5)
     files = sorted(file.name for file in stopped[0].iterdir())

@@ -225,6 +225,7 @@ def test_energy_stays_bounded_over_a_million_steps():
     assert abs(energy[1:300].mean() - energy[-300:].mean()) < 0.05 * abs(energy).max()  # and no drift
 
 
+@pytest.mark.slow
 def test_the_literal_model_does_not_conserve_energy():
     def drift(model):
         atoms = patch(5, model=model, speed=0.3)

@@ -41,6 +41,7 @@ def understated(found):
     return wrong, count, excess
 
 
+@pytest.mark.slow
 def test_no_method_of_eighty_plans_is_worse_than_told():
     wrong, count, excess = understated(situations())
     assert wrong == []

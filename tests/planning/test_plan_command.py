@@ -43,6 +43,7 @@ def test_command_runs_what_it_chose(tmp_path, capsys, name, extra, files):
         assert amplitude == pytest.approx(1 / abs(4.5e4 - w**2 + 12j * w), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
     from magphonon.cli.main import main
 

@@ -47,6 +47,7 @@ def sample():
     yield Waveform('triangular', LAW, 0.2, (1, 0), 0.3, 3e-3, rows=14)
 
 
+@pytest.mark.slow
 def test_choices_meet_the_tolerance_and_are_not_dear_unless_they_ignore_what_matters():
     verdicts = judge(list(sample()), (3e-2, 3e-3, 3e-4))
     assert all(v.met for v in verdicts), [(v.situation, v.plan.tolerance, v.choice, v.truth) for v in verdicts if not v.met]
@@ -55,6 +56,7 @@ def test_choices_meet_the_tolerance_and_are_not_dear_unless_they_ignore_what_mat
     assert met_by(without_amplitude, verdicts) < 0.9
 
 
+@pytest.mark.slow
 def test_a_strip_does_not_promise_for_a_beam():
     """Without foundation the sides of a shear beam nearly double what a strip shows of nonlinearity."""
     beam, tolerance = Beam('triangular', LAW, 0.0, (1, 0), 0.13, 3e-4), 7e-4

@@ -48,6 +48,7 @@ def test_the_ready_scene_has_local_modes_in_the_gap():
     assert rest.rms == pytest.approx(np.sqrt((far**2).mean()), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
     text = ready_scenes()['vacancy'].read_text(encoding='utf-8').replace('points = 401', 'points = 3')
     text = text.replace('_1 = 10', '_1 = 5').replace('_2 = 10', '_2 = 5')

@@ -73,6 +73,7 @@ def test_commands_run_on_what_was_written(tmp_path, capsys):
         assert f'no table [{command}]' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_finite_structure_is_driven(tmp_path, capsys):
     atoms = written(tmp_path, 0)
     path = tmp_path / 'mine.toml'

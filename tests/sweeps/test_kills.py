@@ -60,6 +60,7 @@ def killed_master(folder, executor, lines):
     return [json.loads(line) for line in journal.read_bytes().split(b'\n')[:-1]]
 
 
+@pytest.mark.slow
 def test_a_killed_master_loses_no_finished_point(tmp_path):
     went_on(tmp_path, 'None', [9])
 

@@ -31,6 +31,7 @@ def small(monkeypatch):
     monkeypatch.setattr(vibrometer, 'read_scene', two_bursts)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('small')
 @pytest.mark.parametrize('name', NAMES)
 def test_every_number_of_a_workflow_passes(tmp_path, name):
@@ -41,6 +42,7 @@ def test_every_number_of_a_workflow_passes(tmp_path, name):
     assert status == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('small')
 def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
     names = ['chain', 'two_roads']
@@ -55,6 +57,7 @@ def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
     assert 'FAIL' not in table
 
 
+@pytest.mark.slow
 def test_the_command_itself(tmp_path):
     done = subprocess.run([sys.executable, '-m', 'workflows', 'prototype_bands', 'chain', '-o', str(tmp_path)], check=True,
                           cwd=Path(workflows.__file__).parents[1], capture_output=True, text=True)
