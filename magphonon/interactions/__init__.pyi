@@ -43,7 +43,6 @@ from .pair_laws import (
     Hertz as Hertz,
     InversePower as InversePower,
     PairLaw as PairLaw,
-    Tabulated as Tabulated,
     Yukawa as Yukawa,
     higher_derivatives as higher_derivatives,
     local_exponent as local_exponent,
@@ -53,4 +52,5 @@ from .smooth_laws import (
     explained as explained,
     fit_spline as fit_spline,
 )
+from .tabulated import Tabulated as Tabulated
 from .upright import UprightMagnets as UprightMagnets

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import one_of
 from .magnet_pairs import MagnetLaw, SphereLaw
-from .pair_laws import Hertz, InversePower, PairLaw, Tabulated, Yukawa
+from .pair_laws import Hertz, InversePower, PairLaw, Yukawa
+from .tabulated import Tabulated
 from .upright import UprightMagnets
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from ..errors import one_of, shown, whole
 from ..interactions.force_tables import read_forces
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
-from ..interactions.pair_laws import Hertz, InversePower, Tabulated, Yukawa
+from ..interactions.pair_laws import Hertz, InversePower, Yukawa
+from ..interactions.tabulated import Tabulated
 from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, within
 from .lattices import Shells
 from .supports import _poisson_ratio
