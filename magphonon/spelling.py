@@ -10,13 +10,21 @@ if TYPE_CHECKING:
     from typing import Any
 
 
-def nearest(word: object, choices: Iterable[Any]) -> str | None:
-    """The choice that was probably meant, or None: one that begins with `word`, as 'b_N_m_a' with 'b', or one much like it."""
+def nearest(word: object, choices: Iterable[Any], likeness: float = 0.6) -> str | None:
+    """The choice that was probably meant, or None: one that begins with `word`, as 'b_N_m_a' with 'b', or one much like it.
+
+    Parameters
+    ----------
+    word : object
+    choices : iterable
+    likeness : float
+        Least ratio of `difflib.SequenceMatcher`, 0 to 1.
+    """
     choices = [choice for choice in choices if isinstance(choice, str)]
     if not isinstance(word, str):
         return None
     begun = [choice for choice in choices if choice.lower().startswith(f'{word.lower()}_')]
-    near = get_close_matches(word.lower(), [choice.lower() for choice in choices], 1)
+    near = get_close_matches(word.lower(), [choice.lower() for choice in choices], 1, likeness)
     return begun[0] if begun else next((choice for choice in choices if choice.lower() in near), None)
 
 

@@ -75,16 +75,16 @@ def test_time_steps_follow_the_exact_transient(capsys):
 
 @pytest.fixture(scope='module')
 def shell(tmp_path_factory):
-    """The folder `out` after README's lines for the shell, those that install and test left out."""
+    """The folder of the bands after README's lines for the shell, those that install and test left out."""
     blocks = re.findall(r'^```(\w*)\n(.*?)^```', TEXT, re.S | re.M)
     lines = [line for language, block in blocks if not language for line in block.splitlines()]
     folder = tmp_path_factory.mktemp('shell')
     environment = os.environ | {'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}', 'MPLBACKEND': 'Agg'}
-    for tool, place in (('magphonon', folder), ('phonopy', folder / 'out')):
+    for tool, place in (('magphonon', folder), ('phonopy', folder / 'prototype-bands')):
         for line in [line for line in lines if line.startswith(tool)]:
             done = subprocess.run(line, shell=True, cwd=place, env=environment, capture_output=True, text=True)
             assert done.returncode == 0, f'{line}\n{done.stdout}\n{done.stderr}'
-    return folder / 'out'
+    return folder / 'prototype-bands'
 
 
 @pytest.mark.slow

@@ -14,22 +14,21 @@ WAVE = {'carriers_Hz = [30, 40, 50, 60]': 'carriers_Hz = [40]', 'directions_deg 
         'side_m = 0.3': 'side_m = 0.2', 'duration_s = 0.5': 'duration_s = 0.4'}
 """Lines of the scene "prototype" that make it a scene of one short burst."""
 EXAMPLES = {
-    'bands': ['magphonon scene prototype > mine.toml', 'magphonon bands mine.toml -o out'],
-    'burst': ['magphonon burst wave.toml -o out'],
-    'check': ['magphonon scene square > mine.toml', 'magphonon check mine.toml'],
-    'design': ['magphonon scene design > mine.toml', 'magphonon design mine.toml'],
-    'dos': ['magphonon scene prototype > mine.toml', 'magphonon dos mine.toml -o out'],
+    'bands': ['magphonon bands prototype'],
+    'burst': ['magphonon burst wave.toml'],
+    'check': ['magphonon check square'],
+    'design': ['magphonon design design'],
+    'dos': ['magphonon dos prototype'],
     'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out'],
-    'frf': ['magphonon scene oscillator > mine.toml', 'magphonon frf mine.toml -o out'],
-    'modes': ['magphonon scene prototype > mine.toml', 'magphonon modes mine.toml -o out'],
-    'plan': ['magphonon scene oscillator > mine.toml', 'magphonon plan mine.toml --tolerance 1e-3'],
+    'frf': ['magphonon frf oscillator'],
+    'modes': ['magphonon modes prototype'],
+    'plan': ['magphonon plan oscillator --tolerance 1e-3'],
     'reproduce': ['magphonon reproduce chain -o out'],
     'scene': ['magphonon scene', 'magphonon scene --keys foundation'],
-    'spectrum': ['magphonon spectrum scan.csv wave.toml -o out'],
-    'sweep': ['magphonon scene prototype > mine.toml',
-              'magphonon sweep mine.toml --over law.a=2:6:17 --over foundation.pillar.height_m=0.1:0.6:11 --ask bands.M.1 '
-              '--executor here -o out'],
-    'uncertainty': ['magphonon scene oscillator > mine.toml', 'magphonon uncertainty mine.toml -o out'],
+    'spectrum': ['magphonon spectrum scan.csv wave.toml'],
+    'sweep': ['magphonon sweep prototype --over law.a=2:6:17 --over foundation.pillar.height_m=0.1:0.6:11 --ask bands.M.1 '
+              '--executor here'],
+    'uncertainty': ['magphonon uncertainty oscillator'],
 }
 GIVEN = {
     'burst': '`wave.toml` is the scene `prototype` with one burst and a smaller patch: '
@@ -111,19 +110,24 @@ def prepare(name, place):
             text = text.replace(old, new)
         (place / 'wave.toml').write_text(text, encoding='utf-8')
     if name == 'spectrum':
-        sent = place.parent / 'burst' / 'out' / '40Hz_90deg_complete.csv'
+        sent = place.parent / 'burst' / 'wave-burst' / '40Hz_90deg_complete.csv'
         (place / 'scan.csv').write_bytes(sent.read_bytes())
 
 
 HEAD = """# Commands
 
-Print a ready scene, edit it, and run commands on it:
+Run commands on a ready scene, or print it, edit it, and run them on the file:
 
 ```sh
+magphonon bands prototype
 magphonon scene prototype > mine.toml
 magphonon check mine.toml
-magphonon bands mine.toml -o out
+magphonon scene prototype | sed 's/spacing_m = 0.01/spacing_m = 0.011/' | magphonon bands - -o wider
 ```
+
+SCENE is a file or, if there is no file of this name, a ready scene; `-` reads it from the standard input, and the files that it
+names, such as a table of forces, are then looked for in the current folder. Without `-o` the results go to a directory named
+after the scene and the command, such as `prototype-bands`.
 
 The exit status is 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command
 or the scene (one message, nothing written), and 130 when interrupted. A folder of results is written whole or not at all: see

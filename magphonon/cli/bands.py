@@ -1,4 +1,4 @@
-"""`magphonon bands SCENE.toml -o DIR`: bands of a scene, by the Bloch matrix and by phonopy.
+"""`magphonon bands SCENE`: bands of a scene, by the Bloch matrix and by phonopy.
 
 The exit status is 0 if the bands were computed, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
@@ -6,6 +6,8 @@ The exit status is 0 if the bands were computed, even if the lattice buckles; "m
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -18,8 +20,8 @@ LEAST_WRITTEN_N_per_mm = 1e-6
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    add_scene(parser)
+    add_output(parser)
 
 
 def run(options: Namespace) -> None:

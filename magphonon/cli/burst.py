@@ -1,4 +1,4 @@
-"""`magphonon burst SCENE.toml -o DIR`: tone bursts through the patch of a scene, in both models, compared with its bands.
+"""`magphonon burst SCENE`: tone bursts through the patch of a scene, in both models, compared with its bands.
 
 The exit status is 0 if all bursts ran to their end, even if the lattice buckles; "magphonon check" reports that with status 1.
 """
@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .arguments import add_output, add_scene
+
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
@@ -14,8 +16,8 @@ HELP = 'tone bursts through the patch of a scene, in both models, compared with 
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst], as in "magphonon scene ideal"')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    add_scene(parser, ' with [patch] and [burst]')
+    add_output(parser)
     parser.add_argument('--engine', choices=('own', 'lammps'), default='own',
                         help='what takes the time steps of the complete model; LAMMPS on one or more MPI ranks')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
@@ -71,7 +73,7 @@ def _engine(options):
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
     threads = None if options.threads is None else whole('--threads', options.threads)
     if options.files is not None:
-        Path(options.files).mkdir(exist_ok=True)
+        Path(options.files).mkdir(parents=True, exist_ok=True)
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS knows no other model

@@ -1,4 +1,4 @@
-"""`magphonon check SCENE.toml`: checks a scene without running it: equilibrium, stability, time step, supports, linear range.
+"""`magphonon check SCENE`: checks a scene without running it: equilibrium, stability, time step, supports, linear range.
 
 The exit status is 1 if there is a problem, such as a lattice that buckles, and 0 otherwise.
 """
@@ -6,6 +6,8 @@ The exit status is 1 if there is a problem, such as a lattice that buckles, and 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -17,7 +19,7 @@ with the third power of the side."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
+    add_scene(parser)
 
 
 def run(options: Namespace) -> int:

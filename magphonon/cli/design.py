@@ -1,8 +1,10 @@
-"""`magphonon design SCENE.toml`: the spacing and the foundation that give the frequencies wanted in [design]."""
+"""`magphonon design SCENE`: the spacing and the foundation that give the frequencies wanted in [design]."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -11,7 +13,7 @@ HELP = 'spacing and foundation for a wanted cut-off, band edge or gap'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [design]; its [law] tells the magnets')
+    add_scene(parser, ' with [design]')
 
 
 def run(options: Namespace) -> None:

@@ -1,9 +1,11 @@
-"""`magphonon dos SCENE.toml -o DIR`: density of states of the lattice and of the patch, and the bands of the patch unfolded."""
+"""`magphonon dos SCENE`: density of states of the lattice and of the patch, and the bands of the patch unfolded."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -25,8 +27,8 @@ and of these vectors."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    add_scene(parser)
+    add_output(parser)
 
 
 def run(options: Namespace) -> None:

@@ -1,8 +1,10 @@
-"""`magphonon frf SCENE.toml -o DIR`: displacement per harmonic force over frequency, for the oscillator or a patch."""
+"""`magphonon frf SCENE`: displacement per harmonic force over frequency, for the oscillator or a patch."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -16,8 +18,8 @@ minute."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene oscillator" prints one to start from')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for the picture and data')
+    add_scene(parser, ' with [frf]')
+    add_output(parser)
 
 
 def run(options: Namespace) -> None:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..spelling import did_you_mean
+from .arguments import find_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,6 +56,7 @@ def _status(options):
     """Run the command; if it fails, print one message that says why."""
     try:
         with _termination_unwinds(), _no_silent_overflow():
+            find_inputs(options)
             return options.run(options) or 0
     except RuntimeWarning as warning:
         return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents in '
@@ -89,7 +91,7 @@ def _tell(words):
 
 def _inputs(options):
     """The files that the command reads, for a message."""
-    return ' and '.join(getattr(options, name) for name in ('table', 'file', 'scene') if getattr(options, name, None))
+    return ' and '.join(str(getattr(options, name)) for name in ('table', 'file', 'scene') if getattr(options, name, None))
 
 
 def _tables(options):
@@ -98,10 +100,10 @@ def _tables(options):
 
 
 def _open_streams():
-    """Send streams that the shell has closed (`>&-`) to nowhere, and escape letters that the terminal cannot show."""
-    for name in ('stdout', 'stderr'):
+    """Connect streams that the shell has closed (`>&-`) to nowhere, and escape letters that the terminal cannot show."""
+    for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, 'w'))  # noqa: SIM115  as long as the process
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  as long as the process
     if hasattr(sys.stdout, 'reconfigure'):  # not where a test catches it
         sys.stdout.reconfigure(errors='backslashreplace')  # pyright: ignore[reportAttributeAccessIssue]  which hasattr asks for
 

@@ -1,8 +1,10 @@
-"""`magphonon modes SCENE.toml -o DIR`: modes of the lattice at special points, and of the patch, the local ones named."""
+"""`magphonon modes SCENE`: modes of the lattice at special points, and of the patch, the local ones named."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -28,8 +30,8 @@ SHAPES_bytes, SHAPES_s = 40, 3e-10
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    add_scene(parser)
+    add_output(parser)
     parser.add_argument('--animate', metavar='MODE', type=int,
                         help='write a film of this mode of the patch, by its number in modes.csv')
 

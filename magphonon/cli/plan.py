@@ -1,8 +1,10 @@
-"""`magphonon plan SCENE.toml --tolerance 1e-3 [--run -o DIR]`: the cheapest method that meets a tolerance, and its run."""
+"""`magphonon plan SCENE --tolerance 1e-3 [--run]`: the cheapest method that meets a tolerance, and its run."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene, default_folder
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -13,11 +15,11 @@ LEAST_TOLERANCE = 1e-7
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [bands], [frf] or [burst], and [plan] for details')
+    add_scene(parser, ' with [bands], [frf] or [burst]')
     parser.add_argument('--tolerance', metavar='X', type=float, default=1e-3,
                         help='relative error allowed in what the scene asks for (default: 1e-3)')
     parser.add_argument('--run', dest='answer', action='store_true', help='run the recommended method')
-    parser.add_argument('-o', '--output', metavar='DIR', help='directory for the data of --run')
+    add_output(parser, default=None)
 
 
 def run(options: Namespace) -> None:
@@ -31,8 +33,8 @@ def run(options: Namespace) -> None:
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise ValueError(f'--tolerance must lie between {LEAST_TOLERANCE:g} and 1, not {tolerance:g}; '
                          'near zero a frequency is the square root of a rounded eigenvalue and has no more digits')
-    if options.answer != (options.output is not None):
-        raise ValueError('--run and -o DIR belong together: --run needs a directory for its results')
+    if options.output is not None and not options.answer:
+        raise ValueError(f'-o {options.output} is the directory for the results of --run; add --run, or leave -o out')
     scene = read_scene(options.scene)
     refuse_costly(scene, 'bands', 'frf', 'burst')
     print(scene.title)
@@ -40,6 +42,7 @@ def run(options: Namespace) -> None:
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')
         return
+    options.output = options.output or default_folder(options)
     with results(options, scene) as folder:
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')

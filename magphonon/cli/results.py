@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..files import lock, still_there, whole_file
+from ..scenes.sources import source_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -47,13 +48,13 @@ READY, ASIDE = '.ready', '.aside'
 def results(options: Namespace, scene: Scene | None = None, table: str | PathLike[str] | None = None) -> Iterator[Path]:
     """A directory to write into, whose files appear in the folder `options.output` together, when all are complete.
 
-    The folder is made if it does not exist, but its parent must.  Files of an earlier run of the same command for the same
-    scene (and a table of the same name) are replaced, also those that are not written again.
+    The folder is made if it does not exist, with its parents.  Files of an earlier run of the same command for the same scene
+    (and a table of the same name) are replaced, also those that are not written again.
 
     Parameters
     ----------
     options : argparse.Namespace
-        With `output`, the name of the `command`, its `words` and the name of the file `scene`.
+        With `output`, the name of the `command`, its `words` and the `scene`, a path or a Source.
     scene : Scene, optional
     table : path-like, optional
         The measured table, if the command reads one.
@@ -65,14 +66,15 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
     Raises
     ------
     OSError
-        At once if `output` is no directory, its parent does not exist, or either cannot be written.
+        At once if `output` is no directory, or cannot be made or written.
     ValueError
         If the folder holds results of another scene or table, or a file of the same name that is no result of this command.
         Nothing has changed and nothing is left behind, whatever goes wrong.
     """
     folder = Path(options.output)
-    made = _make(folder)
+    missing = [path for path in (folder, *folder.parents) if not os.path.isdir(path)]
     try:
+        _make(folder, missing)
         with _hidden(folder) as stage:
             origin = _Origin(options, scene, table)
             with _alone(folder):
@@ -86,26 +88,21 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
             raise  # such as a full disk elsewhere, where a long record is kept
         raise OSError(f'no space left for results in {folder}, nothing was written; make room or choose another place') from None
     finally:
-        if made:
+        for made in missing:
             with suppress(OSError):  # it stays if there is anything in it
-                folder.rmdir()
+                made.rmdir()
     options.written = folder
 
 
-def _make(folder):
-    """Make the folder if it is not there; whether it was made."""
-    if os.path.lexists(folder) and not os.path.isdir(folder):
+def _make(folder, missing):
+    """Make the folder and its parents, of which the `missing` ones are not there, the innermost first."""
+    if os.path.lexists(folder) and not os.path.isdir(folder):  # unlike Path.is_dir, it says no to a name that is too long
         raise NotADirectoryError(f'{folder} is a file; name a directory for the results')
-    if os.path.isdir(folder):  # unlike Path.is_dir, it says no to a name that is too long
-        return False
-    if not os.path.isdir(folder.parent):
-        raise FileNotFoundError(f'{folder} cannot be made, as {folder.parent} is no directory; make that first, or choose '
-                                'another place')
     try:
-        folder.mkdir(exist_ok=True)
+        for path in reversed(missing):
+            path.mkdir(exist_ok=True)
     except OSError as error:
         raise type(error)(f'{folder} cannot be made ({error.strerror}); choose another place for the results') from None
-    return True
 
 
 @contextmanager
@@ -172,14 +169,14 @@ class _Origin:
 
     def __init__(self, options, scene, table):
         self.name = options.command if table is None or scene is None else f'{options.command} {Path(table).stem}'
-        self.folder, self.scene, self.text = options.output, scene, None
+        self.folder, self.scene, self.source = options.output, scene, None
         self.record = {'command': shlex.join(['magphonon', *options.words]),
                        'date': datetime.now(UTC).isoformat(timespec='seconds'),
                        'versions': {'magphonon': __version__, 'python': platform.python_version()}
                        | {name: version(name) for name in PACKAGES},
                        'inputs': {}}
         if scene is not None:
-            self.file, self.text = options.scene, Path(options.scene).read_bytes()
+            self.source = source_of(options.scene)
             self.tables = {key: _digest(value) for key, value in scene.model_dump(mode='json').items() if value is not None}
         if table is not None:
             self.record['inputs'][Path(table).name] = _sum(table)
@@ -196,24 +193,24 @@ class _Origin:
                       for key, digest in there['tables'].items() if self.tables.get(key) != digest]
             if differ:
                 raise ValueError(f'{self.folder} holds results ({", ".join(known["results"])}) of the scene {there["title"]!r}, '
-                                 f'from which the scene {self.scene.title!r} in {self.file} differs in {", ".join(differ)}; '
-                                 'name another directory, or remove this one')
+                                 f'from which the scene {self.scene.title!r} in {self.source} differs in {", ".join(differ)}; '
+                                 'name another directory with -o, or remove this one')
         inputs = known['results'].get(self.name, self.record)['inputs']
         for table in inputs:
             if inputs[table] != self.record['inputs'].get(table):
                 raise ValueError(f'{self.folder} holds the results of "magphonon {self.name}" for another table {table}; '
-                                 'name another directory, or remove this one')
+                                 'name another directory with -o, or remove this one')
 
     def copy_scene(self, stage):
         """Put a copy of the scene beside its results, with the tables that lie beside it; the names of all."""
-        if self.text is None:
+        if self.source is None:
             return []
-        (stage / SCENE).write_bytes(self.text)
-        tables = tomllib.loads(self.text.decode('utf-8-sig'))
+        (stage / SCENE).write_bytes(self.source.content)
+        tables = tomllib.loads(self.source.text)
         beside = [tables[name]['file'] for name in ('law', 'lattice') if 'file' in tables[name]]
         copied = [name for name in dict.fromkeys(beside) if Path(name).name == name]  # elsewhere: the copy still names it
         for name in copied:
-            shutil.copyfile(Path(self.file).with_name(name), stage / name)
+            shutil.copyfile(self.source.folder / name, stage / name)
         return [SCENE, *copied]
 
     def provenance(self, known, files):
@@ -232,7 +229,8 @@ def _provenance(folder):
     except (OSError, ValueError, RecursionError):
         known = None
     if not _tells_origin(known):
-        raise ValueError(f'{file} does not say where the results beside it come from; name another directory, or remove this one')
+        raise ValueError(f'{file} does not say where the results beside it come from; name another directory with -o, or remove '
+                         'this one')
     return known
 
 
@@ -273,7 +271,8 @@ def _refuse_foreign(new, there, known, name):
     if not there.is_dir() and (ours or there.read_bytes() == new.read_bytes()):  # such as the scene itself
         return
     whose = 'is a directory' if there.is_dir() else f'is a result of "magphonon {owner}"' if owner else 'is not known as a result'
-    raise ValueError(f'{there} {whose} and is not replaced, so nothing was written; name another directory, or move it away')
+    raise ValueError(f'{there} {whose} and is not replaced, so nothing was written; name another directory with -o, or move it '
+                     'away')
 
 
 def _replace(stage, folder, gone, new):

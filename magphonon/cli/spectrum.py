@@ -1,8 +1,10 @@
-"""`magphonon spectrum FILE.csv SCENE.toml -o DIR`: a measured table of displacements, analysed like a simulated one."""
+"""`magphonon spectrum FILE.csv SCENE`: a measured table of displacements, analysed like a simulated one."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -13,8 +15,8 @@ HELP = 'map and ridges of a measured table of displacements, over the bands of a
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('table', metavar='FILE.csv', help='displacements, columns time_s, particle, u_x_m, u_y_m; particles are '
                                                           'numbered as in the row.csv that "magphonon burst" writes')
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with [patch] and [burst]: the row, and its bands')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    add_scene(parser, ' with [patch] and [burst], which tell the row and its bands')
+    add_output(parser)
 
 
 def run(options: Namespace) -> None:

@@ -1,4 +1,4 @@
-"""`magphonon sweep SCENE.toml --over KEY=FROM:TO:COUNT --ask QUESTION -o DIR`: maps of what is asked over keys of a scene.
+"""`magphonon sweep SCENE --over KEY=FROM:TO:COUNT --ask QUESTION`: maps of what is asked over keys of a scene.
 
 A sweep that was killed goes on where it stopped when the same command is given again: DIR holds its journal until it is done.
 """
@@ -6,6 +6,8 @@ A sweep that was killed goes on where it stopped when the same command is given 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -20,7 +22,7 @@ SHOWN_REASONS = 6
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file; "magphonon scene prototype" prints one to start from')
+    add_scene(parser)
     parser.add_argument('--over', metavar='KEY=VALUES', action='append', required=True,
                         help='an axis: a key of the scene with FROM:TO:COUNT, FROM:TO:COUNT:log or A,B,C, as in law.a=3:6:50; '
                              'give it again for another axis')
@@ -32,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='processes of this machine (default), this process alone, Dask, or the ranks of mpiexec')
     parser.add_argument('--workers', metavar='N', type=int, help='processes on this machine (default: one for each core)')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='of a running Dask scheduler, such as tcp://10.0.0.1:8786')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for the pictures and data')
+    add_output(parser)
 
 
 def run(options: Namespace) -> None:

@@ -1,8 +1,10 @@
-"""`magphonon uncertainty SCENE.toml -o DIR`: standard deviations of bands and responses from the tolerances in [uncertainty]."""
+"""`magphonon uncertainty SCENE`: standard deviations of bands and responses from the tolerances in [uncertainty]."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .arguments import add_output, add_scene
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -23,8 +25,8 @@ LINEAR_RANGE = 0.3
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE.toml', help='scene file with a table [uncertainty]')
-    parser.add_argument('-o', '--output', metavar='DIR', required=True, help='directory for pictures and data')
+    add_scene(parser, ' with [uncertainty]')
+    add_output(parser)
 
 
 def run(options: Namespace) -> None:

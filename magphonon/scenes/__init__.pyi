@@ -6,10 +6,12 @@ from .scene import (
     Scene as Scene,
     parts_of as parts_of,
     read_scene as read_scene,
-    ready_scene as ready_scene,
-    ready_scenes as ready_scenes,
     reference as reference,
     scene_of as scene_of,
+)
+from .sources import (
+    ready_scene as ready_scene,
+    ready_scenes as ready_scenes,
 )
 from .writer import (
     write_scene as write_scene,

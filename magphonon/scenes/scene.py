@@ -10,18 +10,15 @@ from __future__ import annotations
 import re
 import tomllib
 from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from ..errors import one_of
 from ..response.place import Place
 from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.relaxation import Relaxation, relaxed
-from ..textfiles import MEGABYTE, text_of
 from .consistency import check
 from .design import DesignPlan
 from .fields import Table, Text, listed, reason
@@ -29,22 +26,19 @@ from .imperfections import Defects, Disorder
 from .lattices import ALL, AnyLattice, Oscillator, Patch, Supercell
 from .laws import Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
+from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
 from .structures import FileLattice
 from .supports import Foundation
 from .tolerances import Uncertainty
 from .writer import checked_atoms, tables_of
 
 if TYPE_CHECKING:
-    from importlib.resources.abc import Traversable
     from os import PathLike
     from typing import Any
 
     from ase import Atoms
     from ase.dft.kpoints import BandPath
     from numpy.typing import NDArray
-
-MOST_BYTES = 10 * MEGABYTE
-"""Largest size of a scene file in bytes; the ready scenes have 3 kB."""
 
 
 class Scene(Table):
@@ -54,8 +48,8 @@ class Scene(Table):
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> scene = read_scene(ready_scene('prototype'))
+    >>> from magphonon import read_scene
+    >>> scene = read_scene('prototype')
     >>> scene.bands.path, scene.patch_atoms().calc.model
     ('GMKG', 'complete')
     """
@@ -262,13 +256,13 @@ class Scene(Table):
         return wanted + (1,) * (3 - len(wanted))
 
 
-def read_scene(path: str | PathLike[str]) -> Scene:
-    """Read a scene file.
+def read_scene(path: str | PathLike[str] | Source) -> Scene:
+    """Read a scene.
 
     Parameters
     ----------
-    path : path-like
-        A TOML file; `magphonon scene NAME` prints one to start from.
+    path : path-like or Source
+        A TOML file, or the name of a ready scene, which is taken if there is no file of this name; `magphonon scene` lists them.
 
     Returns
     -------
@@ -283,40 +277,34 @@ def read_scene(path: str | PathLike[str]) -> Scene:
 
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> scene = read_scene(ready_scene('prototype'))
+    >>> from magphonon import read_scene
+    >>> scene = read_scene('prototype')
     >>> scene.lattice.kind, scene.lattice.spacing_m
     ('triangular', 0.01)
     >>> cell = scene.atoms()  # ase.Atoms with its calculator
     """
-    if not str(path):
-        raise ValueError("'' names no file; " + '"magphonon scene" lists scenes to start from')
-    path = Path(path)
+    source = source_of(path)
     try:
-        text = text_of(path, MOST_BYTES)
-    except OSError as error:
-        mend = (f'"magphonon scene {path} > {path}.toml" writes the ready scene of this name' if str(path) in ready_scenes()
-                else '"magphonon scene" lists scenes to start from')
-        raise type(error)(f'{path} cannot be read ({error.strerror}); {mend}') from None
+        text = source.text
     except UnicodeDecodeError as error:
-        raise ValueError(f'{path} is not TOML, which is text in UTF-8: byte {error.start + 1} is none; '
+        raise ValueError(f'{source} is not TOML, which is text in UTF-8: byte {error.start + 1} is none; '
                          '"magphonon scene prototype" prints a scene to start from') from None
     try:
         data = tomllib.loads(text)
     except ValueError as error:
         words = re.sub(r"\('([^()]*?)',?\)", lambda keys: '[' + keys[1].replace("', '", '.') + ']', str(error))
-        raise ValueError(f'{path} is not TOML ({words}); "magphonon scene prototype" prints a scene to start from') from None
+        raise ValueError(f'{source} is not TOML ({words}); "magphonon scene prototype" prints a scene to start from') from None
     except RecursionError:
-        raise ValueError(f'{path} is not a scene: it nests lists or tables hundreds deep; "magphonon scene prototype" prints one '
-                         'to start from') from None
+        raise ValueError(f'{source} is not a scene: it nests lists or tables hundreds deep; "magphonon scene prototype" prints '
+                         'one to start from') from None
     try:
         with np.errstate(over='raise', divide='raise', invalid='raise'):
-            return Scene.model_validate(data, context={'folder': path.parent})
+            return Scene.model_validate(data, context={'folder': source.folder})
     except ArithmeticError as error:
-        raise ValueError(f'{path}: its numbers are too large or too small to compute with ({error.args[-1]}); '
+        raise ValueError(f'{source}: its numbers are too large or too small to compute with ({error.args[-1]}); '
                          'check their units and exponents, first those of [law]') from None
     except ValidationError as error:
-        raise ValueError('\n'.join(f'{path}: {fault}' for fault in _faults(error, data))) from None
+        raise ValueError('\n'.join(f'{source}: {fault}' for fault in _faults(error, data))) from None
 
 
 def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:
@@ -361,38 +349,6 @@ def _fault(loc, error, data):
         data = data.get(step) if isinstance(data, dict) else None  # a table of forces may stand in a file of its own
     text = str(error)
     return (name[1:] or 'the scene') + text if text[0] in ' .:' else text
-
-
-def ready_scenes() -> dict[str, Traversable]:
-    """The scenes that come with the package: a dict from name to file.
-
-    Examples
-    --------
-    >>> from magphonon.scenes import ready_scenes
-    >>> 'prototype' in ready_scenes()
-    True
-    """
-    found = (file for file in files('magphonon.data').iterdir() if file.name.endswith('.toml'))
-    ordered = sorted(found, key=lambda file: file.name)
-    return {file.name.removesuffix('.toml'): file for file in ordered if file.name != 'reference.toml'}
-
-
-def ready_scene(name: str) -> Traversable:
-    """The file of one of the `ready_scenes`.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-
-    Examples
-    --------
-    >>> from magphonon import ready_scene
-    >>> ready_scene('prototype').name
-    'prototype.toml'
-    """
-    scenes = ready_scenes()
-    return scenes[one_of('the scene', name, tuple(scenes))]
 
 
 def reference() -> dict[str, Any]:

@@ -61,13 +61,6 @@ def test_misspelt_value(old, new, words, scene_file):
     assert words in refusal(scene_file({old: new}))
 
 
-def test_the_name_of_a_ready_scene_is_no_file(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name, mend in (('prototype', '"magphonon scene prototype > prototype.toml" writes'), ('x', '"magphonon scene" lists')):
-        assert main(['check', name]) == 2
-        assert mend in capsys.readouterr().err
-
-
 def test_no_internals_in_what_is_refused(scene_file):
     said = refusal(scene_file({'shells = 1 ': 'shells = "all" '}, 'rings'))
     assert "law.shells = 'all': the sum over all neighbours is known for inverse powers and Yukawa repulsion, not for" in said

@@ -1,0 +1,105 @@
+"""Scenes by file, by name and through a pipe; where results go if no directory is named."""
+
+import io
+import sys
+
+import pytest
+
+from magphonon.cli.main import main
+from magphonon.scenes import read_scene, ready_scene
+
+CHAIN = ready_scene('chain').read_text().replace('points = 200', 'points = 20')
+HEAVY = CHAIN.replace('mass_kg = 1.0', 'mass_kg = 2.0').replace('title = "Chain', 'title = "Heavy chain')
+
+
+@pytest.fixture(autouse=True)
+def desk(tmp_path, monkeypatch):
+    """An empty present folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def pipe(text, monkeypatch):
+    content = text if isinstance(text, bytes) else text.encode()
+    monkeypatch.setattr(sys, 'stdin', io.TextIOWrapper(io.BytesIO(content)))
+
+
+def names(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob('*'))
+
+
+def test_a_ready_scene_is_taken_by_its_name_unless_a_file_has_it(desk, capsys):
+    assert main(['bands', 'oscillator']) == 2  # read, and refused for what is in it
+    assert "the scene 'Oscillator of" in capsys.readouterr().err
+    assert read_scene('chain') == read_scene(ready_scene('chain'))
+    (desk / 'chain').mkdir()
+    assert read_scene('chain').lattice.mass_kg == 1.0  # a folder is no file
+    (desk / 'prototype').write_text(HEAVY)
+    assert read_scene('prototype').title.startswith('Heavy chain')
+
+
+@pytest.mark.parametrize(('given', 'meant'), [
+    ('protoype', "did you mean the ready scene 'prototype'?"), ('prototype.toml', "the ready scene 'prototype'?"),
+    ('Mien', "did you mean 'mine.toml'?"), ('mine.tml', "did you mean 'mine.toml'?"),
+    ('sub/twn.toml', "did you mean 'sub/twin.toml'"),
+    ('sub/mine.toml', '"magphonon scene" lists'), ('no.toml', '"magphonon scene" lists')])
+def test_a_name_that_is_no_scene_is_told_the_near_one(given, meant, desk, capsys):
+    (desk / 'mine.toml').write_text(CHAIN)
+    (desk / 'sub').mkdir()
+    (desk / 'sub' / 'twin.toml').write_text(CHAIN)
+    assert main(['check', given]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f'magphonon: {given} cannot be read (No such file or directory); ')
+    assert meant in said
+
+
+def test_a_scene_through_a_pipe_finds_its_files_in_the_present_folder(desk, monkeypatch, capsys):
+    (desk / 'law.csv').write_text('r_m,f_N\n' + '\n'.join(f'{r},{1e4 * r**-4}' for r in (0.5, 0.8, 1.0, 1.3, 2.0)))
+    before, law, after = CHAIN.partition('[law]')[0], '[law]\nkind = "table"\nfile = "law.csv"\nshells = 1\n', '\n[foundation]'
+    text = before + law + after + CHAIN.partition('[foundation]')[2]
+    pipe(text, monkeypatch)
+    assert main(['bands', '-']) == 0
+    assert 'pictures and data are in stdin-bands' in capsys.readouterr().out
+    kept = desk / 'stdin-bands'
+    assert (kept / 'scene.toml').read_text() == text
+    assert (kept / 'law.csv').read_bytes() == (desk / 'law.csv').read_bytes()
+    pipe(text, monkeypatch)
+    (desk / 'law.csv').rename(desk / 'gone.csv')
+    assert main(['check', '-']) == 2
+    assert 'stdin: law.file: law.csv' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    ('', 'stdin is empty'), (b'\xff\xfe', 'stdin is not TOML, which is text in UTF-8: byte 1'), ('x = [', 'stdin is not TOML ('),
+    ('x = 1', "stdin: the scene lacks the key 'title'"), (b'#' * (10 * 2**20 + 1), 'stdin holds more than the 10 MB')],
+    ids=range(5))
+def test_a_pipe_without_a_scene(content, words, monkeypatch, capsys):
+    pipe(content, monkeypatch)
+    assert main(['check', '-']) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_results_go_to_a_directory_named_after_scene_and_command(desk, capsys):
+    (desk / 'mine.toml').write_text(CHAIN)
+    assert main(['plan', 'mine.toml', '--run']) == 0
+    assert 'data are in mine-plan' in capsys.readouterr().out
+    assert (desk / 'mine-plan' / 'provenance.json').exists()
+    (desk / 'sub').mkdir()
+    (desk / 'sub' / 'mine.toml').write_text(HEAVY)
+    before = names(desk)
+    assert main(['plan', 'sub/mine.toml', '--run']) == 2  # another scene of the same name
+    assert 'mine-plan holds results (plan) of the scene' in capsys.readouterr().err
+    assert main(['plan', 'mine.toml', '-o', 'x']) == 2
+    assert 'add --run' in capsys.readouterr().err
+    assert names(desk) == before
+
+
+def test_parents_of_the_results_are_made_and_go_with_them_if_they_fail(desk, capsys):
+    (desk / 'mine.toml').write_text(CHAIN)
+    (desk / 'a').mkdir()
+    assert main(['bands', 'mine.toml', '-o', 'a/b/c/d']) == 0
+    assert (desk / 'a' / 'b' / 'c' / 'd' / 'bands.csv').exists()
+    before = names(desk)
+    (desk / 'narrow.toml').write_text(ready_scene('prototype').read_text().replace('[3, 3]', '[2, 2]'))
+    assert main(['bands', 'narrow.toml', '-o', 'a/e/f/g']) == 2
+    assert names(desk) == sorted([*before, 'narrow.toml'])
