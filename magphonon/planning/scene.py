@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import units as u
 from ..files import write_columns
+from .engines import engine_costs
 from .plan import ALL, Plan, Settings, percent
 
 if TYPE_CHECKING:
@@ -212,7 +213,14 @@ def _burst(scene, tolerance, k):
     found = replace(found, quantity=name)
     return Wanted(f'burst_{plan.names[k]}', found,
                   lambda file, settings: _write_waveform(scene, file, where.row, burst, settings),
-                  (_beyond_nearest(scene),))
+                  (_beyond_nearest(scene), *_time_steps(found, len(patch), burst.duration)))
+
+
+def _time_steps(plan, particles, duration):
+    """What the time steps cost, if the plan recommends any."""
+    if not any(method.meets(plan.tolerance) for method in plan.methods) or plan.choice.settings.dt is None:
+        return ()
+    return (f'{engine_costs(particles, int(np.ceil(duration / plan.choice.settings.dt)))}.',)
 
 
 def _write_waveform(scene, file, row, burst, settings):

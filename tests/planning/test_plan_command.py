@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from magphonon.planning.plan import Settings
-from magphonon.planning.scene import scene_plans
+from magphonon.planning.plan import Method, Plan, Settings
+from magphonon.planning.scene import _time_steps, scene_plans
 from magphonon.response import propagation
 from magphonon.scenes.scene import read_scene, ready_scene
 
@@ -59,6 +59,17 @@ def test_a_strong_force_is_run_in_time_steps(tmp_path, capsys):
     rows = np.loadtxt(tmp_path / 'out' / 'plan_frf.csv', delimiter=',', skiprows=1)
     assert rows[:, 0] == pytest.approx([32, 33, 34, 35, 36])
     assert rows[:, 1].argmax() == 2  # 33.76 Hz
+
+
+@pytest.mark.parametrize(('tolerance', 'words'), [
+    (0.1, []), (1e-3, ['1000000 particles in 10000 steps', ' 1.2 min ', ' 10 min ', ' 5.8 min ']), (1e-9, [])])
+def test_the_cost_of_time_steps_is_told_where_they_are_recommended(tolerance, words):
+    """A million particles and 10000 steps of 7, 60 and 35 ns: 70, 600 and 350 s; no method meets the last tolerance."""
+    methods = (Method('complete linear', 'products', 1.0, 0.01, 0.0, Settings('complete')),
+               Method('nonlinear', 'steps', 9.0, 1e-6, 0.0, Settings('complete', dt=0.1)))
+    told = _time_steps(Plan('Waveform', 'its rms', tolerance, methods, (), 0.0), 10**6, 1000.0)
+    assert len(told) == (1 if words else 0)
+    assert all(word in told[0] for word in words)
 
 
 def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
