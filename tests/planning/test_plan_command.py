@@ -99,7 +99,7 @@ def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
     ('', ['--tolerance', '-1'], '--tolerance must be a positive number'),
     ('', ['--tolerance', '1e-8'], '--tolerance must lie between 1e-07 and 1, not 1e-08'),
     ('', ['--tolerance', '5'], '--tolerance must lie between 1e-07 and 1, not 5'),
-    ('', ['--run'], '--run and -o DIR belong together'),
+    ('', ['-o', 'out'], '-o out is the directory for the results of --run; add --run'),
     ('\n[plan]\nedge = "K"\n', [], 'plan.edge of the chain lattice must be one of'),
     ('\n[plan]\nedge = "X"\nbranch = 3\n', [], 'plan.branch must be at most 2, not 3'),
     ('\n[plan]\nforce = 1.0\n', [], "plan has no key 'force'; did you mean 'force_N'?"),
