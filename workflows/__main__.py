@@ -3,16 +3,16 @@
 import argparse
 import os
 import sys
+from datetime import datetime
 from pathlib import Path
+from time import perf_counter
 
 os.environ.setdefault('OMP_NUM_THREADS', '1')  # before numpy is loaded: threads get in the way of its small matrices
 
+from .accuracy import machine
+from .chapters import NAMES
 from .parts import SHORTENED, outcomes_of
 from .report import counted, text_table, write_html, write_summary
-
-NAMES = ('oscillator', 'frf', 'chain', 'ideal_bands', 'claims', 'prototype_bands', 'two_roads', 'bursts', 'vibrometer', 'magnets',
-         'neighbours', 'stability', 'matter', 'uncertainty', 'nonlinearity', 'design', 'sites', 'layers', 'speed_accuracy',
-         'planning')
 
 
 def main(arguments=None):
@@ -30,14 +30,20 @@ def main(arguments=None):
     except OSError as error:
         parser.error(f'cannot write to {options.out}: {error.strerror}; name another directory with -o')
 
-    found = outcomes_of(options.names or NAMES, options.out, options.quick or not options.names)
-    outcomes, titles = ({name: one[k] for name, one in found.items()} for k in (0, 1))
+    start = perf_counter()
+    outcomes = outcomes_of(options.names or NAMES, options.out, options.quick or not options.names)
     write_summary(options.out / 'summary.json', outcomes)
-    write_html(options.out / 'report.html', outcomes, titles)
+    write_html(options.out / 'report.html', outcomes, provenance(perf_counter() - start))
     print(text_table(outcomes))
     checks = [check for outcome in outcomes.values() for check in outcome.checks]
     print(f'\n{counted(outcomes)}; pictures and report.html in {options.out}/')
     return 0 if all(check.passed for check in checks) else 1
+
+
+def provenance(seconds):
+    """When, how long, on what, with which versions: a line each."""
+    now = datetime.now().astimezone()
+    return [f'{now:%d %B %Y, %H:%M %Z}; computed in {seconds:.0f} s', *machine()]
 
 
 if __name__ == '__main__':

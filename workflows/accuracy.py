@@ -32,7 +32,7 @@ from magphonon.files import whole_file
 
 COUNTERS = ('force evaluations', 'products', 'eigensolves')
 """What is counted: forces on all particles, matrix-vector products (a linear force is one), solved eigenvalue problems."""
-PACKAGES = ('magphonon', 'numpy', 'scipy', 'ase', 'phonopy', 'numba')
+PACKAGES = ('magphonon', 'ase', 'phonopy', 'numpy', 'scipy', 'matplotlib', 'numba')
 
 
 @dataclass(frozen=True)

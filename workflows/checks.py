@@ -1,11 +1,18 @@
 """A number beside its reference, and what a workflow hands back."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
 
 from magphonon.files import whole_file
 
-DPI = 150
-"""Pixels per inch of the pictures."""
+from .digits import apart_in_words, bound_in_words, number
+
+DPI = 220
+"""Pixels per inch of the pictures: a column of a journal, 3.4 inches, is 750 pixels wide."""
+
+BRANCHES = 'shear', 'longitudinal'
+"""Names of the two branches of a planar lattice, by ascending frequency."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +59,11 @@ class Check:
     @property
     def cells(self):
         """The row of the table, as texts."""
-        bound = f'{"> " if self.control else "<= "}{self.tolerance:.0e}'
+        relative = self.reference != 0
+        bound = f'{"more than" if self.control else "at most"} {bound_in_words(self.tolerance, relative)}'
         agrees = {'control': 'differs, as it must', 'consistency': 'consistent', 'reproduction': 'pass'}[self.kind]
-        verdict = agrees if self.passed else 'FAIL'
-        return self.quantity, f'{self.here:.12g}', f'{self.reference:.12g}', f'{self.difference:.1e}', bound, verdict
+        return (self.quantity, number(self.here, 6 if relative else 3), number(self.reference),
+                apart_in_words(self.difference, relative), bound, agrees if self.passed else 'FAIL')
 
 
 @dataclass(frozen=True)
@@ -80,25 +88,38 @@ class Reported:
     @property
     def cells(self):
         """The row of the table, as texts."""
-        return self.quantity, f'{self.here:.6g}', '' if self.beside is None else f'{self.beside:.6g}', '', '', 'reported'
+        return self.quantity, number(self.here, 4), '' if self.beside is None else number(self.beside), '', '', 'reported'
+
+
+class Picture(NamedTuple):
+    """A picture as a file of pixels, with its caption; the same for print, a PDF, lies beside it."""
+
+    file: Path
+    caption: str
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a workflow found: its checks, and its pictures as (file, caption)."""
+    """What a workflow found: its checks, and its pictures."""
 
     checks: list[Check | Reported]
-    pictures: list[tuple] = field(default_factory=list)
+    pictures: list[Picture] = field(default_factory=list)
 
 
 def save_picture(figure, path, caption):
-    """Write a figure whole; returns the entry for `Outcome.pictures`."""
+    """Write a figure whole, as PNG for screens and as PDF for print; returns the entry for `Outcome.pictures`.
+
+    The caption is in the PNG too, so that it stays with a picture that is sent around.
+    """
     with whole_file(path, 'wb') as file:
-        figure.savefig(file, format='png', dpi=DPI, bbox_inches='tight')
-    return path, caption
+        figure.savefig(file, format='png', dpi=DPI, metadata={'Description': caption})
+    figure.set_layout_engine('none')  # it is laid out: the PDF is the same picture
+    with whole_file(path.with_suffix('.pdf'), 'wb') as file:
+        figure.savefig(file, format='pdf', metadata={'Subject': caption, 'CreationDate': None})
+    return Picture(path, caption)
 
 
-def pairs(quantity, here, reference, tolerance, control=False):
-    """One check for each entry of two sequences."""
-    return [Check(f'{quantity} [{k}]', float(a), float(b), tolerance, control)
-            for k, (a, b) in enumerate(zip(here, reference, strict=True))]
+def pairs(quantity, here, reference, tolerance, of, control=False):
+    """One check for each entry of two sequences, called by the names `of`."""
+    return [Check(f'{quantity}, {name}', float(a), float(b), tolerance, control)
+            for name, a, b in zip(of, here, reference, strict=True)]

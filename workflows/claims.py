@@ -22,7 +22,7 @@ from magphonon.response.frf import harmonic_response
 from magphonon.scenes.scene import reference
 from magphonon.waves.wave_source import site
 
-from .checks import Check, Outcome, Reported, pairs, save_picture
+from .checks import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 from .oscillator import oscillator
 
 LAW = InversePower(b=1e4 * units.N * units.m**4, a=4.0)
@@ -71,7 +71,8 @@ def without_static_force():
         return analytic_bands(cell, cell.cell.bandpath('M', npoints=1, pbc=cell.pbc), model).omega[0]
 
     free = np.sqrt([2 / MASS, 6 / MASS])  # shear and longitudinal at M, of springs of 1 N/mm
-    return [*pairs("springs without static force (phi' = 0), M, complete model", at_M(L0, 'complete') / free, (1, 1), 1e-12),
+    return [*pairs("springs without static force (phi' = 0), M, complete model", at_M(L0, 'complete') / free, (1, 1), 1e-12,
+                   BRANCHES),
             Check('control: the same springs pressed by 10 %, shear at M, complete / D0 alone',
                   at_M(1.1 * L0, 'complete')[0] / at_M(1.1 * L0, 'conventional')[0], 1, 0.05, control=True)]
 

@@ -10,7 +10,7 @@ from magphonon.response.stepped import impulse_response, replicas, steady_amplit
 from magphonon.scenes.scene import reference
 
 from .checks import Check, Outcome, save_picture
-from .oscillator import oscillator
+from .oscillator import at_angle, oscillator
 
 # The paper gives neither damping nor force nor time step.  These are chosen:
 OMEGA = np.linspace(100, 400, 121) * units.rad / units.s
@@ -31,8 +31,8 @@ def main(out):
     guided, free, impulse = respond(angles, OMEGA)
     complete, conventional = ([closed_form(t, OMEGA, model) for t in angles] for model in ('complete', 'conventional'))
     checks = []
-    for k, (theta0, omega_0) in enumerate(zip(paper['theta0_over_pi'], paper['omega_y'], strict=True)):
-        at = f'theta0 = {theta0:.3g} pi'
+    for k, (theta0, omega_0) in enumerate(zip(angles, paper['omega_y'], strict=True)):
+        at = at_angle(theta0)
         step, phase = OMEGA[1] - OMEGA[0], np.angle(guided[:, k] / complete[k])
         checks += [
             Check(f'frf peak (rad/s), {at}', OMEGA[abs(guided[:, k]).argmax()] * units.s, omega_0, step * units.s / omega_0),
@@ -42,7 +42,7 @@ def main(out):
                   departure(impulse.response[:, k], complete[k]), 0, TOLERANCE),
         ]
         off = departure(guided[:, k], conventional[k])
-        if theta0 < 0.5:
+        if theta0 < np.pi / 2:
             checks += [Check(f'frf, free horizontally, off the closed form, {at}',
                              departure(free[:, k], complete[k][::SPARSE]), 0, TOLERANCE),
                        Check(f'control: frf amplitude off D0 alone, {at}', off, 0, 0.5, control=True)]

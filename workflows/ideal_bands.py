@@ -9,7 +9,7 @@ from magphonon.plotting.modes import plot_mode
 from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
 from magphonon.scenes.scene import reference
 
-from .checks import Check, Outcome, pairs, save_picture
+from .checks import BRANCHES, Check, Outcome, pairs, save_picture
 
 
 def main(out):
@@ -22,11 +22,12 @@ def main(out):
     bands = {}
     for model in ('complete', 'conventional'):
         at_M, at_K = analytic_bands(cell, corners, model).omega / (units.rad / units.s)
-        checks += pairs(f'ideal M, {model} (rad/s)', at_M, paper[f'M_{model}'], 1e-9)
-        checks += pairs(f'ideal K, {model} (rad/s)', at_K, 2 * [paper[f'K_{model}']], 1e-9)
+        checks += pairs(f'ideal M, {model} (rad/s)', at_M, paper[f'M_{model}'], 1e-9, BRANCHES)
+        checks += pairs(f'ideal K, {model} (rad/s)', at_K, 2 * [paper[f'K_{model}']], 1e-9, BRANCHES)
         suffix = '' if model == 'complete' else '_conventional'
         speeds = sound_speeds(cell, (1, 0), model) / (units.m / units.s)
-        checks += pairs(f'ideal sound speeds, {model} (m/s)', speeds, [paper[f'c_T{suffix}'], paper[f'c_L{suffix}']], 1e-9)
+        checks += pairs(f'ideal sound speeds, {model} (m/s)', speeds, [paper[f'c_T{suffix}'], paper[f'c_L{suffix}']], 1e-9,
+                        BRANCHES)
         bands[model] = analytic_bands(cell, path, model, vectors=True)
     at_M = analytic_bands(cell, corners, 'conventional').omega[0, 0] / (units.rad / units.s)
     checks.append(Check('control: D0 alone at M shear (rad/s)', at_M, paper['M_complete'][0], 0.3, control=True))

@@ -103,8 +103,8 @@ def plasma_crystal(known):
     rows = []
     for kappa, at_M, at_K, gate in zip(*(known[name] for name in ('kappa', 'drop_M', 'drop_K', 'gate')), strict=True):
         _, path, plane, drop = plasma(kappa)
-        rows += pairs(f'plasma crystal, kappa = {kappa:g}, drop of omega_z^2 at M, K', drop[special(path, 'MK')], [at_M, at_K],
-                      1e-9)
+        rows += pairs(f'plasma crystal, kappa = {kappa:g}, drop of omega_z^2', drop[special(path, 'MK')], [at_M, at_K],
+                      1e-9, 'MK')
         touch = brentq(lambda trap: (trap**2 - drop - plane).min(), 1.0, 8.0)  # noqa: B023  used at once
         rows.append(Check(f'trap at which its branch touches the longitudinal one, kappa = {kappa:g}', touch, gate, 1e-4))
         where = path.kpts[(touch**2 - drop - plane).argmin()]

@@ -18,7 +18,7 @@ from magphonon.stability.amplitude_shifts import frequency_shifts
 
 from .checks import Check, Outcome, save_picture
 from .frf import batch
-from .oscillator import oscillator
+from .oscillator import at_angle, oscillator
 
 L0 = 1 * units.m
 SHIFTS = {0.0: -275 / 48, 0.5: -35 / 48}  # dw/w over (A/L0)^2 by theta0/pi, for a = 4
@@ -42,14 +42,14 @@ def main(out):
     theory = np.array([shift(theta0) for theta0 in angles])
     checks = []
     for theta0, here, analytic in zip(angles, measured[0] / AMPLITUDES[0] ** 2, theory, strict=True):
-        at = f'theta0 = {theta0 / np.pi:.3g} pi'
+        at = at_angle(theta0)
         # the next order, some 30 (A/L0)^2 of this one, and Verlet's own, (w dt)^2/24, leave 1e-3
         checks.append(Check(f'backbone dw/w / (A/L0)^2 in the time domain, {at}', here, analytic, 5e-3,
                             consistency=round(theta0 / np.pi, 6) not in SHIFTS))  # only those have a closed form by hand
     for theta0, closed in SHIFTS.items():
-        checks.append(Check(f'backbone by perturbation theory, theta0 = {theta0:.3g} pi', shift(np.pi * theta0), closed, 1e-9))
+        checks.append(Check(f'backbone by perturbation theory, {at_angle(np.pi * theta0)}', shift(np.pi * theta0), closed, 1e-9))
     frozen = backbones(angles[:1], 'conventional')[0, 0] / AMPLITUDES[0] ** 2
-    checks.append(Check('control: backbone with D0 alone, theta0 = 0', frozen, SHIFTS[0.0], 0.5, control=True))
+    checks.append(Check('control: backbone with D0 alone, theta0 = 0 deg', frozen, SHIFTS[0.0], 0.5, control=True))
 
     harmonics = [second_harmonic(A) for A in WAVES]
     growth = [abs(h).max() for h, _ in harmonics]

@@ -25,6 +25,11 @@ def oscillator(theta0, model='complete'):
     return atoms
 
 
+def at_angle(theta0):
+    """An angle in rad as it is printed in the tables."""
+    return f'theta0 = {np.rad2deg(theta0):.0f} deg'
+
+
 def main(out):
     """Stiffness and frequencies at the paper's four angles, and as curves over the angle."""
     paper = reference()['oscillator']
@@ -32,19 +37,19 @@ def main(out):
     complete = np.array([stiffness(t) for t in angles])
     conventional = np.array([stiffness(t, 'conventional') for t in angles])
     scale = 1.2e5  # the largest stiffness; entries that vanish are compared with it
-    checks = []
+    at, checks = [at_angle(t) for t in angles], []
     for name, values in (('D_xx', complete[:, 0, 0]), ('D_yy', complete[:, 1, 1]),
                          ('D0_xx', conventional[:, 0, 0]), ('D0_yy', conventional[:, 1, 1])):
-        checks += pairs(f'oscillator {name} / largest stiffness', values / scale, np.array(paper[name]) / scale, 1e-9)
-    checks += pairs('oscillator omega_y (rad/s)', signed_root(complete[:, 1, 1]), paper['omega_y'], 1e-9)
-    checks += pairs('oscillator omega_y, D0 alone (rad/s)', signed_root(conventional[:, 1, 1]), paper['omega_y_D0'], 1e-9)
+        checks += pairs(f'oscillator {name} / largest stiffness', values / scale, np.array(paper[name]) / scale, 1e-9, at)
+    checks += pairs('oscillator omega_y (rad/s)', signed_root(complete[:, 1, 1]), paper['omega_y'], 1e-9, at)
+    checks += pairs('oscillator omega_y, D0 alone (rad/s)', signed_root(conventional[:, 1, 1]), paper['omega_y_D0'], 1e-9, at)
     shifts = signed_root(complete[:, 1, 1]) - signed_root(conventional[:, 1, 1])
     paper_shifts = np.subtract(paper['omega_y'], paper['omega_y_D0'])
-    checks += pairs('oscillator shift of omega_y by D* (rad/s), smaller at each larger angle', shifts, paper_shifts, 1e-8)
-    checks += [Check(f'control: D0 alone as omega_y at theta0 = {t:.3g} pi (rad/s)', np.sqrt(d), w, 0.06, control=True)
-               for t, d, w in zip(paper['theta0_over_pi'][:3], conventional[:3, 1, 1], paper['omega_y'], strict=False)]
+    checks += pairs('oscillator shift of omega_y by D* (rad/s), smaller at each larger angle', shifts, paper_shifts, 1e-8, at)
+    checks += [Check(f'control: D0 alone as omega_y (rad/s), {name}', np.sqrt(d), w, 0.06, control=True)
+               for name, d, w in zip(at[:3], conventional[:3, 1, 1], paper['omega_y'], strict=False)]
     loads = [oscillator(t).calc.load[3, 1] / units.N for t in angles]
-    checks += pairs('oscillator balancing force (N)', loads, paper['balancing_force_y'], 1e-9)
+    checks += pairs('oscillator balancing force (N)', loads, paper['balancing_force_y'], 1e-9, at)
 
     from scipy.optimize import brentq
 

@@ -14,7 +14,7 @@ LONGEST = ('speed_accuracy', 'planning', 'vibrometer', 'frf', 'bursts', 'stabili
 
 
 def outcomes_of(names, out, quick):
-    """Outcome and title of each workflow by its name, in the order of `names`; several run side by side on all cores."""
+    """Outcome of each workflow by its name, in the order of `names`; several run side by side on all cores."""
     if len(names) == 1:
         return {names[0]: run(names[0], out, quick)}
     with Processes(min(usable_cores(), len(names))) as pool:
@@ -26,7 +26,7 @@ def outcomes_of(names, out, quick):
 
 
 def run(name, out, quick):
-    """Outcome and title of one workflow."""
+    """Outcome of one workflow."""
     workflow = import_module(f'.{name}', __package__)
     shorter = {'quick': quick} if name in SHORTENED else {}
-    return workflow.main(out, **shorter), workflow.__doc__.splitlines()[0]
+    return workflow.main(out, **shorter)

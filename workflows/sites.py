@@ -65,12 +65,13 @@ def dimerised_chain():
     """Two kinds of magnets in pairs, A A B B: springs k1 and k2 by turns; strong bonds at the walls hold a mode at each end."""
     laws, k1, k2 = {(0, 0): STRONG, (1, 1): STRONG, (0, 1): WEAK}, 6.0, 3.0
     squares = bloch_modes(along_x(4, law=laws, tags=[0, 0, 1, 1]), [[0, 0, 0]])[0][0] ** 2  # the zone of k1, k2, folded once
-    edges = pairs('dimerised chain, gap edges and top, omega^2 m', squares[1:], (2 * k2, 2 * k1, 2 * (k1 + k2)), 1e-9)
+    edges = pairs('dimerised chain, omega^2 m', squares[1:], (2 * k2, 2 * k1, 2 * (k1 + k2)), 1e-9,
+                  ('lower edge', 'upper edge', 'top'))
     gap = np.sqrt([2 * k2 * 1.01, 2 * k1 * 0.99])
     ends, other = (local_modes(along_x(42, law=laws, tags=tags, walls=True), gap) for tags in ([0, 0, 1, 1], [0, 1, 1, 0]))
     u = abs(ends.shapes[0, :, 0] + np.array([1, -1])[:, None] * ends.shapes[1, :, 0])
     left = u[u[:, 1].argmax()]  # of the sum and the difference, that at the left end
-    return [*edges, *pairs('its modes at the ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5),
+    return [*edges, *pairs('its modes at the ends, omega^2 m', ends.omega**2, [k1 + k2] * 2, 1e-5, ('first', 'second')),
             Check('decay of such a mode in a cell', left[3] / left[1], k2 / k1, 1e-4),
             Check('number of modes in the gap with the bonds exchanged', len(other.omega), 0, 1e-9),
             Check('control: with the strong bond at the wall', len(ends.omega), 0, 0.5, control=True)]
@@ -95,7 +96,8 @@ def missing_magnet(out, known):
     picture = save_picture(ax.figure, out / 'missing_magnet.png', (
         'A local mode beside a magnet that is missing.  The others have moved towards the hole by up to '
         f'{rest.shift:.2g} mm; without that nothing vibrates in the gap.'))
-    return [*pairs('honeycomb, a magnet missing: local modes (Hz)', found, known['honeycomb_hole_Hz'], 1e-4),
+    return [*pairs('honeycomb, a magnet missing: local modes (Hz)', found, known['honeycomb_hole_Hz'], 1e-4,
+                   ('first', 'second', 'third')),
             Check('control: their number before the others move', len(unmoved.omega), 3, 0.5, control=True),
             Reported('farthest that a magnet moves towards the hole (mm)', rest.shift, 10)], picture
 

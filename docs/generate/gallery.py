@@ -3,12 +3,12 @@
 import contextlib
 import io
 import sys
-from importlib import import_module
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
-from workflows.__main__ import NAMES  # noqa: E402
+from workflows.chapters import CHAPTERS, NAMES  # noqa: E402
+from workflows.parts import run  # noqa: E402
 
 QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads', 'matter', 'uncertainty')
 """Those that take a second or two each."""
@@ -36,7 +36,7 @@ Run when the site is built with `-t all`.
 
 def write(folder, every=False):
     """A page of thumbnails and a page for each workflow; `every` runs the longer ones too."""
-    titles = {name: title_of(name) for name in NAMES}
+    titles = {chapter.name: chapter.title for chapter in CHAPTERS}
     outcomes = computed(folder / 'pictures', NAMES if every else QUICK)
     for name, title in titles.items():
         (folder / f'{name}.md').write_text(page(name, title, outcomes.get(name), folder), encoding='utf-8')
@@ -48,11 +48,6 @@ def write(folder, every=False):
     (folder / 'index.md').write_text(text, encoding='utf-8')
 
 
-def title_of(name):
-    """First line of the docstring of a workflow."""
-    return import_module(f'workflows.{name}').__doc__.splitlines()[0].rstrip('.')
-
-
 def picture(outcome):
     """Where the page finds the first picture of a workflow."""
     return f'pictures/{outcome.pictures[0][0].name}'
@@ -62,7 +57,7 @@ def computed(place, names):
     """Outcomes by name, their pictures in `place`."""
     place.mkdir()
     with contextlib.redirect_stdout(io.StringIO()):
-        return {name: import_module(f'workflows.{name}').main(place) for name in names}
+        return {name: run(name, place, quick=False) for name in names}
 
 
 def escaped(text):
@@ -72,10 +67,10 @@ def escaped(text):
 
 def page(name, title, outcome, folder):
     """Pictures with captions, numbers, script."""
-    parts = [f'# {title}\n', f'`python -m workflows {name}`\n']
+    parts = [f'# {title}\n', f'`magphonon reproduce {name}`\n']
     if outcome is not None:
         parts += [f'![{caption}](pictures/{file.name})\n\n{caption}\n' for file, caption in outcome.pictures]
-        parts += ['## Numbers\n', '| quantity | here | reference | difference | tolerance | verdict |', f'|{6 * "---|"}']
+        parts += ['## Numbers\n', '| quantity | here | reference | difference | allowed | verdict |', f'|{6 * "---|"}']
         parts += [f'| {" | ".join(map(escaped, check.cells))} |' for check in outcome.checks]
     parts += ['\n## Script\n', f'```{{literalinclude}} ../../../workflows/{name}.py\n:language: python\n```\n']
     return '\n'.join(parts)

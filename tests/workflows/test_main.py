@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from html import escape
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ import workflows
 from workflows import checks, frf, stability, vibrometer
 from workflows.__main__ import NAMES, main
 from workflows.checks import Check
+from workflows.page import typeset
 
 
 @pytest.fixture
@@ -51,9 +51,11 @@ def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
     assert list(summary) == names
     assert any(row['control'] for row in summary['two_roads'])
     html, table = (tmp_path / 'report.html').read_text(), capsys.readouterr().out
-    assert html.count('data:image/png;base64,') == len(list(tmp_path.glob('*.png'))) > 0
+    drawn = {file.stem for file in tmp_path.glob('*.png')}
+    assert html.count('data:image/png;base64,') == len(drawn) > 0
+    assert {file.stem for file in tmp_path.glob('*.pdf')} == drawn
     for rows in summary.values():
-        assert all(escape(row['quantity']) in html and row['quantity'] in table for row in rows)
+        assert all(typeset(row['quantity']) in html and row['quantity'] in table for row in rows)
     assert 'FAIL' not in table
 
 
