@@ -1,7 +1,8 @@
 """Fig. 6: tone bursts through the ideal lattice, each model over the branches of both."""
 
 from magphonon import read_scene, ready_scene
-from magphonon.plotting.waves import crossing, panels, plot_snapshot, plot_wave
+from magphonon.plotting.axes import panels
+from magphonon.plotting.waves import crossing, plot_snapshot, plot_wave
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, waves
 

@@ -7,8 +7,8 @@ import numpy as np
 from magphonon import read_scene, ready_scene, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.evanescent import complex_bands, measured_decay
-from magphonon.plotting.axes import COLOURS, legend_above
-from magphonon.plotting.waves import panels, plot_wave
+from magphonon.plotting.axes import COLOURS, legend_above, panels
+from magphonon.plotting.waves import plot_wave
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
 from magphonon.waves.branches import Branch, branch, compare

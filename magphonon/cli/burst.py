@@ -124,7 +124,8 @@ def _write_row(file, patch, site):
 
 def _draw(folder, name, passages, found):
     """The maps of both simulations side by side, and both patches at the time when the wave reaches the middle of the row."""
-    from ..plotting.waves import crossing, panels, plot_snapshot, plot_wave
+    from ..plotting.axes import panels
+    from ..plotting.waves import crossing, plot_snapshot, plot_wave
 
     motions = list(dict.fromkeys(wave.motion for waves in found.values() for wave in waves))
     figure, axes = panels(len(motions), 2)

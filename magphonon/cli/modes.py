@@ -75,8 +75,8 @@ def _of_lattice(folder, scene, atoms):
 
     from ..bands.bands import analytic_bands
     from ..bands.zone import PLANAR
+    from ..plotting.axes import panels
     from ..plotting.modes import plot_mode
-    from ..plotting.waves import panels
     from .bands import ZERO_FRACTION
 
     path = scene.lattice.path(scene.bands.path if scene.bands is not None else None, 2)
@@ -178,8 +178,8 @@ def _write_table(file, extent):
 
 def _draw(folder, scene, system, found, extent, ranges, drawn):
     """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
+    from ..plotting.axes import panels
     from ..plotting.modes import plot_extents, plot_shape
-    from ..plotting.waves import panels
 
     figure, axes = panels(2, 2)
     plot_extents(extent, axes[0, 0], ranges)

@@ -4,7 +4,11 @@ from .animation import (
 )
 from .axes import (
     legend_above as legend_above,
+    legend_of_set as legend_of_set,
+    letter_panels as letter_panels,
     new_axes as new_axes,
+    new_figure as new_figure,
+    panels as panels,
     point_name as point_name,
 )
 from .bands import (
@@ -26,6 +30,9 @@ from .response import (
     plot_response as plot_response,
     response_axes as response_axes,
 )
+from .style import (
+    print_style as print_style,
+)
 from .sweeps import (
     plot_sweep as plot_sweep,
 )
@@ -36,7 +43,6 @@ from .uncertainty import (
 )
 from .waves import (
     crossing as crossing,
-    panels as panels,
     plot_snapshot as plot_snapshot,
     plot_wave as plot_wave,
     save_animation as save_animation,

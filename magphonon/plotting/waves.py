@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from ase import Atoms
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from .results import Passage, Record, Site, Wave
 
@@ -134,11 +132,3 @@ def _distance(field, frame):
 
 def _moment(patch, field, frame):
     return f'{patch.calc.parameters.model} model, {field.times[frame] / units.s:.3f} s after the start'
-
-
-def panels(rows: int, columns: int) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure of its own with `rows x columns` axes, an array of that shape."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((5.2 * columns, 4.2 * rows), dpi=150, layout='compressed')
-    return figure, figure.subplots(rows, columns, squeeze=False)

@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, lattices, units as u
-from magphonon.plotting.waves import crossing, panels, plot_snapshot, plot_wave
+from magphonon.plotting.axes import panels
+from magphonon.plotting.waves import crossing, plot_snapshot, plot_wave
 from magphonon.waves.tone_burst import Passage
 from magphonon.waves.vibrometer import Displacements
 from magphonon.waves.wave_analysis import waves

@@ -1,0 +1,105 @@
+"""The style for print: its colours can be told apart without colour, and it is in force only where it was asked for."""
+
+from itertools import combinations
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from figures import drawn
+
+from magphonon.plotting import legend_of_set, letter_panels, new_axes, panels, print_style
+from magphonon.plotting.axes import COLOURS
+from magphonon.plotting.style import STYLE
+
+TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+"""Of linear sRGB, IEC 61966-2-1."""
+SEEN = {'all': np.eye(3),
+        'protanopes': np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+                                [-0.003882, -0.048116, 1.051998]]),
+        'deuteranopes': np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+                                  [-0.011820, 0.042940, 0.968881]])}
+"""What is seen of linear sRGB: Machado, Oliveira and Fernandes, IEEE Trans. Vis. Comput. Graph. 15, 1291 (2009), severity 1."""
+PLAINLY_LIGHTER, PLAINLY_OTHER = 8, 20
+"""Differences of CIE lightness and of CIELAB colour; a practised eye just sees a difference of 1 side by side."""
+
+
+def lab(colours, seen='all'):
+    """CIELAB of colours such as '#00428F', shape (colours, 3)."""
+    share = np.array([[int(colour[k:k + 2], 16) / 255 for k in (1, 3, 5)] for colour in colours])
+    light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    t = np.clip(light @ SEEN[seen].T, 0, 1) @ TO_XYZ.T / TO_XYZ.sum(axis=1)
+    x, y, z = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29).T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
+
+
+def least(values):
+    return min(np.linalg.norm(a - b) for a, b in combinations(values, 2))
+
+
+def test_colours_differ_in_grey_and_for_colour_blind_readers():
+    assert least(lab(COLOURS)[:, :1]) > PLAINLY_LIGHTER
+    assert all(least(lab(COLOURS, seen)) > PLAINLY_OTHER for seen in SEEN)
+
+
+def test_colours_that_look_alike_in_grey_are_noticed():
+    okabe_ito = '#0072B2', '#D55E00', '#000000', '#009E73', '#CC79A7', '#E69F00', '#56B4E9'
+    assert least(lab(okabe_ito)[:, :1]) < 1  # its orange and its sky blue
+
+
+def test_the_style_sheet_has_the_colours_of_the_pictures():
+    with print_style():
+        assert mpl.rcParams['axes.prop_cycle'].by_key()['color'] == list(COLOURS)
+
+
+def test_the_style_is_in_force_for_its_block_alone_also_after_an_error():
+    before = dict(mpl.rcParams)
+    with print_style():
+        assert mpl.rcParams['pdf.fonttype'] == 42
+        assert new_axes().figure.get_figwidth() == 3.4
+    with pytest.raises(ZeroDivisionError), print_style():
+        raise ZeroDivisionError
+    assert dict(mpl.rcParams) == before
+
+
+def test_sheets_of_the_user_replace_single_settings(tmp_path):
+    own = tmp_path / 'own.mplstyle'
+    own.write_text('lines.linewidth: 7\n', encoding='utf-8')
+    with print_style(own):
+        assert mpl.rcParams['lines.linewidth'] == 7
+        assert mpl.rcParams['font.size'] == 9
+
+
+@pytest.mark.parametrize('text', ['colour: red\n', 'lines.linewidth: thick\n', 'no colon\n', '\xff\n'])
+def test_a_file_that_is_no_style_sheet_is_refused_and_changes_nothing(tmp_path, text):
+    own, before = tmp_path / 'own.mplstyle', dict(mpl.rcParams)
+    own.write_bytes(text.encode('latin1'))
+    with pytest.raises(ValueError, match='is no style sheet of matplotlib'), print_style(own):
+        pass
+    assert dict(mpl.rcParams) == before
+
+
+def test_a_style_sheet_that_is_not_there_is_told_by_its_name():
+    with pytest.raises(FileNotFoundError), print_style('nowhere.mplstyle'):
+        pass
+
+
+def test_the_style_sheet_comes_with_the_package():
+    shipped = (Path(__file__).parents[2] / 'pyproject.toml').read_text(encoding='utf-8')
+    assert STYLE.is_file()
+    assert f'"**/*{STYLE.suffix}"' in shipped
+
+
+def test_one_legend_names_each_curve_once_and_covers_no_panel():
+    figure, axes = panels(1, 2)
+    for ax in axes.flat:
+        for name in ('complete', 'conventional', 'a law with so long a name that the columns become fewer'):
+            ax.plot([0, 1], [0, 1], label=name)
+    letter_panels(axes, ['before', 'after'])
+    legend = legend_of_set(figure)
+    drawn(axes[0, 0])
+    assert [text.get_text() for text in legend.get_texts()] == [line.get_label() for line in axes[0, 0].lines]
+    assert [ax.get_title(loc='left') for ax in axes.flat] == ['(a) before', '(b) after']
+    box = legend.get_window_extent()
+    assert box.width < figure.bbox.width
+    assert not any(box.overlaps(ax.get_tightbbox()) for ax in axes.flat)
