@@ -39,10 +39,7 @@ PHASE_bytes = 33
 """Bands: memory for the phase of one bond at one wavevector; counted."""
 PAIR_bytes, PAIR_s = 20, 9e-7
 """Bands by phonopy: cost of one pair of particles of the supercell, whose distances phonopy keeps."""
-DENSE, DENSE_s = 3000, 2e-10
-"""Response: largest number of free directions for which the command computes all natural frequencies, and the time of both models
-divided by the cube of this number."""
-TERM_s = 5e-8
+TERM_s = 1.5e-8
 """Response: time of one term of the series at one frequency; counted."""
 PRODUCT_s = 4e-8
 """Response: time of one product with the matrix of a patch, per particle."""
@@ -125,11 +122,10 @@ def frf_cost(scene: Scene) -> Cost:
                     PICTURES_s + 2e-8 * plan.points * size + 1e-9 * size**3, 4)
     terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
     factorised = terms > FACTORISATION * plan.points
-    dense = size if size <= DENSE else 0  # all natural frequencies
     memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
-              size_key(scene): 20.0 * dense**2 + (FACTOR_bytes if factorised else SERIES_bytes) * particles}
+              size_key(scene): (FACTOR_bytes if factorised else SERIES_bytes) * particles}
     work = plan.points * FACTOR_s * particles if factorised else terms * (plan.points * TERM_s + PRODUCT_s * particles)
-    return Cost('frf', memory, PICTURES_s + len(MODELS) * work + DENSE_s * dense**3, 4)
+    return Cost('frf', memory, PICTURES_s + len(MODELS) * work, 4)
 
 
 def uncertainty_cost(scene: Scene) -> Cost:

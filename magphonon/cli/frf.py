@@ -12,9 +12,11 @@ if TYPE_CHECKING:
 HELP = 'frequency response of the oscillator or of a patch'
 SHOWN_PEAKS = 12
 """Number of peaks shown on the terminal, the highest ones; the table holds the whole curve."""
-MOST_DIRECTIONS = 3000
-"""Largest number of free directions for which the natural frequencies are computed, a dense eigenvalue problem of half a
-minute."""
+MOST_TICKS = 100
+"""Largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar."""
+MOST_COUNTED = 10_000
+"""Largest number of free directions whose natural frequencies are counted, which takes 0.6 s for each model; the time grows faster
+than the number."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -23,11 +25,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    import numpy as np
-
     from ..plotting.response import plot_response
     from ..response.frf import receptance
-    from ..response.normal_modes import natural_frequencies
     from ..scenes.scene import read_scene
     from ..stiffness.linear_system import LinearSystem
     from .costs import refuse_costly
@@ -43,11 +42,11 @@ def run(options: Namespace) -> None:
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model)
             system = LinearSystem.of(atoms)
-            natural = natural_frequencies(system) if system.free.shape[1] <= MOST_DIRECTIONS else np.empty(0)
             responses[model] = receptance(system, source, answer, plan.omega, plan.damping)
             responses[model].save(folder / f'frf_{model}.npz')
+            natural, told = _natural(system, plan.omega)
             axes = plot_response(responses[model], natural, axes, label=model, linestyle=style)
-            lines += _report(model, responses[model], natural)
+            lines += ['', model, *told, *_peaks(responses[model])]
         _write_table(folder / 'frf.csv', responses)
         axes[0].figure.suptitle(scene.title, fontsize='medium')
         axes[0].figure.savefig(folder / 'frf.png')
@@ -69,21 +68,46 @@ def _write_table(file, responses):
     write_columns(file, names, columns)
 
 
-def _report(model, result, natural):
-    """The report on the terminal for one model: natural frequencies and the highest peaks."""
+def _natural(system, omega):
+    """The natural frequencies to be drawn, and what the terminal shows of all: a large structure's are counted, not computed."""
     import numpy as np
-    from scipy.signal import find_peaks
+
+    from .. import units
+    from ..dynamics.timestep import highest_frequency
+    from ..response.localised_modes import local_modes
+    from ..response.normal_modes import SMALL, modes_below, natural_frequencies
+    from ..stiffness.lowest import lowest_mode
+    from ..stiffness.matrices import signed_root
+
+    size, ends = system.free.shape[1], omega[[0, -1]]
+    if size > MOST_COUNTED:
+        return np.empty(0), [f'  natural frequencies: {size}']
+    if size <= SMALL:
+        natural = natural_frequencies(system)
+        lowest, highest = natural[[0, -1]]
+        inside = int(((natural >= ends[0]) & (natural <= ends[1])).sum())
+    else:
+        lowest, highest = signed_root(np.array([lowest_mode(system.K)[0]]))[0], highest_frequency(system)
+        inside = modes_below(system, ends[1]) - modes_below(system, ends[0])
+        natural = local_modes(system, ends).omega if inside <= MOST_TICKS else np.empty(0)
+    f, (low, high) = units.hertz(ends), units.hertz(np.array([lowest, highest]))
+    if size == 1:
+        return natural, [f'  natural frequencies: {low:.6g} Hz']
+    return natural, [f'  natural frequencies: {size} from {low:.6g} to {high:.6g} Hz, {inside} of them from {f[0]:g} to {f[1]:g} Hz'
+                     + ('' if inside <= MOST_TICKS else ', too many to be drawn')]
+
+
+def _peaks(result):
+    """What the terminal shows of the highest peaks."""
+    import numpy as np
 
     from .. import units
 
     f, amplitude = units.hertz(result.omega), abs(result.response) / (units.m / units.N)
-    lines = ['', model]
-    if len(natural):
-        of = units.hertz(natural)
-        lines.append(f'  natural frequencies: {of[0]:.6g} Hz' if len(of) == 1 else
-                     f'  natural frequencies: {len(of)} from {of[0]:.6g} to {of[-1]:.6g} Hz')
-    peaks, _ = find_peaks(amplitude)
+    turns = np.flatnonzero(np.diff(amplitude))  # without equal values that follow each other
+    rises = np.diff(amplitude)[turns] > 0
+    peaks = turns[1:][rises[:-1] & ~rises[1:]]
     highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN_PEAKS:]])
-    lines.append(f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
-                 + (f'; the {SHOWN_PEAKS} highest:' if len(peaks) > SHOWN_PEAKS else ':' if len(peaks) else ''))
-    return lines + [f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest]
+    return [f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
+            + (f'; the {SHOWN_PEAKS} highest:' if len(peaks) > SHOWN_PEAKS else ':' if len(peaks) else ''),
+            *(f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest)]

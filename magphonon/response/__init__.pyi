@@ -14,6 +14,7 @@ from .localised_modes import (
 from .normal_modes import (
     Modes as Modes,
     modes as modes,
+    modes_below as modes_below,
     natural_frequencies as natural_frequencies,
     recorded as recorded,
     refuse_growing as refuse_growing,

@@ -148,6 +148,8 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
 
 
 EPS = np.finfo(float).eps
+MOST_SHOWN = 1e9
+"""Largest length of a series of which a bar shows what share is done."""
 FACTORISATION = 500
 """Number of matrix products that take as long as one sparse factorisation, measured on patches of 1000 to 10 000 particles."""
 
@@ -317,12 +319,14 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     length = np.linalg.norm(s) * sizes(shapes).max(initial=0.0)
     size, round_off = sizes(shapes), EPS * (1 + abs(w)) / (1 - abs(w))  # of the sum of all terms
     y, open_ = np.zeros((len(z), len(rows)), complex), np.ones(len(z), bool)
-    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows)):
-        powers = 2 * w[open_, None] ** (n * BLOCK + np.arange(BLOCK))
-        if n == 0:
-            powers[:, 0] = 1
-        y[open_] += powers @ block
-        left = 2 * abs(w) ** ((n + 1) * BLOCK) / (1 - abs(w))
+    first, whole = 2 * w[:, None] ** np.arange(BLOCK), w**BLOCK  # powers of a block follow from those of the one before
+    reached = np.ones(len(z), complex)  # w^(n BLOCK)
+    terms = min(_series_length(w, tolerance * (1 - abs(w).max()) / 2), MOST_SHOWN)
+    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows, int(terms))):
+        part = reached[open_, None] * (first[open_] @ block)
+        y[open_] += part if n else part - block[0]  # the term n = 0 counts once
+        reached *= whole
+        left = 2 * abs(reached) / (1 - abs(w))
         largest = (abs(y) * size).max(axis=1, initial=0.0)
         open_ = (left * length > tolerance * largest) & (left > round_off)
         if not open_.any():

@@ -18,10 +18,10 @@ import numpy as np
 from scipy import sparse
 
 from .. import units
-from ..errors import whole
+from ..errors import finite, whole
 from ..files import Saved
 from ..stiffness.linear_system import LinearSystem
-from ..stiffness.lowest import ROUND_OFF, inverse_below, lowest_mode
+from ..stiffness.lowest import ROUND_OFF, count_below, inverse_below, lowest_mode
 from ..stiffness.matrices import signed_root
 from .chebyshev import stable_interval
 
@@ -111,6 +111,38 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     (38,)
     """
     return signed_root(np.linalg.eigvalsh(LinearSystem.of(atoms).moving().K.toarray()))
+
+
+def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
+    """Number of modes below an angular frequency in rad/ms, counted by one sparse factorisation, without any mode.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms or LinearSystem
+        At rest, with MagneticRepulsion.
+    omega : float
+        In rad/ms; negative for modes that grow faster than this rate.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    ValueError
+        If nothing is free, the structure is not at rest, or `omega` is no finite number.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
+    >>> from magphonon.response import modes_below
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> modes_below(patch, 3.0) == int((modes(patch).omega < 3.0).sum())
+    True
+    """
+    omega = float(finite('omega', omega, ()))
+    return count_below(LinearSystem.of(atoms).moving().K, float(np.sign(omega) * omega**2))
 
 
 def refuse_unstable(system: LinearSystem) -> None:

@@ -42,6 +42,7 @@ from .linear_system import (
     LinearSystem as LinearSystem,
 )
 from .lowest import (
+    count_below as count_below,
     eigenpairs_between as eigenpairs_between,
     inverse_below as inverse_below,
     lowest_mode as lowest_mode,

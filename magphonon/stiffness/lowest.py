@@ -99,7 +99,7 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
     size, span = D.shape[0], high - low
     low, high, middle = low + EDGE * span, high - EDGE * span, low + (0.5 + EDGE / 10) * span  # on which none lies
     if size > DENSE:
-        count = _count_below(D, high) - _count_below(D, low)
+        count = count_below(D, high) - count_below(D, low)
         if not count:
             return np.zeros(0), np.zeros((size, 0))
         if count < size // 2:
@@ -116,9 +116,20 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
     return values[within], vectors[:, within]
 
 
-def _count_below(D, value):
-    """Number of eigenvalues below a number: that of the negative pivots of D - value (Sylvester)."""
-    return int((_factors(D, -value).U.diagonal() < 0).sum())
+def count_below(D: sparse.csr_array, value: float) -> int:
+    """Number of eigenvalues of a symmetric sparse matrix below a number: that of the negative pivots of D - value (Sylvester).
+
+    An eigenvalue that is the number, to round-off, counts as above it.
+    """
+    highest = float(abs(D).sum(axis=1).max(initial=0.0))
+    while True:
+        try:
+            factors = _factors(D, -value)
+            if np.array_equal(factors.perm_r, factors.perm_c):
+                return int((factors.U.diagonal() < 0).sum())
+        except RuntimeError:  # a pivot is zero
+            pass
+        value -= ROUND_OFF * max(highest, 1.0)
 
 
 def _factors(D, shift):
