@@ -15,8 +15,8 @@ SHOWN_PEAKS = 12
 MOST_TICKS = 100
 """Largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar."""
 MOST_COUNTED = 10_000
-"""Largest number of free directions whose natural frequencies are counted, which takes 0.6 s for each model; the time grows faster
-than the number."""
+"""Largest number of free directions whose natural frequencies are counted, which takes 0.6 s for each model; the time grows
+faster than the number."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -93,8 +93,9 @@ def _natural(system, omega):
     f, (low, high) = units.hertz(ends), units.hertz(np.array([lowest, highest]))
     if size == 1:
         return natural, [f'  natural frequencies: {low:.6g} Hz']
-    return natural, [f'  natural frequencies: {size} from {low:.6g} to {high:.6g} Hz, {inside} of them from {f[0]:g} to {f[1]:g} Hz'
-                     + ('' if inside <= MOST_TICKS else ', too many to be drawn')]
+    drawn = '' if inside <= MOST_TICKS else ', too many to be drawn'
+    return natural, [f'  natural frequencies: {size} from {low:.6g} to {high:.6g} Hz, {inside} of them from {f[0]:g} to '
+                     f'{f[1]:g} Hz{drawn}']
 
 
 def _peaks(result):
