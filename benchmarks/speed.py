@@ -13,10 +13,13 @@ from time import perf_counter, thread_time
 
 import numpy as np
 import steps
+import sweeps
 from lammps_steps import STYLES, lammps_stepper
+from matplotlib.ticker import EngFormatter
 
 from magphonon import DrivenVerlet, MagneticRepulsion
 
+DURATION = EngFormatter('s', places=2)
 ROUNDS, SECONDS = 7, 0.15
 ROWS = {}
 """Name of a row -> function that measures it and returns Results."""
@@ -30,7 +33,7 @@ class Result:
     peer: str
     seconds: float
     peer_seconds: float
-    error: float
+    error: float  # nan where the answer is the same
     goal: float
 
     @property
@@ -39,8 +42,9 @@ class Result:
 
     def __str__(self):
         met = 'met' if self.ratio >= self.goal else f'{self.ratio / self.goal:.0%} of it'
-        return (f'{self.job:44s} {self.seconds * 1e9:9.2f} ns   {self.peer:24s} {self.peer_seconds * 1e9:9.2f} ns   '
-                f'{self.ratio:6.2f} x   goal {self.goal:4.1f}: {met:10s} error {self.error:.0e}')
+        error = '' if np.isnan(self.error) else f'error {self.error:.0e}'
+        return (f'{self.job:44s} {DURATION(self.seconds):>9s}   {self.peer:24s} {DURATION(self.peer_seconds):>9s}   '
+                f'{self.ratio:6.2f} x   goal {self.goal:4.1f}: {met:10s} {error}')
 
 
 def row(name):
@@ -180,6 +184,19 @@ def large():
     best = in_turns({'small': small[0], 'far': seconds})
     return [Result('law in pieces, 10000 magnets', 'polynomial', best['far'] / 1e4, best['small'] / 1e4,
                    steps.apart(end, small[1]), 0.5)]
+
+
+@row('sweeps')
+def sweep_rows():
+    """Two workers against one that spends no time on anything but the points."""
+    found = []
+    for name, workers, context in sweeps.executors():
+        with context as executor:
+            _, _, short, _, long = sweeps.measured(executor, workers)
+        found += [Result(f'sweep, {name}, {points} points of {1e3 * seconds:g} ms', 'one worker, points alone', seconds / speed,
+                         seconds, np.nan, 0.95 * workers)
+                  for (points, seconds), speed in zip(sweeps.SIZES, (short, long), strict=True)]
+    return found
 
 
 def draw(results, file):
