@@ -28,7 +28,7 @@ def nearest(word: object, choices: Iterable[Any], likeness: float = 0.6) -> str 
     return begun[0] if begun else next((choice for choice in choices if choice.lower() in near), None)
 
 
-def did_you_mean(word: object, choices: Iterable[Any]) -> str:
-    """The end of a message: "; did you mean 'bands'?", or nothing where no choice is near."""
+def did_you_mean(word: object, choices: Iterable[Any], otherwise: str = '') -> str:
+    """The end of a message: "; did you mean 'bands'?" or, where no choice is near, "; " and what `otherwise` says."""
     near = nearest(word, choices)
-    return f'; did you mean {near!r}?' if near else ''
+    return f'; did you mean {near!r}?' if near else f'; {otherwise}' if otherwise else ''

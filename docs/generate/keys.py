@@ -7,9 +7,9 @@ from magphonon.scenes import scene_keys
 HEAD = """# Keys of a scene
 
 A scene is a TOML file: one title and tables, all numbers in SI with the unit in the name of the key. Unknown and missing keys are
-refused with the name that was probably meant. `magphonon scene --keys` prints this list,
-`magphonon scene --keys law` one table of it; `magphonon scene prototype` prints a scene to start from. Examples are
-taken from the ready scenes.
+refused with the name that was probably meant, and all faults of a scene at once. `magphonon scene --keys` prints this list,
+`magphonon scene --keys law` one table of it and `magphonon scene --keys spacing_m` one key; `magphonon scene prototype` prints a
+scene to start from. Examples are taken from the ready scenes.
 """
 ROW = '| {} | {} | {} | {} | {} |\n'
 

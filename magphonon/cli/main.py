@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 COMMANDS = ('bands', 'burst', 'check', 'design', 'dos', 'fit', 'frf', 'modes', 'plan', 'reproduce', 'scene', 'spectrum', 'sweep',
             'uncertainty')
 """The commands; each is a module of `magphonon.cli`."""
+SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
+            'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
+"""Words of the field for which a command has another name."""
 COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
 """The commands that need a table of the same name in the scene."""
 
@@ -150,8 +153,8 @@ def _options(arguments):
     parser = _parser()
     first = next(iter(arguments), '-')
     if not first.startswith('-') and first not in COMMANDS:
-        parser.error(f'there is no command {first!r}{did_you_mean(first, COMMANDS)}; the commands are '
-                     f'{", ".join(map(repr, COMMANDS))}')
+        meant = did_you_mean(SYNONYMS.get(first, first), COMMANDS, f'the commands are {", ".join(COMMANDS)}')
+        parser.error(f'there is no command {first!r}{meant}')
     options = parser.parse_args(arguments)
     options.words = arguments  # kept with the results
     if getattr(options, 'output', None) == '':

@@ -15,8 +15,9 @@ HELP = 'print a ready scene, or list them; list the keys of a scene'
 def add_arguments(parser: ArgumentParser) -> None:
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument('name', metavar='NAME', nargs='?', help='without it: the names and titles')
-    chosen.add_argument('--keys', metavar='TABLE', nargs='?', const='',
-                        help='every key: type, unit, default, range, meaning, example; of one table such as law, or of all')
+    chosen.add_argument('--keys', metavar='TABLE or KEY', nargs='?', const='',
+                        help='type, unit, default, range, meaning and example of every key, of those of a table such as law, or '
+                             'of one such as spacing_m')
 
 
 def run(options: Namespace) -> None:
@@ -31,11 +32,11 @@ def run(options: Namespace) -> None:
         print(ready_scene(options.name).read_text(encoding='utf-8'), end='')
 
 
-def _print_keys(table: str | None) -> None:
+def _print_keys(name: str | None) -> None:
     from ..scenes.keys import scene_keys
 
     last = ''
-    for key in scene_keys(table):
+    for key in scene_keys(name):
         if key.table != last:
             print(f'\n[{key.table}]')
             last = key.table
@@ -46,7 +47,8 @@ def _described(key: Key) -> str:
     """A key in a few lines of at most 100 characters."""
     from textwrap import fill
 
-    default = {'required': 'required', 'none': 'optional'}.get(key.default, f'{key.default} if left out')
+    default = key.default.replace('none', 'optional')
+    default += ' if left out' if default != 'optional' and not default.startswith('required') else ''
     kinds = f'of the kind {" or ".join(key.kinds)}' if key.kinds else ''
     facts = [f'{key.type}, {key.unit}' if key.unit else key.type, default, *filter(None, (key.allowed, kinds))]
     lines = ['; '.join(facts), key.description, f'e.g. {key.example}' if key.example else '']

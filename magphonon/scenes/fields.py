@@ -7,9 +7,9 @@ front.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import InitErrorDetails
 
 from ..errors import not_negative, number, positive, shown, whole
@@ -46,7 +46,7 @@ def _list(value):
 def _point(value):
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(f' must be a place [x, y], not {shown(value)}')
-    return tuple(partial(between, -1e6, 1e6, 'metres')(_number(x)) for x in value)
+    return tuple(between(-1e6, 1e6, 'metres', number(f'[{k}]', x)) for k, x in enumerate(value))
 
 
 def _flag(value):
@@ -125,7 +125,42 @@ class Table(BaseModel):
 
     @classmethod
     def _meant(cls, key):
-        return did_you_mean(key, cls.model_fields) or f'; its keys are {", ".join(cls.model_fields)}'
+        return did_you_mean(key, cls.model_fields, f'its keys are {", ".join(cls.model_fields)}')
+
+
+def of_known_kind(*models: type[Table]) -> BeforeValidator:
+    """A check that a table has one of the kinds of `models`.
+
+    If it has none, its other faults are reported with this one: those by the kind that was probably meant, or else those that
+    all kinds find which share most keys with the table.
+    """
+    of = {kind: model for model in models for kind in get_args(model.model_fields['kind'].annotation)}
+
+    def check(table: Any, info: ValidationInfo) -> Any:
+        kinds = ', '.join(map(repr, of))
+        if not isinstance(table, dict):
+            raise ValueError(f' must be a table in brackets with a kind, one of {kinds}, not {shown(table)}')
+        given = table.get('kind')
+        if given in tuple(of):
+            return table
+        why = (ValueError(f".kind must be one of {kinds}, not {shown(given)}{did_you_mean(given, of)}") if 'kind' in table else
+               ValueError(f" lacks the key 'kind'; add one of {kinds}"))
+        shared = {kind: len(model.model_fields.keys() & table.keys()) for kind, model in of.items()}
+        meant = [near] if (near := nearest(given, of)) else [kind for kind in of if shared[kind] == max(shared.values())]
+        found = [_faults(of[kind], table | {'kind': kind}, info.context) for kind in meant]
+        raise_all([fault(table, why), *(found[0][said] for said in found[0] if all(said in other for other in found))])
+
+    return BeforeValidator(check)
+
+
+def _faults(model, table, context):
+    """The faults of a table by one model, by their places and words."""
+    try:
+        model.model_validate(table, context=context)
+    except ValidationError as error:
+        return {(found['loc'], str(reason(found))): fault(found['input'], reason(found), found['loc'])
+                for found in error.errors()}
+    return {}
 
 
 def reason(found: ErrorDetails) -> ValueError:

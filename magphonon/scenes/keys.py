@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
 from ..errors import one_of
+from ..spelling import did_you_mean
 from .fields import Allowed, Table, between
 from .scene import Scene, ready_scenes
 
@@ -41,7 +42,8 @@ class Key:
     unit : str
         Empty for a number without unit and for everything else.
     default : str
-        'required', 'none' for a key that may be left out, or the value that is taken then.
+        'required', 'none' for a key that may be left out, or the value that is taken then; 'required; 1 for supercell' where
+        the kinds of the table differ.
     allowed : str
         Range or choices, in words.
     description : str
@@ -65,13 +67,13 @@ class Key:
         return f'{self.table}.{self.name}' if self.table else self.name
 
 
-def scene_keys(table: str | None = None) -> list[Key]:
-    """All keys of a scene, table by table, or those of one table and of the tables in it.
+def scene_keys(name: str | None = None) -> list[Key]:
+    """All keys of a scene, table by table; those of one table and of the tables in it; or every key of one name.
 
     Parameters
     ----------
-    table : str, optional
-        Name of a table, such as 'law' or 'law.disc'.
+    name : str, optional
+        Name of a table, such as 'law' or 'law.disc', or of a key, such as 'spacing_m' or 'lattice.spacing_m'.
 
     Returns
     -------
@@ -80,7 +82,7 @@ def scene_keys(table: str | None = None) -> list[Key]:
     Raises
     ------
     ValueError
-        For a table that no scene has.
+        For a name that no table and no key of a scene has.
 
     Examples
     --------
@@ -90,10 +92,16 @@ def scene_keys(table: str | None = None) -> list[Key]:
     ('foundation.pillar.radius_m', 'm', 'required')
     """
     found = list(_keys_of('', (Scene,), _examples()))
-    if table is None:
+    if name is None:
         return found
-    one_of('the table', table, tuple(dict.fromkeys(key.table for key in found if key.table)))
-    return [key for key in found if f'{key.table}.'.startswith(f'{table}.')]
+    tables = dict.fromkeys(key.table for key in found if key.table)
+    if name in tables:
+        return [key for key in found if f'{key.table}.'.startswith(f'{name}.')]
+    named = [key for key in found if name in (key.name, key.place)]
+    if not named:
+        meant = did_you_mean(name, [*tables, *(key.name for key in found)], f'the tables are {", ".join(tables)}')
+        raise ValueError(f'a scene has neither a table nor a key {name!r}{meant}')
+    return named
 
 
 def _keys_of(table: str, models: tuple[type[Table], ...], examples: dict[tuple[str, str, str], Any]) -> Iterator[Key]:
@@ -106,7 +114,7 @@ def _keys_of(table: str, models: tuple[type[Table], ...], examples: dict[tuple[s
     for name, alike in fields.items():
         tables = tuple(dict.fromkeys(part for _, field in alike for part in _tables(field.annotation)))
         kinds = tuple(kind for some, _ in alike for kind in some) if len(alike) < len(models) else ()
-        key = _key(table, kinds, name, [field for _, field in alike], tables, examples)
+        key = _key(table, kinds, name, alike, tables, examples)
         yield replace(key, description='; '.join(map(_told, models))) if name == 'kind' and len(models) > 1 else key
         if tables:
             inner.append((f'{table}.{name}' if table else name, tables))
@@ -114,17 +122,17 @@ def _keys_of(table: str, models: tuple[type[Table], ...], examples: dict[tuple[s
         yield from _keys_of(place, tables, examples)
 
 
-def _key(table: str, kinds: tuple[str, ...], name: str, fields: list[FieldInfo], tables: tuple[type[Table], ...],
-         examples: dict[tuple[str, str, str], Any]) -> Key:
+def _key(table: str, kinds: tuple[str, ...], name: str, alike: list[tuple[tuple[str, ...], FieldInfo]],
+         tables: tuple[type[Table], ...], examples: dict[tuple[str, str, str], Any]) -> Key:
+    fields = [field for _, field in alike]
     field, whole = fields[0], f'{table}.{name}' if table else name
-    default = 'required' if field.is_required() else 'none' if field.default is None else _toml(field.default)
     described = dict.fromkeys(field.description for field in fields if field.description)
     if tables:
         described = dict.fromkeys(filter(None, map(_told, tables)))
     allowed = [dict.fromkeys(_allowed([field.annotation, *field.metadata])) for field in fields]
     kind = kinds[0] if kinds else ''
-    alike = table, table.partition('.')[2]  # a law in [[laws_of_kinds]] is like [law]
-    found = [examples.get((place, of, name)) for place in alike for of in (kind, '')] + list(field.examples or ())
+    similar = table, table.partition('.')[2]  # a law in [[laws_of_kinds]] is like [law]
+    found = [examples.get((place, of, name)) for place in similar for of in (kind, '')] + list(field.examples or ())
     value = next((one for one in found if one is not None), None)
     example = f'{name} = {_toml(value)}' if value is not None and not tables else ''
     unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), '') if not tables else ''
@@ -133,7 +141,17 @@ def _key(table: str, kinds: tuple[str, ...], name: str, fields: list[FieldInfo],
     written = of_tables if tables else ' or '.join(dict.fromkeys(_types(field.annotation)))
     either = ', ' if name == 'kind' else '; or '  # the choices of one table, or what its kinds ask for
     ranges = either.join(dict.fromkeys(', '.join(words) for words in allowed if words))
-    return Key(table, kinds, name, written, unit, default, ranges, '; or '.join(described), example)
+    return Key(table, kinds, name, written, unit, _default(alike), ranges, '; or '.join(described), example)
+
+
+def _default(alike: list[tuple[tuple[str, ...], FieldInfo]]) -> str:
+    """The default of a key; where kinds of the table differ, what each has."""
+    kinds: dict[str, list[str]] = {}
+    for some, field in alike:
+        word = 'required' if field.is_required() else 'none' if field.default is None else _toml(field.default)
+        kinds.setdefault(word, []).extend(some)
+    first, *others = kinds
+    return '; '.join([first, *(f'{word} for {" or ".join(kinds[word])}' for word in others)])
 
 
 def _told(model: type[Table]) -> str:

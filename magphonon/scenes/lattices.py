@@ -13,8 +13,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from .. import lattices, units as u
 from ..bands.bands import band_path
-from ..errors import MOST, not_negative, one_of, shown, whole
-from .fields import Allowed, Count, Length, Mass, Positive, Spacing, Table, listed, within
+from ..errors import MOST, not_negative, shown, whole
+from .fields import Allowed, Count, Length, Mass, Positive, Spacing, Table, listed, of_known_kind, within
 from .structures import FileLattice
 
 if TYPE_CHECKING:
@@ -127,17 +127,8 @@ class Supercell(PatchTable):
         return cell.repeat((self.cells_1, self.cells_2, 1))
 
 
-PATCHES = ('parallelogram', 'rectangle', 'hexagon', 'half_hexagon', 'supercell')
-
-
-def _known_patch(table):
-    if not isinstance(table, dict) or 'kind' not in table:
-        raise ValueError(f' must be a table [patch] with a kind, one of {", ".join(PATCHES)}, not {shown(table)}')
-    one_of('.kind', table['kind'], PATCHES)
-    return table
-
-
-Patch = Annotated[Parallelogram | Rectangle | Hexagon | Supercell, Field(discriminator='kind'), BeforeValidator(_known_patch)]
+Patch = Annotated[Parallelogram | Rectangle | Hexagon | Supercell, Field(discriminator='kind'),
+                  of_known_kind(Parallelogram, Rectangle, Hexagon, Supercell)]
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
 ALL = 'all'
@@ -227,11 +218,5 @@ class Oscillator(Table):
         return atoms
 
 
-def _known_lattice(table):
-    if not isinstance(table, dict) or 'kind' not in table:
-        return Lattice.model_validate(table)  # its message says which key is missing
-    one_of('.kind', table['kind'], KINDS)
-    return table
-
-
-AnyLattice = Annotated[Lattice | Oscillator | FileLattice, Field(discriminator='kind'), BeforeValidator(_known_lattice)]
+AnyLattice = Annotated[Lattice | Oscillator | FileLattice, Field(discriminator='kind'),
+                       of_known_kind(Lattice, Oscillator, FileLattice)]

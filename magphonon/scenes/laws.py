@@ -15,7 +15,7 @@ from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
 from ..interactions.pair_laws import Hertz, InversePower, Yukawa
 from ..interactions.tabulated import Tabulated
-from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, within
+from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
 from .lattices import Shells
 from .supports import _poisson_ratio
 
@@ -257,25 +257,15 @@ class SavedLaw(Table):
                          'as kind = "inverse_power"')
 
 
-LAWS = {'inverse_power': InversePowerLaw, 'dipoles': DipoleLaw, 'coulomb': CoulombLaw, 'yukawa': YukawaLaw, 'hertz': HertzLaw,
-        'table': TableLaw, 'magnets': MagnetsLaw, 'saved': SavedLaw}
-
-
-def _known_law(table):
-    if not isinstance(table, dict) or 'kind' not in table:
-        raise ValueError(f" must be a table [law] with a kind, one of {', '.join(LAWS)}, not {shown(table)}")
-    one_of('.kind', table['kind'], tuple(LAWS))
-    return table
-
-
 Law = Annotated[InversePowerLaw | DipoleLaw | CoulombLaw | YukawaLaw | HertzLaw | TableLaw | MagnetsLaw | SavedLaw,
-                Field(discriminator='kind'), BeforeValidator(_known_law)]
+                Field(discriminator='kind'),
+                of_known_kind(InversePowerLaw, DipoleLaw, CoulombLaw, YukawaLaw, HertzLaw, TableLaw, MagnetsLaw, SavedLaw)]
 
 
 def _two_kinds(value):
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(f' must be two kinds of particles, as [0, 1], not {shown(value)}')
-    return tuple(sorted(whole('', kind, least=0) for kind in value))
+    return tuple(sorted(whole(f'[{k}]', kind, least=0) for k, kind in enumerate(value)))
 
 
 class LawOfKinds(Table):

@@ -74,8 +74,8 @@ def _columns(path: Path) -> dict[str, NDArray[np.float64]]:
     names = rows[0][1]
     for name in names:
         if name not in COLUMNS:
-            raise ValueError(f'{path}: a table of particles has no column {name!r}{did_you_mean(name, COLUMNS) or ""}; its '
-                             f'columns may be {", ".join(COLUMNS)}')
+            raise ValueError(f'{path}: a table of particles has no column {name!r}'
+                             + did_you_mean(name, COLUMNS, f'its columns may be {", ".join(COLUMNS)}'))
     if len(set(names)) < len(names) or not {'x_m', 'y_m'} <= set(names):
         raise ValueError(f'{path} needs the columns x_m and y_m, each once, not {", ".join(names)}')
     table = np.array([_numbers(path, number, cells, names) for number, cells in rows[1:]])

@@ -346,9 +346,12 @@ def _fault(loc, error, data):
         if isinstance(data, dict) and step == data.get('kind'):
             continue
         name += f'[{step}]' if isinstance(step, int) else f'.{step}'
-        data = data.get(step) if isinstance(data, dict) else None  # a table of forces may stand in a file of its own
+        if isinstance(step, int):
+            data = data[step] if isinstance(data, list) and step < len(data) else None
+        else:
+            data = data.get(step) if isinstance(data, dict) else None  # a table of forces may stand in a file of its own
     text = str(error)
-    return (name[1:] or 'the scene') + text if text[0] in ' .:' else text
+    return (name[1:] or 'the scene') + text if text[0] in ' .:[' else text
 
 
 def reference() -> dict[str, Any]:

@@ -193,4 +193,4 @@ def question(name: str) -> tuple[Question, tuple[str, ...]]:
         places = pattern.split('.')
         if len(places) == len(words) and all(place.isupper() or place == word for place, word in zip(places, words, strict=True)):
             return known, tuple(word for place, word in zip(places, words, strict=True) if place.isupper())
-    raise ValueError(f'{name} is no question{did_you_mean(name, QUESTIONS)}; the questions are {", ".join(QUESTIONS)}')
+    raise ValueError(f'{name} is no question' + did_you_mean(name, QUESTIONS, f'the questions are {", ".join(QUESTIONS)}'))

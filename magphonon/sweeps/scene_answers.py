@@ -110,8 +110,8 @@ def _refuse_unknown(tables, key):
         if inner is None:  # an optional table that the scene does not have; the scene itself judges its keys
             return
         if not isinstance(inner, dict) or name not in inner:
-            raise ValueError(f'the scene has no number {key}{did_you_mean(key, _numbers(tables))}; '
-                             f'its numbers are {", ".join(_numbers(tables))}')
+            raise ValueError(f'the scene has no number {key}'
+                             + did_you_mean(key, _numbers(tables), f'its numbers are {", ".join(_numbers(tables))}'))
         inner = inner[name]
     if inner is not None and (isinstance(inner, bool) or not isinstance(inner, int | float)):
         raise ValueError(f'{key} is {shown(inner)} in the scene; only single numbers can be swept over')

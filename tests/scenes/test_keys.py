@@ -88,5 +88,15 @@ def test_the_command_prints_them(capsys):
     out = capsys.readouterr().out
     assert {key.name for key in KEYS} <= {line.split()[0] for line in out.splitlines() if line}
     assert max(map(len, out.splitlines())) <= 100
-    assert main(['scene', '--keys', 'lwa']) == 2
-    assert "did you mean 'law'" in capsys.readouterr().err
+    for wrong, meant in (('lwa', "did you mean 'law'?"), ('spacing', "did you mean 'spacing_m'?"), ('zz', 'the tables are ')):
+        assert main(['scene', '--keys', wrong]) == 2
+        assert meant in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('name', 'places'), [
+    ('theta0_deg', ['lattice.theta0_deg']), ('lattice.spacing_m', ['lattice.spacing_m']),
+    ('spacing_m', ['lattice.spacing_m', 'uncertainty.spacing_m']), ('title', ['title'])])
+def test_a_key_is_found_by_its_name(name, places, capsys):
+    assert [key.place for key in scene_keys(name)] == places
+    assert main(['scene', '--keys', name]) == 0
+    assert capsys.readouterr().out.count(f'  {name.split(".")[-1]} ') >= len(places)

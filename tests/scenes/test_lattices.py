@@ -43,7 +43,7 @@ def test_every_shape(table, model, scene_with):
 
 
 @pytest.mark.parametrize(('table', 'message'), [
-    ('side_m = 0.3', r'patch must be a table \[patch\] with a kind, one of parallelogram, rectangle'),
+    ('side_m = 0.3', "patch lacks the key 'kind'; add one of 'parallelogram', 'rectangle'"),
     ('kind = "circle"', "patch.kind must be one of 'parallelogram', 'rectangle', 'hexagon', 'half_hexagon', 'supercell', not "
      "'circle'"),
     ('kind = "hexagon"\nside_m = -1', 'patch.side_m must be a positive number, not -1'),

@@ -125,11 +125,11 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
                                 "'magnets', 'saved', not ['dipoles']"),
     ({'law.kind': 'dipoles'}, "law has no key 'b_N_m_a'; its keys are kind, moment_A_m2, shells"),
     ({'law.cutoff_m': 0.02}, "law has no key 'cutoff_m'; its keys are kind, b_N_m_a, a, shells"),
-    ({'law': 4.5}, 'law must be a table [law] with a kind, one of inverse_power, dipoles, coulomb, yukawa, hertz, table, '
-                   'magnets, saved, not 4.5'),
-    ({'law.kind': None}, 'law must be a table [law] with a kind, one of'),
-    ({'lattice': 'triangular'},
-     "lattice must be a table in brackets with the keys kind, spacing_m, mass_kg, relative_masses, not 'triangular'"),
+    ({'law': 4.5}, "law must be a table in brackets with a kind, one of 'inverse_power', 'dipoles', 'coulomb', 'yukawa', "
+                   "'hertz', 'table', 'magnets', 'saved', not 4.5"),
+    ({'law.kind': None}, "law lacks the key 'kind'; add one of 'inverse_power', 'dipoles', "),
+    ({'lattice': 'triangular'}, "lattice must be a table in brackets with a kind, one of 'chain', 'square', 'triangular', "
+                                "'honeycomb', 'kagome', 'fcc', 'bcc', 'oscillator', 'file', not 'triangular'"),
     ({'foundation': 19.7},
      'foundation must be a table in brackets with the keys stiffness_N_per_m, pillar, out_of_plane, not 19.7'),
     ({'foundation': {}}, 'foundation has neither of stiffness_N_per_m and [foundation.pillar]; give one'),
