@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -22,6 +23,7 @@ LEAST_WRITTEN_N_per_mm = 1e-6
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
+    add_pictures(parser)
 
 
 def run(options: Namespace) -> None:
@@ -33,13 +35,13 @@ def run(options: Namespace) -> None:
 
     scene = read_scene(options.scene)
     refuse_costly(scene, 'bands')
-    with results(options, scene) as folder:
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         atoms, path = scene.atoms(), scene.band_path()
         phonon = _phonon(scene, atoms)
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)
-        _draw(folder, scene, bands)
+        _draw(save, scene, bands)
         report = '\n'.join([*_frequencies(scene, atoms, bands), '', *_stability(scene, atoms, bands, phonon)])
     print(report)
     print(f'pictures and data are in {options.output}')
@@ -80,7 +82,7 @@ def _write_table(file, bands):
     write_columns(file, names, columns)
 
 
-def _draw(folder, scene, bands):
+def _draw(save, scene, bands):
     from ..bands.zone import PLANAR
     from ..plotting.bands import plot_bands
     from ..plotting.zone import plot_zone
@@ -91,10 +93,9 @@ def _draw(folder, scene, bands):
         plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
     road = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
     plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=road)
-    ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'bands.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    save(ax.figure, 'bands')
     if tuple(scene.atoms().pbc) == PLANAR:
-        plot_zone(bands['complete'].path).figure.savefig(folder / 'zone.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+        save(plot_zone(bands['complete'].path).figure, 'zone')
 
 
 def _in_words(value):

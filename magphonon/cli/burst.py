@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -18,6 +19,7 @@ HELP = 'tone bursts through the patch of a scene, in both models, compared with 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [patch] and [burst]')
     add_output(parser)
+    add_pictures(parser)
     parser.add_argument('--engine', choices=('own', 'lammps'), default='own',
                         help='what takes the time steps of the complete model; LAMMPS on one or more MPI ranks')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
@@ -40,13 +42,13 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_costly(scene, 'burst')
     plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
-    with results(options, scene) as folder:
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         records, largest = {}, {}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
             passages = {model: _send(scene, k, cell, model, engine(name, model)) for model in MODELS}
             found = {model: waves(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
             _save(folder, name, passages, found)
-            _draw(folder, name, passages, found)
+            _draw(save, name, passages, found)
             if options.animation:
                 _animate(folder, name, passages)
             records |= {f'{name}_{model}': found[model] for model in MODELS}
@@ -122,7 +124,7 @@ def _write_row(file, patch, site):
     write_columns(file, ['step', 'particle', 'x_m', 'y_m'], columns)
 
 
-def _draw(folder, name, passages, found):
+def _draw(save, name, passages, found):
     """The maps of both simulations side by side, and both patches at the time when the wave reaches the middle of the row."""
     from ..plotting.axes import panels
     from ..plotting.waves import crossing, plot_snapshot, plot_wave
@@ -136,12 +138,12 @@ def _draw(folder, name, passages, found):
                 axes[row, column].set_axis_off()
                 continue
             plot_wave(wave, axes[row, column]).get_legend().set_title(f'{model} simulation, {motion} motion')
-    figure.savefig(folder / f'{name}_maps.png', bbox_inches='tight')
+    save(figure, f'{name}_maps')
 
     figure, axes = panels(1, 2)
     for ax, (patch, site, passage) in zip(axes[0], passages.values(), strict=True):
         plot_snapshot(patch, passage.field, crossing(passage), site, ax)
-    figure.savefig(folder / f'{name}_snapshot.png', bbox_inches='tight')
+    save(figure, f'{name}_snapshot')
 
 
 def _animate(folder, name, passages):

@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -29,6 +30,7 @@ and of these vectors."""
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
+    add_pictures(parser)
 
 
 def run(options: Namespace) -> None:
@@ -40,7 +42,7 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_cost(scene, cost(scene))
     lattice, patch, lines = lattice_and_patch(scene)
-    with results(options, scene) as folder:
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         report, axes = [scene.title, *lines], None
         if lattice is not None:
             axes, told = _of_lattice(folder, lattice)
@@ -50,9 +52,8 @@ def run(options: Namespace) -> None:
             report += told
             if lattice is not None and scene.bands is not None:
                 path = scene.lattice.path(scene.bands.path, WAVEVECTORS)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
-                report += _unfolded(folder, scene, lattice, patch, path)
-        axes.figure.suptitle(scene.title, fontsize='medium')
-        axes.figure.savefig(folder / 'dos.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+                report += _unfolded(folder, save, lattice, patch, path)
+        save(axes.figure, 'dos')
     print('\n'.join(report))
     print(f'pictures and data are in {options.output}')
 
@@ -119,7 +120,7 @@ def _of_patch(folder, patch, axes):
                   f'{_hertz(found, middle)}']
 
 
-def _unfolded(folder, scene, lattice, patch, path):
+def _unfolded(folder, save, lattice, patch, path):
     """Spectral function of a patch along the path, under the bands of the lattice; lines of the report."""
     from .. import units
     from ..bands.bands import analytic_bands
@@ -132,7 +133,6 @@ def _unfolded(folder, scene, lattice, patch, path):
     axes = plot_spectral_function(found, path)
     for model, style in zip(lattice.calc.bloch_models, ('-', '--'), strict=False):
         plot_bands(analytic_bands(lattice, path, model), axes, label=f'lattice, {model}', linestyle=style, linewidth=0.8)
-    axes.figure.suptitle(scene.title, fontsize='medium')
-    axes.figure.savefig(folder / 'spectral.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    save(axes.figure, 'spectral')
     return [f'spectral.png: the modes of the patch along {path.path}, resolved to {units.hertz(found.width[0]):.3g} Hz at low '
             'frequencies']

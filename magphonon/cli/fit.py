@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .pictures import add_pictures, drawing
+
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
@@ -21,6 +23,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'offset moves them there')
     parser.add_argument('--offset', action='store_true', help='fit the zero of the distance scale too; needs --contact')
     parser.add_argument('-o', '--output', metavar='DIR', help='directory for the picture and the entries for a scene file')
+    add_pictures(parser, frequencies=False)
 
 
 def run(options: Namespace) -> None:
@@ -34,6 +37,8 @@ def run(options: Namespace) -> None:
         raise ValueError('--offset needs --contact, the distance of the centres in m at which two particles touch: without it '
                          'the offset could move a measurement to a distance at which the particles overlap; for point '
                          'particles give --contact 0')
+    if options.output is None and (options.pdf or options.title is not None or options.style is not None):
+        raise ValueError('--pdf, --title and --style are those of the picture; say with -o DIR where to write it')
     contact = not_negative('--contact', options.contact or 0.0, 'm') * u.m
     forces = read_forces(options.file, contact)  # its messages name the file
     middle = forces.r[len(forces.r) // 2]
@@ -56,8 +61,8 @@ def _write(options, forces, fits):
     from ..plotting.fits import plot_fits
     from .results import results
 
-    with results(options, table=options.file) as out:
-        plot_fits(forces, [fit for name, fit in fits.items() if name != 'touch']).savefig(out / 'fit.png')
+    with results(options, table=options.file) as out, drawing(options, out) as save:
+        save(plot_fits(forces, [fit for name, fit in fits.items() if name != 'touch']), 'fit')
         for name, fit in fits.items():
             (out / f'law_{name}.toml').write_text(scene_entry(fit), encoding='utf-8')
 

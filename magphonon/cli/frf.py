@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -22,6 +23,7 @@ faster than the number."""
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [frf]')
     add_output(parser)
+    add_pictures(parser)
 
 
 def run(options: Namespace) -> None:
@@ -37,7 +39,7 @@ def run(options: Namespace) -> None:
     plan, axes, lines = scene.wanted('frf'), None, [scene.title]
     if (relaxation := scene.relaxation()) is not None:
         lines.append(str(relaxation))
-    with results(options, scene) as folder:
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         responses = {}
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model)
@@ -48,8 +50,7 @@ def run(options: Namespace) -> None:
             axes = plot_response(responses[model], natural, axes, label=model, linestyle=style)
             lines += ['', model, *told, *_peaks(responses[model])]
         _write_table(folder / 'frf.csv', responses)
-        axes[0].figure.suptitle(scene.title, fontsize='medium')
-        axes[0].figure.savefig(folder / 'frf.png')
+        save(axes[0].figure, 'frf')
     print('\n'.join(lines))
     print(f'picture and data are in {options.output}')
 

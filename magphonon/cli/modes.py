@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -32,6 +33,7 @@ SHAPES_bytes, SHAPES_s = 40, 3e-10
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     add_output(parser)
+    add_pictures(parser)
     parser.add_argument('--animate', metavar='MODE', type=int,
                         help='write a film of this mode of the patch, by its number in modes.csv')
 
@@ -47,12 +49,12 @@ def run(options: Namespace) -> None:
     lattice, patch, report = lattice_and_patch(scene)
     if patch is None and options.animate is not None:
         raise ValueError(f'--animate {options.animate}: the scene has no patch whose modes could be filmed; add a table [patch]')
-    with results(options, scene) as folder:
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         report = [scene.title, *report]
         if lattice is not None:
-            report += _of_lattice(folder, scene, lattice)
+            report += _of_lattice(save, scene, lattice)
         if patch is not None:
-            report += _of_patch(folder, scene, lattice, patch, options.animate)
+            report += _of_patch(folder, save, lattice, patch, options.animate)
     print('\n'.join(report))
     print(f'pictures and data are in {options.output}')
 
@@ -69,7 +71,7 @@ def cost(scene: Scene) -> Cost:
     return Cost('modes', {size_key(scene): PICTURES_bytes + memory}, PICTURES_s + work, 6)
 
 
-def _of_lattice(folder, scene, atoms):
+def _of_lattice(save, scene, atoms):
     """Pictures of the modes at the special points, and a table of their frequencies for the report."""
     import numpy as np
 
@@ -102,12 +104,11 @@ def _of_lattice(folder, scene, atoms):
     for row, where in zip(axes, at, strict=True):
         for branch, ax in enumerate(np.atleast_1d(row)):
             plot_mode(atoms, bands, where, branch, ax)
-    figure.suptitle(scene.title, fontsize='medium')
-    figure.savefig(folder / 'modes_lattice.png')
+    save(figure, 'modes_lattice')
     return report
 
 
-def _of_patch(folder, scene, lattice, patch, filmed):
+def _of_patch(folder, save, lattice, patch, filmed):
     """Table and pictures of the modes of a patch; lines of the report."""
     import numpy as np
 
@@ -127,7 +128,7 @@ def _of_patch(folder, scene, lattice, patch, filmed):
     outside = [k for k, omega in enumerate(found.omega) if not any(low - room <= omega <= high + room for low, high in ranges)]
     local = sorted(outside, key=lambda k: extent.participation[k]) if len(ranges) else []
     drawn = (local or [*(np.argsort(extent.participation) if not len(ranges) else range(len(found.omega)))])[:SHOWN]
-    _draw(folder, scene, system, found, extent, ranges, drawn)
+    _draw(save, system, found, extent, ranges, drawn)
     report = ['', f'modes of the patch: {"all" if every else "the lowest and those between the bands,"} {len(found.omega)}, from '
               f'{found.frequencies_Hz[0]:.6g} to {found.frequencies_Hz[-1]:.6g} Hz']
     if len(ranges):
@@ -176,7 +177,7 @@ def _write_table(file, extent):
                                 extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T])
 
 
-def _draw(folder, scene, system, found, extent, ranges, drawn):
+def _draw(save, system, found, extent, ranges, drawn):
     """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
     from ..plotting.axes import panels
     from ..plotting.modes import plot_extents, plot_shape
@@ -187,8 +188,7 @@ def _draw(folder, scene, system, found, extent, ranges, drawn):
         ax.remove()
     for k, ax in zip(drawn, axes.flat[1:], strict=False):
         plot_shape(system.atoms, found.shapes[k], ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz')
-    figure.suptitle(scene.title, fontsize='medium')
-    figure.savefig(folder / 'modes.png')
+    save(figure, 'modes')
 
 
 def _film(folder, system, found, filmed):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -17,6 +18,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                           'numbered as in the row.csv that "magphonon burst" writes')
     add_scene(parser, ' with [patch] and [burst], which tell the row and its bands')
     add_output(parser)
+    add_pictures(parser)
 
 
 def run(options: Namespace) -> None:
@@ -33,7 +35,7 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     cell, source = scene.atoms(), scene.wanted('burst').source
     row = site(cell, scene.patch_atoms(), source).row
-    with results(options, scene, options.table) as folder:
+    with results(options, scene, options.table) as folder, drawing(options, folder, scene.title) as save:
         record = read_displacements(options.table, row)  # its messages name the table
         try:
             found = waves(record, cell, source)
@@ -43,7 +45,7 @@ def run(options: Namespace) -> None:
         own = f'spectrum_{name}'  # beside the results of `burst`, and of other tables
         for wave in found:
             wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
-            plot_wave(wave).figure.savefig(folder / f'{own}_{wave.motion}.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+            save(plot_wave(wave).figure, f'{own}_{wave.motion}')
         write_ridges(folder / f'{own}_ridges.csv', {name: found})
         text = '\n'.join([scene.title, '', report({name: found}), '', *neglected(scene)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -35,6 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--workers', metavar='N', type=int, help='processes on this machine (default: one for each core)')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='of a running Dask scheduler, such as tcp://10.0.0.1:8786')
     add_output(parser)
+    add_pictures(parser, frequencies=False)
 
 
 def run(options: Namespace) -> None:
@@ -77,13 +79,11 @@ def _lead(options, executor):
     if len(dict(axes)) < len(axes):
         raise ValueError('--over names a key twice; give each axis once')
     journal = Path(options.output) / JOURNAL
-    with results(options, scene) as folder:
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         answers = sweep(scene, dict(axes), options.ask, executor, journal)
         answers.to_netcdf(folder / 'sweep.nc', engine='h5netcdf')
         for name in options.ask:
-            figure = plot_sweep(answers, name).figure
-            figure.suptitle(scene.title, fontsize='medium')
-            figure.savefig(folder / f'sweep_{name}.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+            save(plot_sweep(answers, name).figure, f'sweep_{name}')
         report = _report(scene.title, answers, options.ask)
     journal.unlink()
     print(report)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .arguments import add_output, add_scene
+from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -27,6 +28,7 @@ LINEAR_RANGE = 0.3
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [uncertainty]')
     add_output(parser)
+    add_pictures(parser)
 
 
 def run(options: Namespace) -> None:
@@ -40,17 +42,17 @@ def run(options: Namespace) -> None:
     if scene.bands is None and scene.frf is None:
         raise ValueError(f'the scene {scene.title!r} has neither [bands] nor [frf], to which tolerances could propagate; add one')
     lines = [scene.title]
-    with results(options, scene) as folder:
+    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         if scene.bands is not None:
-            lines += _bands(folder, scene, tolerances) if tolerances.changes else []
+            lines += _bands(folder, save, scene, tolerances) if tolerances.changes else []
             lines += ['', OWN_SCATTER] if tolerances.scatter.std.any() else []
         if scene.frf is not None:
-            lines += _response(folder, scene, tolerances)
+            lines += _response(folder, save, scene, tolerances)
     print('\n'.join(lines))
     print(f'pictures and data are in {options.output}')
 
 
-def _bands(folder, scene, tolerances):
+def _bands(folder, save, scene, tolerances):
     import numpy as np
 
     from .. import units
@@ -66,8 +68,7 @@ def _bands(folder, scene, tolerances):
     spread.save(folder / 'band_uncertainty.npz')
     _write_table(folder / 'band_uncertainty.csv', path, spread)
     ax = plot_band_ribbons(Bands(path, spread.values), spread, label=r'complete, $\pm 2\sigma$')
-    ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'band_uncertainty.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    save(ax.figure, 'band_uncertainty')
 
     # at the special points, each frequency once
     points = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
@@ -81,7 +82,7 @@ def _bands(folder, scene, tolerances):
     k, mode = np.transpose(kept)
     few = type(at)(at.names, at.covariance, at.values[k, mode], at.slopes[:, k, mode])
     ax = plot_contributions(few, [f'{point_name(name)}, branch {branch}' for name, branch in labels])
-    ax.figure.savefig(folder / 'contributions.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    save(ax.figure, 'contributions')
 
     unit = 2 * np.pi * units.Hz
     lines = ['', f'{"frequency (Hz)":18}{"":>12}{"std":>10}' + ''.join(f'{name:>{len(name) + 3}}' for name in few.contributions)]
@@ -117,7 +118,7 @@ def _write_table(file, path, spread):
     write_columns(file, names, columns, missing=names[5::2])  # a frequency of zero has no slope
 
 
-def _response(folder, scene, tolerances):
+def _response(folder, save, scene, tolerances):
     import numpy as np
 
     from .. import units
@@ -133,8 +134,7 @@ def _response(folder, scene, tolerances):
     write_columns(folder / 'frf_uncertainty.csv', ['frequency_Hz', 'amplitude_m_per_N', 'std_m_per_N'],
                   [f, spread.values / unit, spread.std / unit])
     ax = plot_response_ribbon(omega, spread, label=r'complete, $\pm 2\sigma$')
-    ax.figure.suptitle(scene.title, fontsize='medium')
-    ax.figure.savefig(folder / 'frf_uncertainty.png')  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    save(ax.figure, 'frf_uncertainty')
     relative = spread.std / spread.values
     lost = np.mean(relative > LINEAR_RANGE)
     lines = ['', f'response: the amplitude has a standard deviation of {100 * np.median(relative):.2g} % in the median, '

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
     from matplotlib.legend import Legend
     from numpy.typing import NDArray
 
@@ -109,6 +109,14 @@ def _fitting(make, width, options):
         if legend.get_window_extent().width < width:
             break
     return legend
+
+
+def entitle(figure: FigureBase, title: str) -> None:
+    """Write a title above all else in a figure; an empty one is none."""
+    if title and figure.legends:  # which stand where matplotlib would put the title
+        figure.legends[0].set_title(title)
+    elif title:
+        figure.suptitle(title)
 
 
 def point_name(name: str) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .axes import COLOURS, MARKERS, UNSTABLE, legend_above, new_axes, point_name
+from .scales import label_frequencies
 
 if TYPE_CHECKING:
     from typing import Any
@@ -25,8 +26,6 @@ NEGLIGIBLE = 3e-5
 
 Squared frequencies by phonopy are good to 1e-9 of the highest one, and this is the root of it; growth as slow could not be seen.
 """
-PREFIXES = {-6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
-"""Prefixes of the unit by the power of ten."""
 
 
 def plot_bands(bands: Bands, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
@@ -117,15 +116,4 @@ def _from_zero(ax):
         ax.axhspan(bottom, 0, gid='unstable', zorder=0, **UNSTABLE)
         ax.text(1.01, bottom / 2, 'unstable', gid='unstable', rotation=90, va='center', transform=ax.get_yaxis_transform())
     ax.set_ylim(bottom, top)
-    _print_in_suitable_unit(ax, max(top, -bottom))
-
-
-def _print_in_suitable_unit(ax, largest):
-    """Label the frequency axis, whose data are in Hz, in kHz or MHz if numbers in Hz would be unreadable."""
-    from matplotlib.ticker import FuncFormatter, ScalarFormatter
-
-    power = 0
-    if largest > 0 and not 0.1 <= largest < 2e4:
-        power = int(np.clip(3 * (np.log10(largest) // 3), min(PREFIXES), max(PREFIXES)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda f, _: f'{f / 10.0**power:.12g}') if power else ScalarFormatter())
-    ax.set_ylabel(f'frequency ({PREFIXES[power]}Hz)')
+    label_frequencies(ax.yaxis)

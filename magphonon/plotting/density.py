@@ -9,6 +9,7 @@ import numpy as np
 from .. import units
 from .axes import COLOURS, legend_above, new_axes
 from .bands import label_path
+from .scales import label_frequencies
 
 if TYPE_CHECKING:
     from typing import Any
@@ -47,8 +48,8 @@ def plot_density(density: DensityOfStates, ax: Axes | None = None, label: str | 
     if density.error.any():
         error = 2 * density.error * share.max() / density.density.max()
         ax.fill_between(f, share - error, share + error, color=drawn.get_color(), alpha=0.25, linewidth=0)
-    ax.set(xlabel='frequency (Hz)', ylabel='share of all modes per Hz', xlim=(min(f[0], *ax.get_xlim()) if f[0] < 0 else 0, None))
-    ax.set_ylim(0, None)
+    ax.set(ylabel='share of all modes per Hz', xlim=(min(f[0], *ax.get_xlim()) if f[0] < 0 else 0, None), ylim=(0, None))
+    label_frequencies(ax.xaxis)
     if label is not None:
         legend_above(ax, ncols=2)
     return ax
@@ -84,5 +85,5 @@ def plot_spectral_function(spectral: SpectralFunction, path: BandPath, ax: Axes 
                           norm=LogNorm(share.max() / 10**DECADES, share.max()), rasterized=True)
     ax.figure.colorbar(image, ax=ax, label='share of a plane wave per Hz')
     label_path(ax, path)
-    ax.set(ylabel='frequency (Hz)')
+    label_frequencies(ax.yaxis)
     return ax

@@ -11,6 +11,7 @@ from .. import units
 from ..bands.zone import ROUND_OFF
 from ..stiffness.repulsion import repulsion_of
 from .axes import COLOURS, legend_above, new_axes, point_name
+from .scales import label_frequencies
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -142,7 +143,8 @@ def plot_extents(extent: Extent, ax: Axes | None = None, bands: Sequence[tuple[f
         ax.axvspan(units.hertz(low), units.hertz(high), color='0.9', linewidth=0, zorder=0, label=name)
     dots: dict[str, Any] = {'color': COLOURS[0], 'markersize': 3, 'markerfacecolor': 'none'}
     ax.plot(extent.frequencies_Hz, extent.participation, 'o', label='modes', **dots)
-    ax.set(xlabel='frequency (Hz)', ylabel='particles that take part', yscale='log', ylim=(0.8, None))
+    label_frequencies(ax.xaxis)
+    ax.set(ylabel='particles that take part', yscale='log', ylim=(0.8, None))
     legend_above(ax)
     return ax
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .axes import COLOURS, legend_above
+from .axes import COLOURS, legend_above, new_figure
+from .scales import label_frequencies
 
 if TYPE_CHECKING:
     from typing import Any
@@ -22,13 +23,10 @@ MOST_BARS = 8
 
 def response_axes() -> NDArray[np.object_]:
     """Two axes of a figure of its own, for amplitude and phase."""
-    from matplotlib.figure import Figure
-
-    axes = Figure((5.6, 5.2), dpi=200, layout='constrained').subplots(2, sharex=True, height_ratios=(2, 1))
+    axes = new_figure(height=3.4).subplots(2, sharex=True, height_ratios=(2, 1))
     axes[0].set(yscale='log', ylabel='displacement per force (m/N)')
-    axes[1].set(xlabel='frequency (Hz)', ylabel='phase (deg)', ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    axes[1].set(ylabel='phase (deg)', ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
     for ax in axes:
-        ax.grid(color='0.9', linewidth=0.6)
         ax.set_prop_cycle(color=COLOURS)
     return axes
 
@@ -76,6 +74,7 @@ def plot_response(response: Response, natural: ArrayLike = (), axes: NDArray[np.
     axes[0].vlines(inside, low, high, transform=axes[0].get_xaxis_transform(), linewidth=0.8, label=name, colors=look['color'],
                    linestyles=look['linestyle'])
     axes[0].set_xlim(f[0], f[-1])
+    label_frequencies(axes[1].xaxis)
     if label:
-        legend_above(axes[0], ncols=2, fontsize=9)
+        legend_above(axes[0])
     return axes

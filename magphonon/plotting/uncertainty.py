@@ -9,6 +9,7 @@ import numpy as np
 from .. import units
 from .axes import COLOURS, legend_above, new_axes
 from .bands import plot_bands
+from .scales import label_frequencies
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,13 +44,14 @@ def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: floa
     """Amplitude of a response per `force` (N) over the angular frequencies `omega`, with a ribbon of two standard deviations."""
     if ax is None:
         ax = new_axes()
-        ax.set(xlabel='frequency (Hz)', ylabel='displacement per force (m/N)', yscale='log')
+        ax.set(ylabel='displacement per force (m/N)', yscale='log')
     f, unit = units.hertz(omega), force * units.m / units.N
     (curve,) = ax.plot(f, spread.values / unit, label=label, **line)
     low, high = spread.values - HALF_WIDTH * spread.std, spread.values + HALF_WIDTH * spread.std
     floor = spread.values.min() / 10  # a ribbon wider than the value it surrounds has no lower edge on a logarithmic axis
     ax.fill_between(f, np.maximum(low, floor) / unit, high / unit, color=curve.get_color(), alpha=0.3, linewidth=0)
     ax.set_xlim(f[0], f[-1])
+    label_frequencies(ax.xaxis)
     if label is not None:
         legend_above(ax)
     return ax
