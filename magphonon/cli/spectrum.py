@@ -1,4 +1,8 @@
-"""`magphonon spectrum FILE.csv SCENE`: a measured table of displacements, analysed like a simulated one."""
+"""`magphonon spectrum SCAN SCENE`: a measured scan of a row of points, its map and ridges over the bands of a scene.
+
+The scan is a table of text or a universal file.  Its points may have numbers of their own, and some may be missing or dead; units
+and components go by the names of the columns.  Of the scene only the lattice, its law and its foundation are needed.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +14,20 @@ from .pictures import add_pictures, drawing
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-HELP = 'map and ridges of a measured table of displacements, over the bands of a scene'
+HELP = 'map and ridges of a measured scan of a row, over the bands of a scene'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('table', metavar='FILE.csv', help='displacements, columns time_s, particle, u_x_m, u_y_m; particles are '
-                                                          'numbered as in the row.csv that "magphonon burst" writes')
-    add_scene(parser, ' with [patch] and [burst], which tell the row and its bands')
+    parser.add_argument('table', metavar='SCAN', help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or '
+                                                      'one of them, or velocities v_y_m_per_s; mm and um by the name (u_y_um); '
+                                                      'or a universal file (.uff, .unv) with records of dataset 58')
+    add_scene(parser)
+    parser.add_argument('--geometry', metavar='POINTS.csv',
+                        help='places of the points, columns point, x_m, y_m, if the scan has none; without them its points are '
+                             'particles, numbered as in the row.csv that "magphonon burst" writes')
+    parser.add_argument('--source', choices=('row', 'point'),
+                        help='how the waves were driven: fronts along R1, or waves along the measured row (default: as [burst] '
+                             'says, else point)')
     add_output(parser)
     add_pictures(parser)
 
@@ -27,27 +38,57 @@ def run(options: Namespace) -> None:
     from ..planning.scene import neglected
     from ..plotting.waves import plot_wave
     from ..scenes.scene import read_scene
-    from ..waves.vibrometer import read_displacements
-    from ..waves.wave_analysis import report, waves, write_ridges
-    from ..waves.wave_source import site
+    from ..waves.wave_analysis import report, write_ridges
     from .results import results
 
     scene = read_scene(options.scene)
-    cell, source = scene.atoms(), scene.wanted('burst').source
-    row = site(cell, scene.patch_atoms(), source).row
     with results(options, scene, options.table) as folder, drawing(options, folder, scene.title) as save:
-        record = read_displacements(options.table, row)  # its messages name the table
-        try:
-            found = waves(record, cell, source)
-        except ValueError as error:
-            raise ValueError(f'{options.table}: {error}') from None
+        notes, found = _analysed(options, scene)
         name = Path(options.table).stem
-        own = f'spectrum_{name}'  # beside the results of `burst`, and of other tables
+        own = f'spectrum_{name}'  # beside the results of `burst`, and of other scans
         for wave in found:
             wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
             save(plot_wave(wave).figure, f'{own}_{wave.motion}')
         write_ridges(folder / f'{own}_ridges.csv', {name: found})
-        text = '\n'.join([scene.title, '', report({name: found}), '', *neglected(scene)])
+        text = '\n'.join([scene.title, *notes, '', report({name: found}), '', *neglected(scene)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}')
+
+
+def _analysed(options, scene):
+    """What was done to the scan, in words, and its waves."""
+    from pathlib import Path
+
+    import numpy as np
+
+    from ..waves.rows import row_of
+    from ..waves.scan_tables import read_places, read_scan
+    from ..waves.wave_analysis import scan_waves
+
+    cell, row = scene.atoms(), None
+    source = options.source or (scene.burst.source if scene.burst else 'point')
+    scan = read_scan(options.table)  # its messages name the table
+    if options.geometry is not None:
+        scan = scan.placed(read_places(options.geometry))
+    try:
+        if scan.places is None:
+            scan = scan.placed(_particles(scene))
+            row = row_of(np.asarray(scan.places), cell)  # upwards, away from the source
+        found = scan_waves(scan, cell, source, row)
+    except ValueError as error:
+        raise ValueError(f'{options.table}: {error}') from None
+    places = round(2 * np.pi / found[0].spectrum.bin_xi)
+    return [f'{Path(options.table).name}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
+            *scan.notes], found
+
+
+def _particles(scene):
+    """Places of the particles of the row of a scene with [patch] and [burst], by their numbers."""
+    from ..waves.wave_source import site
+
+    if scene.patch is None or scene.burst is None:
+        raise ValueError('it does not say where its points are; add the columns x_m and y_m, or name a table of them with '
+                         '--geometry POINTS.csv')
+    patch = scene.patch_atoms()
+    return {str(k): tuple(patch.positions[k, :2]) for k in site(scene.atoms(), patch, scene.burst.source).row}

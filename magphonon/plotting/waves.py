@@ -67,7 +67,7 @@ def plot_wave(wave: Wave, ax: Axes | None = None) -> Axes:
         ridge = wave.ridge
         ax.errorbar(ridge.xi, units.hertz(ridge.omega), units.hertz(ridge.sigma_omega), ridge.sigma_xi, fmt='o', color=COLOURS[3],
                     markersize=3.5, markerfacecolor='white', linewidth=0.9, label='ridge')
-    ax.set(xlabel=r'phase per step $\xi = k\cdot R_2$ (rad)', xlim=(0, np.pi), ylim=(0, units.hertz(top)))
+    ax.set(xlabel=r'phase per step $\xi = k\cdot R$ (rad)', xlim=(0, np.pi), ylim=(0, units.hertz(top)))
     label_frequencies(ax.yaxis)
     ax.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
     legend_above(ax, title=f'{wave.motion} motion')

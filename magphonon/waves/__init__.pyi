@@ -4,6 +4,17 @@ from .branches import (
     branch as branch,
     compare as compare,
 )
+from .rows import (
+    Row as Row,
+    row_of as row_of,
+)
+from .scan_tables import (
+    read_places as read_places,
+    read_scan as read_scan,
+)
+from .scans import (
+    Scan as Scan,
+)
 from .spectrum import (
     Ridge as Ridge,
     Spectrum as Spectrum,
@@ -24,6 +35,7 @@ from .vibrometer import (
 from .wave_analysis import (
     Wave as Wave,
     report as report,
+    scan_waves as scan_waves,
     waves as waves,
     write_ridges as write_ridges,
 )

@@ -50,6 +50,10 @@ LEAST_POWER = 1e-2
 LEAST_CONTRAST = 20
 """Ratio of the power of a ridge point to the background of its frequency line below which it is dropped: noise alone exceeds it
 once in 1e6 lines."""
+GHOST = 0.5
+"""Amplitude of a wave at a wrong wavenumber, as a fraction of its own, from which it is an alias: at half, a quarter of
+the power, noise of a tenth of the wave does not make the wrong one stronger.  Points at random on half of 30 places have 0.4.
+"""
 NORMAL = 1.96
 """Half width of a 95 % interval in standard deviations of a normal distribution."""
 RESOLVED = 1.0
@@ -100,10 +104,13 @@ class Spectrum(units.InHertz, Saved, kind='spectra', units={
         return self.omega[FIRST * PAD + int(self.power[FIRST * PAD :].max(axis=1).argmax())]
 
 
-def wavenumber_frequency(displacements: ArrayLike, dt: float) -> Spectrum:
+def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike | None = None) -> Spectrum:
     """Wavenumber-frequency map of one displacement component along a row, Hann windows in time and space.
 
     Each particle may be offset from its rest and drift steadily: both are taken off first, see `without_drift`.
+
+    Where points of the row are missing, each cell of the map is the plane wave fitted by least squares, with the window as
+    weights, to the points that are there (the periodogram of Lomb): a missing point has no weight.
 
     Parameters
     ----------
@@ -112,6 +119,8 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float) -> Spectrum:
         waves of that polarisation stand alone on the map.
     dt : float
         Time between frames in ms.
+    steps : array_like of int, shape (points,), optional
+        Place of each point along the row, ascending from 0, where some are missing; by default 0, 1, 2 and so on.
 
     Returns
     -------
@@ -120,8 +129,8 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float) -> Spectrum:
     Raises
     ------
     ValueError
-        For another shape, fewer than 8 frames or points, entries that are not finite or in no unit of length, or a row
-        at rest.
+        For another shape, fewer than 8 frames or points, entries that are not finite or in no unit of length, a row
+        at rest, or points so far apart that two wavenumbers look alike.
 
     Examples
     --------
@@ -144,8 +153,11 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float) -> Spectrum:
     u = without_drift(u)
     if abs(u).max() <= ROUND_OFF * largest:
         raise ValueError('the row is at rest throughout the record, or only drifts; record longer, or another component')
+    there = np.arange(u.shape[1]) if steps is None else _places(steps, u.shape[1])
+    u = _spread(u, there)
     frames, points = u.shape
     in_time, in_space = _hann(frames), _hann(points)
+    _refuse_aliasing(in_space[0], there)
     over_time, moment = (np.fft.rfft(u * window[:, None], PAD * frames, axis=0) for window in in_time)
     G = _over_space(over_time, in_space[0])
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -154,9 +166,39 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float) -> Spectrum:
     first, second = (_wavenumber_shift(over_time, half) for half in _hann_halves(points))
     xi = 2 * np.pi * np.fft.fftshift(np.fft.fftfreq(PAD * points))
     omega = 2 * np.pi * np.fft.rfftfreq(PAD * frames, dt)
-    amplitude = 2 * abs(G) / (in_time[0].sum() * in_space[0].sum())
+    amplitude = 2 * abs(G) / (in_time[0].sum() * in_space[0][there].sum())
     return Spectrum(xi, omega, amplitude**2, xi + d_xi, omega[:, None] + d_omega, second - first,
                     2 * np.pi / points, 2 * np.pi / (frames * dt))
+
+
+def _places(steps, points):
+    """Places along the row as an index, or ValueError."""
+    there = np.asarray(steps)
+    if there.shape != (points,) or there.dtype.kind not in 'iu' or there[0] != 0 or (np.diff(there) < 1).any():
+        raise ValueError(f'steps must be {points} whole numbers that ascend from 0, one for each point, not {there.tolist()}')
+    return there
+
+
+def _spread(u, there):
+    """The displacements at their places along the row, zero in between."""
+    row = np.zeros((len(u), there[-1] + 1))
+    row[:, there] = u
+    return row
+
+
+def _refuse_aliasing(window, there):
+    """Raise ValueError if a wave of one wavenumber would be seen at another one, too: its ghost on the map."""
+    weights = np.zeros_like(window)
+    weights[there] = window[there]
+    ghosts = abs(np.fft.rfft(weights, PAD * len(weights))) / weights.sum()
+    beyond = slice(3 * PAD, None)  # the peak of a Hann window ends two bins away
+    worst = ghosts[beyond].max(initial=0.0)
+    if worst > GHOST:
+        apart = 2 * np.pi * (3 * PAD + ghosts[beyond].argmax()) / (PAD * len(weights))
+        raise ValueError(f'the {len(there)} measured points on {len(window)} places of the row stand so far apart that two waves '
+                         f'look alike whose wavenumbers differ by {apart:.2f} rad per step (aliasing; the ghost has '
+                         f'{100 * worst:.0f} % of the amplitude, allowed {100 * GHOST:.0f} %); measure points between them, most '
+                         'of all neighbours, one step apart')
 
 
 def without_drift(displacements: NDArray[np.float64]) -> NDArray[np.float64]:

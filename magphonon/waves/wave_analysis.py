@@ -10,8 +10,9 @@ import numpy as np
 from .. import units
 from ..files import refuse_overflow, whole_file
 from .branches import Branch, branch, compare
+from .rows import row_of
 from .spectrum import LEAST_POWER, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
-from .wave_source import polarisations, wavevector
+from .wave_source import across_and_along, polarisations, wavevector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from ase import Atoms
 
     from .branches import Misfit
+    from .rows import Row
+    from .scans import Scan
     from .vibrometer import Displacements
 
 MODELS = ('complete', 'conventional')
@@ -31,6 +34,8 @@ REST_FRACTION = 1e-6
 """A motion weaker than this fraction of the other polarisation is round-off."""
 SLOW_RATIO = 100
 """Ratio of the highest branch frequency to that of a record above which its waves are longer than any row."""
+SAME = 0.99
+"""Cosine from which a measured component is the motion across or along the wavevector: less than -17 dB of the other is in it."""
 RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with')
 
 
@@ -40,11 +45,13 @@ class Wave:
 
     Attributes
     ----------
-    motion : {'transverse', 'longitudinal'}
-        Across or along the wavevector.
+    motion : str
+        'transverse' or 'longitudinal', across or along the wavevector; of a scan of one component between them its own name.
     spectrum : Spectrum
     branches : dict of Branch
         By model and name, such as ('complete', 'shear').
+    wavevector : ndarray, shape (3,)
+        That of xi = 2 pi, in fractions of the reciprocal vectors.
     ridge : Ridge or None
         None if no wave rises above the background, because it decays or was not driven.
     """
@@ -52,6 +59,7 @@ class Wave:
     motion: str
     spectrum: Spectrum
     branches: dict[tuple[str, str], Branch]
+    wavevector: np.ndarray
     ridge: Ridge | None
 
     @property
@@ -91,15 +99,83 @@ def waves(row: Displacements, cell: Atoms, source: str) -> list[Wave]:
         If the row is at rest, or the record too short.
     """
     motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
+    return _analysed(motions, row.dt, None, cell, wavevector(cell, source))
+
+
+def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None = None) -> list[Wave]:
+    """The waves along a scanned row, the strongest first, as `waves` finds them on a row without gaps.
+
+    Parameters
+    ----------
+    scan : Scan
+        With places.
+    cell : ase.Atoms
+        With its MagneticRepulsion.
+    source : {'row', 'point'}
+        Fronts along R1, or across the measured row.
+    row : Row, optional
+        By default the row of the lattice on which the points stand, begun at the end from which the stronger waves come.
+
+    Returns
+    -------
+    list of Wave
+
+    Raises
+    ------
+    ValueError
+        If the points are no row of the lattice, are too far apart or at rest, or move out of its plane alone.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.waves import Scan, scan_waves
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> t, n = np.arange(0, 400, 2.0), np.delete(np.arange(24), [3, 9])  # two points are missing
+    >>> u = 1e-3 * np.sin(0.29 * t[:, None] - 1.3 * n) * np.sin(np.pi * t[:, None] / 400) ** 2
+    >>> places = np.stack([10.0 * n, 0 * n], axis=1)
+    >>> wave = scan_waves(Scan(t, tuple(map(str, n)), places, {'y': u}), cell)[0]
+    >>> wave.motion, round(float(wave.ridge.xi.mean()), 2)
+    ('transverse', 1.3)
+    """
+    if scan.places is None:
+        raise ValueError('the scan does not say where its points are; give x_m and y_m of each, in the scan or with scan.placed')
+    row = _begun_at_the_source(scan, row_of(scan.places, cell)) if row is None else row
+    q = row.wavevector(cell, source)
+    motions = {name: u[:, row.order] for name, u in _components(scan, across_and_along(cell, q)).items()}
+    return _analysed(motions, scan.dt, row.steps, cell, q)
+
+
+def _components(scan, directions):
+    """The motion across and along the wavevector, or that in the one direction which was measured."""
+    if {'x', 'y'} <= scan.motions.keys():
+        return {name: x * scan.motions['x'] + y * scan.motions['y'] for name, (x, y) in directions.items()}
+    part = next((part for part in ('x', 'y', '') if part in scan.motions), None)
+    if part is None:
+        raise ValueError('the scan holds motion along z alone, out of the plane in which the particles of the scene move; '
+                         'measure x or y')
+    named = [name for name, direction in directions.items() if part and abs(direction['xy'.index(part)]) > SAME]
+    return {named[0] if named else part or 'measured': scan.motions[part]}
+
+
+def _begun_at_the_source(scan, row):
+    """The row from the end from which the stronger waves come."""
+    u = max(scan.motions.values(), key=lambda u: np.var(without_drift(u), axis=0).sum())[:, row.order]
+    spectrum = wavenumber_frequency(u, scan.dt, row.steps)
+    forward, backward = (spectrum.power[:, side].max() for side in (spectrum.xi > 0, spectrum.xi < 0))
+    return row if forward >= backward else row.reversed
+
+
+def _analysed(motions, dt, steps, cell, q):
+    """The waves of each of the `motions`, shape (frames, points) by name, of which the wavevector at xi = 2 pi is q."""
     largest = {name: abs(without_drift(u)).max() for name, u in motions.items()}
     moving = [name for name in motions if largest[name] > REST_FRACTION * max(largest.values())]
     moving = moving or motions  # a row at rest is refused by the map
-    maps = {name: wavenumber_frequency(motions[name], row.dt) for name in moving}
+    maps = {name: wavenumber_frequency(motions[name], dt, steps) for name in moving}
     strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
     least = LEAST_POWER * maps[strongest_first[0]].peak
-    q = wavevector(cell, source)
     branches = {(model, name): branch(cell, q, mode, model) for model in MODELS for name, mode in BRANCHES.items()}
-    return [Wave(name, maps[name], branches, _ridge_of(maps[name]))
+    return [Wave(name, maps[name], branches, q, _ridge_of(maps[name]))
             for name in strongest_first if maps[name].peak > least]
 
 
@@ -138,7 +214,7 @@ def report(records: Mapping[str, Sequence[Wave]]) -> str:
     resolution = next(iter(records.values()))[0].spectrum.bin_xi
     row = round(2 * np.pi / resolution)
     return '\n'.join(['RMS distance of the measured ridge from each branch, in wavenumber bins',
-                      f'(1 bin = 2 pi/{row} = {resolution:.4g} rad per step; the row has {row} points).',
+                      f'(1 bin = 2 pi/{row} = {resolution:.4g} rad per step; the row has {row} places).',
                       'Plain columns: D0 + D*; primed: D0 only; sigma: standard uncertainty of a ridge point.',
                       '', *lines, *_verdicts(records), *_doubts(records)])
 

@@ -104,7 +104,12 @@ def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
     >>> list(polarisations(read_scene(ready_scene('prototype')).atoms(), 'row'))
     ['transverse', 'longitudinal']
     """
-    k = (wavevector(cell, source) @ cell.cell.reciprocal().array)[:2]
+    return across_and_along(cell, wavevector(cell, source))
+
+
+def across_and_along(cell: Atoms, q: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """The same for any wavevector q in fractions of the reciprocal vectors."""
+    k = (q @ cell.cell.reciprocal().array)[:2]
     along = k / np.linalg.norm(k)
     return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
 

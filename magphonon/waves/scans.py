@@ -1,0 +1,231 @@
+"""Scans of a real instrument: points of its own numbering, some missing or dead, displacements or velocities, as one record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from .spectrum import ROUND_OFF, without_drift
+from .vibrometer import JITTER, MOTIONS_m
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from numpy.typing import NDArray
+
+LEAST_TIME = 0.9
+"""Part of the longest record that a point must have, to be used."""
+STRONG = 1e-2
+"""Power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)."""
+RESAMPLED = 1e-2
+"""Largest error of a spline between samples, as a fraction of the motion; it is (omega h)^4/384 for the step h, so that this asks
+for 4.5 samples to a period."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What one point of a scan measured.
+
+    Attributes
+    ----------
+    times : ndarray, shape (samples,)
+        In ms.
+    motions : dict of str to ndarray, shape (samples,)
+        By component, 'x', 'y', 'z' or '' for an unknown direction: displacements in mm or velocities in mm/ms; NaN where blank.
+    place : tuple of float, optional
+        x and y in mm.
+    """
+
+    times: np.ndarray
+    motions: dict[str, np.ndarray]
+    place: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Displacements of some points at equal times.
+
+    Attributes
+    ----------
+    times : ndarray, shape (frames,)
+        In ms, in equal steps.
+    names : tuple of str
+        The points, as the instrument numbers them.
+    places : ndarray, shape (points, 2), or None
+        In mm.
+    motions : dict of str to ndarray, shape (frames, points)
+        Displacements in mm by component, 'x', 'y', 'z' or '' for an unknown direction.
+    notes : tuple of str
+        What was done to the record, in words.
+    """
+
+    times: np.ndarray
+    names: tuple[str, ...]
+    places: np.ndarray | None
+    motions: dict[str, np.ndarray]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def dt(self) -> float:
+        """Time between frames in ms."""
+        return (self.times[-1] - self.times[0]) / (len(self.times) - 1)
+
+    def placed(self, places: Mapping[str, tuple[float, float]]) -> Scan:
+        """The points of which `places` tells x and y in mm, by name; the others are left out.
+
+        Raises
+        ------
+        ValueError
+            If there are none.
+        """
+        kept = [k for k, name in enumerate(self.names) if name in places]
+        if not kept:
+            raise ValueError(f'of the points {_listed(self.names)} no place is known; places are those of the points '
+                             f'{_listed(list(places))}')
+        names = tuple(self.names[k] for k in kept)
+        motions = {part: u[:, kept] for part, u in self.motions.items()}
+        left_out = [name for name in self.names if name not in places]
+        notes = (*self.notes, *([f'left out, as their places are unknown: points {_listed(left_out)}'] if left_out else []))
+        return Scan(self.times, names, np.array([places[name] for name in names]), motions, notes)
+
+
+def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> Scan:
+    """One record of all points that moved: at equal times, as displacements.
+
+    Parameters
+    ----------
+    path : path-like
+        For messages.
+    points : dict of str to Samples
+        By the name of the point; all have the same components.
+    velocities : bool
+        Whether the motions are velocities; they are integrated.
+
+    Returns
+    -------
+    Scan
+
+    Raises
+    ------
+    ValueError
+        If there is no motion, or the samples are too far apart in time for it.
+    """
+    notes = []
+    points = {name: _without_blanks(path, name, point) for name, point in points.items()}
+    points = _alive(points, notes)
+    times = _equal_times(path, points.values())
+    rows, resampled = zip(*(_at(times, point) for point in points.values()), strict=True)
+    motions = {part: np.stack([row[part] for row in rows], axis=1) for part in rows[0]}
+    if any(resampled):
+        step = max(np.diff(point.times).max() for point, did in zip(points.values(), resampled, strict=True) if did)
+        _refuse_coarse(path, times, motions, step)
+        notes.append(f'{sum(resampled)} of {len(points)} points were not sampled at equal times: resampled by a cubic spline to '
+                     f'steps of {(times[1] - times[0]) / units.s:.4g} s')
+    if velocities:
+        motions = {part: integrated(v, times[1] - times[0]) for part, v in motions.items()}
+        notes.append('velocities were integrated over time, in the frequency domain')
+    largest = max(abs(u).max() for u in motions.values()) / units.m
+    if largest and not MOTIONS_m[0] <= largest <= MOTIONS_m[1]:
+        raise ValueError(f'{path}: the largest displacement is {largest:.3g} m, no motion of a lattice; check the unit in the '
+                         'header and the exponents of the values')
+    places = [point.place for point in points.values()]
+    return Scan(times, tuple(points), None if None in places else np.array(places), motions, tuple(notes))
+
+
+def integrated(velocities: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+    """Displacements of velocities, shape (frames, points), about zero mean.
+
+    Each frequency is divided by i omega.  A mean velocity would be a steady drift, and is left out.
+
+    Parameters
+    ----------
+    velocities : ndarray, shape (frames, points)
+        In mm/ms, at equal times.
+    dt : float
+        In ms.
+
+    Returns
+    -------
+    ndarray, shape (frames, points)
+        In mm.
+    """
+    V = np.fft.rfft(velocities, axis=0)
+    omega = 2 * np.pi * np.fft.rfftfreq(len(velocities), dt)[1:, None]
+    return np.fft.irfft(np.concatenate([0 * V[:1], V[1:] / (1j * omega)]), len(velocities), axis=0)
+
+
+def _without_blanks(path, name, point):
+    """The samples of a point that have a value in every component, in the order of their times."""
+    whole = np.isfinite(list(point.motions.values())).all(axis=0)
+    order = np.flatnonzero(whole)[np.argsort(point.times[whole], kind='stable')]
+    t = point.times[order]
+    for k in np.flatnonzero(np.diff(t) == 0)[:1]:
+        raise ValueError(f'{path} lists point {name} at {t[k] / units.s:.9g} s twice; keep one of the samples')
+    return Samples(t, {part: values[order] for part, values in point.motions.items()}, point.place)
+
+
+def _alive(points: Mapping[str, Samples], notes: list[str]) -> dict[str, Samples]:
+    """The points that were recorded and moved; what is left out is noted."""
+    recorded = {name: np.ptp(point.times) if len(point.times) else 0.0 for name, point in points.items()}
+    longest = max(recorded.values())
+    short = [name for name, length in recorded.items() if length < LEAST_TIME * longest]
+    still = [name for name, point in points.items() if name not in short and not any(map(_moves, point.motions.values()))]
+    if short:
+        notes.append(f'left out, as they miss more than {100 * (1 - LEAST_TIME):.0f} % of the record: points {_listed(short)}')
+    kept = {name: point for name, point in points.items() if name not in short}
+    if not still or len(still) == len(kept):  # a row at rest is refused by the map
+        return kept
+    notes.append(f'left out, as they do not move (dead): points {_listed(still)}')
+    return {name: point for name, point in kept.items() if name not in still}
+
+
+def _moves(values):
+    return np.ptp(values) > ROUND_OFF * abs(values).max()
+
+
+def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:
+    """Equal times within all records, at the usual step."""
+    steps = np.concatenate([np.diff(point.times) for point in points])
+    if not len(steps):
+        raise ValueError(f'{path} holds a single sample of each point; a wave needs a record over time')
+    dt = steps[steps < 1.5 * np.median(steps)].mean()
+    first, last = max(point.times[0] for point in points), min(point.times[-1] for point in points)
+    frames = int((last - first) / dt + 2 * JITTER) + 1
+    if frames < 2:
+        raise ValueError(f'{path}: its points were not recorded at the same times, counted from the trigger; export all records '
+                         'with the same start')
+    if frames > 2 * max(len(point.times) for point in points):
+        raise ValueError(f'{path} lacks most samples: its record lasts {(last - first) / units.s:.4g} s at steps of '
+                         f'{dt / units.s:.3g} s; check the times, or cut the record at the gap')
+    return first + dt * np.arange(frames)
+
+
+def _at(times, point):
+    """The motions of a point at these times, and whether they are interpolated."""
+    from scipy.interpolate import CubicSpline
+
+    dt = times[1] - times[0]
+    k = np.clip(np.searchsorted(point.times, times - dt / 2), 0, len(point.times) - 1)
+    if abs(point.times[k] - times).max() <= JITTER * dt:
+        return {part: values[k] for part, values in point.motions.items()}, False
+    return {part: CubicSpline(point.times, values)(times) for part, values in point.motions.items()}, True
+
+
+def _refuse_coarse(path, times, motions, step):
+    """Raise ValueError if a spline over this time step may miss the motion between samples."""
+    dt = times[1] - times[0]
+    window = np.sin(np.pi * (np.arange(len(times)) + 0.5) / len(times))[:, None] ** 2
+    power = np.sum([abs(np.fft.rfft(window * without_drift(u), axis=0)) ** 2 for u in motions.values()], axis=(0, 2))
+    fastest = 2 * np.pi * np.fft.rfftfreq(len(times), dt)[power >= STRONG * power.max()].max()
+    if (fastest * step) ** 4 / 384 > RESAMPLED:
+        most = (384 * RESAMPLED) ** 0.25 / fastest
+        raise ValueError(f'{path}: its times are not equally spaced, and cannot be resampled: a gap of {step / units.s:.4g} s is '
+                         f'too long for motion at {units.hertz(fastest):.4g} Hz (allowed {most / units.s:.3g} s); leave the '
+                         'point or the part of the record with the gap out, or sample faster')
+
+
+def _listed(names):
+    return ', '.join(names[:8]) + (f' and {len(names) - 8} more' if len(names) > 8 else '')

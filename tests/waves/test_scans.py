@@ -1,0 +1,277 @@
+"""Scans as instruments write them, drawn at random, whose branch is known: units, velocities, missing and dead points, jitter."""
+
+import numpy as np
+import pytest
+from scans import packet, scene_text, triangular_branches
+
+from magphonon import read_scene, ready_scene
+from magphonon.waves import Branch, Scan, compare, read_places, read_scan, row_of, scan_waves, wavevector
+from magphonon.waves.scans import RESAMPLED, integrated
+
+NORMAL = 1.96
+LENGTH = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
+TIME = {'s': 1.0, 'ms': 1e3, 'us': 1e6}
+
+
+class Drawn:
+    """A lattice like the prototype, a burst of one polarisation along one of its close-packed rows, and its scan in SI."""
+
+    def __init__(self, seed, points=30, missing=0.15, noise=0.03, mode=None):
+        rng = self.rng = np.random.default_rng(seed)
+        self.L, self.m, self.a = rng.uniform(0.008, 0.014), rng.uniform(5e-4, 1e-3), rng.uniform(3, 5)
+        self.f, self.k = rng.uniform(0.15, 0.4), rng.uniform(15, 30)
+        self.angle, self.mode = rng.choice([0, 60, 120]), rng.integers(2) if mode is None else mode
+        self.xi = np.linspace(0, np.pi, 3001)
+        self.omega, self.wrong = (self.branch(tension) for tension in (self.f / self.L, 0.0))
+        carrier = np.interp(rng.uniform(0.8, 2.2), self.xi, self.omega)
+        self.t = np.arange(0, 0.8, 1 / 500)
+        n = np.arange(points)
+        self.n = np.sort(rng.permutation(n)[: round(points * (1 - missing))])
+        self.motion = lambda t: 1e-6 * packet(t, self.n, self.xi, self.omega, carrier, 0.1 * carrier, 0.15)
+        self.u = self.motion(self.t) + 1e-6 * noise * rng.normal(size=(len(self.t), len(self.n)))
+        row = np.array([np.cos(np.radians(self.angle)), np.sin(np.radians(self.angle))])
+        self.places = self.L * self.n[:, None] * row * rng.choice([-1, 1]) + rng.uniform(-1, 1, 2)
+        self.across = np.array([-row[1], row[0]]) if self.mode == 0 else row
+        self.places += 0.02 * self.L * rng.normal(size=self.places.shape)  # as well as a camera tells them
+
+    def branch(self, tension):
+        return triangular_branches(self.xi, self.angle, self.L, self.m, tension, self.a * self.f / self.L, self.k)[:, self.mode]
+
+    def cell(self, folder):
+        (folder / 'my.toml').write_text(scene_text(self.L, self.m, self.f * self.L**self.a, self.a, self.k))
+        return read_scene(folder / 'my.toml').atoms()
+
+    def rows(self, values, names, time='s', length='m', place='m'):
+        """Lines of a table, shuffled; `values` is a dict of column to (frames, points)."""
+        lines = [','.join([f'{t * TIME[time]:.9g}', names[p], *(f'{x * LENGTH[place]:.9g}' for x in self.places[p]),
+                           *(f'{v[k, p]:.9g}' for v in values.values())])
+                 for k, t in enumerate(self.t) for p in range(len(self.n))]
+        header = f'time_{time},point,x_{place},y_{place},{",".join(values)}'
+        return '\n'.join([header, *self.rng.permutation(lines)]) + '\n'
+
+    def held(self, wave):
+        """Share of points within 1.96 of their uncertainties of the true branch and of the conventional one."""
+        r = wave.ridge
+        return [np.mean(abs(r.omega - np.interp(r.xi, self.xi, om / 1e3))
+                        < NORMAL * np.hypot(r.sigma_omega, np.interp(r.xi, self.xi, np.gradient(om, self.xi)) / 1e3 * r.sigma_xi))
+                for om in (self.omega, self.wrong)]
+
+
+def scanned(drawn, folder, text):
+    (folder / 'scan.csv').write_text(text)
+    scan = read_scan(folder / 'scan.csv')
+    return scan, scan_waves(scan, drawn.cell(folder))
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_drawn_scan_has_its_ridge_on_the_true_branch(seed, tmp_path):
+    """Two components, own names, units of the header, 15 % of the points missing, one dead, samples shuffled."""
+    d = Drawn(seed)
+    unit, time, place = d.rng.choice(list(LENGTH)), d.rng.choice(list(TIME)), d.rng.choice(['m', 'mm', 'um'])
+    dead = d.rng.integers(len(d.n))
+    u = d.u * (np.arange(len(d.n)) != dead) * LENGTH[unit]
+    scan, (wave, *_) = scanned(d, tmp_path, d.rows({f'u_x_{unit}': d.across[0] * u, f'u_y_{unit}': d.across[1] * u},
+                                                   [f'P{k:03d}' for k in d.rng.permutation(len(d.n))], time, unit, place))
+    assert len(scan.names) == len(d.n) - 1
+    assert 'do not move (dead): points P' in scan.notes[0]
+    assert wave.motion == ('transverse', 'longitudinal')[d.mode]
+    right, wrong = d.held(wave)
+    assert len(wave.ridge.xi) >= 5
+    assert right >= 0.9
+    if d.mode == 0:  # longitudinal branches of the two models are closer than the row resolves
+        assert wrong < 0.2  # the control
+    own = Branch(d.xi, d.omega / 1e3)
+    assert compare(wave.ridge, own).bins < 0.2
+    # the branch of the package is that of the closed form
+    mine = wave.branches['complete', ('shear', 'longitudinal')[d.mode]]
+    np.testing.assert_allclose(np.interp(d.xi, mine.xi, mine.omega), own.omega, rtol=1e-5)
+
+
+def test_the_ridge_of_velocities_is_that_of_displacements(tmp_path):
+    d = Drawn(7, noise=0)
+    names = [str(k) for k in range(len(d.n))]
+    fine = (d.motion(d.t + 1e-6) - d.motion(d.t - 1e-6)) / 2e-6
+    _, (u_wave,) = scanned(d, tmp_path, d.rows({'u_m': d.u}, names))
+    scan, (v_wave,) = scanned(d, tmp_path, d.rows({'v_mm_per_s': 1e3 * fine}, names))
+    assert any('velocities were integrated' in note for note in scan.notes)
+    np.testing.assert_allclose(v_wave.ridge.xi, u_wave.ridge.xi, rtol=1e-5)
+    np.testing.assert_allclose(v_wave.ridge.power, u_wave.ridge.power, rtol=1e-5)  # in mm^2, as it was displaced
+    _, (mapped,) = scanned(d, tmp_path, d.rows({'u_mm': 1e3 * fine}, names))  # the control: velocities under the other header
+    assert mapped.spectrum.peak > 1e3 * u_wave.spectrum.peak
+
+
+def test_integration_undoes_the_derivative():
+    t = np.linspace(0, 1, 200, endpoint=False)[:, None]
+    phase = 2 * np.pi * 7 * t
+    np.testing.assert_allclose(integrated(np.cos(phase), 1 / 200), np.sin(phase) / (2 * np.pi * 7), atol=1e-15)
+
+
+@pytest.mark.parametrize(('jitter', 'resampled'), [(0.004, False), (0.2, True)])  # of a step; a distance of 0.01 counts as equal
+def test_uneven_times_are_resampled(jitter, resampled, tmp_path):
+    d = Drawn(9, missing=0, noise=0, mode=0)
+    names, even = [str(k) for k in range(len(d.n))], d.t
+    _, (wave,) = scanned(d, tmp_path, d.rows({'u_m': d.u}, names))
+    d.t = even + jitter / 500 * d.rng.uniform(-1, 1, len(even))
+    u = d.motion(d.t)
+    scan, (again,) = scanned(d, tmp_path, d.rows({'u_m': u}, names))
+    assert any('resampled' in note for note in scan.notes) == resampled
+    np.testing.assert_allclose(np.interp(again.ridge.omega, wave.ridge.omega, wave.ridge.xi), again.ridge.xi, atol=0.02)
+
+
+def test_a_gap_in_time_is_resampled_up_to_the_error_of_a_spline(tmp_path):
+    """On either side of the step h with (omega h)^4/384 = 1 %, at the highest frequency of the row."""
+    t = np.arange(0, 1, 1 / 1000)
+    omega = 2 * np.pi * 40
+    longest = (384 * RESAMPLED) ** 0.25 / omega  # 5.57 ms
+    for gap, refused in ((5, False), (7, True)):
+        kept = np.r_[t[:500], t[500 + gap - 1:]]
+        rows = [f'{s:.6g},{10 * n},{np.sin(omega * s - 1.1 * n) * np.sin(np.pi * s) ** 2:.9g}' for s in kept for n in range(12)]
+        (tmp_path / 'scan.csv').write_text('\n'.join(['time_s,x_mm,u_um', *rows]))
+        assert (gap / 1000 > longest) == refused
+        if refused:
+            with pytest.raises(ValueError, match=r'a gap of 0\.007 s is too long for motion at 4[0-2]'):
+                read_scan(tmp_path / 'scan.csv')
+        else:
+            u = read_scan(tmp_path / 'scan.csv').motions['']
+            exact = 1e-3 * np.sin(omega * t[:, None] - 1.1 * np.arange(12)) * np.sin(np.pi * t[:, None]) ** 2
+            assert abs(u - exact).max() < RESAMPLED * 1e-3
+
+
+def line(lattice, steps, **changes):
+    """Places along R1 in mm at these steps of a lattice, and what is wrong with them."""
+    places = np.stack([lattice * np.array(steps), 0 * np.array(steps)], axis=1).astype(float)
+    for k, change in changes.get('moved', {}).items():
+        places[k] += change
+    return places @ changes.get('turn', np.eye(2))
+
+
+def turned(degrees):
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, s], [-s, c]])
+
+
+@pytest.mark.parametrize(('places', 'message'), [
+    (line(10, range(12), moved={4: [0, 3.5]}), r'point 5 at \(40 mm, 3.5 mm\) is 3.* mm off the line through all'),
+    (np.concatenate([line(10, range(12)), np.add(line(10, range(12)), [5, 8.66])]),
+     'lie on 2 rows, about 8.6 mm apart; keep the points of one'),
+    (line(10, range(12), turn=turned(11)), 'runs at 11 degrees from the x axis, and no row of the lattice does; the nearest'),
+    (line(10, range(12), moved={4: [3, 0]}), 'the point 4. mm along the measured row is .* mm off a whole number of steps'),
+    (line(10.5, range(12)), 'a step of the measured row is 10.5 mm, and of the lattice 10 mm; check the unit'),
+    (line(1e4, range(12)), '1e[+]04 mm apart, .* is 10 mm; are the positions in mm, under a header in m?'),
+    (line(0.01, range(12)), '0.01 mm apart, .* is 10 mm; are the positions in m, under a header in mm?'),
+    (line(10, [0, 1, 2, 2, 3, 4, 5, 6, 7, 8]), '0 mm apart'),
+    (line(10, range(0, 24, 2)), r'two waves look alike whose wavenumbers differ by 3.14 rad per step \(aliasing'),
+    (line(10, range(7)), 'at least 8 of each'),
+])
+def test_points_that_are_no_row_of_the_lattice_are_refused(places, message, prototype):
+    t = np.arange(0, 400, 2.0)
+    u = np.sin(0.25 * t[:, None] - 0.9 * np.arange(len(places)))
+    with pytest.raises(ValueError, match=message):
+        scan_waves(Scan(t, tuple(map(str, range(len(places)))), places, {'y': u}), prototype)
+
+
+@pytest.fixture(scope='module')
+def prototype():
+    return read_scene(ready_scene('prototype')).atoms()
+
+
+@pytest.mark.parametrize('degrees', [0, 1.9, 60, 121.9, 30])  # 30: the rows of steps of sqrt(3) spacings
+def test_rows_of_the_lattice_are_found_in_any_order_from_any_origin(degrees, prototype):
+    rng, n = np.random.default_rng(3), np.array([0, 1, 2, 4, 5, 8, 9, 10])
+    step = 10 * (3**0.5 if degrees == 30 else 1)
+    order = rng.permutation(len(n))
+    row = row_of((1.02 * line(step, n, turn=turned(degrees)) + [40, -7])[order], prototype)
+    np.testing.assert_array_equal(row.steps, n)
+    np.testing.assert_array_equal(order[row.order], range(len(n)))
+    assert np.linalg.norm(row.vector) == pytest.approx(step)
+    back = row.reversed
+    np.testing.assert_array_equal(back.steps, 10 - n[::-1])
+    # along R2 the wavevectors are those of the rows of bursts
+    if degrees == 60:
+        for source in ('row', 'point'):
+            np.testing.assert_allclose(row.wavevector(prototype, source), wavevector(prototype, source), atol=1e-12)
+    if degrees == 0:
+        with pytest.raises(ValueError, match='runs along R1, as do the fronts'):
+            row.wavevector(prototype, 'row')
+
+
+@pytest.mark.parametrize(('header', 'message'), [
+    ('time_s,point,u_y', "'u_y' says no unit that is known; write u_y_m"),
+    ('time,point,u_y_m', "'time' says no unit that is known; write time_s"),
+    ('time_s,point,v_y_mm', "'v_y_mm' says no unit that is known; write v_y_m_per_s"),
+    ('time_s,u_y_m,other', 'lacks the column particle or x_m,y_m'),
+    ('time_s,point,speed', 'lacks the column u_x_m, u_y_m or u_m'),
+    ('time_s,u_y_m,u_y_mm', "'u_y_m' and 'u_y_mm' say the same"),
+    ('point,u_x_m,v_y_m_per_s,time_s', r'motion of several kinds \(u_x_m, v_y_m_per_s\)'),
+    ('point,u_x_m,u_m,time_s', 'with a direction or without'),
+])
+def test_headers_that_do_not_tell_the_motion_are_refused(header, message, tmp_path):
+    (tmp_path / 'scan.csv').write_text(f'{header}\n' + f'{",".join("1" * (1 + header.count(",")))}\n' * 2)
+    with pytest.raises(ValueError, match=message):
+        read_scan(tmp_path / 'scan.csv')
+
+
+@pytest.mark.parametrize(('nodes', 'label', 'length'), [(15, 'mm/s', 1.0), (2411, '', 1.0), (15, '', 1000.0)])
+def test_a_universal_file_is_read_as_the_table_of_the_same_scan(nodes, label, length, tmp_path):
+    """Velocities along -y, of one direction, in the unit of the label or of dataset 164, with places; written by pyuff."""
+    pyuff = pytest.importorskip('pyuff')
+    d = Drawn(11, noise=0.01)
+    unit = 1e3 if label else length  # so many of the unit of the file are a metre
+    sets = []
+    if not label or length != 1:
+        sets.append({'type': 164, 'units_code': 1, 'units_description': 'x', 'temp_mode': 1, 'length': length, 'force': 1.0,
+                        'temp': 1.0, 'temp_offset': 0.0})
+    z = np.zeros(len(d.n), int)
+    numbers = 100 + np.arange(len(d.n))
+    sets.append({'type': nodes, 'node_nums': numbers, 'x': d.places[:, 0] * length, 'y': d.places[:, 1] * length, 'z': z,
+                 'def_cs': z, 'disp_cs': z, 'color': z})
+    for number, v in zip(numbers, d.u.T, strict=True):
+        sets.append({'type': 58, 'binary': 0, 'func_type': 1, 'rsp_node': int(number), 'rsp_dir': -2, 'ref_node': 1, 'ref_dir': 3,
+                     'data': v * unit, 'x': d.t, 'abscissa_spec_data_type': 17, 'ordinate_spec_data_type': 11,
+                     'ordinate_axis_units_lab': label, 'orddenom_spec_data_type': 0})
+    pyuff.UFF(str(tmp_path / 'scan.uff')).write_sets(sets, 'overwrite')
+    scan = read_scan(tmp_path / 'scan.uff')
+    (tmp_path / 'scan.csv').write_text(d.rows({'v_y_m_per_s': -d.u}, [str(n) for n in numbers]))
+    table = read_scan(tmp_path / 'scan.csv')
+    order = [scan.names.index(name) for name in table.names]
+    assert list(scan.motions) == ['y']
+    np.testing.assert_allclose(scan.places[order], table.places, atol=1e-2)  # pyuff writes five digits of a metre into dataset 15
+    np.testing.assert_allclose(scan.motions['y'][:, order], table.motions['y'], atol=1e-4 * abs(table.motions['y']).max())
+
+
+def test_other_universal_files_are_refused_in_words(tmp_path):
+    pyuff = pytest.importorskip('pyuff')
+    (tmp_path / 'no.uff').write_text('picture')
+    for kind, abscissa, message in ((4, 18, r'its functions are of the types \[4\], and records over time are 1'),
+                                    (1, 17, 'records are of several kinds, or of none')):
+        one = {'type': 58, 'binary': 0, 'func_type': kind, 'rsp_node': 1, 'rsp_dir': 2, 'ref_node': 1, 'ref_dir': 3,
+               'data': np.arange(9.0), 'x': np.arange(9.0), 'abscissa_spec_data_type': abscissa, 'ordinate_spec_data_type': 12,
+               'orddenom_spec_data_type': 0}
+        pyuff.UFF(str(tmp_path / f'{kind}.uff')).write_sets([one], 'overwrite')
+        with pytest.raises(ValueError, match=message):
+            read_scan(tmp_path / f'{kind}.uff')
+    with pytest.raises(ValueError, match=r'holds no displacements or velocities over time|no universal file that pyuff reads'):
+        read_scan(tmp_path / 'no.uff')
+
+
+def test_places_may_stand_in_a_table_of_their_own(tmp_path, prototype):
+    (tmp_path / 'points.csv').write_text('# by camera\npoint;x_mm;y_mm\n' + ''.join(f'A{k};{10 * k};3\n' for k in range(12)))
+    places = read_places(tmp_path / 'points.csv')
+    assert places['A2'] == (20, 3)
+    t = np.arange(0, 400, 2.0)
+    u = np.sin(0.25 * t[:, None] - 0.9 * np.arange(12)[::-1]) * np.sin(np.pi * t[:, None] / 400) ** 2  # from the other end
+    scan = Scan(t, tuple(f'A{k}' for k in range(12)), None, {'y': u})
+    with pytest.raises(ValueError, match='does not say where its points are'):
+        scan_waves(scan, prototype)
+    wave = scan_waves(scan.placed(places), prototype)[0]
+    np.testing.assert_allclose(wave.ridge.xi, 0.9, atol=0.02)
+    assert scan.placed({name: places[name] for name in list(places)[:9]}).names == scan.names[:9]
+    (tmp_path / 'points.csv').write_text('point,x_mm\nA,1\nA,2\n')
+    with pytest.raises(ValueError, match='point A stands there twice, at different places'):
+        read_places(tmp_path / 'points.csv')
+
+
+def test_motion_out_of_the_plane_alone_is_refused(prototype):
+    t = np.arange(0, 400, 2.0)
+    with pytest.raises(ValueError, match='motion along z alone'):
+        scan_waves(Scan(t, tuple('abcdefgh'), line(10, range(8)), {'z': np.sin(t[:, None] - np.arange(8))}), prototype)
