@@ -19,6 +19,7 @@ EXAMPLES = {
     'check': ['magphonon check square'],
     'design': ['magphonon design design'],
     'dos': ['magphonon dos prototype'],
+    'completion': ['magphonon completion bash > magphonon.sh'],
     'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out'],
     'frf': ['magphonon frf oscillator'],
     'modes': ['magphonon modes prototype'],

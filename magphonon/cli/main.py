@@ -25,8 +25,8 @@ from .arguments import find_inputs
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-COMMANDS = ('bands', 'burst', 'check', 'design', 'dos', 'fit', 'frf', 'modes', 'plan', 'reproduce', 'scene', 'spectrum', 'sweep',
-            'uncertainty')
+COMMANDS = ('bands', 'burst', 'check', 'completion', 'design', 'dos', 'fit', 'frf', 'modes', 'plan', 'reproduce', 'scene',
+            'spectrum', 'sweep', 'uncertainty')
 """The commands; each is a module of `magphonon.cli`."""
 SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
@@ -150,7 +150,7 @@ def _no_silent_overflow():
 
 
 def _options(arguments):
-    parser = _parser()
+    parser = whole_parser()
     first = next(iter(arguments), '-')
     if not first.startswith('-') and first not in COMMANDS:
         meant = did_you_mean(SYNONYMS.get(first, first), COMMANDS, f'the commands are {", ".join(COMMANDS)}')
@@ -162,7 +162,7 @@ def _options(arguments):
     return options
 
 
-def _parser():
+def whole_parser():
     parser = argparse.ArgumentParser(prog='magphonon', description='Static forces in repulsive lattices: bands with D0 + D*.')
     parser.add_argument('--version', action='version', version=f'magphonon {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')

@@ -1,0 +1,49 @@
+"""`magphonon completion SHELL`: a script that completes commands, options, ready scenes and files in bash or zsh.
+
+Write it once, in bash with "magphonon completion bash > ~/.local/share/bash-completion/completions/magphonon", in zsh to the file
+_magphonon in a directory of $fpath, and again after an update. It is static: a completion starts no Python.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+
+HELP = 'print a script that completes commands, ready scenes and files in a shell'
+FUNCTIONS = {
+    'bash': '''_magphonon_scene_files() {{ compgen -W "{names}" -- "$1"; compgen -f -X '!*.toml' -- "$1"; compgen -d -- "$1"; }}
+_magphonon_ready() {{ compgen -W "{names}" -- "$1"; }}''',
+    'zsh': '''_magphonon_scene_files() {{ _alternative "ready:ready scene:({names})" "files:scene file:_files -g '*.toml'" }}
+_magphonon_ready() {{ _alternative "ready:ready scene:({names})" }}''',
+}
+"""What completes scenes, by shell; for names that hold 'file' shtab has bash write a slash behind a directory."""
+SHELLS = tuple(FUNCTIONS)
+SCENE, READY = (dict.fromkeys(SHELLS, name) for name in ('_magphonon_scene_files', '_magphonon_ready'))
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument('shell', choices=SHELLS, metavar='SHELL', help=' or '.join(SHELLS))
+
+
+def run(options: Namespace) -> None:
+    from argparse import _SubParsersAction
+
+    try:
+        import shtab
+    except ImportError:
+        raise ValueError("the script is made by shtab, which is missing; pip install 'magphonon[completion]' brings it") from None
+    from ..scenes.sources import ready_scenes
+    from .main import whole_parser
+
+    parser, names = whole_parser(), ' '.join(ready_scenes())
+    completed = {'scene': SCENE, 'bands': SCENE, 'name': READY, 'output': shtab.DIRECTORY, 'files': shtab.DIRECTORY,
+                 'table': shtab.FILE, 'file': shtab.FILE}
+    [commands] = [action for action in parser._actions if isinstance(action, _SubParsersAction)]
+    for command in commands._choices_actions:  # zsh shows them, and descriptions are too long for it
+        commands.choices[command.dest].description = command.help
+    for action in [action for command in commands.choices.values() for action in command._actions]:
+        if action.dest in completed:
+            action.complete = completed[action.dest]  # pyright: ignore[reportAttributeAccessIssue]  which shtab looks for
+    print(shtab.complete(parser, options.shell, preamble={shell: text.format(names=names) for shell, text in FUNCTIONS.items()}))

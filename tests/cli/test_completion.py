@@ -1,0 +1,72 @@
+"""Completion as bash does it, with the script that the command prints."""
+
+import os
+import pty
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from magphonon.cli.main import COMMANDS, main
+from magphonon.scenes import ready_scenes
+
+pytest.importorskip('shtab')
+BASH = shutil.which('bash')
+pytestmark = pytest.mark.skipif(BASH is None, reason='a system without bash')
+
+
+@pytest.fixture
+def script(tmp_path, capsys):
+    """The script, in a folder with a scene, a table and a folder."""
+    assert main(['completion', 'bash']) == 0
+    (tmp_path / 'script.sh').write_text(capsys.readouterr().out)
+    (tmp_path / 'mine.toml').touch()
+    (tmp_path / 'scan.csv').touch()
+    (tmp_path / 'minutes').mkdir()
+    return tmp_path / 'script.sh'
+
+
+CASES = {
+    'ban': {'bands'}, '': set(COMMANDS), 'bands pro': {'prototype'}, 'bands mi': {'mine.toml', 'minutes'},
+    'scene proto': {'prototype'}, 'scene mi': set(), 'spectrum s': {'scan.csv', 'script.sh'}, 'spectrum scan.csv rin': {'rings'},
+    'bands chain -o m': {'minutes'}, 'bands chain --out': {'--output'}, 'burst --engine l': {'lammps'},
+    'scene ': set(ready_scenes()), 'completion z': {'zsh'}}
+
+
+def test_bash_completes_commands_scenes_files_and_options(script):
+    program = ['complete() { :; }; compopt() { :; }', f'source {script}']
+    for line in CASES:
+        words = f'magphonon {line}'.split(' ')
+        program += [f'COMP_WORDS=({shlex.join(words)}); COMP_CWORD={len(words) - 1}; _shtab_magphonon; echo "${{COMPREPLY[@]}}"']
+    done = subprocess.run([BASH, '--norc', '-c', '\n'.join(program)], cwd=script.parent, capture_output=True, text=True)
+    assert done.stderr == ''
+    assert {line: set(said.split()) for line, said in zip(CASES, done.stdout.splitlines(), strict=True)} == CASES
+
+
+def test_the_tab_key_completes_in_a_terminal(script):
+    """A shell on a terminal of its own is sent a TAB, and then the echo of what it made of it."""
+    master, slave = pty.openpty()
+    environment = {'PATH': os.environ['PATH'], 'TERM': 'dumb', 'PS1': '', 'INPUTRC': '/dev/null'}
+    with subprocess.Popen([BASH, '--norc', '--noprofile', '-i'], stdin=slave, stdout=slave, stderr=slave, cwd=script.parent,
+                          env=environment, start_new_session=True) as shell:
+        os.close(slave)
+        os.write(master, f'source {script}\nmagphonon() {{ echo "ran $*"; }}\nmagphonon ban\tproto\t\nexit\n'.encode())
+        said = b''
+        while True:
+            try:
+                said += (piece := os.read(master, 1024))
+            except OSError:  # the shell has closed its end
+                break
+            if not piece:
+                break
+        shell.wait(10)
+    os.close(master)
+    assert b'ran bands prototype' in said
+
+
+def test_without_shtab_the_command_says_how_to_install_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'shtab', None)
+    assert main(['completion', 'bash']) == 2
+    assert "pip install 'magphonon[completion]'" in capsys.readouterr().err
