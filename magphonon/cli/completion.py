@@ -46,4 +46,4 @@ def run(options: Namespace) -> None:
     for action in [action for command in commands.choices.values() for action in command._actions]:
         if action.dest in completed:
             action.complete = completed[action.dest]  # pyright: ignore[reportAttributeAccessIssue]  which shtab looks for
-    print(shtab.complete(parser, options.shell, preamble={shell: text.format(names=names) for shell, text in FUNCTIONS.items()}))
+    print(shtab.complete(parser, options.shell, preamble=FUNCTIONS[options.shell].format(names=names)))
