@@ -30,6 +30,10 @@ from .response import (
     plot_response as plot_response,
     response_axes as response_axes,
 )
+from .structures import (
+    plot_lattice as plot_lattice,
+    plot_patch as plot_patch,
+)
 from .style import (
     print_style as print_style,
 )

@@ -19,14 +19,18 @@ FREQUENCIES = 'frequencies'
 
 def prefix_power(value: float) -> int:
     """Power of ten of the prefix with which a value is printed as 1 to 999, one of `PREFIXES`."""
-    return int(np.clip(3 * (np.log10(abs(value)) // 3), min(PREFIXES), max(PREFIXES))) if value else 0
+    power = 3 * np.floor((np.log10(abs(value)) + 1e-9) / 3) if value else 0  # 1e-9: 0.999999999 m is a rounded metre
+    return int(np.clip(power, min(PREFIXES), max(PREFIXES)))
 
 
 def label(axis: Axis, quantity: str, unit: str, power: int) -> None:
     """Label an axis with a quantity and its unit, whose numbers are printed in 10^power of the unit of its data."""
     from matplotlib.ticker import FuncFormatter, ScalarFormatter
 
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f'{value / 10.0**power:.12g}') if power else ScalarFormatter())
+    def printed(value, _):
+        return f'{value / 10.0**power:.10g}'.replace('-', '\N{MINUS SIGN}')
+
+    axis.set_major_formatter(FuncFormatter(printed) if power else ScalarFormatter())
     axis.set_label_text(f'{quantity} ({PREFIXES[power]}{unit})')
 
 
@@ -41,6 +45,14 @@ def label_places(ax: Axes, spacing_m: float) -> None:
     """Label axes of x and y whose data are in m, in the unit in which the distance of two neighbours is printed as 1 to 999."""
     for axis, name in ((ax.xaxis, '$x$'), (ax.yaxis, '$y$')):
         label(axis, name, 'm', prefix_power(spacing_m))
+
+
+def label_wavevectors(ax: Axes, spacing_m: float) -> None:
+    """Label axes of k_x and k_y whose data are in rad/m, in the inverse of the unit that `label_places` takes."""
+    power = prefix_power(spacing_m)
+    for axis, name in ((ax.xaxis, '$k_x$'), (ax.yaxis, '$k_y$')):
+        label(axis, name, 'm', -power)
+        axis.set_label_text(f'{name} (rad/{PREFIXES[power]}m)')
 
 
 def end_frequencies(figure: Figure, highest_Hz: float) -> None:

@@ -13,10 +13,15 @@ from .. import units
 from ..bands.bands import band_path
 from ..bands.zone import PLANAR, ROUND_OFF, first_zone, frequency_ratio
 from .axes import COLOURS, UNSTABLE, legend_above, new_axes, point_name
+from .scales import label_wavevectors
+from .structures import draw_arrow, halo
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ase.dft.kpoints import BandPath
     from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
 
     from ..bands.zone import ZoneMap
 
@@ -25,7 +30,9 @@ ROUND = (1, 2, 5, 10)  # contours at round numbers
 
 
 def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
-    """First Brillouin zone with the path of a band diagram and its special points.
+    """First Brillouin zone with its irreducible part, the path of a band diagram and its special points.
+
+    The arrows are the axes of the phases per step xi_1 = k.R_1 and xi_2 = k.R_2: along each the other phase is zero.
 
     Parameters
     ----------
@@ -48,12 +55,17 @@ def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
     >>> from magphonon.plotting import plot_zone
     >>> ax = plot_zone(read_scene(ready_scene('prototype')).band_path())
     """
+    from matplotlib.collections import PolyCollection
+
     if np.linalg.matrix_rank(list(path.special_points.values())) != 2:
         raise ValueError(f'the zone is drawn for planar lattices, but the special points of the path {path.path} span no plane')
     ax, _ = _zone_axes(ax, path.cell)
+    part = irreducible_zone(path.special_points, path.cell) * units.m
+    ax.add_collection(PolyCollection([part], facecolor=COLOURS[6], alpha=0.35, linewidth=0))
+    _draw_phases(ax, path.cell)
     names, points = resolve_kpt_path_string(path.path, path.special_points)
     for stretch in points:
-        ax.plot(*_cartesian(path.cell, stretch).T, color=COLOURS[0], linewidth=2.5, solid_joinstyle='round')
+        ax.plot(*_cartesian(path.cell, stretch).T, color=COLOURS[0], linewidth=1.8, solid_joinstyle='round')
     _mark_points(ax, path.cell, {name: path.special_points[name] for stretch in names for name in stretch})
     return ax
 
@@ -164,6 +176,30 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes |
     return ax
 
 
+def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike) -> NDArray[np.float64]:
+    """Corners of the part of the zone that repeats in all others by the symmetry of the lattice, shape (corners, 2), in rad/mm.
+
+    Parameters
+    ----------
+    points : mapping
+        Special points of the planar lattice, in fractions of its reciprocal vectors; they are its corners.
+    cell : array_like, shape (3, 3)
+    """
+    from scipy.spatial import ConvexHull
+
+    k = np.array([_cartesian(cell, q) for q in points.values()]) / units.m
+    return k[ConvexHull(k).vertices]
+
+
+def _draw_phases(ax, cell):
+    """Axes along which one of the phases k.R_1 and k.R_2 grows and the other is zero."""
+    axes = 0.62 * _cartesian(cell, np.eye(3)[:2])
+    for number, b in enumerate(axes, start=1):
+        draw_arrow(ax, (0, 0), b, rf'$\xi_{number}$', '0.35')
+    half_x, half_y = np.maximum(abs(axes).max(axis=0) * 1.3, [ax.get_xlim()[1], ax.get_ylim()[1]])
+    ax.set(xlim=(-half_x, half_x), ylim=(-half_y, half_y))
+
+
 def _check_branch(zone_map, branch):
     if not 0 <= branch < zone_map.omega.shape[-1]:
         raise ValueError(f'branch must be 0 to {zone_map.omega.shape[-1] - 1}, not {branch!r}')
@@ -175,11 +211,12 @@ def _branch_name(zone_map, branch):
 
 def _zone_axes(ax, cell):
     """Axes in k_x and k_y, and the outline of the zone on them."""
-    ax = new_axes(5.4, 4.8) if ax is None else ax
+    ax = new_axes(height=3.2) if ax is None else ax
     corners = first_zone(cell) * units.m
     (zone,) = ax.fill(*corners.T, facecolor='none', edgecolor='black', linewidth=1.2, zorder=4)
     half_x, half_y = 1.2 * abs(corners).max(axis=0)
-    ax.set(xlabel='$k_x$ (rad/m)', ylabel='$k_y$ (rad/m)', xlim=(-half_x, half_x), ylim=(-half_y, half_y), aspect='equal')
+    ax.set(xlim=(-half_x, half_x), ylim=(-half_y, half_y), aspect='equal')
+    label_wavevectors(ax, np.linalg.norm(np.asarray(cell)[:2], axis=1).min() / units.m)
     return ax, zone
 
 
@@ -196,12 +233,6 @@ def _special_points(cell):
     return band_path(Atoms(cell=cell, pbc=PLANAR), npoints=0).special_points
 
 
-def _halo(width):
-    from matplotlib.patheffects import withStroke
-
-    return [withStroke(linewidth=width, foreground='white')]
-
-
 def _mark_points(ax, cell, points):
     """Dots and names at special points, the names pushed away from Gamma."""
     for name, q in points.items():
@@ -209,14 +240,14 @@ def _mark_points(ax, cell, points):
         away = k / np.linalg.norm(k) if k.any() else np.array([-1, 1]) / np.sqrt(2)
         ax.plot(*k, 'o', color='black', markersize=5, zorder=5)
         ax.annotate(point_name(name), k, xytext=12 * away, textcoords='offset points', ha='center', va='center',
-                    fontsize='large', path_effects=_halo(2.5), zorder=5)
+                    fontsize='large', path_effects=halo(2.5), zorder=5)
 
 
 def _label_inside(ax, contours, zone):
     """Cut contours at the border of the zone, and label them well inside it."""
     contours.set_clip_path(zone)
     for text in ax.clabel(contours, inline=False, fontsize='small'):
-        text.set_path_effects(_halo(3))
+        text.set_path_effects(halo(3))
         if not zone.get_path().contains_point(1.08 * np.array(text.get_position())):
             text.remove()
 

@@ -15,7 +15,7 @@ from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
 
 def test_zone_with_its_path():
     ax = drawn(plot_zone(bands_of(prototype()).path))
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ('$k_x$ (rad/m)', '$k_y$ (rad/m)')
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ('$k_x$ (rad/mm)', '$k_y$ (rad/mm)')
     (zone,) = ax.patches
     M, K = 2 * np.pi / (np.sqrt(3) * 0.010), 4 * np.pi / (3 * 0.010)  # rad/m
     corners = zone.get_xy()[:-1]
@@ -23,7 +23,7 @@ def test_zone_with_its_path():
     np.testing.assert_allclose(np.linalg.norm(corners, axis=1), K, rtol=1e-12)
     path = np.linalg.norm(ax.lines[0].get_xydata(), axis=1)
     np.testing.assert_allclose(path, [0, M, K, 0], rtol=1e-7, atol=1e-9)  # ASE's special points carry eight digits
-    assert texts_of(ax) == {'Γ', 'M', 'K'}
+    assert {'Γ', 'M', 'K'} <= texts_of(ax)
     assert ax.get_aspect() == 1
 
 

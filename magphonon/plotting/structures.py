@@ -1,0 +1,189 @@
+"""Particles where they stand: the lattice with its primitive vectors, and the patch with its held rim, its source and its row."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from ..stiffness.constraints import freedom
+from ..stiffness.repulsion import repulsion_of
+from .axes import COLOURS, legend_above, new_axes
+from .scales import label_places
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from ase import Atoms
+    from matplotlib.axes import Axes
+    from matplotlib.collections import EllipseCollection
+    from numpy.typing import ArrayLike, NDArray
+
+    from .results import Site
+
+WINDOW = 2.4
+"""Half the window on a lattice, in lattice constants."""
+REACH = 5
+"""Number of cells to each side that fill this window."""
+SIZE = 0.36
+"""Diameter of a particle in lengths of the shortest bond."""
+FREE: dict[str, Any] = {'facecolors': 'white', 'edgecolors': '0.25'}
+HELD: dict[str, Any] = {'facecolors': '0.6', 'edgecolors': '0.25'}
+
+
+def plot_lattice(atoms: Atoms, ax: Axes | None = None) -> Axes:
+    """A planar lattice about one of its cells, with its bonds and its primitive vectors.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> from magphonon import read_scene
+    >>> from magphonon.plotting import letter_panels, panels, plot_lattice, plot_zone, print_style
+    >>> scene = read_scene('prototype')
+    >>> with print_style():
+    ...     figure, ((left, right),) = panels(1, 2, height=3.0)
+    ...     _ = plot_lattice(scene.atoms(), left), plot_zone(scene.band_path(), right)
+    ...     letter_panels([left, right])
+    """
+    ax = new_axes(height=3.2) if ax is None else ax
+    half, cells = window(atoms)
+    places = in_cells(atoms, cells)
+    draw_bonds(ax, atoms, cells)
+    near = (abs(places) < half + spacing(atoms)).all(axis=-1)
+    first = atoms.positions[0, :2] / units.m
+    corners = first + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ atoms.cell.array[:2, :2] / units.m
+    ax.fill(*corners.T, facecolor=COLOURS[6], alpha=0.35, linewidth=0, zorder=1)
+    draw_particles(ax, places[near], SIZE * spacing(atoms), **FREE)
+    for k, R in enumerate(atoms.cell.array[:2, :2] / units.m, start=1):
+        draw_arrow(ax, first, first + R, f'$R_{k}$')
+    ax.set(xlim=(-half, half), ylim=(-half, half), aspect='equal')
+    label_places(ax, spacing(atoms))
+    return ax
+
+
+def plot_patch(patch: Atoms, site: Site | None = None, ax: Axes | None = None) -> Axes:
+    """A planar structure with its bonds: squares for the particles that are held, circles for those that move.
+
+    Parameters
+    ----------
+    patch : ase.Atoms
+        With its MagneticRepulsion.
+    site : Site, optional
+        Where a burst enters and where it is measured; triangles and a line of filled circles mark it.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> from magphonon import read_scene
+    >>> from magphonon.plotting import plot_patch
+    >>> from magphonon.waves import site
+    >>> scene = read_scene('ideal')
+    >>> patch = scene.patch_atoms()
+    >>> ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source))
+    """
+    ax = new_axes(height=3.2) if ax is None else ax
+    rest, diameter = patch.positions[:, :2] / units.m, SIZE * spacing(patch)
+    draw_bonds(ax, patch)
+    held = ~freedom(patch)[0]
+    draw_particles(ax, rest[~held], diameter, **FREE)
+    draw_squares(ax, rest[held], diameter)
+    handles = [_mark('o', 'white', '0.25', 'free')] + [_mark('s', '0.6', '0.25', 'held')] * bool(held.any())
+    if site is not None:
+        draw_particles(ax, rest[site.row], diameter, facecolors=COLOURS[0], edgecolors=COLOURS[0])
+        draw_particles(ax, rest[site.driven], 1.5 * diameter, facecolors=COLOURS[1], edgecolors=COLOURS[1])
+        handles += [_mark('o', COLOURS[1], COLOURS[1], 'driven'), _mark('o', COLOURS[0], COLOURS[0], 'measured')]
+    frame(ax, rest, spacing(patch))
+    legend_above(ax, handles=handles, ncols=len(handles), handletextpad=0.1)
+    return ax
+
+
+def spacing(atoms: Atoms) -> float:
+    """Length of the shortest bond in m."""
+    return repulsion_of(atoms).bonds.lengths.min() / units.m
+
+
+def window(atoms: Atoms) -> tuple[float, NDArray[np.int_]]:
+    """Half the window on a lattice in m, and the cells that fill it, shape (cells, 3)."""
+    cells = np.array(list(product(range(-REACH, REACH + 1), range(-REACH, REACH + 1), (0,))))
+    return WINDOW * atoms.cell.lengths()[:2].min() / units.m, cells
+
+
+def in_cells(atoms: Atoms, cells: ArrayLike) -> NDArray[np.float64]:
+    """Places of the particles in some cells in m, shape (cells, particles, 2)."""
+    return ((np.asarray(cells) @ atoms.cell.array)[:, None] + atoms.positions)[..., :2] / units.m
+
+
+def draw_bonds(ax: Axes, atoms: Atoms, cells: ArrayLike = ((0, 0, 0),)) -> None:
+    """Bonds at rest as grey lines, in the cells given."""
+    from matplotlib.collections import LineCollection
+
+    bonds, places = repulsion_of(atoms).bonds, in_cells(atoms, cells)
+    starts = places[:, bonds.i]
+    ends = np.stack([starts, starts + bonds.vectors[:, :2] / units.m], axis=-2)
+    ax.add_collection(LineCollection(list(ends.reshape(-1, 2, 2)), colors='0.8', linewidths=0.6, zorder=1))
+
+
+def draw_particles(ax: Axes, places: ArrayLike, diameter: float, **look: Any) -> EllipseCollection:
+    """Circles of a `diameter` in m at places in m, which keep their size beside the bonds however the axes are scaled."""
+    from matplotlib.collections import EllipseCollection
+
+    places = np.reshape(places, (-1, 2))
+    size = np.full(len(places), diameter)
+    dots = EllipseCollection(size, size, np.zeros(len(places)), units='xy', offsets=places, offset_transform=ax.transData,
+                             **{'linewidths': 0.5, 'zorder': 2} | look)
+    ax.add_collection(dots)
+    return dots
+
+
+def draw_squares(ax: Axes, places: NDArray[np.float64], side: float) -> None:
+    """Grey squares for particles that are held."""
+    from matplotlib.collections import PolyCollection
+
+    corners = side / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    ax.add_collection(PolyCollection(list(places[:, None] + corners), linewidths=0.5, zorder=2, **HELD))
+
+
+def draw_arrow(ax: Axes, start: Sequence[float] | NDArray[np.float64], end: ArrayLike, text: str, colour: str = 'black') -> None:
+    """An arrow with its name beyond its head."""
+    (x, y), ahead = np.asarray(end), np.subtract(end, start)
+    ahead = 9 * ahead / np.linalg.norm(ahead)  # points
+    look = {'arrowstyle': '-|>', 'color': colour, 'linewidth': 1.2, 'shrinkA': 0, 'shrinkB': 0, 'mutation_scale': 8}
+    ax.annotate('', (x, y), (start[0], start[1]), arrowprops=look, zorder=5)
+    ax.annotate(text, (x, y), xytext=(ahead[0], ahead[1]), textcoords='offset points', ha='center', va='center', color=colour,
+                zorder=6, path_effects=halo(2))
+
+
+def halo(width: float) -> list[Any]:
+    """White around letters, so that they can be read on lines."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=width, foreground='white')]
+
+
+def frame(ax: Axes, places: NDArray[np.float64], room: float) -> None:
+    """Axes of x and y around places in m, with some `room`, the distance of two neighbours, about them."""
+    (left, low), (right, high) = places.min(axis=0) - 0.6 * room, places.max(axis=0) + 0.6 * room
+    ax.set(xlim=(left, right), ylim=(low, high), aspect='equal')
+    label_places(ax, room)
+
+
+def _mark(marker, face, edge, name):
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], linestyle='', marker=marker, markersize=5, markerfacecolor=face, markeredgecolor=edge, label=name)
