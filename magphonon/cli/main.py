@@ -31,6 +31,8 @@ COMMANDS = ('bands', 'burst', 'check', 'completion', 'design', 'dos', 'fit', 'fr
 SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
 """Words of the field for which a command has another name."""
+VERBATIM = ('completion', 'design', 'scene')
+"""The commands that print what is to be copied into a file, which is not wrapped on a terminal."""
 COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
 """The commands that need a table of the same name in the scene."""
 
@@ -41,9 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever the shell asks of matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
     kept = StringIO()  # what goes to a file or a pipe is written when all is done
-    with redirect_stdout(sys.stdout if sys.stdout.isatty() else kept):
+    shown = _terminal(options.command) if sys.stdout.isatty() else kept
+    with redirect_stdout(shown):
         status = _status(options)
     try:
+        shown.flush()
         sys.stdout.write(kept.getvalue())
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, `head` for one, has seen enough
@@ -53,6 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _tell(f'the report could not be shown ({error.strerror})' + '; the results are written' * hasattr(options, 'written'))
         return status or 3
     return status
+
+
+def _terminal(command):
+    if command in VERBATIM:
+        return sys.stdout
+    from .terminal import Terminal
+
+    return Terminal(sys.stdout)
 
 
 def _status(options):
@@ -88,8 +100,13 @@ def _refusal(words):
 
 
 def _tell(words):
+    text = f'magphonon: {words}'
+    if sys.stderr.isatty():
+        from .terminal import wrapped
+
+        text = wrapped(text)
     with suppress(OSError):  # a full disk behind `2>`: the exit status still tells it
-        print(f'magphonon: {words}', file=sys.stderr, flush=True)
+        print(text, file=sys.stderr, flush=True)
 
 
 def _inputs(options):
