@@ -80,11 +80,13 @@ def scene_plans(scene: AskingScene, tolerance: float) -> Iterator[Wanted]:
         raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [bands], [frf] or [burst]')
     if scene.bands is not None:
         yield _bands(scene, tolerance)
+    left_out = () if scene.single or (scene.frf is None and scene.burst is None) else (_beyond_nearest(scene),)
     if scene.frf is not None:
-        yield _peak(scene, tolerance)
+        yield _peak(scene, tolerance, left_out)
     if scene.burst is not None:
+        cell, patch = scene.atoms(), scene.patch_atoms()
         for k in range(len(scene.burst.carriers_Hz)):
-            yield _burst(scene, tolerance, k)
+            yield _burst(scene, cell, patch, tolerance, k, left_out)
 
 
 def _cell(scene, shells=1):
@@ -171,16 +173,14 @@ def _write_bands(scene, file, edge, settings):
     write_columns(file.with_suffix('.csv'), names, [x, *frequencies.T])
 
 
-def _peak(scene, tolerance):
+def _peak(scene, tolerance, left_out):
     from .peak import plan_peak
 
     force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
     notes = () if force else ('This is the small-amplitude response; set [plan] force_N for a finite force.',)
-    if not scene.single:
-        notes += (_beyond_nearest(scene),)
-    return Wanted('frf', plan, lambda file, settings: _write_response(scene, file, force, settings), notes)
+    return Wanted('frf', plan, lambda file, settings: _write_response(scene, file, force, settings), notes + left_out)
 
 
 def _write_response(scene, file, force, settings):
@@ -198,12 +198,11 @@ def _write_response(scene, file, force, settings):
                   [u.hertz(omega), amplitude, phase])
 
 
-def _burst(scene, tolerance, k):
+def _burst(scene, cell, patch, tolerance, k, left_out):
     from ..waves.wave_source import site
     from .waveform import plan_beam, plan_waveform
 
-    plan, cell, patch = scene.burst, scene.atoms(), scene.patch_atoms()
-    where = site(cell, patch, plan.source)
+    plan, where = scene.burst, site(cell, patch, scene.burst.source)
     burst = plan.burst(k, where)
     if plan.source == 'row':
         found = plan_beam(cell, patch, where, burst.drive, burst.damping, burst.duration, tolerance)
@@ -213,7 +212,7 @@ def _burst(scene, tolerance, k):
     found = replace(found, quantity=name)
     return Wanted(f'burst_{plan.names[k]}', found,
                   lambda file, settings: _write_waveform(scene, file, where.row, burst, settings),
-                  (_beyond_nearest(scene), *_time_steps(found, len(patch), burst.duration)))
+                  (*left_out, *_time_steps(found, len(patch), burst.duration)))
 
 
 def _time_steps(plan, particles, duration):

@@ -2,8 +2,9 @@
 
 The effect of D* is the difference of the exact linear solutions with and without it.  The effect of nonlinearity is bounded by
 the largest strain s of a bond: the first nonlinear term is (a + 1) s/2 of the linear one, for a force that falls as r^-a.  Only
-if this bound does not decide, trial runs with long time steps are made: one of the full burst, and one of a weak burst with 1e-6
-of the amplitude, which is linear.  Their difference is the effect of nonlinearity, without the time-step error.
+if this bound does not decide, perturbation theory computes the effect (`magphonon.planning.slight_nonlinearity`).  Where that is
+not slight, trial runs with long time steps are made: one of the full burst, and one of a weak burst with 1e-6 of the amplitude,
+which is linear.  Their difference is the effect of nonlinearity, without the time-step error.
 
 The time-step error is proportional to the square of the step.  Without a trial run it is bounded by the third derivative of the
 exact linear solution, because a lattice also vibrates at its own frequencies, not only at that of the carrier.  With a trial run
@@ -18,22 +19,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from ase.constraints import FixAtoms
+from scipy import sparse
 
 from ..dynamics.cages import Diverged
 from ..dynamics.drives import Drives
 from ..dynamics.recorder import Recorder
 from ..dynamics.timestep import highest_frequency
 from ..dynamics.verlet import DrivenVerlet
-from ..lattices.bonds import Bonds
 from ..lattices.patches import RIM
 from ..response.propagation import propagate
-from ..stiffness.bond import MODELS
-from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.linear_system import LinearSystem
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.sites import refuse_unlike
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, Settings, force_cost, percent
+from .slight_nonlinearity import TIMES, relative_correction
+from .strips import strip
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -70,6 +69,9 @@ STRIP_RATIO = 2.5
 The inverse ratio has no such bound: without foundation the sides of a shear beam gave nine times the nonlinearity of a strip."""
 SIDE_EFFECT = 0.1
 """Largest relative effect of D* at the sides of a beam, where bonds rotate even if none does in a strip; 7 % was measured."""
+SLIGHT, SLIGHT_DOUBT = 0.03, 0.07
+"""Largest effect of nonlinearity for which perturbation theory is used, and its relative uncertainty there: in 40 drawn bursts
+with an effect of 3 % it was off by 7 % of it or less, half of them by less than 0.3 %.  With 6 % some were off by a quarter."""
 DOUBT = 0.12
 """Relative uncertainty of the nonlinearity from a trial run of the structure itself, because of its long steps: in four
 bursts it was 0.2 to 13 % too large, and a quarter of that with half the step."""
@@ -95,43 +97,6 @@ class StandIn:
     copies: float = 1.0
     doubt: float = 0.0
     sides: float = 0.0
-
-
-def strip(cell: Atoms, rows: int) -> Atoms:
-    """A strip one cell wide and periodic along R1, with `rows` cells along R2, of which the first and the last are held.
-
-    A motion that is uniform along R1, such as a wave from a whole row of sources, is the same in the strip as in the lattice.
-
-    Parameters
-    ----------
-    cell : ase.Atoms
-        Planar, with its MagneticRepulsion.
-    rows : int
-
-    Returns
-    -------
-    ase.Atoms
-        With its MagneticRepulsion.
-
-    Raises
-    ------
-    ValueError
-        If the particles differ in law, strength or foundation.
-    """
-    calc = repulsion_of(cell)
-    refuse_unlike(calc, 'a strip', 'make it as a structure of its own, with its own calculator')
-    atoms = cell.repeat((1, rows, 1))
-    periodic = calc.on(atoms)
-    bonds = periodic.bonds
-    inside = bonds.shift[:, 1] == 0  # the other bonds join the last row to the first
-    bonds = Bonds(bonds.i[inside], bonds.j[inside], bonds.shift[inside], bonds.vectors[inside], len(atoms))
-    atoms.pbc = True, False, False
-    row = np.repeat(np.arange(rows), len(cell))
-    atoms.set_tags(np.where((row == 0) | (row == rows - 1), RIM, 0))
-    atoms.set_constraint(FixAtoms(mask=atoms.get_tags() == RIM))
-    atoms.calc = MagneticRepulsion(atoms, calc.law, bonds=bonds, anchors=periodic.anchors, load=periodic.load,
-                                   **calc.parameters)
-    return atoms
 
 
 def plan_beam(cell: Atoms, patch: Atoms, where: Site, drive: ToneBurst, damping: float, duration: float,
@@ -200,47 +165,102 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     calc, top, doubt, sides = system.calc, highest_frequency(system), stand_in.doubt, stand_in.sides
     dt = LONGEST_STEP / top  # of a trial run: half the longest step, because the step is doubled to find its error
     interval = 2 * max(1, int(np.pi / drive.omega / FRAMES / dt))  # even, so that runs with twice the step have the same frames
-    steps = int(duration / dt)
-    times = dt * np.arange(interval, steps + 1, interval)
-    linear = {model: propagate(as_model(atoms, model), times, [drive], damping) for model in MODELS}
+    clock = dt, interval, int(duration / dt)
+    times = dt * np.arange(interval, clock[2] + 1, interval)
+    linear = {'complete': propagate(as_model(atoms, 'complete'), times, [drive], damping)}
+    linear['conventional'] = propagate(as_model(atoms, 'conventional'), times, [drive], damping, row)
     exact = linear['complete'].displacements
-    frozen = difference(linear['conventional'].displacements[:, row], exact[:, row])
+    frozen = difference(linear['conventional'].displacements, exact[:, row])
     strain = _strain(calc, exact)
-    nonlinear = BOUND_FACTOR * max(1.0, np.sqrt(len(row) / BUILD_UP_STEPS)) * steepness(calc) / 2 * strain
-    stepping, step_doubt = linear_step_error(system, linear['complete'], drive, damping, row, dt), 0.0
-    force = len(calc.bonds) * force_cost(calc.dim)
+    bound = BOUND_FACTOR * max(1.0, np.sqrt(len(row) / BUILD_UP_STEPS)) * steepness(calc) / 2 * strain
+    effect = _Effect(bound, linear_step_error(system, linear['complete'], drive, damping, row, dt), 2 * LONGEST_STEP / top)
     evidence = [f'D* changes the waveform by {percent(frozen)}'
                 + (f', and by up to {percent(sides)} at the sides of the beam' if sides else ''),
                 f'bonds stretch and rotate by at most {percent(strain)}, so nonlinearity changes the waveform by less than '
-                f'{percent(nonlinear)}']
-    cost = sum(answer.products for answer in linear.values()) * system.K.nnz
-    own_doubt, longest = 0.0, LONGEST_STEP * 2 / top  # the bound has no uncertainty
-    if nonlinear * (1 + doubt) > tolerance:
-        full, weak = (_Trial(atoms, drive, row, damping, (dt, interval, steps), share) for share in (1, WEAK_AMPLITUDE))
-        for halvings in range(HALVINGS + 1):
-            fine, own_doubt = 2**halvings, DOUBT / 4**halvings
-            nonlinear = difference(full(fine), weak(fine))
-            if doubt or abs(nonlinear / tolerance - 1) > 2 * own_doubt:
-                break
-        evidence[1] = (f'nonlinearity: {percent(nonlinear)} (from a trial run of {len(atoms)} particles and {steps * fine} '
-                       f'steps; its own time-step error is {percent(difference(weak(fine), exact[:, row]))} at small amplitude)')
-        stepping, step_doubt, longest = full.step_error(fine), STEP_DOUBT, full.longest
-        cost += (full.steps + weak.steps) * force
-        if stepping == np.inf:
-            evidence.append('time steps do not converge at this amplitude, so their error is unknown: run the nonlinear model '
-                            'with shorter and shorter steps, and compare')
+                f'{percent(bound)}']
+    if bound * (1 + doubt) > tolerance:
+        effect, evidence[1:] = _perturbed(effect, system, drive, damping, row, clock, tolerance, doubt)
+        if effect.nonlinear > SLIGHT:
+            trials = [_Trial(atoms, drive, row, damping, clock, share) for share in (1, WEAK_AMPLITUDE)]
+            effect, evidence[1:] = _tried(trials, exact[:, row], len(atoms), effect.cost, tolerance, doubt)
 
-    methods = []
-    for model, error in (('conventional', frozen + sides + nonlinear), ('complete', nonlinear)):
+    own, methods, force = effect.nonlinear_doubt, [], len(calc.bonds) * force_cost(calc.dim)
+    for model, error in (('conventional', frozen + sides + effect.nonlinear), ('complete', effect.nonlinear)):
         products, entries = linear[model].products, LinearSystem.of(as_model(atoms, model)).K.nnz
         methods.append(Method(f'{model} linear', f'exact propagation in {products} products with the stiffness matrix',
-                              stand_in.copies * products * entries, error, doubt + own_doubt, Settings(model)))
-    known = stepping < np.inf
-    dt_run = min(dt * np.sqrt(STEP_ERROR_FRACTION * tolerance / stepping), longest) if known else longest / 2
+                              stand_in.copies * products * entries, error, doubt + own, Settings(model)))
+    known = effect.stepping < np.inf
+    dt_run = (min(dt * np.sqrt(STEP_ERROR_FRACTION * tolerance / effect.stepping), effect.longest) if known else
+              effect.longest / 2)
     count = int(np.ceil(duration / dt_run))
     methods.append(Method('nonlinear', f'velocity Verlet in {count} steps', stand_in.copies * count * force,
-                          float(stepping * (dt_run / dt) ** 2), doubt + step_doubt, Settings('complete', dt=float(dt_run))))
+                          float(effect.stepping * (dt_run / dt) ** 2), doubt + effect.step_doubt,
+                          Settings('complete', dt=float(dt_run))))
+    cost = effect.cost + sum(answer.products for answer in linear.values()) * system.K.nnz
     return Plan('Waveform', 'its rms', tolerance, tuple(methods), tuple(evidence), cost)
+
+
+@dataclass(frozen=True)
+class _Effect:
+    """What nonlinearity and time steps change, relative to the waveform.
+
+    Attributes
+    ----------
+    nonlinear : float
+    stepping : float
+        By the time step of the trial runs; infinite where it is not known.
+    longest : float
+        Longest step in ms of a run that is known to converge.
+    nonlinear_doubt, step_doubt : float
+        Relative uncertainties of both; a bound has none.
+    cost : float
+        Multiplications that it took to know them.
+    """
+
+    nonlinear: float
+    stepping: float
+    longest: float
+    nonlinear_doubt: float = 0.0
+    step_doubt: float = 0.0
+    cost: float = 0.0
+
+
+def _refined(nonlinearity, tolerance, doubt):
+    """Nonlinearity from shorter and shorter steps until it is clear of the tolerance, its doubt by the step, and into how many
+    parts the first step was divided.
+    """
+    for halvings in range(HALVINGS + 1):
+        fine, own_doubt = 2**halvings, DOUBT / 4**halvings
+        found = nonlinearity(fine)
+        if doubt or found > SLIGHT or abs(found / tolerance - 1) > 2 * own_doubt:
+            break
+    return found, own_doubt, fine
+
+
+def _perturbed(bounds, system, drive, damping, row, clock, tolerance, doubt):
+    """The effect of nonlinearity by perturbation theory, with the bound of the time-step error, and the evidence."""
+    (dt, interval, steps), calc = clock, system.calc
+
+    def correction(fine):
+        return relative_correction(system, drive, damping, row, (dt / fine, interval * fine, steps * fine))
+
+    found, own_doubt, fine = _refined(correction, tolerance, doubt)
+    cost = (2 * fine - 1) * steps * (2 * system.K.nnz + len(calc.bonds) * force_cost(calc.dim))
+    said = f'nonlinearity: {percent(found)} (by perturbation theory, for {len(system)} particles and {steps * fine} steps)'
+    return replace(bounds, nonlinear=found, nonlinear_doubt=own_doubt + SLIGHT_DOUBT, cost=cost), [said]
+
+
+def _tried(trials, exact, particles, cost, tolerance, doubt):
+    """The effects of nonlinearity and of time steps from trial runs of the full and of a weak burst, and the evidence."""
+    full, weak = trials
+    found, own_doubt, fine = _refined(lambda fine: difference(full(fine), weak(fine)), tolerance, doubt)
+    said = [f'nonlinearity: {percent(found)} (from a trial run of {particles} particles and {full.length * fine} '
+            f'steps; its own time-step error is {percent(difference(weak(fine), exact))} at small amplitude)']
+    stepping = full.step_error(fine)
+    if stepping == np.inf:
+        said.append('time steps do not converge at this amplitude, so their error is unknown: run the nonlinear model with '
+                    'shorter and shorter steps, and compare')
+    return _Effect(found, stepping, full.longest, own_doubt, STEP_DOUBT, cost + (full.steps + weak.steps) * full.force), said
 
 
 def steepness(calc: Repulsion) -> float:
@@ -252,8 +272,11 @@ def steepness(calc: Repulsion) -> float:
 
 def _strain(calc, u):
     """Largest relative displacement of the ends of a bond over its length; `u` has the shape (times, particles, dim)."""
-    bonds = calc.bonds
-    return float((np.linalg.norm(u[:, bonds.j] - u[:, bonds.i], axis=2) / bonds.lengths).max())
+    bonds, largest = calc.bonds, 0.0
+    for some in np.array_split(u, max(1, len(u) // TIMES)):
+        apart = (bonds.incidence @ some.transpose(1, 2, 0).reshape(u.shape[1], -1)).reshape(len(bonds), u.shape[2], -1)
+        largest = max(largest, ((apart**2).sum(axis=1).max(axis=1, initial=0.0) / bonds.lengths**2).max())
+    return float(np.sqrt(largest))
 
 
 def as_model(atoms: Atoms, model: str) -> Atoms:
@@ -273,22 +296,24 @@ def linear_step_error(system: LinearSystem, motion: Transient, drive: ToneBurst,
     frequency in the motion with its own weight.
     """
     h = 1e-4 / drive.omega  # of a central difference, with a relative error of 1e-8
-    m, pushes = np.repeat(system.masses, system.dim), Drives([drive], len(system.masses))
+    pushes, dim = Drives([drive], len(system)), system.dim
+    rows, shapes = system.rows(row)
+    driven = system.shapes[(pushes.particles[:, None] * dim + np.arange(dim)).ravel()][:, rows].T
+    inverse, K = system.free.T @ sparse.diags_array(np.sqrt(np.repeat(system.masses, dim))), system.K[rows]
 
     def force(times):
-        f = np.zeros((len(times), len(system.masses), system.dim))
-        f[:, pushes.particles] = pushes.forces(times)[..., : system.dim]
-        return system.shapes.T @ f.reshape(len(times), -1).T
+        return driven @ pushes.forces(times)[..., :dim].reshape(len(times), -1).T
 
     def reduced(u):
-        return system.shapes.T @ (m * u.reshape(len(u), -1)).T
+        return inverse @ u.reshape(len(u), -1).T
 
-    v = reduced(motion.velocities)
-    a = force(motion.times) - system.K @ reduced(motion.displacements) - damping * v
-    j = (force(motion.times + h) - force(motion.times - h)) / (2 * h) - system.K @ v - damping * a
+    every = reduced(motion.velocities)
+    v = every[rows]
+    a = force(motion.times) - K @ reduced(motion.displacements) - damping * v
+    j = (force(motion.times + h) - force(motion.times - h)) / (2 * h) - K @ every - damping * a
 
     def size(y):
-        return np.linalg.norm((system.shapes @ y).T.reshape(motion.displacements.shape)[:, row])
+        return np.linalg.norm(shapes @ y)
 
     t = CANCELLATION * motion.times
     error = (size(t * j) + damping * size(t * a) + damping**2 * size(t * v)) / 24 + size(a) / 12
@@ -309,6 +334,10 @@ class _Trial:
 
     Attributes
     ----------
+    length : int
+        Number of steps of the run with fine = 1.
+    force : float
+        Multiplications of one step.
     steps : float
         Number of steps made in all runs.
     longest : float
@@ -318,13 +347,14 @@ class _Trial:
     def __init__(self, atoms, drive, row, damping, clock, share):
         self._atoms, self._row, self._damping, self._share = atoms, row, damping, share
         self._drive = replace(drive, amplitude=share * np.asarray(drive.amplitude))
-        self._dt, self._interval, self._length = clock
+        self._dt, self._interval, self.length = clock
+        self.force = len(atoms.calc.bonds) * force_cost(atoms.calc.dim)
         self._runs, self.steps, self.longest = {}, 0.0, self._dt
 
     def __call__(self, fine):
         """With the step dt/fine, where 1/2 is the smallest fine."""
         if fine not in self._runs:
-            steps = int(self._length * fine)
+            steps = int(self.length * fine)
             dyn = DrivenVerlet(as_model(self._atoms, 'complete'), self._dt / fine, [self._drive], self._damping, engine='numpy')
             record = Recorder(dyn, self._row, int(self._interval * fine))
             try:

@@ -85,7 +85,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
 
     refuse_upright(calc.bond_vectors, calc.law, 'shifts of frequencies')
     rest = stiffness((0.0, 0.0, 0.0))
-    shifts = _SecondOrder(R, *_derivatives(calc.law, bonds.lengths), bonds.incidence, P, rest, M)
+    shifts = _SecondOrder(R, *law_derivatives(calc.law, bonds.lengths), bonds.incidence, P, rest, M)
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     rows = []
     for q in edges:
@@ -158,8 +158,8 @@ def _full(D):
     return D.toarray() if sparse.issparse(D) else np.asarray(D)
 
 
-def _derivatives(law, r):
-    """Second, third and fourth derivative of psi(s) = phi(r), s = r^2."""
+def law_derivatives(law: Any, r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Second, third and fourth derivative of psi(s) = phi(r), s = r^2, at distances r in mm."""
     p1, p2, p3, p4 = law.dphi(r), law.d2phi(r), *higher_derivatives(law, r)
     return ((p2 - p1 / r) / (4 * r**2),
             (p3 - 3 * p2 / r + 3 * p1 / r**2) / (8 * r**3),

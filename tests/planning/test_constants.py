@@ -13,7 +13,8 @@ from magphonon.planning import bands, peak, plan, scene, waveform
 from magphonon.planning.bands import Edge, neighbour_shells, plan_bands
 from magphonon.planning.peak import highest_peak, plan_peak
 from magphonon.planning.plan import Method, Plan, Settings
-from magphonon.planning.waveform import as_model, difference, plan_waveform, strip
+from magphonon.planning.strips import strip
+from magphonon.planning.waveform import as_model, difference, plan_waveform
 from magphonon.response.place import Place
 from magphonon.response.propagation import propagate
 from workflows.situations import Beam, Waveform

@@ -24,7 +24,8 @@ from magphonon.planning.bands import plan_bands
 from magphonon.planning.peak import DOUBT_ONE_PATTERN, highest_peak, plan_peak, turning
 from magphonon.planning.plan import Method, Plan, Settings
 from magphonon.planning.scene import scene_plans
-from magphonon.planning.waveform import plan_waveform, strip
+from magphonon.planning.strips import strip
+from magphonon.planning.waveform import plan_waveform
 from magphonon.response import propagation
 from magphonon.response.normal_modes import modes
 from magphonon.response.place import Place
@@ -258,7 +259,7 @@ def test_a_linear_scene_takes_no_time_steps(monkeypatch):
     plan = plan_waveform(pilot, burst, inside, 0.02, 1.5 * burst.end, 1e-3)
     assert plan.choice.name == 'complete linear'
     with pytest.raises(AssertionError, match='in time steps'):  # a loud one has to be looked at
-        plan_waveform(pilot, replace(burst, amplitude=1e-2), inside, 0.02, 1.5 * burst.end, 1e-3)
+        plan_waveform(pilot, replace(burst, amplitude=0.1), inside, 0.02, 1.5 * burst.end, 1e-3)
 
 
 @pytest.mark.parametrize('shells', [1, 2, 3])
