@@ -180,21 +180,21 @@ class EwaldSums:
             'D0': (lambda t: 2 * t * rho(t) - W(t) / t, lambda t: rho(t) - W(t) / (2 * t**2)),
         }[one_of('part', part, PARTS)]
         if part != 'all' and not self.splits:
-            raise ValueError(f'with all neighbours of a law r^-{self.decay:g} in {self.d} dimensions D0 and D* diverge each by '
-                             'itself, only their sum exists; choose the complete model, or a number of shells')
+            raise ValueError(f'with all neighbours of a law r^-{self.decay:g} in {self.d} dimensions D0 and D* diverge, '
+                             'each by itself; only their sum converges; choose the complete model, or a number of shells')
         return alpha, beta
 
     # --- narrow Gaussians, over the lattice --------------------------------------------------------------------------
 
     def near_energy(self, r: Any) -> NDArray[np.float64]:
-        """What the narrow Gaussians leave of phi and of phi'/r at the distances `r` in mm, shape (2, distances)."""
+        """Share of the narrow Gaussians in phi and in phi'/r at the distances `r` in mm, shape (2, distances)."""
         t, w = self._narrow(r)
         onto = (w * self.law.gaussians(t))[:, None] * np.stack([np.ones_like(t), -2 * t], axis=1)
         few = np.array_split(r, max(1, len(r) // 4096))  # large supercells have many bonds
         return np.concatenate([np.exp(-np.multiply.outer(part**2, t)) @ onto for part in few]).T
 
     def near_stiffness(self, x: NDArray[np.float64], part: str = 'all') -> NDArray[np.float64]:
-        """What they leave of the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
+        """Share of the narrow Gaussians in the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
         t, w = self._narrow(np.linalg.norm(x, axis=1))
         alpha, beta = (f(t) * w if f else 0 * w for f in self.mixture(part))
         gauss = np.exp(-np.multiply.outer((x**2).sum(axis=1), t))
@@ -218,12 +218,12 @@ class EwaldSums:
         return points_within(reciprocal, np.zeros(self.dim), reach) - k[:, None]
 
     def far_scalar(self, p: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Their part of `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
+        """Share of the wide Gaussians in `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
         wide = _Wide(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
         return (wide.moment(self.law.gaussians, 0) * np.exp(1j * p @ offset)).sum(axis=1)
 
     def far_energy(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Their part of `sum_R phi(R + offset)` and of its gradient, shapes (offsets,) and (offsets, dim)."""
+        """Share of the wide Gaussians in `sum_R phi(R + offset)` and its gradient, shapes (offsets,) and (offsets, dim)."""
         p, rho = self.waves(np.zeros((1, self.d)))[0], self.law.gaussians
         phi, gradient = np.empty(len(offsets)), np.empty(offsets.shape)
         for x, these in self._sideways(offsets):
@@ -236,7 +236,7 @@ class EwaldSums:
         return phi, gradient
 
     def far_stiffness(self, p: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
-        """Their part of `sum_R K(R + offset) e^{ik.R}`, shape (wavevectors, offsets, dim, dim)."""
+        """Share of the wide Gaussians in `sum_R K(R + offset) e^{ik.R}`, shape (wavevectors, offsets, dim, dim)."""
         alpha, beta = self.mixture(part)
         total = np.empty((len(p), len(offsets), self.dim, self.dim), dtype=complex)
         for x, these in self._sideways(offsets):
@@ -252,7 +252,7 @@ class EwaldSums:
         return total
 
     def _sideways(self, offsets):
-        """The different offsets across the lattice, and where each occurs; one, zero, unless a chain is broad."""
+        """The different offsets across the lattice, and where each occurs; only zero, unless a chain has breadth."""
         x, which = np.unique((offsets @ self.across / self.radius).round(14), axis=0, return_inverse=True)
         return [(self.radius * x[k], np.flatnonzero(which.ravel() == k)) for k in range(len(x))]
 
@@ -262,7 +262,7 @@ class EwaldSums:
         """`sum_R phi(R + offset) e^{2 pi i q.R}` at one wavevector, without R + offset = 0."""
         if abs(self.decay - self.d) < 1e-12 and not (q % 1).any():
             raise ValueError(f'the sum of r^-{self.decay:g} over {self.d} dimensions diverges with the logarithm of the size, '
-                             'and no background mends it; choose another exponent, or a number of shells')
+                             'and a uniform background does not cancel that; choose another exponent, or a number of shells')
         R = points_within(self.periods, -offset, self.radius)
         r = np.linalg.norm(R + offset, axis=1)
         here = r > 1e-12 * self.radius
@@ -273,7 +273,7 @@ class EwaldSums:
         return total - itself * self.wide_at_zero()
 
     def wide_at_zero(self, part: str | None = None) -> float:
-        """What the wide Gaussians make of phi(0), a particle with itself, or the factor of I in that `part` of its stiffness."""
+        """Share of the wide Gaussians in phi(0), the energy of a particle with itself, or in the factor of I of its stiffness."""
         def total(f, m):  # of f, which falls like rho t^m towards t = 0
             if np.isfinite(self.decay):
                 return self.eta2 * f(self.eta2) / (self.decay / 2 + m)
@@ -355,7 +355,7 @@ class _Wide:
     def __init__(self, sums, p2, x2):
         self.sums = sums
         algebraic = np.isfinite(sums.decay)
-        # p = 0: below t = 1/x^2 the integral is algebraic, and done in closed form but for what the shift across leaves
+        # p = 0: below t = 1/x^2 the integrand is a power of t and is integrated in closed form, but for the offset across
         self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
         self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
         low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
@@ -386,7 +386,7 @@ class _Wide:
 
 def _nodes(low, high, power: float = 0):
     """Gauss-Legendre nodes and weights of an integral over t, on panels of equal ratio, narrower for a high power of t."""
-    if low >= high:  # so strong a screening that wide Gaussians are absent
+    if low >= high:  # the screening is so strong that there are no wide Gaussians
         return np.array([high]), np.zeros(1)
     panels = max(1, int(np.ceil(np.log(high / low) / _PANEL * (1 + power / 32))))
     half = np.log(high / low) / panels / 2

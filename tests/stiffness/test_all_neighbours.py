@@ -260,7 +260,7 @@ def test_what_has_no_infinite_sum_is_refused():
 
 def test_parts_that_diverge_are_refused():
     cell = with_all(Atoms('Nd', masses=[1.0], cell=np.eye(3), pbc=True), COULOMB)
-    with pytest.raises(ValueError, match='only their sum exists'):
+    with pytest.raises(ValueError, match='only their sum converges'):
         sound_speeds(cell, model='conventional')
     with pytest.raises(ValueError, match='model must be one of'):
         bloch_modes(cell, [[0, 0, 0]], model='literal')
