@@ -286,7 +286,6 @@ FILE_CASES = {
                             '/x is a file', 'name a directory'),
     'directory in a file': (lambda d: in_file(b'')(d, lambda file: opened(results_in(file / 'y'))),
                             'x/y', 'choose another place'),
-    'directory of no parent': (lambda d: opened(results_in(d / 'no' / 'y')), 'no/y', 'make that first'),
     'directory in /proc': (lambda d: opened(results_in('/proc/x')), '/proc', 'choose another place'),
     'scene missing': (lambda d: read_scene(d / 'lattice.toml'), 'lattice.toml', '"magphonon scene" lists scenes'),
     'scene is a directory': (lambda d: read_scene(d), 'cannot be read', '"magphonon scene" lists scenes'),
