@@ -134,7 +134,7 @@ def _frequencies(scene, atoms, bands):
         but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
         lines.append(f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}')
     if not atoms.constraints:
-        lines += _speeds([sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models], rows)
+        lines += _speeds([sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models], rows) + _moduli(atoms)
 
     if 'conventional' not in bands:
         lines += ['', 'no conventional model: the sums of D0 and D* diverge separately and converge only together']
@@ -164,6 +164,16 @@ def _speeds(speeds, rows):
     if np.isnan(speeds).any():
         lines.append('  none: a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch')
     return lines
+
+
+def _moduli(atoms):
+    """A line of the report: pressure and moduli; none if the lattice has no moduli of its own."""
+    from ..stiffness.elastic import elastic_moduli
+
+    try:
+        return [f'with the foundation removed: {elastic_moduli(atoms)}']
+    except ValueError:  # such as repulsion that reaches without bound
+        return []
 
 
 def _stability(scene, atoms, bands, phonon):

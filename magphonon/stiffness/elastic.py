@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 
 FLOPPY = 1e-12
 """Fraction of the largest stiffness below which an internal motion counts as one without stiffness, which follows no strain."""
+ISOTROPIC = 1e-6
+"""Difference of two directions, as a fraction of the largest modulus, that round-off explains: finite strains of an infinite
+lattice leave some 1e-9."""
 STRAIN = 4e-3
 """Step of the finite strains of an infinite lattice: with nine points the truncation error, about STRAIN^8, equals round-off."""
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -110,6 +113,24 @@ class Moduli(Saved, kind='elastic moduli', units={
             return np.nan
         return float((np.einsum('ikik', B) - np.einsum('iikk', B) / d) / (d**2 + d - 2))
 
+    @property
+    def isotropic(self) -> bool:
+        """Whether B is that of an isotropic body, `(K - 2 G/d) d_ij d_kl + G (d_ik d_jl + d_il d_jk)`; True for a chain."""
+        d, G, B, P = self.periodic, self.shear, self.birch, self.along
+        if d == 1:
+            return True
+        turned = sum(np.einsum(f'{pair},{rest}->ijkl', P, P) for pair, rest in (('ik', 'jl'), ('il', 'jk')))
+        alike = (self.bulk - 2 * G / d) * np.einsum('ij,kl->ijkl', P, P) + G * turned
+        return bool(abs(B - alike).max() <= ISOTROPIC * abs(B).max())
+
+    @property
+    def poisson(self) -> float:
+        """Poisson's ratio of a small strain on top of the static one; NaN for a chain, for a lattice that is not isotropic and
+        for one that shear makes unstable.  In the plane it is at most 1, where the shear modulus vanishes.
+        """
+        d, K, G = self.periodic, self.bulk, self.shear
+        return float((d * K - 2 * G) / (d * (d - 1) * K + 2 * G)) if d > 1 and self.isotropic and G > 0 else np.nan
+
     def speeds(self, direction: ArrayLike) -> NDArray[np.float64]:
         """Speeds of sound along a direction in mm/ms = m/s, shape (dim,), ascending; negative for an unstable branch.
 
@@ -133,8 +154,13 @@ class Moduli(Saved, kind='elastic moduli', units={
 
     def __str__(self) -> str:
         unit, name = {1: (units.N, 'N'), 2: (units.N / units.m, 'N/m'), 3: (units.Pa, 'Pa')}[self.periodic]
-        shear = '' if self.periodic == 1 else f', shear modulus {self.shear / unit:.6g} {name}'
-        return f'pressure {self.pressure / unit:.6g} {name}, bulk modulus {self.bulk / unit:.6g} {name}{shear}'
+        words = [f'pressure {self.pressure / unit:.6g} {name}', f'bulk modulus {self.bulk / unit:.6g} {name}']
+        if self.periodic > 1:
+            mean = '' if self.isotropic else ' (mean over all directions)'
+            words.append(f'shear modulus {self.shear / unit:.6g} {name}{mean}')
+        if not np.isnan(self.poisson):
+            words.append(f"Poisson's ratio {self.poisson:.4g}")
+        return ', '.join(words)
 
 
 def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:

@@ -62,6 +62,9 @@ def test_bands_of_the_prototype(scene_file, tmp_path):
     assert ['M,', 'branch', '1', '58.23269', '92.106', '58.23269'] in shown
     assert "foundation: 19.6757 N/m in the scene, 19.6757 N/m in the sums of phonopy's force constants" in done.stdout
     assert 'cut-off frequency (lowest at Gamma): 26.55069 Hz\n' in done.stdout  # sqrt(19.6757 N/m / 0.70698 g)/2 pi
+    pressure, a = 3**0.5 * numbers['f_at_spacing'] / numbers['spacing'], numbers['a']  # closed forms of the triangular lattice
+    assert f"removed: pressure {pressure:.6g} N/m, bulk modulus {(a + 1) / 2 * pressure:.6g} N/m, shear modulus" in done.stdout
+    assert f"Poisson's ratio {(a + 5) / (3 * a - 1):.4g}" in done.stdout
     assert 'Stable in the plane; no foundation needed.' in done.stdout
     assert 'UNSTABLE' not in done.stdout
 

@@ -138,6 +138,29 @@ def test_nearest_neighbours_of_a_triangular_lattice(a):
     assert found.bulk == pytest.approx((a + 1) / 2 * found.pressure, rel=1e-12)  # p goes with L^-(a+1), the area with L^2
     assert abs(found.constants[0, 1, 0, 1] / found.shear - 1) > 0.1  # the control: C_xyxy is no shear modulus under pressure
     assert str(found).startswith(f'pressure {1e3 * found.pressure:.6g} N/m, bulk modulus {1e3 * found.bulk:.6g} N/m')
+    assert found.poisson == pytest.approx((a + 5) / (3 * a - 1) if a > 3 else np.nan, rel=1e-12, nan_ok=True)
+    assert not a > 3 or abs(found.poisson - 1 / 3) > 0.1  # the control: D0 alone has 1/3, whatever the exponent
+
+
+@pytest.mark.parametrize(('lattice', 'isotropic'), [
+    ('triangular', True), ('honeycomb', True), ('kagome', True), ('square', False), ('fcc', False), ('bcc', False)])
+def test_lattices_with_a_threefold_axis_in_the_plane_are_isotropic(lattice, isotropic):
+    cell = getattr(lattices, lattice)(7.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, InversePower(b=3000.0, a=4.5))
+    found = elastic_moduli(cell)
+    assert found.isotropic is isotropic
+    assert np.isfinite(found.poisson) == (isotropic and found.shear > 0)
+    speeds = np.array([found.speeds(np.eye(3)[: found.periodic] @ n) for n in ([1, 0, 0], [0.6, 0.8, 0])])
+    assert (np.ptp(speeds, axis=0).max() < 1e-9 * abs(speeds).max()) == isotropic
+
+
+def test_round_off_of_finite_strains_leaves_a_lattice_isotropic():
+    cell = lattices.triangular(7.0, 0.7)
+    cell.calc = AllNeighbours(cell, InversePower(b=3000.0, a=4.5))
+    # an inverse power keeps its form when all is summed: p goes with L^-(a+1) again, and so K = (a + 1)/2 p
+    found = elastic_moduli(cell)
+    assert found.isotropic
+    assert found.bulk == pytest.approx(2.75 * found.pressure, rel=1e-7)
 
 
 @pytest.mark.parametrize(('name', 'd'), [('chain', 1), ('triangular', 2), ('honeycomb', 2)])
