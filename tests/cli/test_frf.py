@@ -197,7 +197,7 @@ MISTAKES = {
     'on the rim': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [0.02, 0.0]'), 'frf.force.at_m = [0.02, 0.0] is on the held rim'),
     'outside': ('patch', ('at_m = [0.012, 0.001]', 'at_m = [12, 1]'), 'frf.response.at_m = [12.0, 1.0] is outside'),
     'no place': ('patch', ('at_m = [0.0, 0.0]', 'at_m = 0.0'), 'frf.force.at_m must be a place [x, y], not 0.0'),
-    'half a place': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [nan, 0]'), 'frf.force.at_m must be a finite number, not nan'),
+    'half a place': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [nan, 0]'), 'frf.force.at_m[0] must be a finite number, not nan'),
     'direction': ('patch', ('direction_deg = 90.0', 'direction_deg = "up"'), "direction_deg must be a finite number, not 'up'"),
     'reach': ('patch', ('shells = 1', 'shells = 2'), 'law.shells = 2: the held rim of a patch'),
 }
