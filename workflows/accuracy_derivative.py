@@ -10,7 +10,7 @@ from ase.constraints import FixAtoms
 
 from magphonon import DrivenVerlet, MagneticRepulsion, read_scene, ready_scene
 from magphonon.dynamics.timestep import highest_frequency
-from magphonon.plotting.axes import legend_above
+from magphonon.plotting.axes import letter_panels, panels
 from magphonon.stiffness.matrices import condense, signed_root
 
 from .accuracy import Candidate, measure
@@ -182,19 +182,16 @@ def reading(curves, amplitudes):
 
 
 def draw(values, chart):
-    """Error over displacement, a panel for each question, on one scale."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((10.4, 4.8), layout='constrained')
-    axes = figure.subplots(1, 2, sharey=True)
+    """Error over displacement, a panel for each question."""
+    figure, (axes,) = panels(1, 2, height=2.7)
+    letter_panels(axes)
     titles = 'displacement of the numerical derivative / $L_0$', f'largest displacement after {STEPS} steps / $L_0$'
     for ax, title, (panel, table) in zip(axes, titles, panels_of(chart.measurements).items(), strict=True):
         for method, (colour, marker, line) in looks_of(table).items():
             errors = [m.error for m in table if m.method == method]
-            ax.loglog(values[panel], errors, color=colour, marker=marker, linestyle=line, markersize=4, label=method)
-        ax.set(xlabel=title, ylim=(1e-16, 10))
-        ax.grid(color='0.9', linewidth=0.6)
-        legend_above(ax, ncols=2, fontsize=9)
+            ax.loglog(values[panel], errors, color=colour, marker=marker, linestyle=line, fillstyle='none', label=method)
+        ax.set(xlabel=title, ylim=(1e-17, 10))
+        ax.legend(loc='lower right')
     axes[0].set_ylabel('error of a frequency / highest frequency')
     axes[1].set_ylabel('departure from the linear response')
     return figure

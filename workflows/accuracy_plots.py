@@ -38,13 +38,12 @@ def plot_work_precision(table, ax=None, looks=None):
     ax = new_axes() if ax is None else ax
     looks = looks_of(table) if looks is None else looks
     front = [m for m in pareto_front(table) if np.isfinite(m.error)]
-    ax.plot(*_points(front), color='0.82', linewidth=7, marker='o', markersize=10, zorder=0, label='Pareto front')
+    ax.plot(*_points(front), color='0.85', linewidth=6, marker='o', markersize=8, zorder=0, label='Pareto front')
     for method, (colour, marker, line) in looks.items():
         own = [m for m in table if m.method == method and np.isfinite(m.error)]
         if own:
-            ax.plot(*_points(own), color=colour, marker=marker, linestyle=line, markersize=5, linewidth=1.2, label=method)
+            ax.plot(*_points(own), color=colour, marker=marker, linestyle=line, fillstyle='none', label=method)
     ax.set(xscale='log', yscale='log', xlabel='wall time (s)', ylabel='error')
-    ax.grid(color='0.9', linewidth=0.6)
     return ax
 
 

@@ -1,39 +1,74 @@
-"""Fig. 6: tone bursts through the ideal lattice, each model over the branches of both."""
+"""Tone bursts through the ideal lattice, each model over the branches of both."""
 
-from magphonon import read_scene, ready_scene
-from magphonon.plotting.axes import panels
-from magphonon.plotting.waves import crossing, plot_snapshot, plot_wave
+import numpy as np
+
+from magphonon import read_scene, ready_scene, units
+from magphonon.plotting.axes import legend_above, legend_of_set, letter_panels, new_axes, panels
+from magphonon.plotting.waves import crossing
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, waves
 
 from .checks import Check, Outcome, save_picture
+from .drawings import draw_patch
+from .maps import RADIANS, finish_maps, plot_map, plot_signed
 
 HALF_A_BIN = 0.5
 BURSTS = {'shear': 'transverse', 'longitudinal': 'longitudinal'}  # branch and motion, in the order of the scene
+SIDES = MODELS[::-1]   # conventional left, complete right, as in the paper
+TOPS_Hz = 35.0, 105.0  # of the maps
 
 
 def main(out):
     """Ridges on the branches of their own model and off those of the other; the maps, and the wave in the lattice."""
     scene = read_scene(ready_scene('ideal'))
-    cell, checks, snapshots = scene.atoms(), [], []
-    figure, axes = panels(2, 2)
+    cell, checks, shear = scene.atoms(), [], {}
+    figure, axes = panels(2, 2, height=2.3)
+    letter_panels(axes, [f'{model} simulation, {motion} motion' for motion in BURSTS.values() for model in SIDES])
     for k, (branch, motion) in enumerate(BURSTS.items()):
-        for ax, model in zip(axes[k], MODELS, strict=True):
+        for ax, model in zip(axes[k], SIDES, strict=True):
             patch = scene.patch_atoms(model)
             site, passage = scene.burst.send(k, cell, patch)
             wave = waves(passage.row, cell, scene.burst.source)[0]
             checks += compared(f'{motion} burst, {model} simulation', wave, motion, model, branch)
-            plot_wave(wave, ax).get_legend().set_title(f'{model} simulation, {motion} motion')
+            plot_map(ax, wave, scene.burst.carriers_Hz[k], TOPS_Hz[k])
             if branch == 'shear':
-                snapshots.append((patch, passage.field, crossing(passage), site))
-    pictures = [save_picture(figure, out / 'bursts.png',
-                             'Fig. 6: bursts at 120 and 400 rad/s; every ridge lies on the branch of its own model.')]
-    figure, axes = panels(1, 2)
-    for ax, snapshot in zip(axes[0], snapshots, strict=True):
-        plot_snapshot(*snapshot, ax)
-    pictures.append(save_picture(figure, out / 'burst_crossing.png',
-                                 'The shear burst in both models, each when it has reached the middle of the measured row.'))
-    return Outcome(checks, pictures)
+                shear[model] = passage
+    finish_maps(figure, axes)
+    for ax in axes[:, 1]:
+        ax.secondary_yaxis('right', functions=RADIANS).set_ylabel(r'$\omega$ (rad/s)')
+    maps = save_picture(figure, out / 'bursts.png',
+                        'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model: '
+                        'shear tells the models apart, the longitudinal branch hardly moves.')
+    return Outcome(checks, [draw_lattice(out, patch, site), maps, draw_crossing(out, patch, site, shear)])
+
+
+def draw_lattice(out, patch, site):
+    """The finite lattice with what drives it and where it is measured."""
+    ax = new_axes()
+    draw_patch(ax, patch, site, units.m, size=1.3)
+    ax.set(xlabel='$x/L_0$', ylabel='$y/L_0$')
+    legend_above(ax, ncols=2, markerscale=3)
+    return save_picture(ax.figure, out / 'finite_lattice.png',
+                        'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.')
+
+
+def draw_crossing(out, patch, site, passages):
+    """Horizontal displacement of both models at one time, when the faster wave is half way up the measured row."""
+    figure, (axes,) = panels(1, 2, height=2.2)
+    letter_panels(axes, SIDES)
+    frame = crossing(passages['conventional'])
+    fields = [passages[model].field.displacements[frame, :, 0] / (1e-6 * units.m) for model in SIDES]
+    largest = np.abs(fields).max()
+    for ax, field in zip(axes, fields, strict=True):
+        image = plot_signed(ax, patch, field, largest, site)
+        ax.set(xlabel='$x/L_0$', ylabel='$y/L_0$')
+        ax.label_outer()
+    figure.colorbar(image, ax=axes, label='$u_x/L_0$ ($10^{-6}$)', pad=0.02)
+    legend_of_set(figure)
+    time = passages['complete'].field.times[frame] / units.s
+    return save_picture(figure, out / 'burst_crossing.png',
+                        f'The burst of shear in both models at the same time, {time:.2f} s after its start: D* makes its waves '
+                        'shorter and slower.')
 
 
 def compared(record, wave, motion, model, branch):

@@ -40,6 +40,8 @@ def main(out):
                         reference_growth(law, L0, m) * units.s, 1e-9))
     ax = plot_bands(complete, ax=new_axes(), label='complete')
     plot_bands(conventional, ax=ax, linestyle='--', label='conventional')
+    for name, place in (('longitudinal,\nboth models', (0.05, 0.7)), ('transverse', (0.05, 0.35))):
+        ax.text(*place, name, transform=ax.transAxes)
     caption = 'The chain: the longitudinal band is the same in both models, the transverse one is not.'
     return Outcome(checks, [save_picture(ax.figure, out / 'chain.png', caption)])
 

@@ -2,11 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from textwrap import fill
 
 import numpy as np
 
+from magphonon.plotting.axes import legend_of_set, letter_panels, panels
+from magphonon.plotting.style import PAGE_in
+
 from .accuracy import Measurement, write_table
-from .accuracy_plots import looks_of, plot_work_precision
+from .accuracy_plots import FLOOR, looks_of, plot_work_precision
 from .checks import Check, save_picture
 
 
@@ -46,25 +50,20 @@ def panels_of(table):
 
 def work_precision(chart):
     """Figure with one pair of axes for each panel, and one legend."""
-    from matplotlib.figure import Figure
-
-    panels, looks = panels_of(chart.measurements), looks_of(chart.measurements)
-    columns = len(panels) if len(panels) < 4 else 2
-    rows = -(-len(panels) // columns)
-    figure = Figure((1.2 + 3.9 * columns, 1.4 + 3.6 * rows), layout='constrained')
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for ax in axes[len(panels):]:
+    tables, looks = panels_of(chart.measurements), looks_of(chart.measurements)
+    columns = len(tables) if len(tables) < 4 else 2
+    figure, axes = panels(-(-len(tables) // columns), columns, width=PAGE_in, height=2.7)
+    for ax in axes.flat[len(tables):]:
         ax.remove()
-    for ax, (panel, table) in zip(axes, panels.items(), strict=False):
+    axes = axes.ravel()[:len(tables)]
+    letter_panels(axes, [fill(name, 105 // columns) for name in tables])
+    spent = [m.seconds for m in chart.measurements if np.isfinite(m.error)]
+    errors = [max(m.error, FLOOR) for m in chart.measurements if np.isfinite(m.error)]
+    for ax, table in zip(axes, tables.values(), strict=True):
         plot_work_precision(table, ax, looks)
-        ax.set(title=panel, ylabel=chart.error)
+        ax.set(ylabel=chart.error, xlim=(0.6 * min(spent), 1.7 * max(spent)), ylim=(0.2 * min(errors), 5 * max(errors)))
         ax.label_outer()
-    entries = {}
-    for ax in figure.axes:
-        handles, labels = ax.get_legend_handles_labels()
-        entries |= dict(zip(labels, handles, strict=True))
-    figure.legend(entries.values(), entries, loc='outside lower center', ncols=2 if len(panels) == 1 else 4, frameon=False,
-                  fontsize=9)
+    legend_of_set(figure, ncols=4)
     return figure
 
 

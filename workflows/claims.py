@@ -17,7 +17,7 @@ from magphonon import (
     ready_scene,
     units,
 )
-from magphonon.plotting.axes import COLOURS, legend_above, new_axes
+from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panels
 from magphonon.response.frf import harmonic_response
 from magphonon.scenes.scene import reference
 from magphonon.waves.wave_source import site
@@ -168,18 +168,19 @@ def elastic_rim(out):
     bent, sag = on_beams(patch, push, omega, damping)
     bent = bent[:, where.row]
     off = abs(bent - held).max(axis=(1, 2)) / abs(held).max(axis=(1, 2))
-    ax = new_axes()
+    figure, axes = panels(2, 2, height=1.6)
+    letter_panels(axes, [f'{carrier:g} Hz' for carrier in scene.burst.carriers_Hz])
     x = np.arange(len(where.row))
-    for k, (carrier, a, b) in enumerate(zip(scene.burst.carriers_Hz, held, bent, strict=True)):
-        ax.semilogy(x, abs(a[:, 1]) / units.m * 1e6, '-', color=COLOURS[k], label=f'{carrier:g} Hz, rim held')
-        ax.semilogy(x, abs(b[:, 1]) / units.m * 1e6, 'o', color=COLOURS[k], markersize=3, fillstyle='none',
-                    label='rim on beams of 1/4 inch' if k == 0 else '')
-    ax.set(xlabel='steps along the measured row', ylabel=r'steady amplitude ($\mu$m)')
-    legend_above(ax, ncols=3)
+    for ax, a, b in zip(axes.flat, held, bent, strict=True):
+        ax.semilogy(x, abs(a[:, 1]) / units.m * 1e6, '-', color=COLOURS[0], label='rim held')
+        ax.semilogy(x, abs(b[:, 1]) / units.m * 1e6, 'o', color=COLOURS[1], fillstyle='none', label='rim on beams of 1/4 inch')
+        ax.set(xlabel='steps along the measured row', ylabel=r'amplitude ($\mu$m)', ylim=(3e-3, 2))
+        ax.label_outer()
+    legend_of_set(figure)
     return [Reported('rim on beams: how far static repulsion bends them (mm), beside the spacing', sag / units.mm, 10),
             *(Reported(f'rim on beams: change along the measured row at {carrier:g} Hz, over the largest amplitude', change)
               for carrier, change in zip(scene.burst.carriers_Hz, off, strict=True))], \
-        save_picture(ax.figure, out / 'elastic_rim.png', (
+        save_picture(figure, out / 'elastic_rim.png', (
             'The prototype with its rim held ideally, as everywhere else here, and on elastic beams of 1/4 inch, '
             f'{BEAM} times as stiff as a pillar, which static repulsion bends outwards by {sag / units.mm:.2g} mm.'))
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from magphonon import read_scene, ready_scene, units
 from magphonon.bands.bloch import bloch_modes
-from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_of_set, letter_panels, panels
 from magphonon.scenes.design import DesignPlan
 from magphonon.scenes.scene import reference
 from magphonon.scenes.tolerances import varied
@@ -68,22 +68,24 @@ def offered(scene, frequency):
 
 def draw(out, scene, found, soft, held, verge):
     """M shear over the spacing, in both lattices and models, with what was found."""
-    ax = new_axes()
+    figure, (axes,) = panels(1, 2, height=2.5)
+    stiff = reference()['prototype']['k_eq']
+    letter_panels(axes, [f'prototype: $a$ = {scene.law.a:.2f}, $k$ = {stiff:.1f} N/m', f'$a$ = {SOFT}, $k$ = {WEAK:g} N/m'])
     spacings = np.linspace(*SPACINGS_m, 60) * units.m
-    foundation = reference()['prototype']['k_eq'] * units.N / units.m
-    for case, k, colour, name in ((scene, foundation, COLOURS[0], 'prototype, a = 4.58'),
-                                  (soft, WEAK * units.N / units.m, COLOURS[1], f'weak pillars, a = {SOFT}')):
-        for model, line in (('complete', '-'), ('conventional', ':')):
-            f = [shear(case, L, k, model) for L in spacings]
-            ax.plot(spacings / units.m * 1e3, f, line, color=colour, label=f'{name}, {model}')
-    ax.plot(found.spacing / units.m * 1e3, found.value / HERTZ, 'o', color='k', label='found, 58.23 Hz wanted')
-    ax.plot(held.spacing / units.m * 1e3, held.value / HERTZ, 's', color='k', fillstyle='none',
-            label=f'found, {held.value / HERTZ:.3g} Hz wanted')
-    ax.axvline(verge * 1e3, color=COLOURS[1], linewidth=0.8)
-    ax.text(verge * 1e3 - 0.1, 12, f'a = {SOFT} buckles ←', ha='right', va='center', fontsize=8)
-    ax.set(xlabel='spacing $L_0$ (mm)', ylabel='M shear (Hz)', xlim=(SPACINGS_m[0] * 1e3, SPACINGS_m[1] * 1e3), ylim=(0, 170))
-    ax.legend(fontsize=8)
-    return save_picture(ax.figure, out / 'design.png',
+    for ax, case, k, answer in zip(axes, (scene, soft), (stiff, WEAK), (found, held), strict=True):
+        for model, line, colour in (('complete', '-', COLOURS[0]), ('conventional', '--', COLOURS[1])):
+            f = [shear(case, L, k * units.N / units.m, model) for L in spacings]
+            ax.plot(spacings / units.mm, f, line, color=colour, label=model)
+        wanted = answer.value / HERTZ
+        ax.plot(answer.spacing / units.mm, wanted, 'o', color='k', markersize=5, label='found for the wanted frequency')
+        ax.annotate(f'{wanted:.3g} Hz', (answer.spacing / units.mm, wanted), (8, 8), textcoords='offset points')
+        ax.set(xlabel='spacing $L_0$ (mm)', xlim=np.array(SPACINGS_m) * 1e3, ylim=(0, 170))
+    axes[1].axvspan(SPACINGS_m[0] * 1e3, verge * 1e3, zorder=0, **UNSTABLE)
+    axes[1].text(SPACINGS_m[0] * 1e3 + 0.4, 12, 'buckles', bbox={'facecolor': 'w', 'linewidth': 0, 'pad': 1.5})
+    axes[0].set_ylabel('shear frequency at M (Hz)')
+    axes[1].tick_params(labelleft=False)
+    legend_of_set(figure)
+    return save_picture(figure, out / 'design.png',
                         'Spacings found for a wanted shear edge. For a below 3 the static forces buckle the lattice at small '
                         'spacings; the conventional model knows nothing of that, nor of the true spacing of the other.')
 

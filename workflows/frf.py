@@ -4,12 +4,13 @@ import numpy as np
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, Harmonic, Recorder, units
-from magphonon.plotting.axes import COLOURS
+from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, panels
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import impulse_response, replicas, steady_amplitudes
 from magphonon.scenes.scene import reference
 
 from .checks import Check, Outcome, save_picture
+from .drawings import draw_oscillator
 from .oscillator import at_angle, oscillator
 
 # The paper gives neither damping nor force nor time step.  These are chosen:
@@ -118,21 +119,26 @@ def batch(angles, which, model):
 
 
 def draw(out, paper, guided, free, complete):
-    """Amplitude over frequency at each angle, with both natural frequencies."""
-    from matplotlib.figure import Figure
-
-    omega, unit = OMEGA * units.s, units.m / units.N
-    figure = Figure((6.4, 7.2), layout='constrained')
-    for k, ax in enumerate(figure.subplots(len(paper['omega_y']), sharex=True, sharey=True)):
-        ax.axvline(paper['omega_y'][k], color=COLOURS[0], label=r'$\omega_0$ with $D^0+D^*$')
-        ax.axvline(paper['omega_y_D0'][k], color=COLOURS[1], linestyle='--', label=r'$\omega_0$ with $D^0$ alone')
-        ax.semilogy(omega, abs(complete[k]) / unit, color='0.6', label='closed form')
-        ax.plot(omega, abs(guided[:, k]) / unit, '.', color='k', markersize=3, label='simulated, on its line')
+    """Amplitude over frequency at each angle, with both natural frequencies and the oscillator itself."""
+    omega, unit = OMEGA * units.s, units.mm / units.N
+    figure, axes = panels(2, 2, height=2.1)
+    angles = [np.pi * share for share in paper['theta0_over_pi']]
+    letter_panels(axes, [rf'$\theta_0 = {np.rad2deg(theta0):.0f}°$' for theta0 in angles])
+    for k, (ax, theta0) in enumerate(zip(axes.flat, angles, strict=True)):
+        ax.axvline(paper['omega_y'][k], color=COLOURS[0], label=r'$\omega_0$ of $D^0+D^*$')
+        ax.axvline(paper['omega_y_D0'][k], color=COLOURS[1], linestyle='--', label=r'$\omega_0$ of $D^0$ alone')
+        ax.plot(omega, abs(complete[k]) / unit, color='0.6', label='closed form')
+        ax.plot(omega, abs(guided[:, k]) / unit, '.', color='k', markersize=2, label='simulated, on its line')
         if k < free.shape[1]:
             ax.plot(omega[::SPARSE], abs(free[:, k]) / unit, 'o', color=COLOURS[3], fillstyle='none', label='simulated, free')
-        ax.text(0.98, 0.85, rf'$\theta_0 = {180 * paper["theta0_over_pi"][k]:.0f}°$', ha='right', transform=ax.transAxes)
-    ax.set(xlabel=r'angular frequency $\omega$ (rad/s)', xlim=(omega[0], omega[-1]))
-    figure.supylabel('displacement per force (m/N)', fontsize=10)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=3, frameon=False, fontsize=9)
-    return save_picture(figure, out / 'frf.png', 'Frequency response of the oscillator. It peaks where D0 + D* says; '
-                        'D0 alone is right only at 90 degrees, where all magnets stand in one line.')
+        inset = ax.inset_axes((0.04 if k > 1 else 0.72, 0.5, 0.26, 0.48))
+        draw_oscillator(inset, oscillator(theta0), named=False)
+        inset.set_in_layout(False)
+        ax.set(xlim=(omega[0], omega[-1]), ylim=(0, 1.05 * abs(guided).max() / unit))
+    for ax in axes[1]:
+        ax.set_xlabel(r'angular frequency $\omega$ (rad/s)')
+    for ax in axes[:, 0]:
+        ax.set_ylabel('displacement / force (mm/N)')
+    legend_of_set(figure)
+    return save_picture(figure, out / 'frf.png', 'Fig. 2 of the paper: frequency response of the oscillator. It peaks where '
+                        'D0 + D* says; D0 alone is right only at 90 degrees, where all magnets stand in one line.')

@@ -20,8 +20,8 @@ from magphonon.bands import band_path
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force
 from magphonon.interactions.magnets import Ring
-from magphonon.plotting import new_axes
-from magphonon.plotting.axes import legend_above
+from magphonon.plotting.axes import COLOURS, legend_above, new_axes
+from magphonon.plotting.bands import label_path
 from magphonon.scenes.scene import reference
 
 from .checks import Check, Outcome, pairs, save_picture
@@ -135,19 +135,18 @@ def picture(out):
     """Bands of the plasma crystal for three traps; at the gate the branch out of the plane touches the longitudinal one."""
     ax = new_axes()
     _, path, _, _ = plasma(KAPPA)
-    x, ticks, names = path.get_linear_kpoint_axis()
+    x = path.get_linear_kpoint_axis()[0]
     for number, (trap, style) in enumerate(zip(SUPPORTS, ('-', '--', ':'), strict=True)):
         atoms, path, _, drop = plasma(KAPPA, trap)
-        ax.plot(x, np.sqrt(trap**2 - drop), style, color='C1', label=rf'out of the plane, $\Omega_z = {trap:g}$')
         if number == 0:
             plane = np.linalg.eigvalsh(atoms.calc.bloch_matrix(path.kpts)[:, :2, :2])
-            lines = ax.plot(x, np.sqrt(plane.clip(0)), color='C0')
-            lines[0].set_label('in the plane')
-    ax.set(xticks=ticks, xlim=(x[0], x[-1]), ylim=0, ylabel=r'$\omega$ ($\sqrt{Q^2/4\pi\epsilon_0 m a^3}$)')
-    ax.set_xticklabels([{'G': r'$\Gamma$'}.get(name, name) for name in names])
-    for tick in ticks:
-        ax.axvline(tick, color='0.7', lw=0.8, zorder=0)
-    legend_above(ax)
+            ax.plot(x, np.sqrt(plane.clip(0)), color=COLOURS[0], label=['in the plane', None])
+        ax.plot(x, np.sqrt(trap**2 - drop), style, color=COLOURS[1], label=rf'out of it, $\Omega_z = {trap:.2f}$')
+    label_path(ax, path)
+    ax.set(ylim=(0, None), ylabel=r'$\omega$ ($\sqrt{Q^2/4\pi\epsilon_0 m a^3}$)')
+    for name, place in (('longitudinal', (0.16, 0.52)), ('shear', (0.16, 0.06))):
+        ax.text(*place, name, transform=ax.transAxes)
+    legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'layers.png',
                         'A plasma crystal (kappa = 1, all neighbours): as the trap softens, its branch comes down, '
                         'touches the longitudinal one at M (dashed) and crosses it; without D* it would be flat.')

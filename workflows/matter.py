@@ -1,7 +1,6 @@
 """Other matter, same theory: colloids, plasma and Wigner crystals, crystals in space, steel balls, two masses by turns."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from magphonon import (
     AllNeighbours,
@@ -17,7 +16,7 @@ from magphonon import (
     sound_speeds,
 )
 from magphonon.bands.bloch import bloch_modes
-from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.bands import plot_bands
 from magphonon.scenes.scene import reference
 
@@ -25,6 +24,7 @@ from .checks import Check, Outcome, save_picture
 
 SCENES = {'prototype': 'magnets', 'honeycomb': 'honeycomb, two masses', 'dust': 'dusty plasma', 'wigner': 'Wigner crystal',
           'fcc': 'soft spheres, fcc', 'steel': 'steel balls'}
+COINCIDE = 1e-3  # D*/D0 below which no difference can be drawn
 COULOMB, DIPOLES = InversePower(b=1.0, a=2.0), InversePower(b=3.0, a=4.0)
 
 
@@ -118,27 +118,33 @@ def _mass_defect():
 
 
 def _draw_bands(out):
-    figure = Figure((9.6, 6.2), layout='constrained')
-    for ax, (name, title) in zip(figure.subplots(2, 3).flat, SCENES.items(), strict=True):
+    figure, axes = panels(2, 3, height=2.0)
+    letter_panels(axes, list(SCENES.values()))
+    for ax, name in zip(axes.flat, SCENES, strict=True):
         scene = read_scene(ready_scene(name))
         atoms, path = scene.atoms(), scene.lattice.path(scene.bands.path, 121)
         plot_bands(analytic_bands(atoms, path), ax=ax)
         plot_bands(analytic_bands(atoms, path, 'conventional'), ax=ax, linestyle='--')
-        ax.set_title(title, fontsize='medium')
-    lines = figure.axes[0].lines
-    figure.legend([lines[0], lines[-1]], ['complete, $D^0+D^*$', 'conventional, $D^0$'], loc='outside upper center', ncols=2,
-                  frameon=False)
+        if static_share(atoms) < COINCIDE:
+            ax.text(0.5, 0.06, 'both models coincide', ha='center', transform=ax.transAxes)
+    lines = axes[0, 0].lines
+    legend_of_set(figure, handles=[lines[0], lines[-1]], labels=['complete, $D^0+D^*$', 'conventional, $D^0$'])
     return save_picture(figure, out / 'matter.png',
                         'Other matter, same theory: D* softens shear the more, the slower the force falls; '
                         'in steel balls, where it is 1e-4 of D0, the two models are one line.')
 
 
 def _draw_shares(out, ratios):
-    ax = new_axes(5.6, 2.8)
+    ax = new_axes(height=2.0)
     order = sorted(ratios, key=ratios.get)
-    bars = ax.barh([SCENES[name] for name in order], [ratios[name] for name in order], color=COLOURS[0])
-    ax.bar_label(bars, fmt='%.2g', padding=3)
-    ax.set(xscale='log', xlim=(3e-5, 3), xlabel="$D^*/D^0$ of nearest neighbours, $-(\\varphi'/r)/\\varphi''$")
+    shares = [ratios[name] for name in order]
+    ax.semilogx(shares, range(len(order)), 'o', color=COLOURS[0], markersize=5)
+    for height, share in enumerate(shares):
+        ax.annotate(f'{share:.2g}', (share, height), (6, 0), textcoords='offset points', va='center')
+    ax.set_yticks(range(len(order)), [SCENES[name] for name in order])
+    ax.tick_params(axis='y', length=0)
+    ax.grid(axis='y')
+    ax.set(xlim=(3e-5, 3), ylim=(-0.6, len(order) - 0.4), xlabel="$D^*/D^0$ of nearest neighbours, $-(\\varphi'/r)/\\varphi''$")
     return save_picture(ax.figure, out / 'matter_shares.png',
                         'How much static stiffness there is to neglect: 1/a for a force r^-a, next to nothing in a contact of '
                         'hard balls.')

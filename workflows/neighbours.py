@@ -26,6 +26,7 @@ from magphonon.stiffness.truncation import reach
 from .checks import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 
 M = np.array([0.5, 0, 0])
+MAGNIFIED = 50  # displacements in the picture of the relaxed patch
 RADII = np.array([1.2, 1.8, 2.2, 2.8, 3.2, 4.2, 5.7, 7.7, 10.3, 14.2, 20.3, 28.3])  # in spacings, between shells
 
 
@@ -140,16 +141,18 @@ def _relaxation():
 
 
 def _draw_relaxation(out, patch, rest):
-    ax = new_axes(4.6, 4.6)
-    x, y = patch.positions[:, :2].T / units.m
+    ax = new_axes(height=3.3)
+    x, y = patch.positions[:, :2].T / units.mm
     held = patch.get_tags() == lattices.RIM
     dx, dy = (rest.atoms.positions - patch.positions)[~held, :2].T
-    ax.plot(x[held], y[held], 's', color='0.6', label='held')
-    ax.plot(x[~held], y[~held], 'o', color='k', markersize=3, label='free')
-    arrows = ax.quiver(x[~held], y[~held], dx, dy, color=COLOURS[0], angles='xy', width=0.006)
-    ax.quiverkey(arrows, 0.85, 1.04, 0.1 * units.mm, '0.1 mm', labelpos='E')
-    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal')
-    legend_above(ax, loc='lower left', bbox_to_anchor=(0, 1), ncols=2)
+    ax.plot(x[held], y[held], 's', color='0.5', zorder=4, label='held')
+    ax.plot(x[~held], y[~held], 'o', color='k', markersize=2.5, label='free')
+    look = {'angles': 'xy', 'scale_units': 'xy', 'scale': 1, 'width': 0.006}
+    ax.quiver(x[~held], y[~held], MAGNIFIED * dx, MAGNIFIED * dy, color=COLOURS[1], zorder=3, **look)
+    ax.plot([], [], linestyle='', marker=r'$\rightarrow$', color=COLOURS[1], markersize=9,
+            label=f'displacement, {MAGNIFIED} times as long')
+    ax.set(xlabel='$x$ (mm)', ylabel='$y$ (mm)', aspect='equal')
+    legend_above(ax)
     return save_picture(ax.figure, out / 'relaxation.png',
                         'A patch of the prototype whose magnets repel up to third neighbours: the held rim is one row only, '
                         f'so the rows inside it move, by {rest.shift:.2g} mm at most.')

@@ -12,7 +12,7 @@ import numpy as np
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
-from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.plotting.axes import COLOURS, legend_above, letter_panels, new_axes, panels
 from magphonon.scenes.scene import reference
 from magphonon.stability.amplitude_shifts import frequency_shifts
 
@@ -52,8 +52,8 @@ def main(out):
     checks.append(Check('control: backbone with D0 alone, theta0 = 0 deg', frozen, SHIFTS[0.0], 0.5, control=True))
 
     harmonics = [second_harmonic(A) for A in WAVES]
-    growth = [abs(h).max() for h, _ in harmonics]
-    h, expected = harmonics[-2]
+    growth = [abs(h).max() for _, h, _ in harmonics]
+    t, h, expected = harmonics[-2]
     checks += [
         # Verlet moves 2 w - w_2, which is small, by 0.25 %: 1.6 % of the phase at the end of the beat
         Check('second harmonic over time - closed form, largest', abs(h - expected).max() / abs(expected).max(), 0, 2e-2),
@@ -69,8 +69,7 @@ def main(out):
         Check('strain under a burst against amplitude, slope', slope(WAVES, under), 2, 1e-3),
         Check('control: third power for the second', slope(WAVES, np.array(under) * WAVES), 2, 0.1, control=True),
     ]
-    return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_growth(out, growth, under),
-                            draw_strain(out, x, e, forms)])
+    return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_waves(out, (t, h, expected), (x, e, forms))])
 
 
 def slope(x, y):
@@ -143,14 +142,14 @@ def ring(psi, frames, every):
 
 
 def second_harmonic(A):
-    """Complex amplitude h of the component Im(h e^{2 i k n}) over a beat, and its closed form; starts at zero."""
+    """Times, complex amplitude h of the component Im(h e^{2 i k n}) over a beat, and its closed form; starts at zero."""
     n = np.arange(RING)
     t, u = ring(A * np.exp(1j * RING_K * n), frames=45, every=20)
     h = 1j * u @ np.exp(-2j * RING_K * n) * 2 / RING
     B = RATIO / 4 * A**2 / np.tan(RING_K / 2)
     w, w2 = (4 * np.sin(k / 2) for k in (RING_K, 2 * RING_K))
     forced, free = B * np.exp(-2j * w * t), B * (np.cos(w2 * t) - 2j * w / w2 * np.sin(w2 * t))
-    return h, forced - free
+    return t, h, forced - free
 
 
 def strain(A):
@@ -181,37 +180,32 @@ def draw_backbones(out, angles, measured, theory):
     for k, (theta0, marker) in enumerate(zip(angles, 'os^D', strict=True)):
         ax.plot(A, 100 * theory[k] * A**2, color=COLOURS[k], linestyle=('-', '--', '-.', ':')[k])
         ax.plot(AMPLITUDES, 100 * measured[:, k], marker, color=COLOURS[k], fillstyle='none',
-                label=rf'$\theta_0 = {np.rad2deg(theta0):.0f}°$: {theory[k]:+.3f} $(A/L_0)^2$')
+                label=rf'$\theta_0 = {np.rad2deg(theta0):.0f}°$: ${100 * theory[k]:+.1f}\,(A/L_0)^2$ %')
     ax.set(xlabel='amplitude $A/L_0$', ylabel='change of frequency (%)')
-    ax.legend(fontsize=8)
+    legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'backbone.png',
                         'Backbones of the oscillator: free vibrations in the time domain (marks), perturbation theory (lines).')
 
 
-def draw_growth(out, growth, under):
-    """Second harmonic and dilatation over amplitude."""
-    ax = new_axes()
-    B = RATIO / 4 * WAVES**2 / np.tan(RING_K / 2)
-    ax.loglog(WAVES, growth, 'o', color=COLOURS[0], fillstyle='none', label='second harmonic, largest')
-    ax.loglog(WAVES, under, 's', color=COLOURS[1], fillstyle='none', label='dilatation under the burst')
-    ax.loglog(WAVES, growth[0] / B[0] * B, color=COLOURS[0], label='slope 2')
-    ax.loglog(WAVES, RATIO * WAVES**2 * WIDTH * np.sqrt(np.pi), '--', color=COLOURS[1],
-              label=r'$(a+1)\,(A/L_0)^2 \sigma\sqrt{\pi}$')
-    ax.set(xlabel='amplitude of the wave $A/L_0$', ylabel='displacement $/L_0$')
-    ax.legend(fontsize=8)
-    return save_picture(ax.figure, out / 'harmonics.png',
-                        'Second harmonic of a wave, and how far a burst pushes the chain apart, against the amplitude.')
-
-
-def draw_strain(out, x, e, forms):
-    """Slow strain along the chain."""
-    ax = new_axes()
-    ax.plot(x, 1e6 * e, color=COLOURS[0], label='time domain, slow part')
-    ax.plot(x, 1e6 * forms, '--', color=COLOURS[1], label='closed form')
-    ax.set(xlabel='place $x/L_0$', ylabel='strain ($10^{-6}$)', xlim=(-384, 384))
-    ax.legend(fontsize=8)
+def draw_waves(out, harmonic, slow):
+    """The second harmonic of a wave over time, and the slow strain that a burst carries with it."""
+    figure, (axes,) = panels(1, 2, height=2.5)
+    letter_panels(axes)
+    grown, strain = axes
+    t, h, expected = harmonic
+    periods = 4 * np.sin(RING_K / 2) * t / (2 * np.pi)
+    grown.plot(periods, 1e6 * abs(h), 'o', color=COLOURS[0], fillstyle='none', label='time domain')
+    grown.plot(periods, 1e6 * abs(expected), '-', color=COLOURS[1], zorder=1, label='closed form')
+    grown.set(xlabel='time (periods of the wave)', ylabel='second harmonic $/L_0$ ($10^{-6}$)', ylim=(0, None))
+    x, e, forms = slow
+    strain.plot(x, 1e6 * e, color=COLOURS[0], label='time domain')
+    strain.plot(x, 1e6 * forms, '--', color=COLOURS[1], label='closed form')
+    strain.set(xlabel='place $x/L_0$', ylabel='slow strain ($10^{-6}$)', xlim=(-384, 384))
     for speed, text, y in ((np.sqrt(2), 'burst', 3.5), (2, 'free wave', -3), (-2, 'free wave', -1.2)):
-        ax.text(speed * FLIGHT - 20, y, text, ha='right' if speed > 0 else 'left')
-    return save_picture(ax.figure, out / 'dilatation.png',
-                        'A burst of the amplitude 0.001 L0 on its way: it carries a dilatation with it, and two free waves of '
-                        'compression, which run at the speed of sound, make up for it.')
+        strain.text(speed * FLIGHT - 20, y, text, ha='right' if speed > 0 else 'left')
+    for ax in axes:
+        legend_above(ax, ncols=2)
+    return save_picture(figure, out / 'dilatation.png',
+                        'Waves of the amplitude 0.001 L0 in a chain. (a) Their second harmonic grows and beats with the free '
+                        'wave of its frequency. (b) A burst carries a dilatation with it, and two free waves of compression, '
+                        'which run at the speed of sound, make up for it.')

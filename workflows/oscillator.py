@@ -3,13 +3,15 @@
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units
-from magphonon.plotting.axes import COLOURS, UNSTABLE, new_axes
+from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_above, letter_panels, panels
 from magphonon.scenes.scene import reference
 from magphonon.stiffness.matrices import signed_root
 
 from .checks import Check, Outcome, pairs, save_picture
+from .drawings import draw_oscillator
 
 LAW = InversePower(b=1e4 * units.N * units.m**4, a=4.0)
+ROUND_OFF = 1e-9  # of the largest stiffness
 
 
 def stiffness(theta0, model='complete'):
@@ -61,16 +63,25 @@ def main(out):
 
 
 def draw(out, critical):
-    """Frequencies over the angle, complete and conventional, the unstable range shaded."""
-    theta = np.linspace(0, np.pi / 2, 181)
-    ax = new_axes()
-    ax.axvspan(np.rad2deg(critical), 90, **UNSTABLE, label='horizontally unstable')
-    for axis, name, colour in ((1, 'vertical', COLOURS[0]), (0, 'horizontal', COLOURS[1])):
+    """The oscillator, and its frequencies over the angle, complete and conventional, the unstable range shaded."""
+    theta = np.sort(np.append(np.linspace(0, np.pi / 2, 181), critical))
+    figure, axes = panels(1, 2, height=2.7)
+    letter_panels(axes)
+    drawing, ax = axes[0]
+    draw_oscillator(drawing, oscillator(np.pi / 6))
+    ax.axvspan(np.rad2deg(critical), 90, **UNSTABLE)
+    for axis, colour in ((1, COLOURS[0]), (0, COLOURS[1])):
         for model, line in (('complete', '-'), ('conventional', '--')):
             D = np.array([stiffness(t, model)[axis, axis] for t in theta])
-            ax.plot(np.rad2deg(theta), np.where(D >= 0, signed_root(D), np.nan), line, color=colour, label=f'{name}, {model}')
+            D[abs(D) < ROUND_OFF * abs(D).max()] = 0  # at the critical angle
+            label = model if axis else None
+            ax.plot(np.rad2deg(theta), np.where(D >= 0, signed_root(D), np.nan), line, color=colour, label=label)
+    for name, height, colour in (('vertical', 165, COLOURS[0]), ('horizontal', 293, COLOURS[1])):
+        ax.text(3, height, name, color=colour)
+    ax.text(73.5, 225, 'horizontally\nunstable', ha='center', va='center', bbox={'facecolor': 'w', 'linewidth': 0})
     ax.set(xlabel=r'angle $\theta_0$ (deg)', ylabel=r'natural frequency $\omega$ (rad/s)', xlim=(0, 90), ylim=(0, 400))
-    ax.legend(fontsize=8)
-    return save_picture(ax.figure, out / 'oscillator.png',
-                        'Natural frequencies of the oscillator. D* lowers all but the vertical one at 90 degrees; '
-                        'above 56.79 degrees the horizontal motion is unstable, which D0 alone does not show.')
+    legend_above(ax, ncols=2)
+    return save_picture(figure, out / 'oscillator.png',
+                        'Fig. 1 of the paper: the oscillator, drawn at 30 degrees, and its natural frequencies. D* lowers all '
+                        'but the vertical one at 90 degrees; above 56.79 degrees the horizontal motion is unstable, which D0 '
+                        'alone does not show.')

@@ -5,6 +5,7 @@ from importlib import import_module
 
 from tqdm import tqdm
 
+from magphonon.plotting.style import print_style
 from magphonon.sweeps.executors import Processes, usable_cores
 
 SHORTENED = ('speed_accuracy',)
@@ -26,7 +27,8 @@ def outcomes_of(names, out, quick):
 
 
 def run(name, out, quick):
-    """Outcome of one workflow."""
+    """Outcome of one workflow, its pictures in the style of print."""
     workflow = import_module(f'.{name}', __package__)
     shorter = {'quick': quick} if name in SHORTENED else {}
-    return workflow.main(out, **shorter)
+    with print_style():
+        return workflow.main(out, **shorter)

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from magphonon import InversePower
 from magphonon.planning.plan import Method, Plan, Settings
-from magphonon.plotting.axes import COLOURS
+from magphonon.plotting.axes import COLOURS, legend_above, letter_panels, panels
 from magphonon.sweeps import sweep
 
 from .checks import Check, Outcome, save_picture
@@ -137,20 +137,19 @@ MARKERS = {'Bands': 'o', 'Peak': '^', 'Waveform': 's', 'Beam': 'D'}
 
 def draw(out, verdicts):
     """Estimates over truths, and the method chosen for the oscillator over amplitude and tolerance."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((9.2, 4.0), layout='constrained')
-    ax, regions = figure.subplots(1, 2)
+    figure, ((ax, regions),) = panels(1, 2, height=2.7)
+    letter_panels((ax, regions), ['', 'oscillator at 45 degrees: the least model'])
     for (kind, marker), colour in zip(MARKERS.items(), COLOURS, strict=False):
         own = [v for v in verdicts if type(v.situation).__name__ == kind and v.truth > 0 and v.choice.error > 0]
         if not own:
             continue
         ax.loglog([v.truth for v in own], [v.choice.error for v in own], marker, color=colour, fillstyle='none', markersize=4,
                   linestyle='', label=kind.lower())
-    ends = np.array([1e-9, 1.0])
+    least = min(min(v.truth, v.choice.error) for v in verdicts if v.truth > 0 and v.choice.error > 0)
+    ends = np.array([10 ** np.floor(np.log10(least)), 1.0])
     ax.plot(ends, ends, color='0.4', lw=0.8, label='estimate = truth')
-    ax.set(xlabel='true relative error of the method chosen', ylabel='estimated', xlim=ends, ylim=ends)
-    ax.legend(fontsize=8)
+    ax.set(xlabel='true relative error of the method chosen', ylabel='relative error that the plan told', xlim=ends, ylim=ends)
+    legend_above(ax, ncols=2)
 
     amplitudes = np.logspace(-3, -0.8, 40)
     bounds = sweep(errors_of_linear, {'amplitude': amplitudes})
@@ -161,10 +160,10 @@ def draw(out, verdicts):
         regions.fill_between(amplitudes, low, high, color=grey, edgecolor='0.3')
         regions.text(*place, name, ha='center')
     regions.set(xscale='log', yscale='log', xlim=amplitudes[[0, -1]], ylim=(1e-5, 1),
-                xlabel=r'amplitude at the peak / $L_0$', ylabel='tolerance of the peak frequency',
-                title='oscillator at 45 degrees: the least model')
-    return save_picture(figure, out / 'planning.png', 'Left: the errors that the plans estimate against the true ones; those far '
-                        'above the line are bounds. Right: the least model for the resonance of the oscillator.')
+                xlabel=r'amplitude at the peak / $L_0$', ylabel='tolerance of the peak frequency')
+    return save_picture(figure, out / 'planning.png', '(a) The errors that the plans tell against the true ones. Marks far above '
+                        'the line are upper bounds: the true error was smaller than the plan could know. (b) The least model '
+                        'for the resonance of the oscillator.')
 
 
 if __name__ == '__main__':

@@ -206,9 +206,9 @@ def scattered_magnets(out, known):
     ax.hist(frequencies[here], bins=np.linspace(*SHEAR, 81), weights=weight[here], density=True, alpha=0.4,
             label=f'{SUPERCELLS} exact supercells of {SMALL**2}')
     ax.plot(f, smooth / np.trapezoid(smooth, f), label=f'A(M, f) of {PATCHES} patches of {LARGE**2}')
-    ax.axvline(known['M_complete_Hz'][0], color='k', linestyle=':', label='all alike')
-    ax.set(xlabel='frequency (Hz)', ylabel='density (1/Hz)')
-    legend_above(ax, ncols=3)
+    ax.axvline(known['M_complete_Hz'][0], color='k', linestyle=':', label='all magnets alike')
+    ax.set(xlabel='frequency (Hz)', ylabel='density (1/Hz)', xlim=(56.5, 60))
+    legend_above(ax, ncols=2)
     what = f'prototype, strengths scatter by {100 * SCATTER:g} %: width of M shear (Hz)'
     place = np.average(frequencies, weights=here * weight)
     # either is known to some 5 % from so many magnets

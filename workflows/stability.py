@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from magphonon import Constant, DrivenVerlet, InversePower, MagneticRepulsion, Recorder, foundation_needed, lattices
 from magphonon.lattices.crystals import SYMBOL
-from magphonon.plotting.axes import COLOURS, UNSTABLE
+from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_of_set, letter_panels, panels
 from magphonon.scenes.scene import reference
 from magphonon.stiffness.bond import MODELS, model_stiffness
 from magphonon.sweeps import sweep
@@ -28,6 +28,7 @@ KINDS = {  # foundation needed in closed form, and a cell in which the softest w
     'kagome': (lambda a: 6.0 + 0 * a, (1, 1, 1)),
 }
 HATCHES = '///', '...'  # sideways, along the vertical
+RATES = np.arange(0, 2.6, 0.5)  # of growth, steps of the map
 RUNS = 1.5, 2.5, 6.0  # exponents at which runs on both sides of the border tell whether it is one
 ANGLES = np.deg2rad(np.linspace(0, 90, 61))
 STEPS = np.concatenate([np.linspace(0.05, 0.95, 19), np.linspace(1.0, 2.2, 25)])  # omega dt
@@ -106,29 +107,29 @@ def misfit_of_rates(rows):
 
 
 def _draw_maps(out, needed, fates):
-    from matplotlib.figure import Figure
-
-    figure = Figure((11, 4.6), layout='constrained')
-    axes = figure.subplots(2, len(KINDS), sharex=True, sharey=True)
-    levels = np.linspace(0, np.sqrt(6), 7)
+    figure, axes = panels(2, len(KINDS), height=1.6)
+    letter_panels(axes, [*KINDS, *KINDS])
+    squares = RATES[1:] ** 2
     for row, model in zip(axes, MODELS, strict=True):
         for ax, (name, (closed, _)) in zip(row, KINDS.items(), strict=True):
             # the square, negative beyond the border: between points of the map it is linear, as its root is not
             square = needed[model][name] - FOUNDATIONS[:, None]
-            shades = ax.contourf(EXPONENTS, FOUNDATIONS, square, levels=[1e-9, *levels[1:] ** 2], cmap='YlOrBr', extend='max')
+            shades = ax.contourf(EXPONENTS, FOUNDATIONS, square, levels=[1e-9, *squares], cmap='YlOrBr', extend='max')
             ax.plot(EXPONENTS, closed(EXPONENTS), color='black', linestyle='-' if model == 'complete' else ':')
             found = fates[name, model]
             grew = found[:, 3] > 0
-            grown, = ax.plot(*found[grew, :2].T, 'x', color='black', markersize=6)
-            stayed, = ax.plot(*found[~grew, :2].T, 'o', color='black', fillstyle='none', markersize=5)
-            ax.set_title(f'{name}, {"$D^0+D^*$" if model == "complete" else "$D^0$ alone"}', fontsize='medium')
+            grown, = ax.plot(*found[grew, :2].T, 'x', color='black', markersize=4)
+            stayed, = ax.plot(*found[~grew, :2].T, 'o', color='black', fillstyle='none', markersize=3.5)
+            ax.set(xticks=(1, 3, 5, 7), xlim=(1, 8), ylim=(0, FOUNDATIONS[-1]))
+            ax.label_outer()
     for ax in axes[1]:
         ax.set_xlabel('exponent $a$')
-    figure.supylabel('foundation ($f/L_0$)', fontsize='medium')
-    bar = figure.colorbar(shades, ax=axes, label=r'growth rate ($\sqrt{f/(L_0M)}$)', ticks=levels[1:] ** 2)
-    bar.ax.set_yticklabels([f'{rate:.2g}' for rate in levels[1:]])
+    for ax, short in zip(axes[:, 0], ('$D^0+D^*$', '$D^0$ alone'), strict=True):
+        ax.set_ylabel(f'{short}\nfoundation ($f/L_0$)')
+    bar = figure.colorbar(shades, ax=axes, label=r'growth rate ($\sqrt{f/(L_0M)}$)', ticks=squares, pad=0.02)
+    bar.ax.set_yticklabels([f'{rate:g}' for rate in RATES[1:]])
     names = 'closed form of the border', 'run that grew', 'run that stayed'
-    figure.legend([axes[0, 0].lines[0], grown, stayed], names, ncols=3, loc='outside upper center', frameon=False)
+    legend_of_set(figure, handles=[axes[0, 0].lines[0], grown, stayed], labels=names)
     return save_picture(figure, out / 'stability_map.png',
                         'Foundation that each lattice needs. Only the triangular one can hold itself, for a > 3; below the '
                         'border the shaded motion grows. With D0 alone every point is stable: the model hides all of it.')
@@ -170,34 +171,35 @@ def _angles():
 
 
 def _draw_oscillator(out):
-    from matplotlib.figure import Figure
+    from matplotlib.colors import TwoSlopeNorm
     from matplotlib.patches import Patch
 
-    figure = Figure((9, 4.2), layout='constrained')
+    figure, (axes,) = panels(1, 2, height=2.6)
+    letter_panels(axes, ['$D^0+D^*$', '$D^0$ alone'])
     exponents, degrees = np.linspace(1, 8, 141), np.rad2deg(ANGLES)
-    for ax, model in zip(figure.subplots(1, 2, sharey=True), MODELS, strict=True):
+    for ax, model in zip(axes, MODELS, strict=True):
         D = np.array([[stiffness(t, a, model) for a in exponents] for t in ANGLES])
-        lines = ax.contour(exponents, degrees, D[..., 0], levels=[-2, -1, 1, 2, 4, 8, 12], colors=COLOURS[0], linewidths=0.8)
-        ax.clabel(lines, fmt='%g', fontsize='small')
+        shades = ax.contourf(exponents, degrees, D[..., 0], levels=np.arange(-3, 16.6, 1.5), cmap='PuOr',
+                             norm=TwoSlopeNorm(0, -3, 16.5))
         for axis, hatch in enumerate(HATCHES):
             if (D[..., axis] < -1e-9).any():
-                shaded = ax.contourf(exponents, degrees, D[..., axis], [-9, 0], colors=[UNSTABLE['facecolor']], hatches=[hatch])
-                shaded.set(edgecolor=UNSTABLE['edgecolor'], linewidth=0, zorder=0)
+                region = ax.contourf(exponents, degrees, D[..., axis], [-9, 0], colors='none', hatches=[hatch])
+                region.set(edgecolor='0.25', linewidth=0)
         line = '-' if model == 'complete' else ':'
-        ax.plot(exponents, np.rad2deg(critical(exponents)), line, color='black', linewidth=2)
+        ax.plot(exponents, np.rad2deg(critical(exponents)), line, color='black', linewidth=1.6)
         below = exponents[exponents <= 2]
-        ax.plot(below, np.rad2deg(critical_upwards(below)), line, color=COLOURS[1], linewidth=2)
-        ax.set(title='$D^0+D^*$' if model == 'complete' else '$D^0$ alone', xlabel='exponent $a$', ylim=(0, 90))
-    complete = figure.axes[0]
-    grey = {'facecolor': UNSTABLE['facecolor'], 'edgecolor': UNSTABLE['edgecolor']}
-    handles = [*complete.lines, lines.legend_elements()[0][-1], *(Patch(hatch=hatch, **grey) for hatch in HATCHES)]
-    names = [r'$\cos^2\theta_0 = 3/(2(a+1))$', r'$\sin^2\theta_0 = (2-a)/(2(a+1))$', 'horizontal stiffness $D_{xx}$ ($f/L_0$)',
-             'runs away sideways', 'runs away along the vertical']
-    figure.legend(handles, names, ncols=3, loc='outside upper center', frameon=False)
-    complete.set_ylabel(r'angle $\theta_0$ (deg)')
+        ax.plot(below, np.rad2deg(critical_upwards(below)), line, color=COLOURS[0], linewidth=1.6)
+        ax.set(xlabel='exponent $a$', ylabel=r'angle $\theta_0$ (deg)', xlim=(1, 8), ylim=(0, 90))
+        ax.label_outer()
+    figure.colorbar(shades, ax=axes, label='horizontal stiffness $D_{xx}$ ($f/L_0$)', ticks=range(-3, 16, 3), pad=0.02)
+    look = {'facecolor': 'w', 'edgecolor': '0.25', 'linewidth': 0.4}
+    handles = [*axes[0].lines, *(Patch(hatch=hatch, **look) for hatch in HATCHES)]
+    names = [r'$\cos^2\theta_0 = 3/(2(a+1))$', r'$\sin^2\theta_0 = (2-a)/(2(a+1))$', 'runs away sideways',
+             'runs away along the vertical']
+    legend_of_set(figure, handles=handles, labels=names, ncols=2)
     return save_picture(figure, out / 'stability_oscillator.png',
                         'The two instabilities of the oscillator. Above the black closed form its horizontal stiffness is '
-                        'negative and it runs away sideways; below the other one, at exponents below 2, its vertical stiffness '
+                        'negative and it runs away sideways; below the blue one, at exponents below 2, its vertical stiffness '
                         'is, and it runs away along its line. With D0 alone (closed forms dotted) it never does either.')
 
 
@@ -291,20 +293,19 @@ def _steps(measured, laws):
 
 
 def _draw_steps(out, measured, laws):
-    from matplotlib.figure import Figure
-
-    figure = Figure((10, 3.6), layout='constrained')
-    axes = figure.subplots(1, len(ZETAS), sharey=True)
+    figure, (axes,) = panels(1, len(ZETAS), height=2.1)
+    letter_panels(axes, [rf'$\zeta = {zeta:g}$' for zeta in ZETAS])
     for ax, zeta in zip(axes, ZETAS, strict=True):
-        ax.axhspan(0, 2, **UNSTABLE)
+        ax.axhspan(0, 2, zorder=0, **UNSTABLE)
         for number, (name, line, mark) in enumerate((('Verlet with exact decay', '-', 'o'), ('explicit damping', '--', 'x'))):
             colour = COLOURS[number]
             ax.plot(STEPS, growth_per_step(*laws[zeta][number]), line, color=colour, label=f'{name}, closed form')
-            ax.plot(STEPS, measured[zeta][number], mark, color=colour, fillstyle='none', markersize=4, label=f'{name}, runs')
+            ax.plot(STEPS, measured[zeta][number], mark, color=colour, fillstyle='none', markersize=3, label='runs')
         ax.axvline(2, color='0.3', linewidth=0.8)
-        ax.set(title=rf'$\zeta = {zeta:g}$', xlabel=r'$\omega\,\Delta t$', ylim=(-1.5, 1.5), xlim=(0, 2.25))
-    axes[0].set_ylabel(r'growth in one step, $\ln|\lambda|$')
-    figure.legend(*axes[0].get_legend_handles_labels(), ncols=4, loc='outside upper center', frameon=False)
+        ax.set(xlabel=r'$\omega\,\Delta t$', ylabel=r'growth in one step, $\ln|\lambda|$', ylim=(-1.5, 1.5), xlim=(0, 2.25))
+        ax.label_outer()
+    handles = axes[0].lines[:4]
+    legend_of_set(figure, handles=handles, labels=[line.get_label() for line in handles], ncols=4)
     return save_picture(figure, out / 'stability_steps.png',
                         'Growth in one time step (hatched: unstable). The exact decay keeps the limit omega dt = 2 at every '
                         'damping; damping among the forces fails beyond 2/zeta once zeta exceeds one.')

@@ -4,7 +4,7 @@ import numpy as np
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene
 from magphonon.bands import displacement_errors, extracted_dstar
-from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.stiffness.bond import bond_stiffness
 
 from .checks import Check, Outcome, save_picture
@@ -52,5 +52,5 @@ def draw(out, d, errors):
     ax.loglog(d[:12], errors[0] * d[0] / d[:12], ':', color=COLOURS[2], label=r'$1/d$: round-off')
     ax.axvline(1e-5, color='0.6', lw=0.8, label='default')
     ax.set(xlabel=r'displacement $d/L_0$', ylabel='largest error / highest frequency')
-    ax.legend(fontsize=8)
+    legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'displacement.png', "The V-curve: phonopy's error against the displacement distance.")

@@ -7,7 +7,7 @@ import numpy as np
 from magphonon import Bands, read_scene, ready_scene, units
 from magphonon.bands.bands import path_of
 from magphonon.design.uncertainty import Tolerances, frequency_spread, response_spread
-from magphonon.plotting.axes import COLOURS, new_axes
+from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.uncertainty import plot_band_ribbons, plot_contributions, plot_response_ribbon
 from magphonon.scenes.tolerances import Uncertainty
 from magphonon.sweeps import sweep
@@ -114,7 +114,7 @@ def draw_limit(out, scene):
     ax.loglog(100 * WIDE, 0.75 * (2.8 * WIDE) ** 2, '--', color='0.5', label=r'$\propto \sigma^2$')
     ax.axhline(1 / np.sqrt(2 * SAMPLES), color='0.5', linestyle=':', label=f'chance, {SAMPLES} lattices')
     ax.set(xlabel='standard deviation of the spacing (%)', ylabel='linear deviation, relative error', ylim=(1e-4, None))
-    ax.legend(fontsize=8)
+    legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'uncertainty_limit.png',
                         'Linear propagation against lattices drawn at random: below 3 % of spacing it is right to what chance '
                         'lets one see; beyond, its error grows with the square.')
@@ -131,7 +131,7 @@ def draw_response(out, response, sampled):
     ax.plot(f, (response.values - 2 * sampled) / unit, **drawn)
     ax.set_xlim(26, 42)
     ax.set_ylim(3e-5, 6e-4)
-    ax.legend(fontsize=8)
+    legend_above(ax, ncols=1)
     return save_picture(ax.figure, out / 'uncertainty_response.png',
                         "The oscillator's response at 30 degrees, its spacing known to 0.2 % and its mass to 0.1 %: "
                         'on the flanks of the peak the amplitude is uncertain, on its top to first order not at all.')

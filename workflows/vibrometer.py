@@ -7,8 +7,7 @@ import numpy as np
 from magphonon import read_scene, ready_scene, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.evanescent import complex_bands, measured_decay
-from magphonon.plotting.axes import COLOURS, legend_above, panels
-from magphonon.plotting.waves import plot_wave
+from magphonon.plotting.axes import COLOURS, legend_above, legend_of_set, letter_panels, new_axes, panels
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
 from magphonon.waves.branches import Branch, branch, compare
@@ -18,8 +17,12 @@ from magphonon.waves.wave_analysis import MODELS, waves
 from magphonon.waves.wave_source import polarisations, site, wavevector
 
 from .checks import Check, Outcome, save_picture
+from .drawings import draw_patch
+from .maps import finish_maps, plot_map
 
 HALF_A_BIN = 0.5
+SIDES = MODELS[::-1]  # conventional left, complete right, as in the paper
+TOP_Hz = 90.0         # of the maps
 # From a point energy runs along R2 where the frequency is stationary in k across R2: by symmetry on Gamma-K.  Waves of Gamma-M
 # have fronts along R1 and come from a row of sources.  Long waves of both are as fast; at M shear ends, at 58.2 Hz.
 APART = 45  # Hz; below both lines are within half a bin of the ridge, above it is off Gamma-M by more than a bin
@@ -33,6 +36,7 @@ LINEAR = 5e-3      # off the linear response: what rings on past the record cost
 # Behind a row the wave falls by e^{-Im k R2} at first.  The decay comes out 0.3, 1.6 and 3.5 % larger over 4, 5 and 6 steps, as
 # waves from the ends catch up.  Around a point a fit moves by 6 % with its steps, and the models are 3.7 % apart: none there.
 PLAIN, DECAY = slice(4), 0.05
+STEPS_SHOWN = 20
 
 
 def main(out):
@@ -46,9 +50,10 @@ def main(out):
 def maps(scene, out):
     """Transverse motion along the row, both models, as the vibrometer sees it."""
     cell, plan, checks = scene.atoms(), scene.burst, []
-    figure, axes = panels(len(plan.carriers_Hz), 2)
+    figure, axes = panels(len(plan.carriers_Hz), 2, height=1.7)
+    letter_panels(axes, [f'{model} simulation, {carrier:g} Hz' for carrier in plan.carriers_Hz for model in SIDES])
     for k, carrier in enumerate(plan.carriers_Hz):
-        for ax, model in zip(axes[k], MODELS, strict=True):
+        for ax, model in zip(axes[k], SIDES, strict=True):
             (other,) = set(MODELS) - {model}
             _, passage = plan.send(k, cell, scene.patch_atoms(model))
             found = waves(scene.vibrometer.measure(passage.row, seed=k), cell, plan.source)
@@ -60,19 +65,29 @@ def maps(scene, out):
                        Check(f'{record}: it agrees with its own branch and no other',
                              float(wave.agrees_with == ((model, 'shear'),)), 1, 0),
                        Check(f'control: {record}: ridge off the {other} shear branch (bins)', off.bins, 0, 1, control=True)]
-            plot_wave(wave, ax)
+            plot_map(ax, wave, carrier, TOP_Hz)
             if model == 'complete':
                 gamma_m = branch(cell, wavevector(cell, 'row'), 0)
                 checks.append(between_lines(record, carrier, compare(wave.ridge, gamma_m).bins))
                 overlay(ax, gamma_m, 'complete, Γ-M')
-            ax.get_legend().set_title(f'{model} simulation, burst of {carrier:g} Hz')
             if (carrier, model) == (60, 'complete'):
                 more, picture = longitudinal(cell, found, record, out)
-    caption = ('Fig. 8: the half-hexagon of magnets on pillars, driven at one of them, under a vibrometer, transverse motion. '
+    finish_maps(figure, axes)
+    caption = ('Fig. 8 of the paper: transverse motion of the magnets along the measured row. '
                'Waves from a point reach the row along its own direction, Gamma-K; Gamma-M, which S4 draws, is that of plane '
                'waves from a row of sources: it agrees at 30 and 40 Hz and is bins off at 50 and 60 Hz, as shear ends there '
                'at 58.2 Hz.')
-    return checks + more, [save_picture(figure, out / 'vibrometer.png', caption), picture]
+    return checks + more, [draw_experiment(out, scene), save_picture(figure, out / 'vibrometer.png', caption), picture]
+
+
+def draw_experiment(out, scene):
+    """The half-hexagon with what drives it and where it is measured."""
+    ax, patch = new_axes(height=2.1), scene.patch_atoms()
+    draw_patch(ax, patch, site(scene.atoms(), patch, scene.burst.source), units.mm, size=2.2)
+    ax.set(xlabel='$x$ (mm)', ylabel='$y$ (mm)')
+    legend_above(ax, ncols=2, markerscale=2)
+    return save_picture(ax.figure, out / 'experiment.png',
+                        'Fig. 7 of the paper: the half-hexagon of magnets on pillars, driven at one of them.')
 
 
 def between_lines(record, carrier, bins):
@@ -94,30 +109,30 @@ def longitudinal(cell, found, record, out):
     above = wave.ridge.omega > omega[0, 0]
     arrays = {name: getattr(wave.ridge, name)[above] for name in ('xi', 'omega', 'sigma_xi', 'sigma_omega', 'power')}
     misfit, nearest = compare(replace(wave.ridge, **arrays), oblique), min(misfit.bins for misfit in wave.misfits.values())
-    figure, axes = panels(1, 1)
-    plot_wave(wave, axes[0, 0])
+    figure, axes = panels(1, 1, height=2.8)
+    plot_map(axes[0, 0], wave, 60, TOP_Hz)
     overlay(axes[0, 0], oblique, 'complete, M + k')
-    axes[0, 0].get_legend().set_title('complete simulation, burst of 60 Hz, longitudinal motion')
+    finish_maps(figure, axes)
     record += ', longitudinal motion'
     checks = [Check(f'{record}: branches of Gamma-K with which the ridge agrees', len(wave.agrees_with), 0, 0),
               Check(f'control: {record}: ridge off the nearest of them (bins)', nearest, 0, 1, control=True),
               Check(f'{record}: ridge above 58.2 Hz off shear waves M + k (bins)', misfit.bins, 0, HALF_A_BIN)]
     return checks, save_picture(figure, out / 'vibrometer_longitudinal.png',
-                                'The longitudinal motion of the same record lies on no branch of Gamma-K: above 58.2 Hz it is '
-                                'that of shear waves M + k, k along Gamma-K, in which neighbouring rows move against each '
-                                'other while their energy runs along the row.')
+                                'Complete simulation, 60 Hz: the longitudinal motion lies on no branch of Gamma-K. Above '
+                                '58.2 Hz it is that of shear waves M + k, k along Gamma-K, in which neighbouring rows move '
+                                'against each other while their energy runs along the row.')
 
 
 def overlay(ax, line, label):
-    """A further line on a map, and its name in the legend."""
-    ax.plot(line.xi, units.hertz(line.omega), ':', color=COLOURS[2], linewidth=1.8, label=label)
-    legend_above(ax, ncols=2)
+    """A further line on a map, with its name."""
+    ax.plot(line.xi, units.hertz(line.omega), ':', color=COLOURS[2], linewidth=1.5, label=label)
 
 
 def gap(scene, out):
     """A burst below the cut-off: no ridge; the amplitudes of linear response, whose decay is Im k of the complete model."""
     cell, checks = scene.atoms(), []
-    figure, axes = panels(1, 2)
+    figure, axes = panels(1, 2, height=2.5)
+    letter_panels(axes, [f'{source} source, {motion} motion' for source, (_, motion, _) in SOURCES.items()])
     for ax, (source, (force, motion, steps)) in zip(axes[0], SOURCES.items(), strict=True):
         row, responses = shaken(scene, cell, source, force, motion)
         points = [len(wave.ridge.xi) if wave.ridge else 0 for wave in waves(row, cell, source) if wave.motion == motion]
@@ -133,11 +148,14 @@ def gap(scene, out):
             decay, _ = measured_decay(measured[PLAIN], n[PLAIN], source)
             checks += [Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], DECAY, consistency=True),
                        Check(f'control: {record}: decay, D0 alone', decay, expected['conventional'], 0.3, control=True)]
-        draw(ax, measured, responses, expected['complete'], f'{source} source, {motion} motion')
+        draw(ax, measured, responses, expected['complete'], at=0 if source == 'row' else -1)
+    axes[0, 0].set_ylabel('amplitude / that of the burst at step 0')
+    legend_of_set(figure)
     return checks, save_picture(figure, out / 'evanescent.png',
                                 'Below the cut-off of 26.55 Hz a burst does not travel: its amplitudes are those of linear '
-                                'response with D0 + D*, and fall as the complex wavenumber says: around a point once the waves '
-                                'that decay faster are gone, behind a row until only longitudinal waves from its ends are left.')
+                                'response with D0 + D*. The lines have the slope of the complex wavenumber. (a) Around a point '
+                                'the slowest decay is left far away, once other waves are gone. (b) Behind a row it is that of '
+                                'the first steps; farther away longitudinal waves from the ends of the row take over.')
 
 
 def shaken(scene, cell, source, force, motion):
@@ -155,16 +173,17 @@ def shaken(scene, cell, source, force, motion):
     return row, amplitudes
 
 
-def draw(ax, measured, responses, decay, title):
-    """Amplitudes along the row, those of both models, and the slope of the complex wavenumber of the complete one."""
+def draw(ax, measured, responses, decay, at):
+    """Amplitudes along the row, those of both models, and through one of them the slope of the complex wavenumber."""
     n, first = np.arange(len(measured)), abs(measured[0])
-    ax.semilogy(n, abs(measured) / first, 'o', color='k', markersize=4, fillstyle='none', label='simulated burst')
-    for k, ((model, U), line) in enumerate(zip(responses.items(), ('-', '--'), strict=True)):
-        ax.semilogy(n, abs(U) / first, line, color=COLOURS[k], label=f'linear response, {model}')
-    ax.semilogy(n, np.exp(-decay * n), ':', color='0.4', label=r'slope of Im $k$, complete')
-    ax.set(xlabel='steps $R_2$ from the source', ylabel='amplitude / that of the burst at step 0',
-           xlim=(-0.5, 20), ylim=(1e-5, 3), xticks=range(0, 21, 5))
-    legend_above(ax, ncols=2, title=title)
+    ax.semilogy(n, abs(measured) / first, 'o', color='k', fillstyle='none', markersize=5, label='simulated burst')
+    for (model, U), look in zip(responses.items(), ({'marker': '.', 'color': COLOURS[0]}, {'marker': 'x', 'color': COLOURS[1]}),
+                                strict=True):
+        ax.semilogy(n, abs(U) / first, linestyle='', label=f'linear response, {model}', **look)
+    through = n[:STEPS_SHOWN + 1][at]
+    ax.semilogy(n, abs(measured[through]) / first * np.exp(-decay * (n - through)), '-', color='0.5', zorder=1,
+                label=r'slope Im $k$, complete')
+    ax.set(xlabel=r'steps $\mathbf{R}_2$ from the source', xlim=(-0.5, STEPS_SHOWN + 0.5), ylim=(1e-5, 3), xticks=range(0, 21, 5))
 
 
 def slowest(cell, source, motion, model):

@@ -148,7 +148,7 @@ def test_a_chart_is_saved_with_its_table_and_its_reading(tmp_path):
     assert '# b is better.' in (tmp_path / 'which.csv').read_text()
     assert list(panels_of(chart.measurements)) == ['small', 'large']
     figure = work_precision(chart)
-    assert [ax.get_title() for ax in figure.axes] == ['small', 'large']
+    assert [ax.get_title(loc='left') for ax in figure.axes] == ['(a) small', '(b) large']
     assert figure.axes[0].get_ylabel() == 'error of it'
     looks = [{line.get_label(): line.get_marker() for line in ax.lines} for ax in figure.axes]
     assert looks[0]['b'] == looks[1]['b'] != looks[0]['a']
