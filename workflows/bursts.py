@@ -3,13 +3,13 @@
 import numpy as np
 
 from magphonon import read_scene, ready_scene, units
-from magphonon.plotting.axes import legend_above, legend_of_set, letter_panels, new_axes, panels
+from magphonon.plotting.axes import legend_of_set, letter_panels, new_axes, panels
+from magphonon.plotting.structures import plot_patch
 from magphonon.plotting.waves import crossing
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, waves
 
 from .checks import Check, Outcome, save_picture
-from .drawings import draw_patch
 from .maps import RADIANS, finish_maps, plot_map, plot_signed
 
 HALF_A_BIN = 0.5
@@ -44,10 +44,7 @@ def main(out):
 
 def draw_lattice(out, patch, site):
     """The finite lattice with what drives it and where it is measured."""
-    ax = new_axes()
-    draw_patch(ax, patch, site, units.m, size=1.3)
-    ax.set(xlabel='$x/L_0$', ylabel='$y/L_0$')
-    legend_above(ax, ncols=2, markerscale=3)
+    ax = plot_patch(patch, site, new_axes(5.5, 3.6))
     return save_picture(ax.figure, out / 'finite_lattice.png',
                         'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.')
 

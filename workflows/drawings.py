@@ -1,8 +1,7 @@
-"""The paper's drawings, made from the structures themselves: the oscillator and the finite lattice."""
+"""A drawing made from the structure itself: the oscillator with its static forces."""
 
 import numpy as np
 
-from magphonon import lattices
 from magphonon.plotting.axes import COLOURS
 
 FORCE = 0.55  # length of the longest arrow of a force, in spacings
@@ -35,14 +34,3 @@ def draw_oscillator(ax, atoms, named=True):
     ax.text(0.12, -1.02, 'fixed', va='center')
     ax.text(0.08, 0.45, 'static forces', color=COLOURS[1], va='top')
     ax.set_ylim(-1.15, 0.62)
-
-
-def draw_patch(ax, patch, site, unit, size):
-    """The finite lattice: free and held particles, the driven ones and the measured row; `unit` of the axes in mm."""
-    rest = patch.positions[:, :2] / unit
-    held = patch.get_tags() == lattices.RIM
-    for which, marker, colour, larger, name in ((~held, 'o', '0.75', 1, 'free'), (held, 's', '0.35', 1, 'held'),
-                                                (site.row, 'o', COLOURS[0], 1.5, r'measured, along $\mathbf{R}_2$'),
-                                                (site.driven, '^', COLOURS[1], 2, 'driven')):
-        ax.plot(*rest[which].T, marker, color=colour, markersize=larger * size, markeredgewidth=0, label=name)
-    ax.set(aspect='equal')

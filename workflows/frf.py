@@ -1,4 +1,4 @@
-"""The oscillator's frequency response (Fig. 2): every angle and frequency in one run, against the closed form."""
+"""The oscillator's frequency response: every angle and frequency in one run, against the closed form."""
 
 import numpy as np
 from ase.constraints import FixedLine

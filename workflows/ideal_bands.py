@@ -1,15 +1,21 @@
-"""Fig. 4: bands of the ideal triangular lattice, complete and conventional."""
+"""Bands of the ideal triangular lattice, complete and conventional."""
 
 import numpy as np
+from matplotlib.text import Text
 
 from magphonon import analytic_bands, read_scene, ready_scene, sound_speeds, units
-from magphonon.bands import frequency_ratio, zone_map
+from magphonon.bands import first_zone, frequency_ratio, zone_map
+from magphonon.plotting.axes import letter_panels, new_axes, panels
 from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.modes import plot_mode
-from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
+from magphonon.plotting.structures import plot_lattice
+from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.scenes.scene import reference
 
 from .checks import BRANCHES, Check, Outcome, pairs, save_picture
+from .maps import RADIANS, name_branches
+
+ARROWS = 12  # of the group velocity along each reciprocal vector
 
 
 def main(out):
@@ -36,18 +42,87 @@ def main(out):
     complete, conventional = (zone_map(cell, model=model) for model in ('complete', 'conventional'))
     ratio = frequency_ratio(complete, conventional)
     checks.append(Check('smallest omega_complete / omega_conventional, shear', np.nanmin(ratio[..., 0]), 0.5, 1e-9))
-    ax = plot_bands(bands['complete'], label='complete')
-    plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional')
-    pictures = [
-        save_picture(ax.figure, out / 'ideal_bands.png',
-                     'Fig. 4: D* halves the shear branch at M and hardly moves the longitudinal one.'),
-        save_picture(plot_zone(bands['complete'].path).figure, out / 'zone.png', 'The first Brillouin zone and the path.'),
-        save_picture(plot_mode(cell, bands['complete'], 'M', 0).figure, out / 'mode_M.png', 'The shear mode at M.'),
-        save_picture(plot_ratio(complete, conventional, 0).figure, out / 'ratio_shear.png',
-                     'Where in the zone the shear branch falls: the mode-selective shift.'),
-        save_picture(plot_ratio(complete, conventional, 1).figure, out / 'ratio_longitudinal.png',
-                     'The same for the upper branch.'),
-        save_picture(plot_isofrequency(complete, conventional, 0).figure, out / 'isofrequency_shear.png',
-                     'Contours of the shear branch with the directions of the group velocity.'),
-    ]
-    return Outcome(checks, pictures)
+    return Outcome(checks, [draw_lattice(out, cell, bands['complete'].path), draw_bands(out, bands),
+                            draw_mode(out, cell, bands['complete']), draw_ratios(out, complete, conventional),
+                            draw_contours(out, complete, conventional)])
+
+
+def draw_lattice(out, cell, path):
+    """The lattice with its vectors, and its zone."""
+    figure, (axes,) = panels(1, 2, height=2.9)
+    plot_lattice(cell, axes[0])
+    plot_zone(path, axes[1])
+    letter_panels(axes)
+    return save_picture(figure, out / 'zone.png',
+                        'Fig. 3 of the paper: (a) the lattice with its primitive vectors, (b) the first Brillouin zone with its '
+                        'irreducible part, the path, and the axes of the phases per step.')
+
+
+def draw_bands(out, bands):
+    """Both models along the path, in Hz and rad/s."""
+    ax = new_axes()
+    for (model, own), line in zip(bands.items(), ('-', '--'), strict=True):
+        plot_bands(own, ax=ax, linestyle=line, label=model)
+    ax.secondary_yaxis('right', functions=RADIANS).set_ylabel(r'$\omega$ (rad/s)')
+    ax.tick_params(axis='y', right=False)
+    name_branches(ax, 0.40, 0.70)
+    return save_picture(ax.figure, out / 'ideal_bands.png',
+                        'Fig. 4 of the paper: D* halves the shear branch at M and hardly moves the longitudinal one.')
+
+
+def draw_mode(out, cell, bands):
+    """The shear wave at M on the lattice."""
+    ax = plot_mode(cell, bands, 'M', 0, new_axes(height=3.4))
+    return save_picture(ax.figure, out / 'mode_M.png',
+                        'The shear wave at M at the time of its largest displacement: rows move against each other along '
+                        'themselves (arrows); the grey lines are the paths of the particles.')
+
+
+def draw_ratios(out, complete, conventional):
+    """Where in the zone the branches fall, on one scale."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    figure, (axes,) = panels(1, 2, height=2.9)
+    scale = Normalize(0.5, 1.0)
+    for k, ax in enumerate(axes):
+        plot_ratio(complete, conventional, k, ax)
+        filled = ax.collections[0]
+        filled.colorbar.remove()
+        filled.set_norm(scale)
+        for text in ax.texts[:]:
+            if type(text) is Text:  # numbers on the contours, which the colour bar tells
+                text.remove()
+    letter_panels(axes, BRANCHES)
+    axes[1].set_ylabel('')
+    figure.colorbar(ScalarMappable(scale, filled.cmap), ax=axes, label=r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$')
+    return save_picture(figure, out / 'ratio.png',
+                        'How far D* lowers the branches over the zone: shear by half towards M, the longitudinal one by some '
+                        'percent. The shift selects a mode.')
+
+
+def draw_contours(out, complete, conventional):
+    """Contours of the shear branch in both models, on one scale, with directions of the group velocity."""
+    figure, (axes,) = panels(1, 2, height=2.9)
+    letter_panels(axes, ['conventional', 'complete'])
+    levels = np.arange(0, 75, 10)
+    corners = first_zone(complete.cell) * units.m
+    for ax, found in zip(axes, (conventional, complete), strict=True):
+        (zone,) = ax.fill(*corners.T, facecolor='none', edgecolor='k', linewidth=1, zorder=4)
+        k, f = np.moveaxis(found.wavevectors * units.m, -1, 0), found.frequencies_Hz[..., 0]
+        filled = ax.contourf(*k, f, levels=levels, cmap='cividis')
+        lines = ax.contour(*k, f, levels=levels, colors='k', linewidths=0.5)
+        for contours in (filled, lines):
+            contours.set_clip_path(zone)
+        stride = found.q.shape[0] // ARROWS
+        some = np.s_[stride // 2::stride, stride // 2::stride]
+        v = found.velocity[some][:, :, 0] / np.linalg.norm(found.velocity[some][:, :, 0], axis=-1, keepdims=True)
+        arrows = ax.quiver(*k[:, *some], *np.moveaxis(v, -1, 0), color='w', pivot='mid', angles='xy', scale=20, width=0.008)
+        arrows.set_clip_path(zone)
+        half = 1.08 * corners.max(axis=0)
+        ax.set(xlabel='$k_x$ (rad/m)', ylabel='$k_y$ (rad/m)', xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect='equal')
+        ax.label_outer()
+    figure.colorbar(filled, ax=axes, label='frequency of shear (Hz)')
+    return save_picture(figure, out / 'isofrequency_shear.png',
+                        'Frequency of the shear branch over the zone, with the directions of the group velocity of each model. '
+                        'D* makes its valleys towards M deeper.')

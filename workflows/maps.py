@@ -6,6 +6,8 @@ from magphonon import units
 from magphonon.plotting.axes import COLOURS, legend_of_set
 from magphonon.plotting.waves import plot_wave
 
+from .checks import BRANCHES
+
 RADIANS = lambda f: 2 * np.pi * f, lambda omega: omega / (2 * np.pi)
 SIGNED = 'RdBu_r'
 """Colours of displacements to both sides."""
@@ -43,3 +45,9 @@ def plot_signed(ax, patch, values, largest, site, unit=units.m):
     ax.plot(*rest[site.driven].T, '-', color='k', linewidth=2, label='driven')
     ax.set(aspect='equal')
     return image
+
+
+def name_branches(ax, shear, longitudinal):
+    """Name the branches at M, which is about a third of the way from Gamma over M and K to Gamma; heights of the axes."""
+    for name, height in zip(BRANCHES, (shear, longitudinal), strict=True):
+        ax.text(0.366, height, name, ha='center', va='center', transform=ax.transAxes)

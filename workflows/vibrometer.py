@@ -1,4 +1,4 @@
-"""Fig. 8: the prototype under a virtual vibrometer, and below its cut-off, where waves decay."""
+"""The prototype under a virtual vibrometer, and below its cut-off, where waves decay."""
 
 from dataclasses import replace
 
@@ -7,7 +7,8 @@ import numpy as np
 from magphonon import read_scene, ready_scene, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.evanescent import complex_bands, measured_decay
-from magphonon.plotting.axes import COLOURS, legend_above, legend_of_set, letter_panels, new_axes, panels
+from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
+from magphonon.plotting.structures import plot_patch
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
 from magphonon.waves.branches import Branch, branch, compare
@@ -17,7 +18,6 @@ from magphonon.waves.wave_analysis import MODELS, waves
 from magphonon.waves.wave_source import polarisations, site, wavevector
 
 from .checks import Check, Outcome, save_picture
-from .drawings import draw_patch
 from .maps import finish_maps, plot_map
 
 HALF_A_BIN = 0.5
@@ -82,10 +82,8 @@ def maps(scene, out):
 
 def draw_experiment(out, scene):
     """The half-hexagon with what drives it and where it is measured."""
-    ax, patch = new_axes(height=2.1), scene.patch_atoms()
-    draw_patch(ax, patch, site(scene.atoms(), patch, scene.burst.source), units.mm, size=2.2)
-    ax.set(xlabel='$x$ (mm)', ylabel='$y$ (mm)')
-    legend_above(ax, ncols=2, markerscale=2)
+    patch = scene.patch_atoms()
+    ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source), new_axes(height=2.1))
     return save_picture(ax.figure, out / 'experiment.png',
                         'Fig. 7 of the paper: the half-hexagon of magnets on pillars, driven at one of them.')
 
