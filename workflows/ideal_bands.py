@@ -114,8 +114,8 @@ def draw_contours(out, complete, conventional):
         lines = ax.contour(*k, f, levels=levels, colors='k', linewidths=0.5)
         for contours in (filled, lines):
             contours.set_clip_path(zone)
-        stride = found.q.shape[0] // ARROWS
-        some = np.s_[stride // 2::stride, stride // 2::stride]
+        middle, stride = found.q.shape[0] // 2, found.q.shape[0] // ARROWS  # Gamma is in the middle
+        some = np.s_[middle % stride::stride, middle % stride::stride]
         v = found.velocity[some][:, :, 0] / np.linalg.norm(found.velocity[some][:, :, 0], axis=-1, keepdims=True)
         arrows = ax.quiver(*k[:, *some], *np.moveaxis(v, -1, 0), color='w', pivot='mid', angles='xy', scale=20, width=0.008)
         arrows.set_clip_path(zone)
