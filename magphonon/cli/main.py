@@ -25,7 +25,8 @@ from .arguments import find_inputs
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-COMMANDS = ('bands', 'burst', 'check', 'completion', 'design', 'dos', 'fit', 'frf', 'modes', 'plan', 'reproduce', 'scene',
+COMMANDS = ('bands', 'burst', 'check', 'completion', 'design', 'dos', 'explore', 'fit', 'frf', 'modes', 'plan', 'reproduce',
+            'scene', 'spectrum', 'sweep', 'uncertainty')
             'spectrum', 'sweep', 'uncertainty')
 """The commands; each is a module of `magphonon.cli`."""
 SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',

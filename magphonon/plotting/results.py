@@ -53,6 +53,17 @@ class Spread(Protocol):
     def contributions(self) -> Mapping[str, NDArray[np.float64]]: ...
 
 
+class Border(Protocol):
+    """The foundation that a lattice needs: `magphonon.stability.Border`."""
+
+    @property
+    def over(self) -> str: ...
+    @property
+    def at(self) -> NDArray[np.float64]: ...
+    @property
+    def needed(self) -> NDArray[np.float64]: ...
+
+
 class Line(Protocol):
     """A branch over the phase of a step: `magphonon.waves.Branch`."""
 

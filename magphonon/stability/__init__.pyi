@@ -5,6 +5,11 @@ from .amplitude_shifts import (
     frequency_shifts as frequency_shifts,
     vibration as vibration,
 )
+from .borders import (
+    Border as Border,
+    border_over_exponents as border_over_exponents,
+    border_over_spacings as border_over_spacings,
+)
 from .buckling import (
     Softest as Softest,
     common_spring as common_spring,

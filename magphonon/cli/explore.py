@@ -1,0 +1,85 @@
+"""`magphonon explore SCENE -o FILE.html`: a page on which sliders move the bands of both models, and branches their lattice.
+
+The page needs no server and no network: any browser opens the file.  Sliders change the spacing, the exponent of an inverse power
+and the foundation; marks on them show where the lattice buckles.  A click on a branch moves the lattice in this mode.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .arguments import add_scene, default_folder
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+
+    from ..scenes.scene import Scene
+
+HELP = 'a page with sliders for spacing, exponent and foundation that move the bands, for a browser'
+MARK = b'<meta name="generator" content="magphonon explore">'
+"""What an earlier page has near its beginning; another file is not replaced."""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument('-o', '--output', metavar='FILE.html', help='the page (default: SCENE-explore.html)')
+
+
+def run(options: Namespace) -> None:
+    from ..files import whole_file
+    from ..plotting.explorer import POINTS, Explorer
+    from ..scenes.scene import read_scene
+    from ..stability.borders import border_over_exponents, border_over_spacings
+
+    file = Path(options.output or f'{default_folder(options)}.html')
+    _refuse_foreign(file)
+    scene = read_scene(options.scene)
+    _refuse_unknown(scene)
+    atoms = scene.atoms()
+    points = scene.bands.path if scene.bands is not None else None
+    explorer = Explorer(atoms, scene.lattice.path(points, POINTS))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+    if explorer.exponents is not None:
+        border = border_over_exponents(atoms, explorer.exponents.values)
+    else:
+        border = border_over_spacings(atoms, explorer.scales)
+    perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
+    page = explorer.page(scene.title, options.scene.text, border, perfect)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(file, 'wb') as out:
+        out.write(page.encode())
+    options.written = file
+    print(f'{file} is written; open it in a browser')
+
+
+def _refuse_foreign(file):
+    """Refuse a name that is no page, or that belongs to something else."""
+    if file.suffix.lower() not in ('.html', '.htm'):
+        raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
+    if file.is_dir():
+        raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
+    if file.exists():
+        with open(file, 'rb') as there:
+            if MARK not in there.read(1000):
+                raise ValueError(f'{file} is not a page of "magphonon explore" and is not replaced; choose another name, or move '
+                                 'it away')
+
+
+def _refuse_unknown(scene: Scene) -> None:
+    """Refuse what the page cannot compute: it knows planar lattices of particles with a few shells of neighbours."""
+    from ..scenes.lattices import ALL
+
+    if scene.single:
+        raise ValueError('the oscillator is one particle without bands; "magphonon frf" is for it')
+    if scene.lattice.kind == 'file':
+        raise ValueError('lattice.kind = "file": the positions of a file need not stay in balance when spacing or exponent '
+                         'change; the explorer takes a lattice by its name, such as kind = "triangular"')
+    if scene.law.shells == ALL:
+        raise ValueError(f'law.shells = "{ALL}": the explorer knows a number of shells of neighbours, not the sums over all of '
+                         'them; write shells = 3, or take "magphonon bands"')
+    if scene.foundation is not None and scene.foundation.out_of_plane is not None:
+        raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or take '
+                         '"magphonon bands"')
+    if scene.cell().pbc.all():
+        raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, and the explorer draws planar ones; take '
+                         '"magphonon bands"')

@@ -1,0 +1,250 @@
+"""The explorer: one page of HTML in which sliders move the bands of both models, and a click on a branch moves the lattice.
+
+The page computes bands and modes itself, from the bonds of one cell, by the Bloch matrix (Eq. 18).  Its text, style and scripts
+are the files in `explorer_page`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import __version__, units
+from ..interactions.pair_laws import InversePower
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+    from ase.dft.kpoints import BandPath
+    from numpy.typing import NDArray
+
+    from .results import Border
+
+FORCES = 10.0
+"""The slider of the spacing goes from ten times the force between nearest neighbours to a tenth, as far as the law is known."""
+EXPONENTS = (1.0, 12.0)
+"""Least range of the slider of the exponent."""
+FOUNDATIONS = 4.0
+"""The slider of the foundation goes up to this multiple of f/L, or of the present stiffness if that is more."""
+VALUES = 100
+"""A slider has this number of values or more, about up to twice as many."""
+POINTS = 151
+"""Wavevectors along the path."""
+ROUNDED = 1e-9
+"""Relative room for round-off of lengths at the ends of a law."""
+FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'page.js')
+UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}
+"""Units of the spacing, by how many of them are a metre."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """The values of a slider, ascending, and the place of the one of the scene among them."""
+
+    values: NDArray[np.float64]
+    scene: int
+
+
+@dataclass(frozen=True)
+class Explorer:
+    """A lattice whose spacing, exponent and foundation a page changes.
+
+    Attributes
+    ----------
+    atoms : ase.Atoms
+        One cell of a planar lattice or a chain, in balance by its symmetry, with its MagneticRepulsion.
+    path : ase.dft.kpoints.BandPath
+        The wavevectors of the bands, about `POINTS` of them.
+
+    Raises
+    ------
+    ValueError
+        If nearest neighbours do not repel each other, or the foundation is not the same for all.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands import band_path
+    >>> from magphonon.plotting.explorer import Explorer
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> page = Explorer(cell, band_path(cell, 'GMKG', 151))
+    >>> exponents = page.exponents.values
+    >>> float(exponents[0]), float(exponents[page.exponents.scene]), float(exponents[-1])
+    (1.0, 4.5824, 12.0)
+    """
+
+    atoms: Atoms
+    path: BandPath
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.atoms.calc.foundation):
+            raise ValueError('the foundation differs from particle to particle or has a part along z, but the page has one '
+                             'slider for all of it; give one number')
+        if not self._force(1.0) > 0:
+            raise ValueError(f'at the spacing of {self.spacing:g} mm nearest neighbours do not repel each other, so that there '
+                             'is nothing to explore; bring them closer together')
+
+    @cached_property
+    def spacing(self) -> float:
+        """The shortest bond in mm."""
+        return float(self.atoms.calc.bonds.lengths.min())
+
+    def _force(self, scale: float) -> float:
+        """Repulsion of nearest neighbours in N, all bonds `scale` times as long; NaN where the law of any bond is not known."""
+        calc = self.atoms.calc
+        try:
+            forces = -np.asarray(calc.law.dphi(scale * calc.bonds.lengths))
+        except ValueError:
+            return np.nan
+        return float(forces[calc.bonds.lengths < (1 + 1e-6) * self.spacing].max())
+
+    @cached_property
+    def unit(self) -> str:
+        """The unit in which the spacing is between 1 and 1000, or metres."""
+        return next((name for name, per_m in UNITS.items() if self.spacing / units.m * per_m >= 1), 'nm')
+
+    @cached_property
+    def spacings(self) -> Slider:
+        """Spacings in m."""
+        here, per_m = self.spacing / units.m, UNITS[self.unit]
+        force = self._force(1.0)
+        ends = [_last(lambda scale: force / FORCES <= self._force(scale) <= force * FORCES, end) for end in (1 / FORCES, FORCES)]
+        slider = _slider(ends[0] * here * per_m, here * per_m, ends[1] * here * per_m)
+        values = slider.values / per_m
+        near = values / here * np.array([[1 - ROUNDED], [1 + ROUNDED]])  # a table ends at its last point, not a rounding beyond
+        below, above = np.isfinite(np.array([[self._force(scale) for scale in row] for row in near]))
+        known = below & above
+        return Slider(values[known], int(known[: slider.scene].sum()))
+
+    @cached_property
+    def scales(self) -> NDArray[np.float64]:
+        """The spacings as multiples of the present one."""
+        return self.spacings.values / self.spacings.values[self.spacings.scene]
+
+    @cached_property
+    def exponents(self) -> Slider | None:
+        """Exponents of the force; None if the law is no inverse power."""
+        law: Any = self.atoms.calc.law
+        if not isinstance(law, InversePower):
+            return None
+        return _slider(min(EXPONENTS[0], law.a / 2), law.a, max(EXPONENTS[1], 2 * law.a))
+
+    @cached_property
+    def foundations(self) -> Slider:
+        """Stiffnesses of the foundation in N/m."""
+        here = float(self.atoms.calc.foundation) / units.N * units.m
+        static = self._force(1.0) / units.N / (self.spacing / units.m)
+        return _slider(0.0, here, FOUNDATIONS * max(here, static))
+
+    def page(self, title: str, scene: str, border: Border, beside: str = '') -> str:
+        """The page.
+
+        Parameters
+        ----------
+        title : str
+        scene : str
+            The text of the scene, to be shown at the end.
+        border : Border
+            The foundation that the lattice needs, over `exponents` if there are any, otherwise over `scales`.
+        beside : str
+            A sentence on what the page leaves out.
+
+        Returns
+        -------
+        str
+            HTML that refers to nothing outside itself.
+        """
+        folder = files('magphonon.plotting') / 'explorer_page'
+        parts = {name: (folder / name).read_text(encoding='utf-8').strip('\n') for name in FILES}
+        beside = f' {beside}' if beside else ''
+        told = {'title': title, 'scene': scene, 'over': border.over, 'beside': beside, 'version': __version__}
+        parts |= {name: escape(text) for name, text in told.items()}
+        parts['data'] = json.dumps(self.data(border), ensure_ascii=False, allow_nan=False).replace('<', '\\u003c')
+        page = (folder / 'page.html').read_text(encoding='utf-8')
+        pieces = page.split('{{')
+        return pieces[0] + ''.join(parts[name] + rest for name, _, rest in (piece.partition('}}') for piece in pieces[1:]))
+
+    def data(self, border: Border) -> dict[str, Any]:
+        """What the scripts of the page read, in SI; lengths within the cell are multiples of the spacing."""
+        atoms, here = self.atoms, self.spacing
+        sliders = {'spacing': (self.spacings, self.unit, UNITS[self.unit]), 'exponent': (self.exponents, '', 1.0),
+                   'foundation': (self.foundations, 'N/m', 1.0)}
+        return {
+            'spacing_m': here / units.m,
+            'periods': int(np.sum(atoms.pbc)),
+            'cell': (atoms.cell.array[:2, :2] / here).tolist(),
+            'reciprocal': (self.path.cell.reciprocal().array[:2, :2] * here).tolist(),
+            'positions': (atoms.positions[:, :2] / here).tolist(),
+            'masses_kg': (atoms.get_masses() / units.kg).tolist(),
+            'bonds': self._bonds(),
+            'law': self._law(),
+            'path': self._path(),
+            'sliders': {name: {'values': slider.values.tolist(), 'scene': slider.scene, 'unit': unit, 'per_SI': per_SI}
+                        for name, (slider, unit, per_SI) in sliders.items() if slider is not None},
+            'border': {'over': border.over, 'at': border.at.tolist(),
+                       'needed_N_per_m': (border.needed / units.N * units.m).tolist()},
+        }
+
+    def _bonds(self) -> list[dict[str, Any]]:
+        """Each bond with its direction at rest and its length."""
+        bonds, r = self.atoms.calc.bonds, self.atoms.calc.bonds.lengths
+        columns = (bonds.i, bonds.j, bonds.shift[:, :2], bonds.vectors[:, :2] / r[:, None], r / self.spacing)
+        names = ('i', 'j', 'shift', 'direction', 'length')
+        return [dict(zip(names, row, strict=True)) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+    def _law(self) -> dict[str, Any]:
+        """The inverse power; of another law phi'' and phi'/r of each bond in N/m, at each value of the slider of the spacing."""
+        law, r = self.atoms.calc.law, self.atoms.calc.bonds.lengths
+        if self.exponents is not None:
+            return {'kind': 'power', 'force_N': self._force(1.0) / units.N, 'spacing_m': self.spacing / units.m}
+        stiffness = [np.column_stack([law.d2phi(scale * r), law.dphi(scale * r) / (scale * r)]) for scale in self.scales]
+        return {'kind': 'table', 'stiffness_N_per_m': (np.array(stiffness) / units.N * units.m).tolist()}
+
+    def _path(self) -> dict[str, Any]:
+        """Wavevectors, their places from 0 to 1, where the path jumps, and the special points."""
+        kpts, special = self.path.kpts, self.path.special_points
+        x, ticks, names = self.path.get_linear_kpoint_axis()
+        at = {name: int(abs(kpts - special[name]).max(axis=1).argmin()) for name in names}
+        joined: dict[int, list[str]] = {}
+        for tick, name in zip(ticks, names, strict=True):
+            k = int(abs(x - tick).argmin())
+            joined.setdefault(k, []).append(_name(name))
+        first = next(name for name in names if name != 'G')
+        jumps = np.flatnonzero((np.diff(x) == 0) & np.diff(kpts, axis=0).any(axis=1)) + 1
+        return {'q': kpts[:, :2].tolist(), 'axis': (x / x[-1]).tolist(), 'jumps': jumps.tolist(),
+                'ticks': [{'at': k, 'name': ','.join(dict.fromkeys(both))} for k, both in joined.items()],
+                'point': {'name': _name(first), 'at': at[first]}}
+
+
+def _name(point: str) -> str:
+    """Name of a special point: Γ for G, an index lowered."""
+    return point.replace('G', 'Γ').translate(str.maketrans('0123456789', '₀₁₂₃₄₅₆₇₈₉'))
+
+
+def _last(holds: Any, end: float) -> float:
+    """The multiple of the spacing nearest to `end` up to which `holds` is true, which it is at 1."""
+    if holds(end):
+        return end
+    inside, outside = 0.0, np.log(end)
+    for _ in range(50):
+        middle = (inside + outside) / 2
+        inside, outside = (middle, outside) if holds(np.exp(middle)) else (inside, middle)
+    return float(np.exp(inside))
+
+
+def _slider(low: float, here: float, high: float) -> Slider:
+    """Round numbers from `low` to `high`, and `here` among them."""
+    step = 10.0 ** np.floor(np.log10((high - low) / VALUES))
+    step *= next(digit for digit in (5, 2, 1) if digit * step * VALUES <= high - low)
+    decimals = max(0, 1 - int(np.floor(np.log10(step))))
+    values = np.round(np.arange(np.ceil(low / step - 1e-9), high / step + 1e-9) * step, decimals)
+    values = values[abs(values - here) > 1e-6 * step]
+    scene = int(np.searchsorted(values, here))
+    return Slider(np.insert(values, scene, here), scene)

@@ -1,0 +1,59 @@
+"""`magphonon explore`: a page is written whole or not at all, other files stay, and unsuitable scenes are refused in words."""
+
+import pytest
+
+from magphonon.cli.main import main
+from magphonon.plotting import explorer
+
+
+@pytest.fixture
+def few_values(monkeypatch):
+    """Sliders of a tenth of their values: each costs the foundation that it needs."""
+    monkeypatch.setattr(explorer, 'VALUES', 10)
+
+
+def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['explore', 'vacancy', '-o', 'new/page.html']) == 0
+    assert capsys.readouterr().out == 'new/page.html is written; open it in a browser\n'
+    first = (tmp_path / 'new/page.html').read_text(encoding='utf-8')
+    assert '<h1>Honeycomb of light and heavy magnets, one of them missing</h1>' in first
+    assert 'The lattice is perfect: [defects] and [disorder] belong to the patch.' in first
+    assert 'vacancies_m' in first  # the scene itself
+    assert main(['explore', 'measured', '-o', 'new/page.html']) == 0
+    assert '<h1>Magnets on pillars, force from a table' in (tmp_path / 'new/page.html').read_text(encoding='utf-8')
+    assert main(['explore', 'design']) == 0  # without a table [bands]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['design-explore.html', 'new']
+
+
+@pytest.mark.parametrize(('scene', 'words'), [
+    ('oscillator', 'one particle without bands'), ('fcc', 'is a lattice in space'), ('dust', 'law.shells = "all"'),
+    ('layer', 'law.shells = "all"')])
+def test_scenes_that_it_does_not_know_are_refused(scene, words, tmp_path, capsys):
+    assert main(['explore', scene, '-o', str(tmp_path / 'page.html')]) == 2
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_motion_out_of_the_plane_is_refused(scene_file, tmp_path, capsys):
+    file = scene_file({'shells = "all" ': 'shells = 2 ', 'stiffness_N_per_m = 0 ': 'stiffness_N_per_m = 1e-9 '}, name='layer')
+    assert main(['explore', str(file), '-o', str(tmp_path / 'page.html')]) == 2
+    assert '[foundation.out_of_plane]: the explorer shows motion in the plane' in capsys.readouterr().err
+
+
+def test_a_structure_from_a_file_is_refused(tmp_path, capsys):
+    (tmp_path / 'particles.csv').write_text('x_m,y_m,held\n0,0,0\n0.01,0,1\n0.02,0,0\n')
+    (tmp_path / 'my.toml').write_text('title = "mine"\n[lattice]\nkind = "file"\nfile = "particles.csv"\nmass_kg = 1e-3\n[law]\n'
+                                      'kind = "inverse_power"\nb_N_m_a = 1e-8\na = 4.0\nshells = 1\n')
+    assert main(['explore', str(tmp_path / 'my.toml'), '-o', str(tmp_path / 'page.html')]) == 2
+    assert 'the explorer takes a lattice by its name' in capsys.readouterr().err
+
+
+def test_other_files_are_not_replaced(tmp_path, capsys):
+    (tmp_path / 'mine.html').write_text('<html>my own page</html>')
+    for name, words in (('mine.html', 'is not a page of "magphonon explore" and is not replaced'),
+                        ('mine.toml', 'must be the name of a page, ending in .html'), ('', 'must be the name of a page')):
+        assert main(['explore', 'square', '-o', str(tmp_path / name)]) == 2
+        assert words in capsys.readouterr().err
+    assert (tmp_path / 'mine.html').read_text() == '<html>my own page</html>'
+    assert len(list(tmp_path.iterdir())) == 1

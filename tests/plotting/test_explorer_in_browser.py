@@ -1,0 +1,254 @@
+"""The page of the explorer in a real browser: its bands are those of the package, its modes move as the eigenvectors say.
+
+Skipped without playwright or Chromium.  Every expectation is computed from a lattice made anew with the values of the sliders.
+"""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from magphonon import InversePower, MagneticRepulsion, Tabulated, Yukawa, analytic_bands, foundation_needed, lattices, units as u
+from magphonon.bands import band_path, bloch_modes
+from magphonon.plotting import explorer
+from magphonon.stability import border_over_exponents, border_over_spacings
+
+playwright = pytest.importorskip('playwright.sync_api')
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason='no Chromium here')]
+FEW = 20
+"""Values of a slider."""
+
+
+class Made:
+    """A lattice as a scene would make it, and the same with other values of the sliders."""
+
+    def __init__(self, kind, law, spacing=10.0, shells=1, masses=None, foundation=20.0):
+        self.kind, self.law, self.spacing, self.shells, self.foundation = kind, law, spacing, shells, foundation
+        self.masses = masses or [0.7] * len(getattr(lattices, kind)(1.0, 1.0))
+        self.force = -law.dphi(spacing)
+
+    def cell(self, spacing_m=None, exponent=None, foundation_N_per_m=None):
+        law = self.law if exponent is None else InversePower(self.force * self.spacing**exponent, exponent)
+        cell = getattr(lattices, self.kind)(self.spacing if spacing_m is None else spacing_m * u.m, 1.0)
+        cell.set_masses(self.masses)
+        k = self.foundation if foundation_N_per_m is None else foundation_N_per_m
+        cell.calc = MagneticRepulsion(cell, law, shells=self.shells, foundation=k * u.N / u.m)
+        return cell
+
+    def page(self):
+        cell = self.cell()
+        shown = explorer.Explorer(cell, band_path(cell, None, 41))
+        border = (border_over_spacings(cell, shown.scales) if shown.exponents is None
+                  else border_over_exponents(cell, shown.exponents.values))
+        return shown.page(self.kind, 'title = "drawn"', border)
+
+
+MADE = {
+    'triangular': Made('triangular', InversePower(0.237 * 10.0**4.58, 4.58)),
+    'honeycomb': Made('honeycomb', InversePower(0.3 * 10.0**3.1, 3.1), masses=[0.7, 1.05], foundation=100.0),
+    'kagome, two shells': Made('kagome', InversePower(0.2 * 10.0**5.0, 5.0), shells=2, foundation=150.0, masses=[0.6, 0.7, 0.9]),
+    'square by Yukawa': Made('square', Yukawa(40.0, 0.2), shells=3, foundation=60.0),
+    'chain by a table': Made('chain', Tabulated(np.linspace(7, 14, 9), 0.2 * np.linspace(0.7, 1.4, 9) ** -3.3), foundation=120.0),
+}
+
+
+@pytest.fixture(scope='module')
+def browser():
+    with playwright.sync_playwright() as driver:
+        found = driver.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def opened(browser, tmp_path, monkeypatch):
+    """A function that opens the page of a lattice without a network; faults and requests make the test fail."""
+    monkeypatch.setattr(explorer, 'VALUES', FEW)
+    context = browser.new_context(viewport={'width': 1100, 'height': 900}, offline=True)
+    faults, requests = [], []
+
+    def visit(made):
+        page = context.new_page()
+        page.on('console', lambda message: faults.append(message.text))
+        page.on('pageerror', lambda error: faults.append(str(error)))
+        page.on('request', lambda request: requests.append(request.url))
+        (tmp_path / 'page.html').write_text(made.page(), encoding='utf-8')
+        page.goto((tmp_path / 'page.html').as_uri())
+        return page
+
+    yield visit
+    context.close()
+    assert not faults
+    assert [url.rpartition('/')[2] for url in requests] == ['page.html']
+
+
+def slide(page, **places):
+    """Move sliders by the keyboard to their n-th value; what they say then, in SI."""
+    for name, n in places.items():
+        page.focus(f'#{name}')
+        page.keyboard.press('Home')
+        for _ in range(n):
+            page.keyboard.press('ArrowRight')
+    state = page.evaluate('view.state')
+    return {key: state[key] for key in ('spacing_m', 'exponent', 'foundation_N_per_m') if key in state}
+
+
+def count(page, name):
+    return page.evaluate('name => data.sliders[name]?.values.length ?? 0', name)
+
+
+def signed_squares(f):
+    return np.sign(f) * np.asarray(f) ** 2
+
+
+@pytest.mark.parametrize('name', MADE)
+def test_bands_of_both_models_are_those_of_the_package_wherever_the_sliders_are(name, opened):
+    rng, page = np.random.default_rng(list(MADE).index(name)), opened(MADE[name])
+    for _ in range(2):
+        names = [slider for slider in ('spacing', 'exponent', 'foundation') if count(page, slider)]
+        cell = MADE[name].cell(**slide(page, **{slider: int(rng.integers(count(page, slider))) for slider in names}))
+        path, bands = band_path(cell, None, 41), page.evaluate('view.bands')
+        exact = {model: signed_squares(analytic_bands(cell, path, model).frequencies_Hz) for model in cell.calc.bloch_models}
+        top = exact['conventional'].max()
+        for model in exact:  # both diagonalise matrices that round-off changes by some 1e-15 of their norm
+            np.testing.assert_allclose(signed_squares(bands[model]), exact[model], rtol=0, atol=1e-12 * top)
+        assert abs(signed_squares(bands['conventional']) - exact['complete']).max() > 1e-3 * top  # what a page without D* would show
+        heights = page.eval_on_selector_all('path.complete', 'paths => paths.map(path => path.getAttribute("d"))')
+        drawn = np.array([re.findall(r'[ML]\S+ (\S+?)(?=[ML]|$)', d) for d in heights], dtype=float).T
+        slope, zero = np.polyfit(np.ravel(bands['complete']), drawn.ravel(), 1)
+        assert slope < 0
+        assert abs(drawn - zero - slope * np.array(bands['complete'])).max() < 2e-3  # of a pixel: three decimals are written
+
+
+def test_eigenvalues_and_vectors_of_the_page_are_those_of_lapack(opened):
+    rng, page = np.random.default_rng(7), opened(MADE['triangular'])
+    for size in (1, 2, 3, 5, 8):
+        Q = np.linalg.qr(rng.normal(size=(size, size)) + 1j * rng.normal(size=(size, size)))[0]
+        values = np.sort(rng.integers(-2, 3, size) * 10.0 ** rng.integers(-3, 4))  # some of them equal
+        A = (Q * values) @ Q.conj().T
+        A = (A + A.conj().T) / 2
+        found = page.evaluate('''([re, im]) => {const {values, re: x, im: y} = hermitian({re, im});
+            return {values, re: x.map(row => [...row]), im: y.map(row => [...row])}}''', [A.real.tolist(), A.imag.tolist()])
+        V, norm = np.array(found['re']) + 1j * np.array(found['im']), np.linalg.norm(A)
+        np.testing.assert_allclose(found['values'], np.linalg.eigvalsh(A), rtol=0, atol=1e-13 * norm)
+        np.testing.assert_allclose(A @ V, V * found['values'], rtol=0, atol=1e-13 * norm)
+        np.testing.assert_allclose(V.conj().T @ V, np.eye(size), rtol=0, atol=1e-13)
+
+
+def buckles(cell, steps=24):
+    """Whether a mode of the lattice grows, on a mesh that holds all special points of these lattices."""
+    mesh = np.stack(np.meshgrid(np.arange(steps), np.arange(steps) if cell.pbc[1] else [0], [0]), axis=-1).reshape(-1, 3) / steps
+    omega = bloch_modes(cell, mesh)[0]
+    return omega.min() < -1e-6 * omega.max()
+
+
+@pytest.mark.parametrize(('name', 'slider'), [
+    ('triangular', 'exponent'), ('honeycomb', 'spacing'), ('kagome, two shells', 'foundation'), ('chain by a table', 'spacing')])
+def test_words_and_marks_tell_on_which_side_of_the_border_the_lattice_is(name, slider, opened):
+    made, page = MADE[name], opened(MADE[name])
+    said, true, needed = [], [], []
+    for n in range(count(page, slider)):
+        cell = made.cell(**slide(page, **{slider: n}))
+        words = page.inner_text('#stability')
+        said.append(words.startswith('Buckles.'))
+        true.append(buckles(cell))
+        stiffness = foundation_needed(cell)[0] / (u.N / u.m)
+        needed.append(stiffness)
+        assert ('without a foundation' in words) == (stiffness == 0)
+        if stiffness:
+            told = float(re.search(r'needs a foundation of ([\d.]+)', words)[1])
+            assert told == pytest.approx(stiffness, rel=1e-3)  # four digits
+    assert said == true
+    assert 0 < sum(said) < len(said)  # both sides were seen
+    first = said.index(False)
+    values = page.evaluate('name => data.sliders[name].values.map(v => v * data.sliders[name].per_SI)', slider)
+    border = float(re.search(r'buckles below ([\d.]+)', page.inner_text(f'#{slider}-border'))[1])
+    assert values[first - 1] * (1 - 1e-3) <= border <= values[first] * (1 + 1e-3)
+    place = page.eval_on_selector(f'#{slider}-scale .border', 'mark => parseFloat(mark.style.left)') / 100 * (len(values) - 1)
+    assert first - 1 - 1e-9 <= place <= first + 1e-9
+
+
+MOTION = '''() => [...document.querySelectorAll('#lattice .particle')].map((circle, n) => {
+  const rest = document.querySelectorAll('#lattice .rest')[n], of = (dot, x) => Number(dot.getAttribute(x));
+  return [...circle.dataset.cell.split(',').map(Number), Number(circle.dataset.particle), of(circle, 'cx') - of(rest, 'cx'),
+    of(rest, 'cy') - of(circle, 'cy'), Number(circle.closest('svg').dataset.theta), Number(circle.closest('svg').dataset.gain)];
+})'''
+
+
+def displacements(page):
+    """Cells, particles, displacements in pixels, phase and gain of the picture at one moment."""
+    rows = np.array(page.evaluate(MOTION))
+    return rows[:, :2], rows[:, 2].astype(int), rows[:, 3:5], rows[0, 5], rows[0, 6]
+
+
+def likeness(a, b):
+    return abs(np.vdot(a, b)) / (np.linalg.norm(a) * np.linalg.norm(b))
+
+
+def test_a_click_on_a_branch_moves_the_lattice_as_its_eigenvector_says(opened):
+    made, page = MADE['honeycomb'], opened(MADE['honeycomb'])
+    cell, at = made.cell(), 9
+    q, (omega, vectors) = band_path(cell, None, 41).kpts[at], bloch_modes(cell, band_path(cell, None, 41).kpts[at][None], vectors=True)
+    gaps = np.diff(omega[0]).min()
+    assert gaps > 0.01 * omega.max()  # no two modes of one frequency, of which any mixture would be right
+    for branch in (0, 2):
+        d = page.get_attribute(f'path.complete[data-branch="{branch}"]', 'd')
+        x, y = (float(part) for part in re.findall(r'[ML](\S+) (\S+?)(?=[ML]|$)', d)[at])
+        page.locator('#bands').click(position={'x': x, 'y': y})
+        assert page.evaluate('view.chosen') == {'model': 'complete', 'branch': branch, 'at': at}
+        told = float(re.search(r'([\d.]+)\s*Hz', page.inner_text('#mode'))[1])
+        assert told == pytest.approx(omega[0, branch] / (2 * np.pi) * 1e3, rel=1e-3)
+        cells, j, first, theta, _ = displacements(page)
+        page.wait_for_function('theta => Math.abs(Math.sin(Number(lattice.dataset.theta) - theta)) > 0.3', arg=theta)
+        _, _, later, then, gain = displacements(page)
+        assert gain == 1
+        # u = Re A exp(-i theta), seen at two phases
+        turn = np.array([[np.cos(theta), np.sin(theta)], [np.cos(then), np.sin(then)]])
+        A = np.tensordot([1, 1j], np.linalg.solve(turn, np.stack([first, later]).reshape(2, -1)), axes=1)
+        phases = np.exp(2j * np.pi * cells @ q[:2])[:, None]
+        expected = [(phases * vectors[0, k][j] / np.sqrt(np.array(made.masses)[j])[:, None]).ravel() for k in range(4)]
+        assert likeness(expected[branch], A) > 1 - 1e-6  # positions are written to 1e-4 of a pixel
+        assert max(likeness(expected[k], A) for k in range(4) if k != branch) < 0.99
+        assert abs(later).max() > 1  # pixels: it can be seen
+
+
+def test_an_unstable_mode_grows_and_a_stopped_one_rests(opened):
+    page = opened(MADE['triangular'])
+    slide(page, exponent=0)
+    assert page.inner_text('#mode').startswith('complete, branch 1 at M: grows e-fold in')
+    _, _, _, _, before = displacements(page)
+    page.wait_for_function('gain => Number(lattice.dataset.gain) > 1.05 * gain', arg=min(before, 0.5))
+    page.click('#play')
+    still = displacements(page)[2]
+    page.wait_for_timeout(100)
+    np.testing.assert_array_equal(displacements(page)[2], still)
+
+
+def test_keys_choose_modes_and_a_button_leads_back_to_the_scene(opened):
+    page = opened(MADE['triangular'])
+    assert page.is_disabled('#reset')
+    words = page.inner_text('#dstar')
+    M = analytic_bands(MADE['triangular'].cell(), band_path(MADE['triangular'].cell(), 'GM', 2)).frequencies_Hz[-1, 0]
+    D0 = analytic_bands(MADE['triangular'].cell(), band_path(MADE['triangular'].cell(), 'GM', 2), 'conventional').frequencies_Hz[-1, 0]
+    assert 'At M, D* lowers the shear branch from' in words
+    assert [float(number) for number in re.findall(r'[\d.]+(?=\s*[H%.]|\.$)', words)][-1] == pytest.approx(M / D0, abs=1e-4)
+    slide(page, spacing=1)
+    assert page.inner_text('#dstar') != words
+    page.click('#reset')
+    assert page.inner_text('#dstar') == words
+    page.focus('#bands')
+    page.keyboard.press('ArrowUp')
+    assert page.inner_text('#mode').startswith('conventional, branch 1 at M')
+    page.keyboard.press('ArrowLeft')
+    assert 'at q = (' in page.inner_text('#mode')
+
+
+@pytest.mark.parametrize('width', [500, 1600])
+def test_nothing_is_wider_than_the_window(width, opened):
+    page = opened(MADE['triangular'])
+    page.set_viewport_size({'width': width, 'height': 900})
+    assert page.evaluate('document.documentElement.scrollWidth') <= width
+    right = page.eval_on_selector_all('#bands text', 'texts => texts.map(text => text.getBoundingClientRect().right)')
+    assert max(right) <= width
