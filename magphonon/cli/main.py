@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 COMMANDS = ('bands', 'burst', 'check', 'completion', 'design', 'dos', 'explore', 'fit', 'frf', 'modes', 'plan', 'reproduce',
             'scene', 'spectrum', 'sweep', 'uncertainty')
-            'spectrum', 'sweep', 'uncertainty')
 """The commands; each is a module of `magphonon.cli`."""
 SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}

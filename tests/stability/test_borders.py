@@ -44,5 +44,5 @@ def test_a_triangular_lattice_needs_a_foundation_below_the_exponent_three():
 
 
 def test_a_law_without_an_exponent_is_refused():
-    with pytest.raises(ValueError, match='Yukawa.* has no exponent to change; it must be an InversePower'):
+    with pytest.raises(ValueError, match=r'Yukawa.* has no exponent to change; it must be an InversePower'):
         border_over_exponents(made('square', 1.0, Yukawa(1.0, 1.0)), [2.0, 3.0])
