@@ -61,6 +61,7 @@ html_math_renderer = 'mathml'
 html_title = f'magphonon {release}'
 html_static_path = ['_static']
 html_css_files = ['gallery.css']
+html_extra_path = ['generated/explorers']
 
 
 def setup(app):

@@ -3,7 +3,7 @@
 import shutil
 from functools import partial
 
-from . import api, commands, gallery, keys, thresholds
+from . import api, commands, explorers, gallery, keys, thresholds
 
 
 def write_all(folder, every=False):
@@ -11,7 +11,8 @@ def write_all(folder, every=False):
 
     `every` lets the gallery run the longer workflows too.
     """
-    for name, write in {'api': api.write, 'commands': commands.write, 'gallery': partial(gallery.write, every=every),
+    for name, write in {'api': api.write, 'commands': commands.write, 'explorers': explorers.write,
+                        'gallery': partial(gallery.write, every=every),
                         'scene': keys.write, 'validity': thresholds.write}.items():
         shutil.rmtree(folder / name, ignore_errors=True)
         (folder / name).mkdir(parents=True)

@@ -20,6 +20,7 @@ EXAMPLES = {
     'design': ['magphonon design design'],
     'dos': ['magphonon dos prototype'],
     'completion': ['magphonon completion bash > magphonon.sh'],
+    'explore': ['magphonon explore prototype'],
     'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out'],
     'frf': ['magphonon frf oscillator'],
     'modes': ['magphonon modes prototype'],
