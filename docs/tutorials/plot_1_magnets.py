@@ -94,6 +94,7 @@ print(f'lowest frequency with D*: {complete.frequencies_Hz.min():.1f} Hz')
 #
 # Before building it: ``magphonon check`` says the same of a scene, and adds the largest time step, the range of linear
 # motion, and the stiffness that the pillars need against tilting out of the plane.
+# ``magphonon explore`` writes a page in which sliders for spacing, exponent and foundation move these bands.
 
 from magphonon import verdict
 

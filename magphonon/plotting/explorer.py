@@ -35,7 +35,7 @@ FOUNDATIONS = 4.0
 """The slider of the foundation goes up to this multiple of f/L, or of the present stiffness if that is more."""
 VALUES = 100
 """A slider has this number of values or more, about up to twice as many."""
-POINTS = 151
+POINTS = 201
 """Wavevectors along the path."""
 ROUNDED = 1e-9
 """Relative room for round-off of lengths at the ends of a law."""
@@ -74,7 +74,7 @@ class Explorer:
     >>> from magphonon.bands import band_path
     >>> from magphonon.plotting.explorer import Explorer
     >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> page = Explorer(cell, band_path(cell, 'GMKG', 151))
+    >>> page = Explorer(cell, band_path(cell, 'GMKG', 201))
     >>> exponents = page.exponents.values
     >>> float(exponents[0]), float(exponents[page.exponents.scene]), float(exponents[-1])
     (1.0, 4.5824, 12.0)
