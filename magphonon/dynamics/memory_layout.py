@@ -126,10 +126,10 @@ class Layout:
 
     def gather(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values of the particles, shape (2, particles), from those of the slots, shape (2, length)."""
-        return values[:, : len(self.slot)] if self._whole else values[:, self.slot]
+        return values[:, : len(self.slot)] if self.whole else values[:, self.slot]
 
     @cached_property
-    def _whole(self):
+    def whole(self) -> bool:
         """Whether the particles fill the slots in their own order."""
         return np.array_equal(self.slot, np.arange(len(self.slot)))
 

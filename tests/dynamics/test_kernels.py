@@ -1,7 +1,8 @@
 """The increment law against extended precision, the layouts, and every kernel against the calculator."""
 
+import pickle
+import sys
 from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -392,27 +393,45 @@ def test_threads_are_a_whole_number_and_one_by_default_in_small_patches(monkeypa
 # --- what numba keeps -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('kind', ['nbi', 'nbc'])
-def test_a_damaged_file_of_what_numba_has_compiled_is_written_anew(tmp_path, kind):
+@pytest.fixture
+def doubling(tmp_path, monkeypatch):
+    """A function that is compiled, by `magphonon` or by numba itself, as a new process would do it."""
     numba = pytest.importorskip('numba')
-    from magphonon.dynamics.compiled_steps import OPTIONS, jit
+    from magphonon.dynamics.machine_code import compiled
 
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     source = tmp_path / 'doubling.py'
     source.write_text('def double(x):\n    return 2 * x\n', encoding='utf-8')
 
-    def double():
-        """As a new process would find it."""
+    def compile_by(numba_itself=False):
         module = module_from_spec(spec_from_file_location('doubling', source))
         module.__spec__.loader.exec_module(module)
-        return module.double
+        monkeypatch.setitem(sys.modules, 'doubling', module)  # where numba looks for it when it finds what it has compiled
+        signature = numba.types.int64(numba.types.int64)
+        return numba.njit(signature, cache=True)(module.double) if numba_itself else compiled(signature, 'double')(module.double)
 
-    kept = jit(double())
-    assert kept(2) == 4
-    (file,) = Path(kept.stats.cache_path).glob(f'*.{kind}')
-    file.write_bytes(np.random.default_rng(0).bytes(100))
-    with pytest.raises(Exception, match=r'pickle|unpack|load|codec|opcode|byte'):  # the control: numba itself ends there
-        numba.njit(cache=True, **OPTIONS)(double())(2)
-    assert jit(double())(2) == 4
-    clean = jit(double())
-    assert clean(2) == 4
-    assert sum(clean.stats.cache_hits.values()) == 1
+    return compile_by
+
+
+@pytest.mark.parametrize('numba_itself', [False, True])
+@pytest.mark.parametrize('kind', ['nbi', 'nbc'])
+def test_a_damaged_file_of_what_numba_has_compiled_is_written_anew(doubling, kind, numba_itself, tmp_path):
+    doubling(numba_itself)
+    (file,) = tmp_path.rglob(f'*.{kind}')
+    file.write_bytes(b'_ is no pickle')
+    if numba_itself:  # the control: it ends there
+        with pytest.raises(pickle.UnpicklingError):
+            doubling(numba_itself)
+        return
+    anew, found = doubling(), doubling()
+    assert [anew.call(2), found.call(2)] == [4, 4]
+    assert [anew.kept, found.kept] == [False, True]
+
+
+def test_a_change_of_any_file_with_compiled_functions_is_noticed(doubling, monkeypatch):
+    machine_code = pytest.importorskip('magphonon.dynamics.machine_code', exc_type=ImportError)
+    doubling()
+    assert doubling().kept
+    monkeypatch.setattr(machine_code, 'SOURCES', 'of another version')
+    assert not doubling().kept
+    assert doubling().kept
