@@ -334,19 +334,30 @@ def write(whole):
     return write
 
 
+@part
+def _other(given, i, n, particles, slots):
+    """Whether particle i is not where slot n is."""
+    u, v, x, masses = floats(given, 1), floats(given, 2), floats(given, 3), floats(given, 4)
+    positions, momenta = floats(given, 5), floats(given, 6)
+    return ((positions[3 * i] != x[i] + u[n]) | (positions[3 * i + 1] != x[particles + i] + u[slots + n])
+            | (momenta[3 * i] != masses[i] * v[n]) | (momenta[3 * i + 1] != masses[i] * v[slots + n]))
+
+
 @cache
 def written(whole):
     """The compiled function that says whether they are what `write` has left."""
     @compiled(ATOMS, 'written' + ' whole' * whole)
     def written(given, s, e, particles, slots):
-        slot, u, v, x, masses = ints(given, 0), floats(given, 1), floats(given, 2), floats(given, 3), floats(given, 4)
-        uy, vy, y, positions, momenta = past(u, slots), past(v, slots), past(x, particles), floats(given, 5), floats(given, 6)
+        if not whole:  # vector units are slow at looking up
+            slot = ints(given, 0)
+            for i in range(s, e):
+                if _other(given, i, slot[i], particles, slots):
+                    return 0
+            return 1
         for low in range(s, e, AT_A_TIME):
             other = False
             for i in range(low, min(low + AT_A_TIME, e)):
-                n = i if whole else slot[i]
-                other |= (positions[3 * i] != x[i] + u[n]) | (positions[3 * i + 1] != y[i] + uy[n])
-                other |= (momenta[3 * i] != masses[i] * v[n]) | (momenta[3 * i + 1] != masses[i] * vy[n])
+                other |= _other(given, i, i, particles, slots)
             if other:
                 return 0
         return 1

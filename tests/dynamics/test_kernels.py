@@ -165,8 +165,8 @@ def structures():
 
 
 STRUCTURES = dict(structures())
-# numba compiles anew, two seconds each, for every number of bond groups, with or without bonds that may not be there, and for
-# every length of polynomials, which goes with the amplitude, or of the longest row of a table: the compiled tests share a few
+# what differs for each number of bond groups, with or without bonds that may not be there, for every length of polynomials, which
+# goes with the amplitude, or of the longest row of a table, is compiled anew: the compiled tests share a few
 FEW = ['triangular hexagon', 'free edges', 'free vacancies on a grid', 'table', 'many runs on a grid', 'many runs of a table']
 
 
