@@ -48,7 +48,7 @@ def run(options: Namespace) -> None:
             passages = {model: _send(scene, k, cell, model, engine(name, model)) for model in MODELS}
             found = {model: waves(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
             _save(folder, name, passages, found)
-            _draw(save, name, passages, found)
+            _draw(save, name, plan.carriers_Hz[k], passages, found)
             if options.animation:
                 _animate(folder, name, passages)
             records |= {f'{name}_{model}': found[model] for model in MODELS}
@@ -124,26 +124,16 @@ def _write_row(file, patch, site):
     write_columns(file, ['step', 'particle', 'x_m', 'y_m'], columns)
 
 
-def _draw(save, name, passages, found):
-    """The maps of both simulations side by side, and both patches at the time when the wave reaches the middle of the row."""
-    from ..plotting.axes import panels
-    from ..plotting.waves import crossing, plot_snapshot, plot_wave
+def _draw(save, name, carrier, passages, found):
+    """The maps of both simulations side by side, and both patches when the first wave reaches the middle of the row."""
+    from ..plotting.waves import plot_crossing, plot_waves
 
     motions = list(dict.fromkeys(wave.motion for waves in found.values() for wave in waves))
-    figure, axes = panels(len(motions), 2)
-    for column, (model, waves) in enumerate(found.items()):
-        for row, motion in enumerate(motions):
-            wave = next((wave for wave in waves if wave.motion == motion), None)
-            if wave is None:
-                axes[row, column].set_axis_off()
-                continue
-            plot_wave(wave, axes[row, column]).get_legend().set_title(f'{model} simulation, {motion} motion')
-    save(figure, f'{name}_maps')
-
-    figure, axes = panels(1, 2)
-    for ax, (patch, site, passage) in zip(axes[0], passages.values(), strict=True):
-        plot_snapshot(patch, passage.field, crossing(passage), site, ax)
-    save(figure, f'{name}_snapshot')
+    order = ('conventional', 'complete')  # as in the paper
+    table = [[next((wave for wave in found[model] if wave.motion == motion), None) for model in order] for motion in motions]
+    names = [f'{model} simulation, {motion} motion' for motion in motions for model in order]
+    save(plot_waves(table, names, [carrier] * len(motions))[0], f'{name}_maps')
+    save(plot_crossing({model: passages[model] for model in order}), f'{name}_snapshot')
 
 
 def _animate(folder, name, passages):

@@ -47,8 +47,10 @@ from .uncertainty import (
 )
 from .waves import (
     crossing as crossing,
+    plot_crossing as plot_crossing,
     plot_snapshot as plot_snapshot,
     plot_wave as plot_wave,
+    plot_waves as plot_waves,
     save_animation as save_animation,
 )
 from .zone import (

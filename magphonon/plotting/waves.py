@@ -7,14 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .axes import COLOURS, legend_above, new_axes
-from .scales import label_frequencies
+from .axes import COLOURS, legend_above, legend_of_set, letter_panels, new_axes, panels
+from .scales import PREFIXES, label_frequencies, prefix_power
+from .structures import draw_particles, frame, spacing
+from .style import COLUMN_in, PAGE_in
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from ase import Atoms
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from .results import Passage, Record, Site, Wave
 
@@ -23,6 +28,11 @@ FLOOR_dB = -40
 LINES = {'complete': (COLOURS[0], '-'), 'conventional': (COLOURS[1], '--')}
 MARGIN = 1.4
 """Ratio of the upper end of a map to the highest frequency that it shows."""
+POWER = 'power (dB)'
+BESIDE_in = 0.9
+"""Room for names, legend and colour bar beside panels whose sides are equal lengths."""
+SATURATED = 0.02
+"""Share of the particles, those next to the source, that are beyond the scale of a picture of crests."""
 
 
 def plot_wave(wave: Wave, ax: Axes | None = None) -> Axes:
@@ -51,31 +61,90 @@ def plot_wave(wave: Wave, ax: Axes | None = None) -> Axes:
     >>> ax = plot_wave(waves(Displacements(t, x, np.stack([1e-3 * u, 0 * u], axis=2)), cell, 'row')[0])
     """
     ax = new_axes() if ax is None else ax
-    spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
-    with np.errstate(divide='ignore'):
-        dB = 10 * np.log10(spectrum.power / spectrum.peak)
-    lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards
-    top = min(MARGIN * lit, spectrum.omega[-1])
-    shown = spectrum.omega <= top
-    image = ax.pcolormesh(spectrum.xi[forward], units.hertz(spectrum.omega[shown]), dB[np.ix_(shown, forward)].clip(FLOOR_dB),
-                          cmap='Greys', vmin=FLOOR_dB, vmax=0, shading='nearest', rasterized=True)
-    ax.figure.colorbar(image, ax=ax, label='power (dB)')
-    for (model, name), branch in wave.branches.items():
-        colour, line = LINES[model]
-        ax.plot(branch.xi, units.hertz(branch.omega), line, color=colour, linewidth=1.6, label=model if name == 'shear' else None)
-    if wave.ridge:
-        ridge = wave.ridge
-        ax.errorbar(ridge.xi, units.hertz(ridge.omega), units.hertz(ridge.sigma_omega), ridge.sigma_xi, fmt='o', color=COLOURS[3],
-                    markersize=3.5, markerfacecolor='white', linewidth=0.9, label='ridge')
-    ax.set(xlabel=r'phase per step $\xi = k\cdot R$ (rad)', xlim=(0, np.pi), ylim=(0, units.hertz(top)))
-    label_frequencies(ax.yaxis)
-    ax.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
+    image = _draw_map(ax, wave, _top(wave))
+    ax.figure.colorbar(image, ax=ax, label=POWER)
     legend_above(ax, title=f'{wave.motion} motion')
     return ax
 
 
+def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = (),
+               carriers_Hz: Sequence[float] = ()) -> tuple[Figure, NDArray[np.object_]]:
+    """A set of wavenumber-frequency maps on equal axes, with letters, one legend and one colour bar.
+
+    Parameters
+    ----------
+    table : sequence of sequence of Wave
+        One row of panels each; None leaves a panel empty.
+    names : sequence of str, optional
+        Of the panels, row by row.
+    carriers_Hz : sequence of float, optional
+        Carrier of the burst in each row, drawn as a dotted line.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    ndarray of matplotlib.axes.Axes, shape (rows, columns)
+        `legend_of_set` takes in what is drawn over them later.
+    """
+    figure, axes = panels(len(table), len(table[0]), height=2.3)
+    letter_panels(axes, names)
+    top, image = max(_top(wave) for row in table for wave in row if wave), None
+    for row, line in zip(axes, table, strict=True):
+        for ax, wave in zip(row, line, strict=True):
+            if wave is None:
+                ax.set_axis_off()
+            else:
+                image = _draw_map(ax, wave, top)
+    for row, carrier in zip(axes, carriers_Hz, strict=False):
+        for ax in row:
+            ax.axhline(carrier, color='0.3', linestyle=':', linewidth=0.9, label='carrier')
+    _label_outer(axes)
+    if image is not None:
+        figure.colorbar(image, ax=axes, label=POWER, pad=0.02, aspect=30)
+    legend_of_set(figure, ncols=4)
+    return figure, axes
+
+
+def _label_outer(axes):
+    for ax in axes.flat:
+        ax.label_outer()
+
+
+def _top(wave):
+    """Upper end of a map in rad/ms: what it shows, and some room."""
+    spectrum = wave.spectrum
+    dB = _decibels(spectrum)
+    lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards
+    return min(MARGIN * lit, spectrum.omega[-1])
+
+
+def _decibels(spectrum):
+    with np.errstate(divide='ignore'):
+        return 10 * np.log10(spectrum.power / spectrum.peak)
+
+
+def _draw_map(ax, wave, top):
+    """The map up to the frequency `top` in rad/ms, with its branches and its ridge; returns the image."""
+    spectrum, forward = wave.spectrum, wave.spectrum.xi >= 0
+    shown = spectrum.omega <= top
+    image = ax.pcolormesh(spectrum.xi[forward], units.hertz(spectrum.omega[shown]),
+                          _decibels(spectrum)[np.ix_(shown, forward)].clip(FLOOR_dB),
+                          cmap='Greys', vmin=FLOOR_dB, vmax=0, shading='nearest', rasterized=True)
+    for (model, name), branch in wave.branches.items():
+        colour, line = LINES[model]
+        ax.plot(branch.xi, units.hertz(branch.omega), line, color=colour, label=model if name == 'shear' else None)
+    if wave.ridge:
+        ridge = wave.ridge
+        ax.errorbar(ridge.xi, units.hertz(ridge.omega), units.hertz(ridge.sigma_omega), ridge.sigma_xi, fmt='o', color=COLOURS[3],
+                    markerfacecolor='white', linewidth=0.9, label='ridge')
+    ax.set(xlabel=r'phase per step $\xi = k\cdot R_2$ (rad)', xlim=(0, np.pi), ylim=(0, units.hertz(top)))
+    label_frequencies(ax.yaxis)
+    ax.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
+    return image
+
+
 def plot_snapshot(patch: Atoms, field: Record, frame: int, site: Site, ax: Axes | None = None) -> Axes:
-    """All particles of a patch at one time, darker for a larger displacement, with the source and the measured row.
+    """All particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
 
     Parameters
     ----------
@@ -90,18 +159,42 @@ def plot_snapshot(patch: Atoms, field: Record, frame: int, site: Site, ax: Axes 
     Returns
     -------
     matplotlib.axes.Axes
+        Coloured by the component u_x or u_y in which most of the motion is, on a scale that is symmetric about zero.
     """
-    ax = new_axes() if ax is None else ax
-    rest = patch.calc.reference.positions[:, :2] / units.m
-    width = ax.get_position().width * ax.figure.get_figwidth()  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
-    diameter = 72 * width * patch.calc.bonds.lengths.min() / units.m / np.ptp(rest[:, 0])  # in points, to touch each other
-    dots = ax.scatter(*rest.T, s=(0.8 * diameter) ** 2, c=_distance(field, frame), cmap='Greys', vmin=0, linewidths=0)
-    ax.figure.colorbar(dots, ax=ax, label='displacement (m)', shrink=0.6)
-    ax.plot(*rest[site.row].T, '--', color=COLOURS[0], linewidth=1, label='measured along $R_2$')
-    ax.plot(*rest[site.driven].T, '-', color=COLOURS[1], marker='^', markersize=3, linewidth=1, label='driven')
-    legend_above(ax, ncols=2, title=_moment(patch, field, frame))
-    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal')
+    ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in)) if ax is None else ax
+    axis = _main_axis(field.displacements[frame])
+    dots, power = _draw_crests(ax, patch, field.displacements[frame, :, axis], site)
+    _bar_of_crests(dots, ax, axis, power)
+    legend_above(ax, ncols=2, title=f'{patch.calc.parameters.model} model, {_moment(field, frame)}')
     return ax
+
+
+def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure:
+    """One moment of a burst in several simulations, on one scale: when the first of them has reached the middle of the row.
+
+    Parameters
+    ----------
+    passages : mapping
+        Patch, site and passage of each simulation, by its name.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    frame = min(crossing(passage) for *_, passage in passages.values())
+    fields = {name: passage.field for name, (*_, passage) in passages.items()}
+    axis = _main_axis(np.concatenate([field.displacements[frame] for field in fields.values()]))
+    shown = {name: field.displacements[frame, :, axis] for name, field in fields.items()}
+    patch = next(iter(passages.values()))[0]
+    figure, axes = panels(1, len(passages), height=_height(patch, (PAGE_in - BESIDE_in) / len(passages)))
+    letter_panels(axes, [f'{name}, {field.times[frame] / units.s:.3f} s' for name, field in fields.items()])
+    largest = _visible(list(shown.values()))
+    for ax, (name, (patch, site, _)) in zip(axes.flat, passages.items(), strict=True):
+        dots, power = _draw_crests(ax, patch, shown[name], site, largest)
+    _label_outer(axes)
+    _bar_of_crests(dots, axes, axis, power, pad=0.02)
+    legend_of_set(figure)
+    return figure
 
 
 def crossing(passage: Passage) -> int:
@@ -111,25 +204,60 @@ def crossing(passage: Passage) -> int:
 
 
 def save_animation(path: str | Path, patch: Atoms, field: Record, site: Site) -> None:
-    """Write a GIF of all frames, each with its own grey scale, so that a wave is visible until it has decayed."""
+    """Write a GIF of all frames on one scale and between fixed axes."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    ax = plot_snapshot(patch, field, len(field.times) // 2, site)
-    dots, title = ax.collections[0], ax.get_legend().get_title()
+    axis = _main_axis(field.displacements)
+    crests = field.displacements[..., axis]
+    ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in))
+    dots, power = _draw_crests(ax, patch, crests[len(crests) // 2], site, _visible(crests))
+    _bar_of_crests(dots, ax, axis, power)
+    title = legend_above(ax, ncols=2, title=_moment(field, 0)).get_title()
+    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    ax.figure.set_layout_engine('none')  # pyright: ignore[reportAttributeAccessIssue]
 
     def show(frame):
-        distance = _distance(field, frame)
-        dots.set_array(distance)
-        dots.set_clim(0, distance.max() or 1)
-        title.set_text(_moment(patch, field, frame))
+        dots.set_array(crests[frame] / units.m / 10.0**power)
+        title.set_text(_moment(field, frame))
 
     moving = FuncAnimation(ax.figure, show, frames=range(1, len(field.times)))  # pyright: ignore[reportArgumentType]  no subfigure
-    moving.save(path, writer=PillowWriter(fps=8), dpi=120)
+    moving.save(path, writer=PillowWriter(fps=8), dpi=200)
 
 
-def _distance(field, frame):
-    return np.linalg.norm(field.displacements[frame], axis=1) / units.m
+def _height(patch, width):
+    """Height in inches of a figure whose axes around a patch are so wide."""
+    wide, high = np.ptp(patch.calc.reference.positions[:, :2], axis=0)
+    return BESIDE_in + width * min(1.2, high / wide)
 
 
-def _moment(patch, field, frame):
-    return f'{patch.calc.parameters.model} model, {field.times[frame] / units.s:.3f} s after the start'
+def _main_axis(displacements):
+    """Number of the axis along which most of the motion is, of displacements of shape (..., dim)."""
+    return int((displacements.reshape(-1, displacements.shape[-1]) ** 2).sum(axis=0).argmax())
+
+
+def _visible(crests):
+    """Half the range in mm of a scale for some pictures on which particles can be told apart, except those next to the source."""
+    seen = max(np.quantile(abs(u), 1 - SATURATED) for u in crests)
+    return float(seen or max(abs(u).max() for u in crests) or 1.0)
+
+
+def _draw_crests(ax, patch, crests, site, largest=None):
+    """Particles coloured by a displacement in mm; the dots, and the power of ten of their unit in m."""
+    rest, largest = patch.calc.reference.positions[:, :2] / units.m, largest or _visible([crests])
+    power = prefix_power(largest / units.m)
+    dots = draw_particles(ax, rest, 0.95 * spacing(patch), linewidths=0, cmap='RdBu_r')
+    dots.set_array(crests / units.m / 10.0**power)
+    dots.set_clim(*(np.array([-1, 1]) * largest / units.m / 10.0**power))
+    ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')
+    ax.plot(*rest[site.driven].T, '-', color=COLOURS[3], marker='^', markersize=4, linewidth=1.2, label='driven')
+    frame(ax, rest, spacing(patch))
+    return dots, power
+
+
+def _bar_of_crests(dots, axes, axis, power, **options):
+    label = f'displacement $u_{"xyz"[axis]}$ ({PREFIXES[power]}m)'
+    np.ravel(axes)[0].figure.colorbar(dots, ax=axes, label=label, extend='both', **options)
+
+
+def _moment(field, frame):
+    return f'{field.times[frame] / units.s:.3f} s after the start'

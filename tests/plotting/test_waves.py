@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, lattices, units as u
 from magphonon.plotting.axes import panels
-from magphonon.plotting.waves import crossing, plot_snapshot, plot_wave
+from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves, save_animation
 from magphonon.waves.tone_burst import Passage
 from magphonon.waves.vibrometer import Displacements
 from magphonon.waves.wave_analysis import waves
@@ -74,12 +74,75 @@ def test_a_snapshot_shows_where_particles_rest_and_how_far_they_are(passage):
     dots = ax.collections[0]
     assert_allclose(dots.get_offsets(), patch.positions[:, :2] / 1000)  # mm in m
     assert np.argmax(dots.get_array()) == where.row[4]
-    assert dots.get_array().max() == pytest.approx(3e-3)
+    assert dots.get_array().max() == pytest.approx(3)
+    assert ax.figure.axes[1].get_ylabel() == 'displacement $u_y$ (mm)'
+    assert sum(dots.get_clim()) == 0
     assert (ax.get_xlabel(), ax.get_ylabel()) == ('$x$ (m)', '$y$ (m)')
     assert ax.get_legend().get_title().get_text() == 'complete model, 0.400 s after the start'
     measured = next(line for line in ax.lines if 'measured' in line.get_label())
     assert_allclose(measured.get_ydata(), patch.positions[where.row, 1] / 1000)
     ax.figure.canvas.draw()
+
+
+def test_a_crest_and_a_trough_have_opposite_colours(passage):
+    patch, where, left = passage
+    left.field.displacements[4, where.row[5], 1] = -3 * u.mm  # the particle behind moves against the first one
+    colours = plot_snapshot(patch, left.field, 4, where).collections[0]
+    crest, trough = colours.to_rgba(colours.get_array())[where.row[4:6], :3]
+    assert crest[0] > 2 * crest[2]  # red
+    assert trough[2] > 2 * trough[0]  # blue
+
+
+def test_one_moment_of_two_simulations_is_drawn_on_one_scale(passage):
+    patch, where, early = passage
+    field = early.field
+    late = Passage(Displacements(field.times, where.row, np.roll(field.displacements[:, where.row], 2, axis=0) / 2),
+                   Displacements(field.times, field.particles, np.roll(field.displacements, 2, axis=0) / 2), 1.5 * u.mm)
+    figure = plot_crossing({'late': (patch, where, late), 'early': (patch, where, early)})
+    figure.canvas.draw()
+    (one, other), bars = figure.axes[:2], figure.axes[2:]
+    assert len(bars) == 1
+    assert one.collections[0].get_clim() == other.collections[0].get_clim()
+    moved = [ax.collections[0].get_array() for ax in (one, other)]
+    middle = len(where.row) // 2  # the earlier one is there
+    assert [array.argmax() for array in moved] == [where.row[middle - 2], where.row[middle]]
+    assert [array.max() for array in moved] == [1.5, 3]
+    assert [ax.get_title(loc='left') for ax in (one, other)] == ['(a) late, 0.500 s', '(b) early, 0.500 s']
+
+
+def test_a_film_has_one_scale_and_fixed_axes(passage, tmp_path):
+    from PIL import Image
+
+    patch, where, left = passage
+    left.field.displacements[:] *= np.exp(-np.arange(len(left.field.times)))[:, None, None]  # it decays
+    save_animation(tmp_path / 'film.gif', patch, left.field, where)
+    with Image.open(tmp_path / 'film.gif') as film:
+        frames = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            frames.append(np.asarray(film.convert('RGB'), dtype=int))
+    red = [(frame[..., 0] - frame[..., 1])[:, : frame.shape[1] // 2].max() for frame in frames]  # crests, not the colour bar
+    assert red[0] > 2 * red[-1] + 20
+    ink = np.array([frame.max(axis=2) < 100 for frame in frames])[:, -100:]  # the axis of x
+    changed = (ink ^ ink[0]).sum(axis=(1, 2)) / ink[0].sum()
+    assert changed.max() < 0.2  # each frame of a GIF has its own palette; axes that moved by two pixels would change half
+    assert (np.roll(ink[0], (2, 2), (0, 1)) ^ ink[0]).sum() > 0.5 * ink[0].sum()
+
+
+def test_a_set_of_maps_has_equal_axes_one_legend_and_one_colour_bar(ideal):
+    high = wave_of(ideal)
+    t, n = 2.0 * np.arange(400)[:, None], np.arange(40)
+    motion = np.cos(0.141421356 * np.sin(0.1) * t - 0.2 * n)  # far below the other
+    low = waves(Displacements(t[:, 0], n, motion[..., None] * polarisations(ideal, 'row')['transverse']), ideal, 'row')[0]
+    assert plot_wave(low).get_ylim() != plot_wave(high).get_ylim()
+    figure, axes = plot_waves([[low, high], [None, high]], ['one', 'two', 'three', 'four'], [10.0, 12.0])
+    figure.canvas.draw()
+    assert len(figure.axes) == 5
+    assert len({ax.get_ylim() for ax in axes.flat if ax.axison}) == 1
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ['complete', 'conventional', 'carrier', 'ridge']
+    assert not any(ax.get_legend() for ax in axes.flat)
+    carriers = [next(line for line in ax.lines if line.get_label() == 'carrier').get_ydata()[0] for ax in axes[:, 1]]
+    assert carriers == [10, 12]
 
 
 def test_crossing_is_when_the_middle_of_the_row_moves(passage):
