@@ -116,7 +116,8 @@ class Bands(units.InHertz):
         return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes)
 
 
-def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vectors: bool = False) -> Bands:
+def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vectors: bool = False,
+                   branches: int | None = None) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
 
     Parameters
@@ -129,6 +130,8 @@ def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vector
         D0 + D*, or D0 alone.
     vectors : bool
         Keep the modes too.
+    branches : int, optional
+        The lowest ones only, which cells of hundreds of particles find many times sooner; all of them if not given.
 
     Returns
     -------
@@ -137,7 +140,7 @@ def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vector
     Raises
     ------
     ValueError
-        For an unknown model, a path of another cell, or atoms without MagneticRepulsion.
+        For an unknown model, a path of another cell, more branches than there are, or atoms without MagneticRepulsion.
 
     Examples
     --------
@@ -149,9 +152,13 @@ def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vector
     array([ 2., 22.])
     >>> (analytic_bands(cell, path, 'conventional').omega[1] ** 2).round(10)  # 2 a and 6 a
     array([ 8., 24.])
+    >>> large = cell.repeat((15, 15, 1))
+    >>> large.calc = cell.calc.on(large)
+    >>> analytic_bands(large, large.cell.bandpath('GM', npoints=3, pbc=large.pbc), branches=4).omega.shape  # of 450 branches
+    (3, 4)
     """
     path = path_of(atoms, path)
-    return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors))
+    return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors, branches))
 
 
 def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> BandPath:

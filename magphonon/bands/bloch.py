@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import sparse
 from tqdm import tqdm
 
-from ..errors import finite
+from ..errors import finite, whole
 from ..stiffness.constraints import free_motion
-from ..stiffness.matrices import mass_weighted, signed_root
+from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
+from ..stiffness.matrices import hessian, mass_weighted, signed_root
 from ..stiffness.rest import settled
 
 if TYPE_CHECKING:
@@ -61,8 +63,8 @@ def condensed(D: NDArray[Any], free: NDArray[np.float64]) -> NDArray[Any]:
     return D if free.shape[0] == free.shape[1] else free.T @ D @ free
 
 
-def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete',
-                vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
+def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete', vectors: bool = False,
+                branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors.
 
     Held particles, FixAtoms, do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
@@ -77,6 +79,9 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete',
     model : {'complete', 'conventional'}
     vectors : bool
         Compute the modes too.
+    branches : int, optional
+        The lowest ones only, which cells of hundreds of particles find without being diagonalised
+        (`magphonon.stiffness.lowest_eigenpairs`); all of them if not given.
 
     Returns
     -------
@@ -88,7 +93,7 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete',
     Raises
     ------
     ValueError
-        For an unknown model, a wavevector that is not finite, or atoms without MagneticRepulsion.
+        For an unknown model, a wavevector that is not finite, more branches than there are, or atoms without MagneticRepulsion.
 
     Examples
     --------
@@ -101,18 +106,46 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete',
     """
     calc, free = cell_at_rest(atoms)
     q = _wavevectors(q)
-    omega, modes = [], []
-    parts = np.array_split(q, _batches(len(q), len(atoms) * calc.dim))
+    every = free.shape[1]
+    count = every if branches is None else _at_most(every, branches)
+    if calc.pairwise and inverse_pays(every, count, real=False):
+        parts = _lowest_by_inverse(calc, free, atoms.get_masses(), q, model, count, vectors)
+    else:
+        parts = _by_lapack(calc, free, atoms.get_masses(), q, model, vectors)
+    squares, columns = zip(*parts, strict=True)
+    omega = signed_root(np.concatenate(squares)[:, :count])
+    if not vectors:
+        return omega, None
+    modes = np.concatenate([part[..., :count].swapaxes(1, 2) for part in columns])
+    return omega, modes.reshape(*omega.shape, len(atoms), calc.dim)
+
+
+def _by_lapack(calc, free, masses, q, model, vectors):
+    """All squared frequencies of batches of wavevectors, shape (batch, modes), and the columns of modes or None."""
+    parts = np.array_split(q, _batches(len(q), len(free), len(calc.bonds)))
     for part in tqdm(parts, desc='wavevectors', delay=2, disable=None if len(parts) > 1 else True, leave=False):
-        D = condensed(mass_weighted(calc.bloch_matrix(part, model), atoms.get_masses()), free)
-        if vectors:
-            squares, columns = np.linalg.eigh(D)
-            columns = columns if len(columns[0]) == len(free) else free @ columns
-            modes.append(columns.swapaxes(1, 2).reshape(*squares.shape, len(atoms), calc.dim))
-        else:
-            squares = np.linalg.eigvalsh(D)
-        omega.append(signed_root(squares))
-    return np.concatenate(omega), np.concatenate(modes) if vectors else None
+        D = condensed(mass_weighted(calc.bloch_matrix(part, model), masses), free)
+        if not vectors:
+            yield np.linalg.eigvalsh(D), None
+            continue
+        squares, columns = np.linalg.eigh(D)
+        yield squares, columns if len(columns[0]) == len(free) else free @ columns
+
+
+def _lowest_by_inverse(calc, free, masses, q, model, count, vectors):
+    """The same of the lowest modes alone, one wavevector after the other; the answer for each is the first estimate of the next."""
+    S = sparse.diags_array(1 / np.sqrt(np.repeat(masses, calc.dim))) @ sparse.csr_array(free)
+    K, squares = calc.rest_stiffness(model), None
+    for at in tqdm(q, desc='wavevectors', delay=2, disable=None, leave=False):
+        D = sparse.csr_array(S.T @ hessian(calc.bonds, K, calc.foundation, at) @ S)
+        squares, columns = lowest_eigenpairs(D, count, squares)
+        yield squares[None], (free @ columns)[None] if vectors else None
+
+
+def _at_most(every, branches):
+    if whole('branches', branches) > every:
+        raise ValueError(f'the cell has {every} branches, not {branches}')
+    return branches
 
 
 def _wavevectors(q):
@@ -122,5 +155,6 @@ def _wavevectors(q):
     return q.reshape(-1, 3)
 
 
-def _batches(wavevectors, size):
-    return max(1, -(-wavevectors * size**2 * 16 // BATCH_BYTES))
+def _batches(wavevectors, size, bonds):
+    """Number of batches; in each the largest array holds a matrix, or a block of each bond, for all wavevectors."""
+    return max(1, -(-wavevectors * max(size**2, 9 * bonds) * 16 // BATCH_BYTES))

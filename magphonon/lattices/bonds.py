@@ -70,6 +70,14 @@ class Bonds:
         """Number of bonds that end at each particle, shape (particles,)."""
         return np.bincount(np.concatenate([self.i, self.j]), minlength=self.particles)
 
+    @cached_property
+    def distinct_shifts(self) -> tuple[NDArray[np.int_], NDArray[np.intp]]:
+        """The shifts without repetition, shape (shifts, 3), and which of them belongs to each bond, shape (bonds,).
+
+        The thousands of bonds of a large cell of a planar lattice have five shifts.
+        """
+        return np.unique(self.shift, axis=0, return_inverse=True)
+
     def at(self, atoms: Atoms) -> Bonds:
         """The same pairs of particles with the vectors that they have in `atoms`, in whatever periodic image these stand."""
         vectors = atoms.positions[self.j] + self.shift @ atoms.cell.array - atoms.positions[self.i]

@@ -21,9 +21,8 @@ from .. import units
 from ..errors import finite, whole
 from ..files import Saved
 from ..stiffness.linear_system import LinearSystem
-from ..stiffness.lowest import ROUND_OFF, count_below, inverse_below, lowest_mode
+from ..stiffness.lowest import ROUND_OFF, count_below, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import signed_root
-from .chebyshev import stable_interval
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -31,9 +30,6 @@ if TYPE_CHECKING:
 
 SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""
-SHIFT = 1e-6
-"""Shift below zero at which a large stable structure is inverted to find its lowest modes, as a fraction of the highest squared
-frequency."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,8 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     atoms : ase.Atoms or LinearSystem
         With MagneticRepulsion.
     count : int, optional
-        The lowest ones only, which a large structure finds without being diagonalised; all of them if not given.
+        The lowest ones only, which a large structure finds without being diagonalised, and counts lest one be missed; all of them
+        if not given.
 
     Returns
     -------
@@ -87,15 +84,12 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     count = size if count is None else whole('count', count)
     if count > size:
         raise ValueError(f'the structure has {size} modes, not {count}')
-    if size <= SMALL or count > size // 10:
+    if count == size:
         squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
-        shift, inverse = inverse_below(system.K, 0.0, SHIFT * stable_interval(system.K).highest)
-        squares, vectors = sparse.linalg.eigsh(system.K, k=count, sigma=shift, OPinv=inverse,
-                                               v0=np.random.default_rng(0).normal(size=size))
-    order = np.argsort(squares)[:count]
-    shapes = (system.shapes @ vectors[:, order]).T.reshape(count, len(system), system.dim)
-    return Modes(signed_root(squares[order]), shapes)
+        squares, vectors = lowest_eigenpairs(system.K, count, near=np.zeros(1))
+    shapes = (system.shapes @ vectors).T.reshape(count, len(system), system.dim)
+    return Modes(signed_root(squares), shapes)
 
 
 def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:

@@ -45,6 +45,8 @@ from .lowest import (
     count_below as count_below,
     eigenpairs_between as eigenpairs_between,
     inverse_below as inverse_below,
+    inverse_pays as inverse_pays,
+    lowest_eigenpairs as lowest_eigenpairs,
     lowest_mode as lowest_mode,
     none_negative as none_negative,
 )

@@ -71,6 +71,9 @@ def free_directions(atoms: Atoms) -> sparse.csr_array:
         FixedPlane hold is taken as free.
     """
     dim = atoms.calc.dim
+    if not atoms.constraints:
+        size = len(atoms) * dim
+        return sparse.csr_array((np.ones(size), np.arange(size), np.arange(size + 1)))
     try:
         mobile, guided, barred = freedom(atoms)
     except ValueError:

@@ -1,4 +1,5 @@
-"""Eigenvalues of a stiffness matrix, or of squared frequencies: the lowest one, which decides on stability; those in a gap."""
+"""Eigenvalues of a stiffness matrix, or of squared frequencies: the lowest one, which decides on stability; the lowest few; those
+in a gap."""
 
 from __future__ import annotations
 
@@ -6,21 +7,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import eigh
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from numpy.typing import NDArray
     from scipy.sparse.linalg import LinearOperator, SuperLU
 
 DENSE = 200
 """Largest size of a matrix that is diagonalised completely."""
+INVERSE = 800
+"""Size of a real matrix above which an inverse finds the lowest eigenvalues sooner than LAPACK; of a complex one, which takes LAPACK
+four times as long, half of it.  By the processor's time of 8 of them in planar and cubic cells (`benchmarks/large_cells.py`)."""
+FEW = 20
+"""One eigenvalue in so many is found sooner so; of more, Lanczos iterations spend their time on keeping vectors orthogonal."""
 ROUGH = 1e-3
 """Accuracy of the first estimate of the lowest eigenvalue, as a fraction of its distance from the first shift."""
 EDGE = 1e-6
 """Share of a range of eigenvalues next to its ends that does not belong to it."""
 ROUND_OFF = 1e-12
 """Fraction of the highest eigenvalue below which an eigenvalue is zero."""
+CERTAIN = 1e-10
+"""Fraction of the highest eigenvalue to which the lowest few are proven to be the lowest: nearer to the last of them round-off may
+change the sign of a pivot."""
+BELOW = 0.2
+"""Distance of a shift from the lowest eigenvalue of a neighbouring matrix, as a fraction of the range of its lowest few."""
 SHIFT = 1e-4
-"""Distance of the first shift from the lowest of Gershgorin's discs, as a fraction of the largest eigenvalue."""
+"""Least distance of a shift from such an estimate, or from the lowest of Gershgorin's discs, as a fraction of the largest
+eigenvalue."""
 
 
 def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]:
@@ -46,16 +61,74 @@ def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]
     highest = float(abs(D).sum(axis=1).max())  # Gershgorin
     if not highest:
         return 0.0, 0.0, np.eye(1, size)[0]
-    start = np.random.default_rng(0).normal(size=size)  # the same answer every time
+    shift, inverse = _inverse_close_below(D, highest)
+    values, vectors = sparse.linalg.eigsh(D, k=1, sigma=shift, OPinv=inverse, v0=_start(size))
+    return float(values[0]), highest, vectors[:, 0]
+
+
+def lowest_eigenpairs(D: sparse.csr_array, count: int,
+                      near: NDArray[np.float64] | None = None) -> tuple[NDArray[np.float64], NDArray[Any]]:
+    """The lowest eigenvalues of a symmetric or Hermitian sparse matrix, and their eigenvectors.
+
+    Lanczos iterations on an inverse find them, but may miss twins of a degenerate eigenvalue.  Sylvester's law of inertia tells
+    whether they did: below any number there are as many eigenvalues as D minus this number has negative pivots.  Where some
+    are missed, and where it is quicker, the matrix is diagonalised by LAPACK.
+
+    Parameters
+    ----------
+    D : sparse array, shape (n, n)
+    count : int
+        From 1 to n.
+    near : ndarray, optional
+        The same eigenvalues of a matrix much like D, such as that of a neighbouring wavevector, as a first estimate.
+
+    Returns
+    -------
+    values : ndarray, shape (count,)
+        Ascending.
+    vectors : ndarray, shape (n, count)
+    """
+    highest = float(abs(D).sum(axis=1).max())  # Gershgorin
+    if highest and inverse_pays(D.shape[0], count, not np.iscomplexobj(D)):
+        if near is None:
+            shift, inverse = _inverse_close_below(D, highest)
+        else:
+            shift, inverse = inverse_below(D, near[0], max(BELOW * (near[-1] - near[0]), SHIFT * highest))
+        try:
+            values, vectors = sparse.linalg.eigsh(D, k=count, sigma=shift, OPinv=inverse, v0=_start(D.shape[0]))
+        except sparse.linalg.ArpackNoConvergence:
+            values = np.empty(0)
+        order = np.argsort(values)
+        if len(values) == count and _none_missed(D, values, CERTAIN * highest):
+            return values[order], vectors[:, order]
+    return eigh(D.toarray(), subset_by_index=(0, count - 1))
+
+
+def inverse_pays(size: int, count: int, real: bool) -> bool:
+    """Whether an inverse finds the lowest eigenvalues of a sparse matrix sooner than LAPACK."""
+    return size > (INVERSE if real else INVERSE // 2) and count <= size // FEW
+
+
+def _inverse_close_below(D, highest):
+    """`inverse_below` with a shift close below the lowest eigenvalue."""
     # Lanczos iterations on D itself stop short or do not end where stiffnesses differ by 1e4, as near the lowest eigenvalue
     # others crowd.  Those on an inverse end.  The first shift lies below all discs of Gershgorin, the second close below the
     # first estimate, which is not below the eigenvalue.
-    least = float((2 * D.diagonal() - abs(D).sum(axis=1)).min())
+    least = float((2 * D.diagonal().real - abs(D).sum(axis=1)).min())
     far, inverse = inverse_below(D, least, SHIFT * highest)
-    near = sparse.linalg.eigsh(D, k=1, sigma=far, OPinv=inverse, v0=start, tol=ROUGH, return_eigenvectors=False)[0]
-    shift, inverse = inverse_below(D, near, max(ROUGH * (near - far), ROUND_OFF * highest))
-    values, vectors = sparse.linalg.eigsh(D, k=1, sigma=shift, OPinv=inverse, v0=start)
-    return float(values[0]), highest, vectors[:, 0]
+    near = sparse.linalg.eigsh(D, k=1, sigma=far, OPinv=inverse, v0=_start(D.shape[0]), tol=ROUGH, return_eigenvectors=False)[0]
+    return inverse_below(D, near, max(ROUGH * (near - far), ROUND_OFF * highest))
+
+
+def _start(size):
+    """A start of Lanczos iterations, the same every time."""
+    return np.random.default_rng(0).normal(size=size)
+
+
+def _none_missed(D, values, error):
+    """Whether all eigenvalues below the last of `values` are among them, but for those that it exceeds by less than an error."""
+    below = values.max() - error
+    return count_below(D, below) == (values < below).sum()
 
 
 def inverse_below(D: sparse.csr_array, near: float, below: float) -> tuple[float, LinearOperator]:
@@ -104,8 +177,7 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
             return np.zeros(0), np.zeros((size, 0))
         if count < size // 2:
             inverse = sparse.linalg.LinearOperator(D.shape, _factors(D, -middle).solve, dtype=D.dtype)
-            start = np.random.default_rng(0).normal(size=size)
-            values, vectors = sparse.linalg.eigsh(D, k=count, sigma=middle, OPinv=inverse, v0=start)
+            values, vectors = sparse.linalg.eigsh(D, k=count, sigma=middle, OPinv=inverse, v0=_start(size))
             order = np.argsort(values)
             if not ((low <= values) & (values <= high)).all():
                 raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but others are found; '
@@ -117,7 +189,7 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
 
 
 def count_below(D: sparse.csr_array, value: float) -> int:
-    """Number of eigenvalues of a symmetric sparse matrix below a number: that of the negative pivots of D - value (Sylvester).
+    """Number of eigenvalues of a symmetric or Hermitian sparse matrix below a number: that of the negative pivots of D - value (Sylvester).
 
     An eigenvalue that is the number, to round-off, counts as above it.
     """
@@ -126,7 +198,7 @@ def count_below(D: sparse.csr_array, value: float) -> int:
         try:
             factors = _factors(D, -value)
             if np.array_equal(factors.perm_r, factors.perm_c):
-                return int((factors.U.diagonal() < 0).sum())
+                return int((factors.U.diagonal().real < 0).sum())
         except RuntimeError:  # a pivot is zero
             pass
         value -= ROUND_OFF * max(highest, 1.0)
@@ -144,4 +216,4 @@ def _positive_factors(D: sparse.csr_array, shift: float) -> SuperLU | None:
         factors = _factors(D, shift)
     except RuntimeError:  # a pivot is zero
         return None
-    return factors if (factors.U.diagonal() > 0).all() and np.array_equal(factors.perm_r, factors.perm_c) else None
+    return factors if (factors.U.diagonal().real > 0).all() and np.array_equal(factors.perm_r, factors.perm_c) else None

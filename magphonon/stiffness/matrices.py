@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
             q: ArrayLike = (0.0, 0.0, 0.0)) -> sparse.csr_array:
-    """Hessian `C^T K C + k` of a structure, or of the waves that swing alike or oppositely in neighbouring cells.
+    """Hessian `C^T K C + k` of a structure, or the Bloch matrix `C(q)^+ K C(q) + k` of one wavevector, as a sparse matrix.
 
     Parameters
     ----------
@@ -37,20 +37,21 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     foundation : float or ndarray, shape (particles, dim)
         Stiffness k of the spring that ties each particle to its anchor, in N/mm.
     q : three numbers
-        Multiples of 1/2: of a periodic structure, the wavevector in fractions of the reciprocal vectors.  There all phases are
-        signs, so that the Bloch matrix is real.
+        Of a periodic structure, the wavevector in fractions of the reciprocal vectors.
 
     Returns
     -------
     scipy.sparse.csr_array, shape (particles * dim, particles * dim)
-        In N/mm.
+        In N/mm.  It is real where all components of q are multiples of 1/2, and complex elsewhere.
     """
     b, dim, _ = K.shape
-    incidence = bonds.incidence_at(q).real if np.any(q) else bonds.incidence
+    incidence = bonds.incidence_at(q) if np.any(q) else bonds.incidence
+    if not np.any(np.mod(2 * np.asarray(q), 1)):  # all phases are signs
+        incidence = incidence.real
     C = sparse.kron(incidence, sparse.eye_array(dim), format='csr')
     D = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
     k = sparse.diags_array(each_spring(foundation, bonds.particles, dim))
-    return sparse.csr_array(C.T @ D @ C + k)
+    return sparse.csr_array(C.conj().T @ D @ C + k)
 
 
 def condense(H: sparse.csr_array, free: NDArray[np.bool_]) -> sparse.csr_array:
@@ -132,20 +133,25 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
 
 def _phase(bonds, q):
     """Phase e^{2 pi i q.shift} of each bond, shape (wavevectors, bonds)."""
-    return np.exp(2j * np.pi * (q @ bonds.shift.T))
+    shifts, own = bonds.distinct_shifts
+    return np.exp(2j * np.pi * (q @ shifts.T))[:, own]
 
 
 def _scatter(bonds, K, phase, onsite):
     """Sum over bonds of `-K phase` between i and j with its adjoint between j and i, and of `onsite K` on i and j."""
     n, dim = bonds.particles, K.shape[1]
+    pair = bonds.i * n + bonds.j
+    order = np.argsort(pair, kind='stable')  # bonds of the same two particles follow each other
+    i, j, K = bonds.i[order], bonds.j[order], K[order]
+    first = np.flatnonzero(np.diff(pair[order], prepend=-1))
+    coupling = np.add.reduceat(phase.T[order, :, None, None] * K[:, None], first, axis=0)
+    own = np.zeros((n, dim, dim))
+    np.add.at(own, i, onsite * K)
+    np.add.at(own, j, onsite * K)
     D = np.zeros((len(phase), n, dim, n, dim), dtype=complex)
-    for i, j in sorted(set(zip(bonds.i.tolist(), bonds.j.tolist(), strict=True))):
-        both = (bonds.i == i) & (bonds.j == j)
-        coupling = np.tensordot(phase[:, both], K[both], axes=1)
-        D[:, i, :, j] -= coupling
-        D[:, j, :, i] -= coupling.conj()
-        D[:, i, :, i] += onsite * K[both].sum(axis=0)
-        D[:, j, :, j] += onsite * K[both].sum(axis=0)
+    D[:, i[first], :, j[first]] -= coupling
+    D[:, j[first], :, i[first]] -= coupling.conj()
+    D[:, np.arange(n), :, np.arange(n)] += own[:, None]
     return D.reshape(len(phase), n * dim, n * dim)
 
 
