@@ -50,9 +50,9 @@ def lattice(name, spacing=10.0, mass=0.7):
     return Atoms('Nd', positions=[[0, 0, 0]], masses=[mass], cell=spacing * rows, pbc=True)
 
 
-def neighbour_vectors(atoms, reach):
+def neighbour_vectors(atoms, reach, images=4):
     """Every ordered pair closer than `reach`, by brute force over the images: i, j, cell of j, vector from i to j."""
-    cells = [range(-4, 5) if periodic else (0,) for periodic in atoms.pbc]
+    cells = [range(-images, images + 1) if periodic else (0,) for periodic in atoms.pbc]
     for cell in product(*cells):
         vectors = atoms.positions + np.array(cell) @ atoms.cell.array - atoms.positions[:, None]
         for i, j in np.argwhere(np.linalg.norm(vectors, axis=2) < reach):
@@ -252,9 +252,9 @@ class Pairs:
         Laws, kinds and strengths of `OwnLaws`, in place of the one `law`.
     """
 
-    def __init__(self, perfect, law, reach, model='complete', own=None):
+    def __init__(self, perfect, law, reach, model='complete', own=None, images=4):
         self.dim = 3 if perfect.pbc.all() else 2
-        found = list(neighbour_vectors(perfect, reach))
+        found = list(neighbour_vectors(perfect, reach, images))
         self.i, self.j = np.array([p[:2] for p in found]).T
         self.cell = np.array([p[2] for p in found])
         self.law, self.model, self.periods, self.n = law, model, perfect.cell.array, len(perfect)

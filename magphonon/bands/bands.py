@@ -28,6 +28,8 @@ UNITS = {
     'omega': ('rad/ms', 'wavevectors', 'modes'), 'vectors': ('', 'wavevectors', 'modes', 'particles', 'dim'),
 }
 """Units and axes of the arrays in a file of bands."""
+CROSSINGS = 1024
+"""Number of wavevectors at which crossings are looked for at a time, so that pairs of branches of a large mesh fit in memory."""
 
 
 @dataclass(frozen=True)
@@ -228,5 +230,9 @@ def path_of(atoms: Atoms, path: BandPath) -> BandPath:
 
 def _mean_over_crossings(omega, values):
     """Average `values`, shape (wavevectors, modes, any), over the modes of equal frequency, whose eigenvectors are arbitrary."""
-    same = abs(omega[:, :, None] - omega[:, None, :]) <= 1e-9 * abs(omega).max()
-    return np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), values)
+    means, apart = np.empty_like(values), 1e-9 * abs(omega).max()
+    for first in range(0, len(omega), CROSSINGS):
+        part = slice(first, first + CROSSINGS)
+        same = abs(omega[part, :, None] - omega[part, None, :]) <= apart
+        means[part] = np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), values[part])
+    return means

@@ -23,6 +23,8 @@ from ..files import Saved
 from .bloch import bloch_modes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
@@ -32,6 +34,8 @@ STEPS = {1: 1998, 2: 180, 3: 30}
 """Mesh steps along each reciprocal vector, by the number of periodic directions; multiples of 6, so that M and K of hexagonal
 lattices are on the mesh."""
 
+BLOCK = 2**15
+"""Number of simplices taken at a time, so that those of a large mesh fit in memory, and in the processor's cache."""
 GAP = 1e-6
 """Width of a gap, as a fraction of the highest frequency, below which two branches touch."""
 
@@ -107,8 +111,12 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     branches = frequencies.shape[-1]
     middles = _middles(frequencies) if omega is None else increasing(omega)
     edges = _edges(middles)
-    squares = np.sign(frequencies) * frequencies**2
-    counted = branches * np.diff(_below(simplices(squares), np.sign(edges) * edges**2))
+    squares, levels = np.sign(frequencies) * frequencies**2, np.sign(edges) * edges**2
+    below, count = np.zeros(len(edges)), 0
+    for corners in simplices(squares):
+        below += _below(corners, levels)
+        count += len(corners)
+    counted = branches * np.diff(below) / count
     return DensityOfStates(middles, counted / np.diff(edges), float(branches), np.diff(edges) / 2, np.zeros(len(middles)))
 
 
@@ -159,9 +167,13 @@ def _on_mesh(atoms, steps, model):
     if not periodic:
         raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
     steps = _steps(len(atoms), periodic) if steps is None else whole('steps', steps)
-    mesh = np.meshgrid(*(np.arange(steps) / steps if along else 0.0 for along in atoms.pbc), indexing='ij')
-    frequencies, _ = bloch_modes(atoms, np.stack(mesh, axis=-1), model)
-    return frequencies.reshape(*(steps,) * periodic, -1)
+    n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
+    n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # those of -q are the same
+    frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)
+    half = frequencies.reshape(-1, *(steps,) * (periodic - 1), frequencies.shape[-1])
+    others = tuple(range(1, periodic))
+    mirrored = np.roll(np.flip(half[1 : (steps + 1) // 2], (0, *others)), 1, others)
+    return np.concatenate([half, mirrored])
 
 
 def _steps(particles, periodic):
@@ -182,43 +194,49 @@ def _edges(middles):
     return np.concatenate([[2 * middles[0] - between[0]], between, [2 * middles[-1] - between[-1]]])
 
 
-def simplices(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values at the corners of the simplices of a periodic mesh, ascending.
+def simplices(values: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Values at the corners of the simplices of a periodic mesh, ascending; of a function with f(-q) = f(q).
 
-    Each step from a point of the mesh along all of its axes, one after the other in some order, is a simplex.
+    Each step from a point of the mesh along all of its axes, one after the other in some order, is a simplex.  The opposite order
+    gives the mirror images, at whose corners such a function has the same values: they are left out.
 
     Parameters
     ----------
     values : ndarray, shape (n1, ..., nd, branches)
 
-    Returns
-    -------
-    ndarray, shape (simplices, d + 1)
+    Yields
+    ------
+    ndarray, shape (up to BLOCK, d + 1)
     """
-    found = []
-    for order in permutations(range(values.ndim - 1)):
-        corners = [values]
-        for axis in order:
-            corners.append(np.roll(corners[-1], -1, axis))
-        found.append(np.stack(corners, axis=-1).reshape(-1, values.ndim))
-    return np.sort(np.concatenate(found), axis=-1)
+    for branch in np.moveaxis(values, -1, 0):
+        for order in permutations(range(branch.ndim)):
+            if order > order[::-1]:
+                continue
+            corners = [branch]
+            for axis in order:
+                corners.append(np.roll(corners[-1], -1, axis))
+            flat = [corner.ravel() for corner in corners]
+            for first in range(0, branch.size, BLOCK):
+                yield np.sort(np.stack([corner[first : first + BLOCK] for corner in flat], axis=-1), axis=-1)
 
 
 def _below(corners, levels):
-    """Share of the simplices where a linear function with these values at the corners is below each level, ascending."""
+    """Number of simplices, a fraction of those cut, where a linear function with these values is below each level, ascending."""
     first, last = (np.searchsorted(levels, corners[:, k]) for k in (0, -1))
     crossed = last - first  # levels that cut a simplex
     which = np.repeat(np.arange(len(corners)), crossed)
     level = np.arange(len(which)) - np.repeat(np.cumsum(crossed) - crossed, crossed) + first[which]
     partly = np.bincount(level, _distribution(corners[which], levels[level]), minlength=len(levels))
     wholly = np.cumsum(np.bincount(last, minlength=len(levels) + 1)[:-1])
-    return (wholly + partly) / len(corners)
+    return wholly + partly
 
 
 def _distribution(e, E):
     """The recursion above; e of shape (simplices, corners), E of shape (simplices,)."""
-    if e.shape[1] == 1:
-        return (e[:, 0] <= E).astype(float)
-    span, above = e[:, -1] - e[:, 0], E - e[:, 0]
-    share = np.divide(above, span, out=(above >= 0).astype(float), where=span > 0).clip(0, 1)
-    return share * _distribution(e[:, :-1], E) + (1 - share) * _distribution(e[:, 1:], E)
+    E = E[:, None]
+    F = (e <= E).astype(float)
+    for d in range(1, e.shape[1]):
+        span, above = e[:, d:] - e[:, :-d], E - e[:, :-d]
+        share = np.divide(above, span, out=(above >= 0).astype(float), where=span > 0).clip(0, 1)
+        F = share * F[:, :-1] + (1 - share) * F[:, 1:]
+    return F[:, 0]

@@ -11,7 +11,7 @@ from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.sites import each_spring
 from .bands import _mean_over_crossings
-from .bloch import _wavevectors, bloch_modes, cell_at_rest, cell_of_free_particles
+from .bloch import _wavevectors, bloch_modes, cell_at_rest, cell_of_free_particles, in_batches
 
 if TYPE_CHECKING:
     from typing import Any
@@ -52,12 +52,16 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
     """
     repulsion_of(atoms)
     calc: Any = cell_at_rest(atoms)[0]  # one whose bonds are known
-    q = _wavevectors(q)
-    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
-    v = vectors.reshape(*omega.shape, -1)
-    gradient = mass_weighted(bloch_gradient(calc.bonds, calc.rest_stiffness(model), q, atoms.cell.array), atoms.get_masses())
-    slope = np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real
-    slope = _mean_over_crossings(omega, slope)
+    K, masses = calc.rest_stiffness(model), atoms.get_masses()
+    omegas, slopes = [], []
+    for part in in_batches(_wavevectors(q), calc):
+        omega, vectors = bloch_modes(atoms, part, model, vectors=True)
+        v = vectors.reshape(*omega.shape, -1)
+        gradient = mass_weighted(bloch_gradient(calc.bonds, K, part, atoms.cell.array), masses)
+        omegas.append(omega)
+        slopes.append(np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real)
+    omega = np.concatenate(omegas)
+    slope = _mean_over_crossings(omega, np.concatenate(slopes))
     with np.errstate(divide='ignore', invalid='ignore'):
         velocity = slope / (2 * omega[..., None])
     velocity[omega <= 1e-6 * abs(omega).max()] = np.nan  # the root of a square's round-off

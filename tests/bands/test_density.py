@@ -120,10 +120,10 @@ def test_unstable_modes_count_at_negative_frequencies():
 
 @pytest.mark.parametrize('dim', [1, 2, 3])
 def test_simplices_fill_the_mesh(dim):
-    """All orders of the axes together count every point of the mesh equally often."""
+    """All orders of the axes but the opposite ones count every point of the mesh equally often."""
     values = np.random.default_rng(dim).normal(size=(4,) * dim + (2,))
-    found = simplices(values)
-    assert found.shape == (4**dim * 2 * [1, 1, 2, 6][dim], dim + 1)
+    found = np.concatenate(list(simplices(values)))
+    assert found.shape == (4**dim * 2 * [1, 1, 1, 3][dim], dim + 1)
     assert found.mean() == pytest.approx(values.mean(), rel=1e-12)
     assert (np.diff(found) >= 0).all()
 
