@@ -103,6 +103,16 @@ def test_large_zones_are_diagonalised_in_batches(monkeypatch):
         np.testing.assert_array_equal(whole, parts)
 
 
+def test_velocities_of_large_zones_are_computed_in_batches(monkeypatch):
+    atoms = cell_of('kagome', foundation=0.3)
+    q = np.concatenate([random_q(atoms, 50), [[0, 0, 0], [0.5, 0, 0], [1 / 3, 1 / 3, 0]]])  # where branches cross
+    at_once = group_velocities(atoms, q)
+    monkeypatch.setattr('magphonon.bands.bloch.BATCH_BYTES', 5000)
+    monkeypatch.setattr('magphonon.bands.bands.CROSSINGS', 7)
+    for whole, parts in zip(at_once, group_velocities(atoms, q), strict=True):
+        np.testing.assert_allclose(whole, parts, rtol=0, atol=1e-12)
+
+
 def test_polarisations_of_a_triangular_lattice():
     atoms = cell_of('triangular', foundation=0.02)
     path = atoms.cell.bandpath('GM', npoints=20, pbc=atoms.pbc)

@@ -1,7 +1,10 @@
 """Density of states of a lattice: chain and square lattice in closed form, van Hove's singularities, phonopy's tetrahedra."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
+from ase import Atoms
 from numpy.testing import assert_allclose
 from oracles import LAWS, lattice
 from scipy.special import ellipk
@@ -126,6 +129,38 @@ def test_simplices_fill_the_mesh(dim):
     assert found.shape == (4**dim * 2 * [1, 1, 1, 3][dim], dim + 1)
     assert found.mean() == pytest.approx(values.mean(), rel=1e-12)
     assert (np.diff(found) >= 0).all()
+
+
+@pytest.mark.parametrize(('dim', 'steps'), [(2, 6), (2, 7), (3, 4), (3, 5)])
+def test_the_half_of_the_zone_that_is_computed_does_not_matter(dim, steps):
+    """Of a cell without any symmetry, whose vectors change places; the control turns one of them round, which is another mesh."""
+    rng = np.random.default_rng(10 * dim + steps)
+    vectors = L0 * (np.eye(3) + rng.uniform(-0.3, 0.3, (3, 3)) * (np.arange(3) < dim) * (np.arange(3) < dim)[:, None])
+    places = (rng.uniform(0, 0.3, (2, 3)) + [[0, 0, 0], [0.5, 0.5, 0.5]]) * (np.arange(3) < dim)
+
+    def counted_in(order):
+        atoms = Atoms('Nd2', masses=[0.5, 0.9], scaled_positions=places, cell=vectors, pbc=np.arange(3) < dim)
+        atoms.set_cell((vectors[order] if isinstance(order, list) else order @ vectors))
+        atoms.calc = MagneticRepulsion(atoms, LAW, cutoff=1.3 * L0, foundation=K0).balanced(range(2))
+        return counted(lattice_density(atoms, np.linspace(-3, 8, 200), steps=steps))
+
+    first = counted_in([0, 1, 2])
+    assert first[-1] == pytest.approx(2 * dim, rel=1e-12)
+    assert_allclose(counted_in([1, 0, 2]), first, atol=1e-11)
+    if dim == 3:
+        assert_allclose(counted_in([1, 2, 0]), first, atol=1e-11)
+    assert abs(counted_in(np.array([[1, 0, 0], [1, 1, 0], [0, 0, 1]])) - first).max() > 1e-4
+
+
+def test_the_tetrahedra_of_a_large_mesh_are_not_kept():
+    """Three of four corners belong to each branch at each wavevector; once all six of them were kept, twice."""
+    atoms, steps = lattice('fcc'), 36
+    atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=0.3)
+    tracemalloc.start()
+    lattice_density(atoms, np.linspace(0.1, 3, 100), steps=steps)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < steps**3 * 3 * 3 * 4 * 8
 
 
 def test_density_comes_back_from_a_file(tmp_path):
