@@ -136,11 +136,11 @@ def test_the_half_of_the_zone_that_is_computed_does_not_matter(dim, steps):
     """Of a cell without any symmetry, whose vectors change places; the control turns one of them round, which is another mesh."""
     rng = np.random.default_rng(10 * dim + steps)
     vectors = L0 * (np.eye(3) + rng.uniform(-0.3, 0.3, (3, 3)) * (np.arange(3) < dim) * (np.arange(3) < dim)[:, None])
-    places = (rng.uniform(0, 0.3, (2, 3)) + [[0, 0, 0], [0.5, 0.5, 0.5]]) * (np.arange(3) < dim)
+    places = ([*rng.uniform(0, 0.3, (2, 3)), [0, 0, 0], [0.5, 0.5, 0.5]]) * (np.arange(3) < dim)
 
     def counted_in(order):
         atoms = Atoms('Nd2', masses=[0.5, 0.9], scaled_positions=places, cell=vectors, pbc=np.arange(3) < dim)
-        atoms.set_cell((vectors[order] if isinstance(order, list) else order @ vectors))
+        atoms.set_cell(vectors[order] if isinstance(order, list) else order @ vectors)
         atoms.calc = MagneticRepulsion(atoms, LAW, cutoff=1.3 * L0, foundation=K0).balanced(range(2))
         return counted(lattice_density(atoms, np.linspace(-3, 8, 200), steps=steps))
 
