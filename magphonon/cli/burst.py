@@ -21,10 +21,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_output(parser)
     add_pictures(parser)
     parser.add_argument('--engine', choices=('own', 'lammps'), default='own',
-                        help='what takes the time steps of the complete model; LAMMPS on one or more MPI ranks')
+                        help='program that computes the time steps of the complete model (default: own)')
     parser.add_argument('--ranks', metavar='N', type=int, help='MPI ranks of LAMMPS (default: 1)')
-    parser.add_argument('--files', metavar='DIR', help="keep LAMMPS's files there, a folder with submit.sh for each burst; what "
-                                                       'has been run there, here or on a cluster, is read')
+    parser.add_argument('--files', metavar='DIR', help="directory that keeps LAMMPS's files, a folder with submit.sh for each "
+                                                       'burst; a burst that was run in it, here or on a cluster, is read and not '
+                                                       'run again')
     parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: idle cores that pay)')
     parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
 

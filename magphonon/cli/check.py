@@ -45,7 +45,7 @@ def run(options: Namespace) -> int:
     try:
         relaxation = scene.relaxation()
     except ValueError as error:
-        print(f'\nWith its defects and disorder: {error}.')
+        print(f'\nDefects and disorder: {error}.')
         return 1
     patch = scene.patch_atoms() if scene.patch is not None and not scene.single else None
     if relaxation is not None:
@@ -59,8 +59,8 @@ def run(options: Namespace) -> int:
         print(f'\n{name}: {judged}')
     at_rest = atoms.pbc.any() and not verdicts[name].residual
     if at_rest and (cutoff := cut_off(atoms)) is not None:
-        holds = 'What holds it' if atoms.constraints else 'The foundation'
-        print(f'\n{holds} gives a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
+        holds = 'The held particles and the foundation give' if atoms.constraints else 'The foundation gives'
+        print(f'\n{holds} a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
     if patch is not None and 'Patch' not in verdicts:
         print(_large(len(patch)))
     for line in neglected(scene):

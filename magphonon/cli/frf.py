@@ -110,6 +110,6 @@ def _peaks(result):
     rises = np.diff(amplitude)[turns] > 0
     peaks = turns[1:][rises[:-1] & ~rises[1:]]
     highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN_PEAKS:]])
-    return [f'  {len(peaks)} peaks from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
+    return [f'  {len(peaks)} peak{"s" * (len(peaks) != 1)} from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
             + (f'; the {SHOWN_PEAKS} highest:' if len(peaks) > SHOWN_PEAKS else ':' if len(peaks) else ''),
             *(f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest)]

@@ -175,7 +175,7 @@ def _options(arguments):
     options = parser.parse_args(arguments)
     options.words = arguments  # kept with the results
     if getattr(options, 'output', None) == '':
-        parser.error("-o '' names no directory; '.' is the present one")
+        parser.error("-o '' names no directory; '.' is the current one")
     return options
 
 

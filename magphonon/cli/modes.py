@@ -138,7 +138,7 @@ def _of_patch(folder, save, lattice, patch, filmed):
     for k in drawn if local or not len(ranges) else []:
         x, y = extent.centre[k, :2] / 1e3
         report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g} Hz, {extent.participation[k]:.3g} particles take part, '
-                      f'about ({x:.4g}, {y:.4g}) m, localisation length {extent.length[k] / 1e3:.3g} m')
+                      f'centre at ({x:.4g}, {y:.4g}) m, localisation length {extent.length[k] / 1e3:.3g} m')
     if filmed is not None:
         report.append(_film(folder, system, found, filmed))
     return report

@@ -16,7 +16,7 @@ HELP = "the paper's results, recomputed and compared, with pictures and a report
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME', help='workflows, such as prototype_bands; default: all, two minutes')
-    parser.add_argument('--quick', action='store_true', help='shorten the longest, as when all are run')
+    parser.add_argument('--quick', action='store_true', help='run short versions of the longest workflows, as when all are run')
     parser.add_argument('-o', '--output', metavar='DIR', default='out', help='directory for the report (default: out)')
 
 

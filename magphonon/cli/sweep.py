@@ -91,7 +91,7 @@ def _lead(options, executor):
 
 
 def _report(title: str, answers: Dataset, asked: list[str]) -> str:
-    """Range of each answer with the points where it is least and most, and why points are bad."""
+    """Range of each answer with the points where it is lowest and highest, and why points are bad."""
     from collections import Counter
 
     import numpy as np
@@ -101,10 +101,10 @@ def _report(title: str, answers: Dataset, asked: list[str]) -> str:
     for name in asked:
         values, unit = answers[name].to_numpy(), answers[name].attrs['units']
         lines.append(f'\n{name} ({unit}): {np.isfinite(values).sum()} points answered')
-        for word, place in (('least', np.nanargmin), ('most', np.nanargmax)) if np.isfinite(values).any() else ():
+        for word, place in (('lowest', np.nanargmin), ('highest', np.nanargmax)) if np.isfinite(values).any() else ():
             at = np.unravel_index(place(values), values.shape)
             where = ', '.join(f'{key} = {float(answers[key][k]):.6g}' for key, k in zip(axes, at, strict=True))
-            lines.append(f'  {word:5} {values[at]:.6g} at {where}')
+            lines.append(f'  {word:7} {values[at]:.6g} at {where}')
     reasons = Counter(fault for fault in answers.fault.to_numpy().ravel().tolist() if fault)
     if reasons:
         lines.append(f'\n{reasons.total()} points lack an answer, hatched in the pictures:')

@@ -85,7 +85,8 @@ def _bands(folder, save, scene, tolerances):
     save(ax.figure, 'contributions')
 
     unit = 2 * np.pi * units.Hz
-    lines = ['', f'{"frequency (Hz)":18}{"":>12}{"std":>10}' + ''.join(f'{name:>{len(name) + 3}}' for name in few.contributions)]
+    lines = ['', 'Standard deviation of each frequency in Hz, and the part of it that each parameter alone explains',
+             f'{"frequency (Hz)":18}{"":>12}{"std":>10}' + ''.join(f'{name:>{len(name) + 3}}' for name in few.contributions)]
     for row, (name, branch) in enumerate(labels):
         shares = ''.join(f'{std[row] / unit:>{len(group) + 3}.2g}' for group, std in few.contributions.items())
         lines.append(f'  {f"{name}, branch {branch}":16}{few.values[row] / unit:12.6g}{few.std[row] / unit:10.3g}{shares}')

@@ -46,7 +46,7 @@ FLOPPY = 1e-12
 """Fraction of the largest stiffness below which an internal motion counts as one without stiffness, which follows no strain."""
 ISOTROPIC = 1e-6
 """Difference of two directions, as a fraction of the largest modulus, that round-off explains: finite strains of an infinite
-lattice leave some 1e-9."""
+lattice leave 2e-11."""
 STRAIN = 4e-3
 """Step of the finite strains of an infinite lattice: with nine points the truncation error, about STRAIN^8, equals round-off."""
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])

@@ -18,10 +18,11 @@ from scipy import sparse
 from ..errors import positive, whole
 from ..lattices.bonds import Bonds
 from ..lattices.pairs import pairs_within
+from ..units import hertz
 from .bond import model_stiffness
 from .constraints import free_motion, freedom
 from .lowest import lowest_mode
-from .matrices import hessian
+from .matrices import hessian, signed_root
 from .repulsion import repulsion_of
 from .rest import at_rest
 
@@ -91,8 +92,9 @@ class Relaxation:
         far = f'moved by up to {self.shift:.4g} mm (rms {self.rms:.4g} mm) in {self.steps} steps'
         moved = far if self.needed else 'was at rest already'
         off = f' (places of unstable equilibrium that it left on the way: {self.saddles})' if self.saddles else ''
-        return (f'The structure {moved}{off}: {self.before:.3g} N were left on a particle, now {self.after:.3g} N; its lowest '
-                f'squared frequency is {self.lowest:.4g} rad^2/ms^2.')
+        lowest = hertz(float(signed_root(np.array(self.lowest))))
+        return (f'The structure {moved}{off}. The largest force on a particle was {self.before:.3g} N and is {self.after:.3g} N; '
+                f'the lowest frequency is {lowest:.4g} Hz.')
 
 
 def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Relaxation:

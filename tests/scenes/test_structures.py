@@ -59,7 +59,7 @@ def test_commands_run_on_what_was_written(tmp_path, capsys):
     written(tmp_path, 3)
     scene = str(tmp_path / 'mine.toml')
     assert main(['check', scene]) == 0
-    assert 'What holds it gives a cut-off frequency' in capsys.readouterr().out
+    assert 'The held particles and the foundation give a cut-off frequency' in capsys.readouterr().out
     assert main(['bands', scene, '-o', str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert 'particles from mine.traj' in said
