@@ -114,7 +114,8 @@ function tellDstar() {
 
 /** How fast a mode of negative frequency grows. */
 function growth(frequency) {
-  return `grows e-fold in ${written(1000 / (2 * Math.PI * -frequency))}\u202fms`;
+  const time_s = 1 / (2 * Math.PI * -frequency);
+  return `grows e-fold in ${time_s < 1 ? `${written(1000 * time_s)}\u202fms` : `${written(time_s)}\u202fs`}`;
 }
 
 /** 'shear' or 'longitudinal' where nine tenths of the energy move across or along the wavevector. */
