@@ -211,7 +211,7 @@ class Explorer:
         """Wavevectors, their places from 0 to 1, where the path jumps, and the special points."""
         kpts, special = self.path.kpts, self.path.special_points
         x, ticks, names = self.path.get_linear_kpoint_axis()
-        at = {name: int(abs(kpts - special[name]).max(axis=1).argmin()) for name in names}
+        named = {k: name for name in names for k in np.flatnonzero(abs(kpts - special[name]).max(axis=1) < 1e-9).tolist()}
         joined: dict[int, list[str]] = {}
         for tick, name in zip(ticks, names, strict=True):
             k = int(abs(x - tick).argmin())
@@ -220,7 +220,8 @@ class Explorer:
         jumps = np.flatnonzero((np.diff(x) == 0) & np.diff(kpts, axis=0).any(axis=1)) + 1
         return {'q': kpts[:, :2].tolist(), 'axis': (x / x[-1]).tolist(), 'jumps': jumps.tolist(),
                 'ticks': [{'at': k, 'name': ','.join(dict.fromkeys(both))} for k, both in joined.items()],
-                'point': {'name': _name(first), 'at': at[first]}}
+                'named': {k: _name(name) for k, name in named.items()},
+                'point': {'name': _name(first), 'at': min(k for k in named if named[k] == first)}}
 
 
 def _name(point: str) -> str:

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from tqdm import tqdm
 
 from ..interactions.pair_laws import InversePower
 from ..stiffness.calculator import MagneticRepulsion
@@ -64,7 +65,7 @@ def border_over_spacings(atoms: Atoms, scales: ArrayLike) -> Border:
     [4.0, 0.125]
     """
     system, scales = LinearSystem.of(atoms), np.asarray(scales, dtype=float)
-    needed = np.array([softest_of(system, scale=scale, steps=STEPS).needed for scale in scales])
+    needed = np.array([softest_of(system, scale=scale, steps=STEPS).needed for scale in _shown(scales, 'spacings')])
     return Border('spacing', scales, needed)
 
 
@@ -110,12 +111,17 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
         calc = MagneticRepulsion(system.atoms, InversePower(force * shortest**a, a), bonds=bonds)
         return softest_of(LinearSystem.about(calc, system.atoms), steps=STEPS).needed
 
-    found: dict[float, float] = {float(a): needed(float(a)) for a in np.asarray(exponents, dtype=float)}
+    found: dict[float, float] = {float(a): needed(float(a)) for a in _shown(np.asarray(exponents, dtype=float), 'exponents')}
     for low, high in pairwise(list(found)):
         if (found[low] > 0) != (found[high] > 0):
             found[_change(lambda a: needed(a) > 0, low, high)] = 0.0
     at: NDArray[np.float64] = np.array(sorted(found))
     return Border('exponent', at, np.array([found[a] for a in at.tolist()]))
+
+
+def _shown(values, what):
+    """The values, counted by a bar on a terminal if they take longer than two seconds."""
+    return tqdm(values, desc=what, delay=2, disable=None, leave=False)
 
 
 def _change(holds, low, high):

@@ -70,6 +70,17 @@ def test_data_of_the_page_are_those_of_the_lattice():
     assert data['law'] == {'kind': 'power', 'force_N': pytest.approx(0.2, rel=1e-14), 'spacing_m': 0.01}
 
 
+def test_a_path_that_jumps_names_the_points_on_both_sides():
+    cell = explored(kind='square').atoms
+    path = Explorer(cell, band_path(cell, 'GX,MG', 41))._path()
+    [jump] = path['jumps']
+    assert [path['named'][k] for k in (0, jump - 1, jump, 40)] == ['Γ', 'X', 'M', 'Γ']
+    assert len(path['named']) == 4
+    assert [tick['name'] for tick in path['ticks']] == ['Γ', 'X,M', 'Γ']
+    assert path['point'] == {'name': 'X', 'at': jump - 1}
+    assert path['axis'][jump - 1] == path['axis'][jump]
+
+
 def test_titles_and_scenes_cannot_end_a_script_or_begin_a_tag():
     hostile = 'a </script><b id="x"> & {{data}} \u2028'
     _, page = written(hostile, hostile)

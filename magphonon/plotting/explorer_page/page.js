@@ -137,8 +137,7 @@ function showMode() {
   const name = motionName(mode, q), effect = effectOfDstar();
   const label = effect.complete < 0 ? 'D*: unstable' : `D*: \u2212${written(100 * (1 - effect.ratio), 2)}\u202f%`;
   drawBands(element('bands'), data, view.bands, view.chosen, {...effect, label});
-  const point = data.path.ticks.find(tick => tick.at === at);
-  const where = `${point ? point.name : `q = (${q.slice(0, data.periods).map(part => written(part, 3)).join(', ')})`}`;
+  const where = data.path.named[at] ?? `q = (${q.slice(0, data.periods).map(part => written(part, 3)).join(', ')})`;
   const speed = mode.frequency_Hz < 0 ? growth(mode.frequency_Hz) : `${written(mode.frequency_Hz)}\u202fHz`;
   element('mode').innerHTML = `<b>${model}</b>, branch ${branch + 1} at ${where}: <b>${speed}</b>${name && `, ${name}`}`;
   view.slowed = roundStep(Math.max(...view.bands.conventional.flat()) / HIGHEST_SHOWN_Hz);
