@@ -85,6 +85,7 @@ def _write_table(file, bands):
 def _draw(save, scene, bands):
     from ..bands.zone import PLANAR
     from ..plotting.bands import plot_bands
+    from ..plotting.branch_names import name_branches
     from ..plotting.zone import plot_zone
     from ..scenes.lattices import ALL
 
@@ -93,6 +94,7 @@ def _draw(save, scene, bands):
         plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
     road = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
     plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=road)
+    name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.atoms().pbc) == PLANAR:
         save(plot_zone(bands['complete'].path).figure, 'zone')

@@ -77,7 +77,8 @@ def _of_lattice(save, scene, atoms):
 
     from ..bands.bands import analytic_bands
     from ..bands.zone import PLANAR
-    from ..plotting.axes import panels
+    from ..plotting.axes import legend_of_set, letter_panels, panels
+    from ..plotting.branch_names import mode_names
     from ..plotting.modes import plot_mode
     from .bands import ZERO_FRACTION
 
@@ -86,9 +87,7 @@ def _of_lattice(save, scene, atoms):
     path = scene.lattice.path(''.join(names), 2)
     bands = analytic_bands(atoms, path, vectors=True)
     at = [int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in names]
-    labels = bands.polarisations
-    if atoms.calc.layer:
-        labels = np.where((abs(bands.vectors[..., 2]) ** 2).sum(axis=2) > 0.9, 'out of the plane', labels)  # pyright: ignore[reportOptionalSubscript]  asked for
+    labels = mode_names(bands)
     conventional = analytic_bands(atoms, path, 'conventional') if 'conventional' in atoms.calc.bloch_models else None
     top = bands.frequencies_Hz.max()
     report = [f'{"modes of the lattice (Hz)":28}' + f'{"complete":>14}' + f'{"conventional":>14}' * (conventional is not None)]
@@ -100,10 +99,13 @@ def _of_lattice(save, scene, atoms):
     drawable = atoms.calc.pairwise and tuple(atoms.pbc) == PLANAR and atoms.calc.dim == 2
     if not drawable or bands.omega.shape[1] > MOST_BRANCHES:
         return report
-    figure, axes = panels(len(names), bands.omega.shape[1])
+    branches = bands.omega.shape[1]
+    figure, axes = panels(len(names), branches, height=7.0 / max(branches, 2) + 0.2)
     for row, where in zip(axes, at, strict=True):
         for branch, ax in enumerate(np.atleast_1d(row)):
             plot_mode(atoms, bands, where, branch, ax)
+    letter_panels(axes)
+    legend_of_set(figure)
     save(figure, 'modes_lattice')
     return report
 
@@ -179,7 +181,7 @@ def _write_table(file, extent):
 
 def _draw(save, system, found, extent, ranges, drawn):
     """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
-    from ..plotting.axes import panels
+    from ..plotting.axes import letter_panels, panels
     from ..plotting.modes import plot_extents, plot_shape
 
     figure, axes = panels(2, 2)
@@ -188,6 +190,7 @@ def _draw(save, system, found, extent, ranges, drawn):
         ax.remove()
     for k, ax in zip(drawn, axes.flat[1:], strict=False):
         plot_shape(system.atoms, found.shapes[k], ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz')
+    letter_panels(axes.flat[: 1 + len(drawn)])
     save(figure, 'modes')
 
 

@@ -14,6 +14,10 @@ from .axes import (
 from .bands import (
     plot_bands as plot_bands,
 )
+from .branch_names import (
+    mode_names as mode_names,
+    name_branches as name_branches,
+)
 from .density import (
     plot_density as plot_density,
     plot_spectral_function as plot_spectral_function,

@@ -77,9 +77,9 @@ def panels(rows: int, columns: int, width: float | None = None,
 
 
 def letter_panels(axes: NDArray[np.object_] | Sequence[Axes], names: Sequence[str] = ()) -> None:
-    """Put (a), (b), ... above the left corner of each panel, row by row, and its name if there are names."""
+    """Put (a), (b), ... above the left corner of each panel, row by row, before its name: one of `names`, or the one it has."""
     flat = np.ravel(np.asarray(axes))
-    for letter, ax, name in zip(ascii_lowercase, flat, names or [''] * len(flat), strict=False):
+    for letter, ax, name in zip(ascii_lowercase, flat, names or [ax.get_title(loc='left') for ax in flat], strict=False):
         ax.set_title(f'({letter}) {name}'.rstrip(), loc='left')
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units
 from ..bands.zone import ROUND_OFF
-from ..stiffness.repulsion import repulsion_of
-from .axes import COLOURS, legend_above, new_axes, point_name
-from .scales import label_frequencies
+from .axes import COLOURS, legend_above, legend_of_set, new_axes, point_name
+from .branch_names import mode_names
+from .scales import label_frequencies, label_places
+from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells, spacing, window
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from ..bands.bands import Bands
     from .results import Extent
 
-# Of a mode shape, in lattice constants: half the window, cells that fill it; and the longest arrow in bond lengths.
-WINDOW, REACH, ARROW = 2.4, 5, 0.42
+ARROW = 0.42
+"""Longest arrow of a mode shape of a lattice in bond lengths."""
 # Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
 LONG_ARROW, STILL = 1.4, 0.03
 
@@ -71,25 +71,27 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, ax: Axes | No
     where = _wavevector(bands.path, q)
     if not 0 <= mode < bands.omega.shape[1]:
         raise ValueError(f'mode must be 0 to {bands.omega.shape[1] - 1}, not {mode!r}')
-    ax = new_axes(4.6, 4.6) if ax is None else ax
-    bonds = repulsion_of(atoms).bonds
-    cells = np.array(list(product(range(-REACH, REACH + 1), range(-REACH, REACH + 1), (0,))))
-    rest = ((cells @ atoms.cell.array)[:, None] + atoms.positions)[..., :2] / units.m
+    own = ax is None
+    ax = new_axes(height=3.8) if ax is None else ax
+    half, cells = window(atoms)
     u = _displacements(bands.vectors[where, mode], atoms.get_masses(), bands.path.kpts[where], cells)
-    u *= ARROW * bonds.lengths.min() / units.m / abs(u).max()  # of the longest orbit
+    u *= ARROW * spacing(atoms) / abs(u).max()  # of the longest orbit
+    inside = (abs(in_cells(atoms, cells)) <= half - ARROW * spacing(atoms)).all(axis=-1)  # with their whole orbit
+    rest, u = in_cells(atoms, cells)[inside], u[inside]
 
-    ends = np.stack([rest[:, bonds.i], rest[:, bonds.i] + bonds.vectors[:, :2] / units.m], axis=-2)
-    ax.add_collection(LineCollection(list(ends.reshape(-1, 2, 2)), colors='0.88', linewidths=1, zorder=1))
+    draw_bonds(ax, atoms, cells)
     turn = np.exp(1j * np.linspace(0, 2 * np.pi, 49))
-    orbits = rest[..., None, :] + (u[..., None, :] * turn[:, None]).real
-    ax.add_collection(LineCollection(orbits.reshape(-1, len(turn), 2), colors='0.55', linewidths=0.8, zorder=2))
-    x, y = rest.reshape(-1, 2).T
-    ax.plot(x, y, 'o', color='0.4', markerfacecolor='white', zorder=3)
-    ax.quiver(x, y, *u.real.reshape(-1, 2).T, color=COLOURS[0], angles='xy', scale_units='xy', scale=1, width=0.007, zorder=4)
-
-    half = WINDOW * atoms.cell.lengths()[:2].min() / units.m
+    orbits = rest[:, None, :] + (u[:, None, :] * turn[:, None]).real
+    ax.add_collection(LineCollection(list(orbits), colors='0.55', linewidths=0.8, zorder=2, label='orbit'))
+    draw_particles(ax, rest, 0.6 * SIZE * spacing(atoms), zorder=3, **FREE)
+    ax.quiver(*rest.T, *u.real.T, color=COLOURS[0], angles='xy', scale_units='xy', scale=1, width=0.007, zorder=4)
+    ax.plot([], [], linestyle='', marker=r'$\rightarrow$', markersize=10, color=COLOURS[0], label='displacement')
     title = f'{_printed_wavevector(bands.path, where)}, branch {mode + 1}\n{_printed_frequency(bands, where, mode)}'
-    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', xlim=(-half, half), ylim=(-half, half), aspect='equal', title=title)
+    ax.set_title(title, loc='left')
+    ax.set(xlim=(-half, half), ylim=(-half, half), aspect='equal')
+    label_places(ax, spacing(atoms))
+    if own:
+        legend_of_set(ax.figure)  # pyright: ignore[reportArgumentType]  no subfigure
     return ax
 
 
@@ -109,17 +111,18 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None,
     -------
     matplotlib.axes.Axes
     """
-    ax = new_axes(4.6, 4.6) if ax is None else ax
-    bonds, rest = repulsion_of(atoms).bonds, atoms.positions[:, :2] / units.m
+    ax = new_axes(height=3.4) if ax is None else ax
+    rest = atoms.positions[:, :2] / units.m
     share = atoms.get_masses() * (shape**2).sum(axis=1)
     length = np.linalg.norm(shape, axis=1)
     moving = length > STILL * length.max()
-    arrows = LONG_ARROW * bonds.lengths.min() / units.m / length.max() * shape[moving, :2]
-    size = ax.get_window_extent().width / ax.figure.dpi * 72 * bonds.lengths.min() / units.m / (np.ptp(rest, axis=0).max() or 1)
-    ax.scatter(*rest.T, s=(0.6 * size) ** 2, c=share, cmap='Greys', vmin=0, vmax=share.max(), edgecolors='0.75',
-               linewidths=min(0.5, 0.05 * size))
+    arrows = LONG_ARROW * spacing(atoms) / length.max() * shape[moving, :2]
+    dots = draw_particles(ax, rest, 0.8 * spacing(atoms), cmap='Greys', edgecolors='0.75', linewidths=0.2)
+    dots.set_array(share)
+    dots.set_clim(0, share.max())
     ax.quiver(*rest[moving].T, *arrows.T, color=COLOURS[1], angles='xy', scale_units='xy', scale=1, width=0.006, zorder=3)
-    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal', title=title)
+    ax.set_title(title, loc='left')
+    frame(ax, np.concatenate([rest, rest[moving] + arrows]), spacing(atoms))
     return ax
 
 
@@ -141,7 +144,7 @@ def plot_extents(extent: Extent, ax: Axes | None = None, bands: Sequence[tuple[f
     for k, (low, high) in enumerate(bands):
         name = None if k else 'bands of the lattice'
         ax.axvspan(units.hertz(low), units.hertz(high), color='0.9', linewidth=0, zorder=0, label=name)
-    dots: dict[str, Any] = {'color': COLOURS[0], 'markersize': 3, 'markerfacecolor': 'none'}
+    dots: dict[str, Any] = {'color': COLOURS[0], 'markersize': 2.5, 'markerfacecolor': 'none'}
     ax.plot(extent.frequencies_Hz, extent.participation, 'o', label='modes', **dots)
     label_frequencies(ax.xaxis)
     ax.set(ylabel='particles that take part', yscale='log', ylim=(0.8, None))
@@ -184,5 +187,5 @@ def _printed_frequency(bands, where, mode):
         return f'unstable, grows at {-bands.omega[where, mode] * units.s:.4g} 1/s'
     others = np.delete(bands.omega[where], mode)
     degenerate = abs(others - bands.omega[where, mode]).min(initial=np.inf) < ROUND_OFF * abs(bands.omega).max()
-    polarisation = 'degenerate' if degenerate else bands.polarisations[where, mode]
+    polarisation = 'degenerate' if degenerate else mode_names(bands)[where, mode]
     return f'{bands.frequencies_Hz[where, mode]:.4g} Hz' + (f', {polarisation}' if polarisation else '')

@@ -68,7 +68,7 @@ def test_modes_of_the_prototype(prototype, tmp_path, capsys):
     assert {file.name for file in out.iterdir()} == {'modes.png', 'modes_lattice.png', 'modes.csv', 'modes.npz', 'mode_2.gif',
                                                      'scene.toml', 'provenance.json'}
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ['M,', 'branch', '1', '58.2327', '92.106', 'transverse'] in lines
+    assert ['M,', 'branch', '1', '58.2327', '92.106', 'shear'] in lines
     assert ['0', 'of', 'them', 'lie', 'outside', 'the', 'bands', 'of', 'the', 'lattice'] in lines
     expected = modes(read_scene(prototype).patch_atoms()).frequencies_Hz
     np.testing.assert_allclose(table(out / 'modes.csv')['frequency_Hz'], expected, rtol=1e-12)
@@ -82,7 +82,7 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     for command, files in (('dos', {'dos.png', 'dos.csv', 'dos_complete.npz', 'dos_conventional.npz'}), ('modes', set())):
         assert main([command, str(chain), '-o', str(tmp_path / command)]) == 0
         assert {file.name for file in (tmp_path / command).iterdir()} == files | {'scene.toml', 'provenance.json'}
-    assert ['X,', 'branch', '1', '15.9155', '35.5881', 'transverse'] in [
+    assert ['X,', 'branch', '1', '15.9155', '35.5881', 'shear'] in [
         line.split() for line in capsys.readouterr().out.splitlines()]
     atoms = lattices.parallelogram(lattices.triangular(L0, MASS), 7, 7)
     light = 24

@@ -1,11 +1,17 @@
 """Modes drawn on their lattice."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from ase.cell import Cell
 from cells import prototype
 from figures import arrows_of, bands_of, drawn, ideal
 
 from magphonon import lattices, units as u
+from magphonon.bands.bands import Bands
+from magphonon.plotting.bands import plot_bands
+from magphonon.plotting.branch_names import mode_names, name_branches
 from magphonon.plotting.modes import plot_mode
 
 
@@ -13,8 +19,8 @@ def test_shear_and_longitudinal_mode_at_M():
     cell = prototype()
     bands = bands_of(cell, vectors=True)
     ax = drawn(plot_mode(cell, bands, 'M', 0))
-    assert ax.get_title() == 'M, branch 1\n58.23 Hz, transverse'
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ('$x$ (m)', '$y$ (m)')
+    assert ax.get_title(loc='left') == 'M, branch 1\n58.23 Hz, shear'
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ('$x$ (mm)', '$y$ (mm)')
     (x, y), (ux, uy) = arrows_of(ax)
     k = 2 * np.pi / (np.sqrt(3) * 0.010)  # rad/m, along y: neighbouring rows 8.66 mm apart move against each other
     largest = ux[np.hypot(x, y).argmin()]
@@ -29,8 +35,8 @@ def test_shear_and_longitudinal_mode_at_M():
 def test_mode_far_from_special_points_and_at_a_crossing():
     cell = prototype()
     bands = bands_of(cell, vectors=True)
-    assert plot_mode(cell, bands, 40, 1).get_title().startswith(f'$q$ = (0, {bands.path.kpts[40, 1]:.3g}), branch 2\n')
-    assert plot_mode(cell, bands, 'K', 0).get_title() == 'K, branch 1\n119.9 Hz, degenerate'
+    assert plot_mode(cell, bands, 40, 1).get_title(loc='left').startswith(f'$q$ = (0, {bands.path.kpts[40, 1]:.3g}), branch 2\n')
+    assert plot_mode(cell, bands, 'K', 0).get_title(loc='left') == 'K, branch 1\n119.9 Hz, degenerate'
 
 
 def test_light_and_heavy_particles_swing_by_their_masses():
@@ -39,13 +45,16 @@ def test_light_and_heavy_particles_swing_by_their_masses():
     cell.set_masses([1 * u.kg, 4 * u.kg])
     bands = bands_of(cell, vectors=True)
     _, (ux, uy) = arrows_of(plot_mode(cell, bands, 'G', 3))
-    first, second = (np.array([ux[k::2], uy[k::2]]) for k in (0, 1))
-    np.testing.assert_allclose(first, -4 * second, atol=1e-9 * abs(first).max())
+    arrows = np.array([ux, uy])
+    heavy = np.linalg.norm(arrows, axis=0) < 0.5 * np.linalg.norm(arrows, axis=0).max()
+    assert heavy.any()
+    light = np.repeat(-4 * arrows[:, heavy][:, :1], (~heavy).sum(), axis=1)
+    np.testing.assert_allclose(arrows[:, ~heavy], light, atol=1e-9 * abs(arrows).max())
 
 
 def test_unstable_mode_shows_its_growth_rate():
     cell = ideal(lattices.square)
-    title = plot_mode(cell, bands_of(cell, 'GXMG', vectors=True), 'X', 0).get_title()
+    title = plot_mode(cell, bands_of(cell, 'GXMG', vectors=True), 'X', 0).get_title(loc='left')
     assert title == 'X, branch 1\nunstable, grows at 200 1/s'  # sqrt(4 f/(L M))
 
 
@@ -68,3 +77,38 @@ def test_modes_need_vectors_and_a_path_through_the_point():
         plot_mode(cell, bands_of(cell), 'M', 0)
     with pytest.raises(ValueError, match='the path GM does not pass through K; choose a path that does'):
         plot_mode(cell, bands_of(cell, 'GM', vectors=True), 'K', 0)
+
+
+def test_no_arrow_leaves_the_frame():
+    cell = prototype()
+    ax = drawn(plot_mode(cell, bands_of(cell, vectors=True), 'K', 0))
+    (x, y), (ux, uy) = arrows_of(ax)
+    assert abs(np.array([x + ux, y + uy])).max() < ax.get_xlim()[1]
+    assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ['orbit', 'displacement']
+
+
+@pytest.mark.parametrize('path', ['GMKG', 'GK'])
+def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
+    cell = prototype()
+    bands = bands_of(cell, path, vectors=True)
+    ax = plot_bands(bands)
+    name_branches(ax, bands)
+    x, height = bands.path.get_linear_kpoint_axis()[0], ax.get_ylim()[1]
+    named = {text.get_text(): text.get_position() for text in ax.texts}
+    assert set(named) == {'shear', 'longitudinal'}  # shear is the softer one up to K
+    for name, (at, y) in named.items():
+        k = abs(x - at).argmin()
+        share = bands.longitudinal[k]
+        branch = share.argmax() if name == 'longitudinal' else share.argmin()
+        apart = abs(bands.frequencies_Hz[k] - y) / height
+        assert apart[branch] < 0.14
+        assert (np.delete(apart, branch) > 0.035).all()  # the other curve does not run through the name
+
+
+def test_modes_of_a_layer_out_of_its_plane_are_named_so():
+    path = SimpleNamespace(kpts=np.array([[0.1, 0, 0]]), cell=Cell(np.eye(3)))
+    modes = np.eye(3).reshape(1, 3, 1, 3).astype(complex)  # along x, y and z
+    flat = Bands(path, np.array([[3.0, 2.0, 1.0]]), modes)
+    assert mode_names(flat).tolist() == [['longitudinal', 'shear', 'out of the plane']]
+    steep = Bands(SimpleNamespace(kpts=np.array([[0.1, 0, 0.1]]), cell=Cell(np.eye(3))), flat.omega, modes)
+    assert 'out of the plane' not in mode_names(steep)  # of a crystal in space
