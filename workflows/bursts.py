@@ -1,16 +1,14 @@
 """Tone bursts through the ideal lattice, each model over the branches of both."""
 
-import numpy as np
-
-from magphonon import read_scene, ready_scene, units
-from magphonon.plotting.axes import legend_of_set, letter_panels, new_axes, panels
+from magphonon import read_scene, ready_scene
+from magphonon.plotting.axes import new_axes
 from magphonon.plotting.structures import plot_patch
-from magphonon.plotting.waves import crossing
+from magphonon.plotting.waves import plot_crossing, plot_waves
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, waves
 
+from .annotations import RADIANS
 from .checks import Check, Outcome, save_picture
-from .maps import RADIANS, finish_maps, plot_map, plot_signed
 
 HALF_A_BIN = 0.5
 BURSTS = {'shear': 'transverse', 'longitudinal': 'longitudinal'}  # branch and motion, in the order of the scene
@@ -21,51 +19,38 @@ TOPS_Hz = 35.0, 105.0  # of the maps
 def main(out):
     """Ridges on the branches of their own model and off those of the other; the maps, and the wave in the lattice."""
     scene = read_scene(ready_scene('ideal'))
-    cell, checks, shear = scene.atoms(), [], {}
-    figure, axes = panels(2, 2, height=2.3)
-    letter_panels(axes, [f'{model} simulation, {motion} motion' for motion in BURSTS.values() for model in SIDES])
+    cell, checks, maps, shear = scene.atoms(), [], [], {}
     for k, (branch, motion) in enumerate(BURSTS.items()):
-        for ax, model in zip(axes[k], SIDES, strict=True):
+        maps.append([])
+        for model in SIDES:
             patch = scene.patch_atoms(model)
             site, passage = scene.burst.send(k, cell, patch)
             wave = waves(passage.row, cell, scene.burst.source)[0]
             checks += compared(f'{motion} burst, {model} simulation', wave, motion, model, branch)
-            plot_map(ax, wave, scene.burst.carriers_Hz[k], TOPS_Hz[k])
+            maps[-1].append(wave)
             if branch == 'shear':
-                shear[model] = passage
-    finish_maps(figure, axes)
-    for ax in axes[:, 1]:
-        ax.secondary_yaxis('right', functions=RADIANS).set_ylabel(r'$\omega$ (rad/s)')
-    maps = save_picture(figure, out / 'bursts.png',
+                shear[model] = patch, site, passage
+    lattice = plot_patch(patch, site, new_axes(5.5, 3.6)).figure
+    return Outcome(checks, [
+        save_picture(lattice, out / 'finite_lattice.png',
+                     'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.'),
+        draw_maps(out, maps, scene.burst.carriers_Hz),
+        save_picture(plot_crossing(shear), out / 'burst_crossing.png',
+                     'The burst of shear in both models at the same time, when the faster one is half way up the measured row: '
+                     'D* makes its waves shorter and slower.')])
+
+
+def draw_maps(out, maps, carriers_Hz):
+    """Both models side by side; a row of maps has one scale, up to what its branches reach."""
+    names = [f'{model} simulation, {motion} motion' for motion in BURSTS.values() for model in SIDES]
+    figure, axes = plot_waves(maps, names, carriers_Hz)
+    for row, top in zip(axes, TOPS_Hz, strict=True):
+        for ax in row:
+            ax.set_ylim(0, top)
+        row[1].secondary_yaxis('right', functions=RADIANS).set_ylabel(r'$\omega$ (rad/s)')
+    return save_picture(figure, out / 'bursts.png',
                         'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model: '
                         'shear tells the models apart, the longitudinal branch hardly moves.')
-    return Outcome(checks, [draw_lattice(out, patch, site), maps, draw_crossing(out, patch, site, shear)])
-
-
-def draw_lattice(out, patch, site):
-    """The finite lattice with what drives it and where it is measured."""
-    ax = plot_patch(patch, site, new_axes(5.5, 3.6))
-    return save_picture(ax.figure, out / 'finite_lattice.png',
-                        'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.')
-
-
-def draw_crossing(out, patch, site, passages):
-    """Horizontal displacement of both models at one time, when the faster wave is half way up the measured row."""
-    figure, (axes,) = panels(1, 2, height=2.2)
-    letter_panels(axes, SIDES)
-    frame = crossing(passages['conventional'])
-    fields = [passages[model].field.displacements[frame, :, 0] / (1e-6 * units.m) for model in SIDES]
-    largest = np.abs(fields).max()
-    for ax, field in zip(axes, fields, strict=True):
-        image = plot_signed(ax, patch, field, largest, site)
-        ax.set(xlabel='$x/L_0$', ylabel='$y/L_0$')
-        ax.label_outer()
-    figure.colorbar(image, ax=axes, label='$u_x/L_0$ ($10^{-6}$)', pad=0.02)
-    legend_of_set(figure)
-    time = passages['complete'].field.times[frame] / units.s
-    return save_picture(figure, out / 'burst_crossing.png',
-                        f'The burst of shear in both models at the same time, {time:.2f} s after its start: D* makes its waves '
-                        'shorter and slower.')
 
 
 def compared(record, wave, motion, model, branch):

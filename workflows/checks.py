@@ -60,7 +60,8 @@ class Check:
     def cells(self):
         """The row of the table, as texts."""
         relative = self.reference != 0
-        bound = f'{"more than" if self.control else "at most"} {bound_in_words(self.tolerance, relative)}'
+        bound = bound_in_words(self.tolerance, relative)
+        bound = f'more than {bound}' if self.control else f'at most {bound}' if self.tolerance else 'no difference'
         agrees = {'control': 'differs, as it must', 'consistency': 'consistent', 'reproduction': 'pass'}[self.kind]
         return (self.quantity, number(self.here, 6 if relative else 3), number(self.reference),
                 apart_in_words(self.difference, relative), bound, agrees if self.passed else 'FAIL')

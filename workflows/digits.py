@@ -49,10 +49,10 @@ def bound_in_words(tolerance, relative=True):
     Examples
     --------
     >>> bound_in_words(0.05), bound_in_words(1e-9), bound_in_words(1e-9, relative=False), bound_in_words(0.0)
-    ('5 %', '1e-9', '1e-9', 'nothing')
+    ('5 %', '1e-9', '1e-9', '0')
     """
     if tolerance == 0:
-        return 'nothing'
+        return '0'
     if relative and tolerance >= 1e-3:
         return _percent(tolerance)
     return f'{tolerance:.2g}' if tolerance >= 1e-3 else f'{tolerance:.0e}'.replace('e-0', 'e-')

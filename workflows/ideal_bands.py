@@ -12,8 +12,8 @@ from magphonon.plotting.structures import plot_lattice
 from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.scenes.scene import reference
 
+from .annotations import RADIANS, name_branches
 from .checks import BRANCHES, Check, Outcome, pairs, save_picture
-from .maps import RADIANS, name_branches
 
 ARROWS = 12  # of the group velocity along each reciprocal vector
 

@@ -5,8 +5,8 @@ from magphonon.bands.force_constants import foundation_recovered
 from magphonon.plotting.bands import plot_bands
 from magphonon.scenes.scene import reference
 
+from .annotations import name_branches
 from .checks import BRANCHES, Check, Outcome, pairs, save_picture
-from .maps import name_branches
 
 
 def main(out):

@@ -91,8 +91,9 @@ def missing_magnet(out, known):
     rest = relaxed(patch)
     held = local_modes(rest.atoms, gap)
     found, unmoved = units.hertz(held.omega), local_modes(LinearSystem.about(patch.calc, patch), gap)
-    ax = plot_shape(rest.atoms, held.shapes[2], title=f'{found[2]:.2f} Hz, in the gap of {gap[0] / 2 / np.pi * 1e3:.2f} to '
-                    f'{gap[1] / 2 / np.pi * 1e3:.2f} Hz')
+    low, high = units.hertz(np.array(gap))
+    ax = plot_shape(rest.atoms, held.shapes[2], new_axes(height=2.6),
+                    f'{found[2]:.2f} Hz, in the gap of {low:.2f} to {high:.2f} Hz')
     picture = save_picture(ax.figure, out / 'missing_magnet.png', (
         'A local mode beside a magnet that is missing.  The others have moved towards the hole by up to '
         f'{rest.shift:.2g} mm; without that nothing vibrates in the gap.'))

@@ -9,6 +9,8 @@ from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.evanescent import complex_bands, measured_decay
 from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.structures import plot_patch
+from magphonon.plotting.style import COLUMN_in, PAGE_in
+from magphonon.plotting.waves import plot_waves
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
 from magphonon.waves.branches import Branch, branch, compare
@@ -18,11 +20,10 @@ from magphonon.waves.wave_analysis import MODELS, waves
 from magphonon.waves.wave_source import polarisations, site, wavevector
 
 from .checks import Check, Outcome, save_picture
-from .maps import finish_maps, plot_map
 
 HALF_A_BIN = 0.5
 SIDES = MODELS[::-1]  # conventional left, complete right, as in the paper
-TOP_Hz = 90.0         # of the maps
+HEIGHT_in = 1.8       # of a row of maps
 # From a point energy runs along R2 where the frequency is stationary in k across R2: by symmetry on Gamma-K.  Waves of Gamma-M
 # have fronts along R1 and come from a row of sources.  Long waves of both are as fast; at M shear ends, at 58.2 Hz.
 APART = 45  # Hz; below both lines are within half a bin of the ridge, above it is off Gamma-M by more than a bin
@@ -50,10 +51,10 @@ def main(out):
 def maps(scene, out):
     """Transverse motion along the row, both models, as the vibrometer sees it."""
     cell, plan, checks = scene.atoms(), scene.burst, []
-    figure, axes = panels(len(plan.carriers_Hz), 2, height=1.7)
-    letter_panels(axes, [f'{model} simulation, {carrier:g} Hz' for carrier in plan.carriers_Hz for model in SIDES])
+    gamma_m, table = branch(cell, wavevector(cell, 'row'), 0), []
     for k, carrier in enumerate(plan.carriers_Hz):
-        for ax, model in zip(axes[k], SIDES, strict=True):
+        table.append([])
+        for model in SIDES:
             (other,) = set(MODELS) - {model}
             _, passage = plan.send(k, cell, scene.patch_atoms(model))
             found = waves(scene.vibrometer.measure(passage.row, seed=k), cell, plan.source)
@@ -65,25 +66,33 @@ def maps(scene, out):
                        Check(f'{record}: it agrees with its own branch and no other',
                              float(wave.agrees_with == ((model, 'shear'),)), 1, 0),
                        Check(f'control: {record}: ridge off the {other} shear branch (bins)', off.bins, 0, 1, control=True)]
-            plot_map(ax, wave, carrier, TOP_Hz)
+            table[-1].append(wave)
             if model == 'complete':
-                gamma_m = branch(cell, wavevector(cell, 'row'), 0)
                 checks.append(between_lines(record, carrier, compare(wave.ridge, gamma_m).bins))
-                overlay(ax, gamma_m, 'complete, Γ-M')
             if (carrier, model) == (60, 'complete'):
                 more, picture = longitudinal(cell, found, record, out)
-    finish_maps(figure, axes)
+    return checks + more, [draw_experiment(out, scene), draw_maps(out, table, plan.carriers_Hz, gamma_m), picture]
+
+
+def draw_maps(out, table, carriers_Hz, gamma_m):
+    """Both models side by side, all maps on one scale."""
+    names = [f'{model} simulation, {carrier:g} Hz' for carrier in carriers_Hz for model in SIDES]
+    figure, axes = plot_waves(table, names, carriers_Hz)
+    figure.set_size_inches(PAGE_in, HEIGHT_in * len(axes))
+    for ax in axes[:, 1]:
+        overlay(ax, gamma_m, 'complete, Γ-M')
+    legend_of_set(figure, ncols=5)
     caption = ('Fig. 8 of the paper: transverse motion of the magnets along the measured row. '
                'Waves from a point reach the row along its own direction, Gamma-K; Gamma-M, which S4 draws, is that of plane '
                'waves from a row of sources: it agrees at 30 and 40 Hz and is bins off at 50 and 60 Hz, as shear ends there '
                'at 58.2 Hz.')
-    return checks + more, [draw_experiment(out, scene), save_picture(figure, out / 'vibrometer.png', caption), picture]
+    return save_picture(figure, out / 'vibrometer.png', caption)
 
 
 def draw_experiment(out, scene):
     """The half-hexagon with what drives it and where it is measured."""
     patch = scene.patch_atoms()
-    ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source), new_axes(height=2.1))
+    ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source), new_axes(5.5, 2.9))
     return save_picture(ax.figure, out / 'experiment.png',
                         'Fig. 7 of the paper: the half-hexagon of magnets on pillars, driven at one of them.')
 
@@ -107,10 +116,11 @@ def longitudinal(cell, found, record, out):
     above = wave.ridge.omega > omega[0, 0]
     arrays = {name: getattr(wave.ridge, name)[above] for name in ('xi', 'omega', 'sigma_xi', 'sigma_omega', 'power')}
     misfit, nearest = compare(replace(wave.ridge, **arrays), oblique), min(misfit.bins for misfit in wave.misfits.values())
-    figure, axes = panels(1, 1, height=2.8)
-    plot_map(axes[0, 0], wave, 60, TOP_Hz)
+    figure, axes = plot_waves([[wave]], carriers_Hz=[60])
+    figure.set_size_inches(COLUMN_in, 1.6 * HEIGHT_in)
+    axes[0, 0].set_title('', loc='left')  # no letter for one map
     overlay(axes[0, 0], oblique, 'complete, M + k')
-    finish_maps(figure, axes)
+    legend_of_set(figure)
     record += ', longitudinal motion'
     checks = [Check(f'{record}: branches of Gamma-K with which the ridge agrees', len(wave.agrees_with), 0, 0),
               Check(f'control: {record}: ridge off the nearest of them (bins)', nearest, 0, 1, control=True),
@@ -123,7 +133,7 @@ def longitudinal(cell, found, record, out):
 
 def overlay(ax, line, label):
     """A further line on a map, with its name."""
-    ax.plot(line.xi, units.hertz(line.omega), ':', color=COLOURS[2], linewidth=1.5, label=label)
+    ax.plot(line.xi, units.hertz(line.omega), '-.', color=COLOURS[2], label=label)
 
 
 def gap(scene, out):
@@ -147,8 +157,8 @@ def gap(scene, out):
             checks += [Check(f'{record}: decay per step, against Im k R2', decay, expected['complete'], DECAY, consistency=True),
                        Check(f'control: {record}: decay, D0 alone', decay, expected['conventional'], 0.3, control=True)]
         draw(ax, measured, responses, expected['complete'], at=0 if source == 'row' else -1)
-    axes[0, 0].set_ylabel('amplitude / that of the burst at step 0')
-    legend_of_set(figure)
+    axes[0, 0].set_ylabel('amplitude / that at step 0')
+    legend_of_set(figure, ncols=4)
     return checks, save_picture(figure, out / 'evanescent.png',
                                 'Below the cut-off of 26.55 Hz a burst does not travel: its amplitudes are those of linear '
                                 'response with D0 + D*. The lines have the slope of the complex wavenumber. (a) Around a point '
