@@ -31,6 +31,8 @@ MANY_LOADED = 1 / 8
 """Share of the particles under static forces above which all have them in an array: a jittered patch that is not at rest."""
 MOST_LAWS = 64
 """Number of laws up to which each is cut into pieces although bonds have their own."""
+ANY_DIRECTION = 2**0.5
+"""Largest ratio of the length of a vector in the plane to its larger component."""
 PIECES = len(RANGES)
 """Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
 
@@ -176,15 +178,14 @@ class Blocks:
         forces = self._external(times)
         if not self.current:
             self._read()
-        with np.errstate(over='ignore', invalid='ignore'):
-            np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
-            while True:
-                strain, *extent = self._try(forces)
-                if strain <= self._reach or self._exact:
-                    break
+        while True:
+            strain, *extent = self._try(forces)
+            if strain <= self._reach or self._exact:
+                break
+            with np.errstate(over='ignore', invalid='ignore'):
                 self._fit(self._level + 1)
-                self._stale = True
-        extent = np.sqrt(2) * np.array(extent)
+            self._stale = True
+        extent = [ANY_DIRECTION * float(x) for x in extent]
         if not self.cages.still(extent[0]):
             u = np.where(self._mobile, self.layout.gather(self._spare[0]).T, self.displacements)  # a held one has any force
             self.cages.look(u, times[-1], bonded=self._exact)
@@ -192,11 +193,11 @@ class Blocks:
 
     def _try(self, forces):
         """Fill the spare state with the end of the block; returns what `Kernel.advance` does."""
-        strain = 0.0
-        if self._stale:
-            u, _, a = self._state
-            strain = self._kernel.accelerate(u, a, forces[0])
-            self._stale = False
+        if not self._stale:
+            return self._kernel.advance(self._state, forces[1:], out=self._spare)
+        u, _, a = self._state
+        strain = self._kernel.accelerate(u, a, forces[0])
+        self._stale = False
         found, *extent = self._kernel.advance(self._state, forces[1:], out=self._spare)
         return np.maximum(strain, found), *extent
 
@@ -243,7 +244,7 @@ class Blocks:
 
     def _measure(self):
         """The largest displacement and speed, or a little more."""
-        self._extent = [np.sqrt(2) * largest(x) for x in self._state[:2]]
+        self._extent = [ANY_DIRECTION * largest(x) for x in self._state[:2]]
 
     def _strain(self):
         """The largest increment |e| of the present state."""

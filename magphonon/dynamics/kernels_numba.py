@@ -164,9 +164,9 @@ class CompiledKernel(Kernel):
         counters, found = np.zeros(FAR * levels + threads * size, np.int64), np.zeros((threads, FAR))
         ends, forces = self._addresses(*state, *out), np.ascontiguousarray(forces)
         block = self._given.address, ends, _address(forces), steps, first, size, threads, _address(counters), _address(found)
-        tasks = [(*block, thread, _address(room), stride) for thread, (room, stride) in enumerate(self._rooms[:threads])]
+        tasks = [(*block, thread, room, stride) for thread, (_, room, stride) in enumerate(self._rooms[:threads])]
         self._together(self._advance.call, tasks, done=counters[: FAR * levels])
-        return tuple(found[:, :3].max(axis=0))
+        return tuple((found[0] if threads == 1 else found.max(axis=0))[:3].tolist())
 
     def _addresses(self, *arrays):
         """The address of the table of their addresses; asking NumPy for each takes as long as a step of a hundred particles."""
@@ -196,14 +196,14 @@ class CompiledKernel(Kernel):
         return max(1, CACHE // (self._reach * RUN * each))
 
     def _room(self):
-        """Room for the forces of bonds, all that are listed, or a window on those of a grid; and its length for each group."""
-        bonds = self._bonds
-        if not self._grid:
-            return aligned_zeros((2, bonds.windows)), 1
-        active = bonds.pad + (self._levels_in_cache * self._reach + 2) * RUN
-        whole = bonds.pad + int(bonds.runs[-1, 1])
-        stride = 3 * LINE + min(2 * active, whole + -whole % LINE)
-        return aligned_zeros((2, bonds.windows * stride)), stride
+        """Room for the forces of bonds, all that are listed, or a window on those of a grid; its address and that length."""
+        bonds, stride = self._bonds, 1
+        if self._grid:
+            active = bonds.pad + (self._levels_in_cache * self._reach + 2) * RUN
+            whole = bonds.pad + int(bonds.runs[-1, 1])
+            stride = 3 * LINE + min(2 * active, whole + -whole % LINE)
+        room = aligned_zeros((2, bonds.windows * stride))
+        return room, _address(room), stride
 
     def write(self, *arrays: NDArray[np.float64]) -> None:
         if self._addressable(*arrays):
@@ -218,13 +218,13 @@ class CompiledKernel(Kernel):
 
     def _addressable(self, u, v, anchors, masses, positions, momenta):
         """Whether the atoms hold their arrays as ASE makes them: a user may have put others in their place."""
-        return all(x.flags.c_contiguous and x.dtype == float and x.shape == (len(masses), 3) for x in (positions, momenta))
+        return all(x.flags.c_contiguous and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
 
     def _parts(self, arrays):
         """Particles shared out to threads."""
-        slot, length = self.layout.slot, self.layout.length
-        ends = [len(slot) * n // self.threads for n in range(self.threads + 1)]
-        return [(self._addresses(slot, *arrays), s, e, len(slot), length) for s, e in pairwise(ends)]
+        count, length, given = len(self.layout.slot), self.layout.length, self._addresses(self.layout.slot, *arrays)
+        ends = [count * n // self.threads for n in range(self.threads + 1)]
+        return [(given, s, e, count, length) for s, e in pairwise(ends)]
 
 
 def _aligned(array):

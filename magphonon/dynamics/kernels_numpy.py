@@ -103,6 +103,7 @@ class Kernel:
         self.f = np.zeros((2, layout.length))
         self.scratch = np.empty((2, max(RUN, layout.length if self.forces.whole else 0)))
 
+    @np.errstate(over='ignore', invalid='ignore')  # a run that goes wrong is noticed by its end
     def advance(self, state: State, forces: NDArray[np.float64], out: State) -> Found:
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
@@ -132,7 +133,9 @@ class Kernel:
         a[:] = 0
         return self._steps(u, a, force[None], self.forget, self.motion.mobility, 0.0)
 
+    @np.errstate(over='ignore', invalid='ignore')
     def _steps(self, u, v, forces, carry, push, dt):
+        np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
         m, k = self.motion, np.asarray(self.motion.foundation)
         whole = not k.ndim
         self.forces.strain = 0.0
