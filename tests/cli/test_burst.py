@@ -134,6 +134,22 @@ def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, caps
     assert quiet == pytest.approx(2 * measured, rel=0.15)  # the row starts half way up the beam, whose middle moves most
 
 
+def test_the_time_steps_take_as_many_threads_as_were_asked_for(scene_file, tmp_path, capsys, monkeypatch):
+    asked = []
+
+    def dynamics(*_, threads):
+        asked.append(threads)
+        raise ValueError('seen enough')
+
+    monkeypatch.setattr('magphonon.waves.tone_burst.DrivenVerlet', dynamics)
+    command = ['burst', str(scene_file()), '-o', str(tmp_path / 'out')]
+    for options, said in (((), 'seen enough'), (('--threads', '3'), 'seen enough'),
+                          (('--threads', '0'), '--threads must be a whole number of at least 1, not 0')):
+        assert main([*command, *options]) == 2
+        assert said in capsys.readouterr().err
+    assert asked == [None, 3]
+
+
 @pytest.mark.slow
 def test_the_row_to_measure_and_an_animation_on_request(scene_file, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('magphonon.waves.tone_burst.SNAPSHOTS', 5)  # frames are slow to draw

@@ -1,8 +1,5 @@
 """The increment law against extended precision, the layouts, and every kernel against the calculator."""
 
-import pickle
-import sys
-from importlib.util import module_from_spec, spec_from_file_location
 from unittest import mock
 
 import numpy as np
@@ -18,6 +15,7 @@ from magphonon.dynamics.engine import PIECES, Blocks
 from magphonon.dynamics.law_pieces import octave_piece, pieces
 from magphonon.dynamics.memory_layout import arrange
 from magphonon.dynamics.verlet import threads_for
+from magphonon.interactions.bond_laws import labels
 from magphonon.interactions.pair_laws import Hertz
 
 LAW = InversePower(b=8900.0, a=4.5)
@@ -133,6 +131,16 @@ def test_places_on_a_grid_are_found_in_any_order_and_with_scatter(name):
             assert layout.each == (scatter > 0)
             places = {(i, j) for i, j in zip(layout.i, layout.j, strict=True)}
             assert {int(j - i) for i, j in places} <= set(layout.offset.tolist())
+
+
+def test_bonds_of_a_few_kinds_in_each_direction_carry_their_own_laws():
+    patch = lattices.parallelogram(cells()['triangular'], 9, 8)
+    for weak, own, kinds in (((), False, 3), ((40,), True, 2)):
+        strengths = np.where(np.isin(np.arange(72), weak), 0.5, 1.0)
+        calc = MagneticRepulsion(patch, LAW, strengths=strengths)
+        layout = arrange(patch, calc.bonds, patch.get_tags() == 0, labels(calc.law, len(calc.bonds)))
+        assert len(layout.offset) == 3
+        assert (layout.own_laws, len(layout.r0)) == (own, kinds)
 
 
 def test_other_structures_go_into_a_table():
@@ -388,50 +396,3 @@ def test_threads_are_a_whole_number_and_one_by_default_in_small_patches(monkeypa
     for load, threads in ((0.2, 8), (3.4, 5), (11.0, 1)):
         monkeypatch.setattr('os.getloadavg', lambda load=load: (load, 0.0, 0.0), raising=False)
         assert threads_for(1_000_000) == threads
-
-
-# --- what numba keeps -------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def doubling(tmp_path, monkeypatch):
-    """A function that is compiled, by `magphonon` or by numba itself, as a new process would do it."""
-    numba = pytest.importorskip('numba')
-    from magphonon.dynamics.machine_code import compiled
-
-    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
-    source = tmp_path / 'doubling.py'
-    source.write_text('def double(x):\n    return 2 * x\n', encoding='utf-8')
-
-    def compile_by(numba_itself=False):
-        module = module_from_spec(spec_from_file_location('doubling', source))
-        module.__spec__.loader.exec_module(module)
-        monkeypatch.setitem(sys.modules, 'doubling', module)  # where numba looks for it when it finds what it has compiled
-        signature = numba.types.int64(numba.types.int64)
-        return numba.njit(signature, cache=True)(module.double) if numba_itself else compiled(signature, 'double')(module.double)
-
-    return compile_by
-
-
-@pytest.mark.parametrize('numba_itself', [False, True])
-@pytest.mark.parametrize('kind', ['nbi', 'nbc'])
-def test_a_damaged_file_of_what_numba_has_compiled_is_written_anew(doubling, kind, numba_itself, tmp_path):
-    doubling(numba_itself)
-    (file,) = tmp_path.rglob(f'*.{kind}')
-    file.write_bytes(b'_ is no pickle')
-    if numba_itself:  # the control: it ends there
-        with pytest.raises(pickle.UnpicklingError):
-            doubling(numba_itself)
-        return
-    anew, found = doubling(), doubling()
-    assert [anew.call(2), found.call(2)] == [4, 4]
-    assert [anew.kept, found.kept] == [False, True]
-
-
-def test_a_change_of_any_file_with_compiled_functions_is_noticed(doubling, monkeypatch):
-    machine_code = pytest.importorskip('magphonon.dynamics.machine_code', exc_type=ImportError)
-    doubling()
-    assert doubling().kept
-    monkeypatch.setattr(machine_code, 'SOURCES', 'of another version')
-    assert not doubling().kept
-    assert doubling().kept
