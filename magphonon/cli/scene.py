@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from ..scenes.keys import Key
 
 HELP = 'print a ready scene, or list them; list the keys of a scene'
+WIDEST = 100
+"""Longest line of the list of keys, in letters."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -33,18 +35,22 @@ def run(options: Namespace) -> None:
 
 
 def _print_keys(name: str | None) -> None:
+    import sys
+    from shutil import get_terminal_size
+
     from ..scenes.keys import scene_keys
 
+    width = min(WIDEST, get_terminal_size().columns) if sys.stdout.isatty() else WIDEST
     last = ''
     for key in scene_keys(name):
         if key.table != last:
             print(f'\n[{key.table}]')
             last = key.table
-        print(_described(key))
+        print(_described(key, width))
 
 
-def _described(key: Key) -> str:
-    """A key in a few lines of at most 100 characters."""
+def _described(key: Key, width: int) -> str:
+    """A key in a few lines of at most `width` characters."""
     from textwrap import fill
 
     default = key.default.replace('none', 'optional')
@@ -53,5 +59,5 @@ def _described(key: Key) -> str:
     facts = [f'{key.type}, {key.unit}' if key.unit else key.type, default, *filter(None, (key.allowed, kinds))]
     lines = ['; '.join(facts), key.description, f'e.g. {key.example}' if key.example else '']
     margin = 28 * ' '
-    text = '\n'.join(fill(line, 100, initial_indent=margin, subsequent_indent=margin) for line in lines if line)
+    text = '\n'.join(fill(line, width, initial_indent=margin, subsequent_indent=margin) for line in lines if line)
     return f'  {key.name:26}{text.lstrip()}'

@@ -18,8 +18,8 @@ SIGNIFICANT_DIFFERENCE = 5 / (2 * SAMPLES) ** 0.5
 """Relative difference of two standard deviations that sampling noise does not explain."""
 SECOND_ORDER_RATIO = 0.5
 """Ratio of the second-order to the first-order standard deviation above which the ribbon is too narrow, by 12 % at this ratio."""
-OWN_SCATTER = ('the scatter of each magnet by itself leaves the bands of an infinite lattice where they are, to first order, and '
-               'broadens them; a finite structure has a response that scatters')
+OWN_SCATTER = ('The independent scatter of each magnet leaves the bands of an infinite lattice where they are, to first order, '
+               'and broadens them. The response of a finite structure is uncertain because of it.')
 """What is said of bands."""
 LINEAR_RANGE = 0.3
 """Relative standard deviation of an amplitude above which the flank of a peak is not a straight line."""

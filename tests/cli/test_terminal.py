@@ -89,6 +89,15 @@ def test_a_refusal_is_wrapped_and_a_scene_is_not():
     assert max(map(len, said.splitlines())) > 40
 
 
+def test_the_list_of_keys_fits_the_terminal(monkeypatch, capsys):
+    monkeypatch.setenv('COLUMNS', '60')
+    assert main(['scene', '--keys', 'foundation']) == 0
+    piped = capsys.readouterr().out
+    shown, _ = shown_by(['scene', '--keys', 'foundation'], monkeypatch)
+    assert max(map(len, shown.splitlines())) <= 60 < max(map(len, piped.splitlines()))
+    assert shown.split() == piped.split()
+
+
 @pytest.mark.parametrize('line', [
     '  branch 1           1.41       2.40    and so on, far beyond the width of the terminal',
     'short', '', '# a comment of a scene file that is longer than that', 'forces_N = [1.0627436361480025, 0.8128145856709039]',
