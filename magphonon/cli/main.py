@@ -172,7 +172,11 @@ def _options(arguments):
     if not first.startswith('-') and first not in COMMANDS:
         meant = did_you_mean(SYNONYMS.get(first, first), COMMANDS, f'the commands are {", ".join(COMMANDS)}')
         parser.error(f'there is no command {first!r}{meant}')
-    options = parser.parse_args(arguments)
+    options, unknown = parser.parse_known_args(arguments)
+    for word in unknown[:1]:
+        meant = did_you_mean(word, options.flags, f'its options are {", ".join(options.flags)}')
+        wrong = f'has no option {word!r}{meant}' if word.startswith('-') else f'takes no further argument {word!r}'
+        parser.error(f'"magphonon {options.command}" {wrong}')
     options.words = arguments  # kept with the results
     if getattr(options, 'output', None) == '':
         parser.error("-o '' names no directory; '.' is the current one")
@@ -188,5 +192,6 @@ def whole_parser():
         told = (command.__doc__ or '').partition(': ')[2]  # python -OO leaves out docstrings
         subparser = commands.add_parser(name, help=command.HELP, description=told)
         command.add_arguments(subparser)
-        subparser.set_defaults(run=command.run, command=name)
+        flags = [flag for action in subparser._actions for flag in action.option_strings]
+        subparser.set_defaults(run=command.run, command=name, flags=flags)
     return parser

@@ -45,7 +45,9 @@ def test_tables_that_do_not_belong_together_are_told_at_once(scene_file):
     (['bnads', 'x.toml'], "there is no command 'bnads'; did you mean 'bands'?"),
     (['scene', 'protoype'], "did you mean 'prototype'?"),
     (['Bands'], "did you mean 'bands'?"), (['zzz'], "there is no command 'zzz'; the commands are bands, burst"),
-    (['density'], "did you mean 'dos'?")])
+    (['density'], "did you mean 'dos'?"),
+    (['bands', 'chain', '--outptu', 'x'], """"magphonon bands" has no option '--outptu'; did you mean '--output'?"""),
+    (['check', 'chain', 'dust'], """"magphonon check" takes no further argument 'dust'""")])
 def test_misspelt_command(arguments, meant, capsys):
     try:
         assert main(arguments) == 2
