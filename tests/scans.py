@@ -32,5 +32,49 @@ def packet(t, n, xi, omega, carrier, width, start):
 
 def scene_text(spacing, mass, b, a, foundation):
     """A scene of the triangular lattice in SI with nothing but a lattice, a law and springs."""
+    spacing, mass, b, a, foundation = map(float, (spacing, mass, b, a, foundation))
     return (f'title = "drawn"\n[lattice]\nkind = "triangular"\nspacing_m = {spacing!r}\nmass_kg = {mass!r}\n[law]\n'
             f'kind = "inverse_power"\nb_N_m_a = {b!r}\na = {a!r}\nshells = 1\n[foundation]\nstiffness_N_per_m = {foundation!r}\n')
+
+
+class Experiment:
+    """A lattice like the prototype and scans of bursts along one of its close-packed rows, drawn; in mm, g, ms and N.
+
+    Parameters
+    ----------
+    seed : sequence of int
+    modes : sequence of int
+        Branches that are driven, 0 for shear and 1 for longitudinal waves, each by `carriers` bursts.
+    noise : float
+        White noise, as a fraction of the largest displacement.
+    with_dstar : bool
+        False for a lattice whose waves know nothing of the static forces.
+    """
+
+    def __init__(self, seed, modes=(0, 1), noise=0.1, carriers=3, with_dstar=True):
+        rng = self.rng = np.random.default_rng(seed)
+        self.L, self.m, self.angle = rng.uniform(8, 14), rng.uniform(0.5, 1), rng.choice([0, 60, 120])
+        f, a, k = rng.uniform(0.15, 0.4), rng.uniform(3, 5), rng.uniform(0.015, 0.03)
+        self.truth = {'force': f, 'a': a, 'foundation': 1e3 * k, 'bond stiffness': 1e3 * a * f / self.L}
+        self.modes, self.noise, self.carriers = modes, noise, carriers
+        self.xi = np.linspace(0, np.pi, 3001)
+        self.omega = triangular_branches(self.xi, self.angle, self.L, self.m, f / self.L * with_dstar, a * f / self.L, k)
+
+    def scene(self, folder, mass=1.0):
+        """Where a fit starts: force, exponent and springs some 10 % off."""
+        f, a, k = (self.truth[name] * np.exp(0.1 * self.rng.normal()) for name in ('force', 'a', 'foundation'))
+        (folder / 'my.toml').write_text(scene_text(1e-3 * self.L, 1e-3 * self.m * mass, f * (1e-3 * self.L) ** a, a, k))
+        return folder / 'my.toml'
+
+    def scans(self, points=30, missing=4):
+        """Name, times, places and displacements along x and y of each burst; some points are missing."""
+        t, n = np.arange(0, 800, 2.0), np.sort(self.rng.permutation(points)[missing:])
+        row = np.array([np.cos(np.radians(self.angle)), np.sin(np.radians(self.angle))])
+        for burst in range(self.carriers):
+            for mode in self.modes:
+                omega = self.omega[:, mode]
+                carrier = np.interp(self.rng.uniform(0.5, 2.4), self.xi, omega)
+                u = packet(t, n, self.xi, omega, carrier, 0.1 * carrier, 150)
+                u = 1e-3 * (u / abs(u).max() + self.noise * self.rng.normal(size=u.shape))
+                x, y = ((-row[1], row[0]), row)[mode]
+                yield f'{burst}{mode}', t, self.L * n[:, None] * row, u * x, u * y

@@ -35,7 +35,8 @@ def run(options: Namespace) -> None:
 
     from ..planning.scene import neglected
     from ..scenes.scene import read_scene
-    from ..waves.wave_analysis import MODELS, report, waves, write_ridges
+    from ..waves.ridge_tables import write_ridges
+    from ..waves.wave_analysis import MODELS, report, waves
     from .costs import refuse_costly
     from .results import results
 

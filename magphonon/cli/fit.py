@@ -1,4 +1,7 @@
-"""`magphonon fit FILE.csv`: the law of repulsion from measured forces.
+"""`magphonon fit FILE.csv`: the law of repulsion from measured forces, or the lattice from measured ridges.
+
+With `--bands SCENE` the table is one of ridge points, as `magphonon spectrum` writes it: force, exponent and foundation of the
+scene are fitted to it with D* and without, and the evidence for D* is stated.
 
 docs/coverage.md says how often its 95 % intervals contain the true value, for several kinds of law and noise.
 """
@@ -7,16 +10,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from . import fit_bands
 from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-HELP = 'the law of repulsion from measured forces'
+HELP = 'the law of repulsion from measured forces, or the lattice from measured ridges'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('file', metavar='FILE.csv', help='table with the columns r_m,f_N or r_m,f_N,sigma_N (or r_mm, f_mN, ...)')
+    parser.add_argument('file', metavar='FILE.csv', help='table with the columns r_m,f_N or r_m,f_N,sigma_N (or r_mm, f_mN, '
+                                                         '...); with --bands the ridges.csv of "magphonon spectrum"')
+    parser.add_argument('--bands', metavar='SCENE', dest='scene',
+                        help='fit this scene, which tells spacing and mass, to a table of measured ridges')
+    parser.add_argument('--fix', metavar='NAMES',
+                        help='with --bands: parameters that are known from the scene, as --fix a,foundation')
     parser.add_argument('--spacing', metavar='M', type=float, help='working spacing in m (default: the middle distance)')
     parser.add_argument('--contact', metavar='M', type=float,
                         help='distance of the centres at contact in m: measurements below it are refused, also if only an '
@@ -27,11 +36,18 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    if options.scene is not None:
+        _refuse_mixture(options)
+        fit_bands.run(options)
+        return
     from .. import units as u
     from ..errors import not_negative, positive
     from ..interactions.fits import scene_entry
     from ..interactions.force_tables import read_forces
     from ..interactions.law_choice import fit_laws
+
+    if options.fix is not None:
+        raise ValueError('--fix belongs to a fit of ridges; name the scene with --bands SCENE')
 
     if options.offset and options.contact is None:
         raise ValueError('--offset needs --contact, the distance of the centres in m at which two particles touch: without it '
@@ -54,6 +70,12 @@ def run(options: Namespace) -> None:
     print(f'\nfor a scene file, {advised.name}:\n\n{scene_entry(advised)}', end='')
     if options.output is not None:
         print(f'\nthe picture and all entries are in {options.output}')
+
+
+def _refuse_mixture(options):
+    for name in ('spacing', 'contact', 'offset'):
+        if getattr(options, name) not in (None, False):
+            raise ValueError(f'--{name} belongs to a fit of forces; leave it or --bands out')
 
 
 def _write(options, forces, fits):

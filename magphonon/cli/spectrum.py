@@ -38,7 +38,8 @@ def run(options: Namespace) -> None:
     from ..planning.scene import neglected
     from ..plotting.waves import plot_wave
     from ..scenes.scene import read_scene
-    from ..waves.wave_analysis import report, write_ridges
+    from ..waves.ridge_tables import write_ridges
+    from ..waves.wave_analysis import report
     from .results import results
 
     scene = read_scene(options.scene)

@@ -1,3 +1,7 @@
+from .dispersion_fits import (
+    DispersionFit as DispersionFit,
+    fit_dispersion as fit_dispersion,
+)
 from .inverse import (
     BandEdge as BandEdge,
     Design as Design,

@@ -11,6 +11,9 @@ from .axes import (
     panels as panels,
     point_name as point_name,
 )
+from .band_fits import (
+    plot_band_fits as plot_band_fits,
+)
 from .bands import (
     plot_bands as plot_bands,
 )

@@ -104,6 +104,28 @@ class Wave(Protocol):
     def ridge(self) -> Ridge | None: ...
 
 
+class MeasuredBranches(Ridge, Protocol):
+    """Points of measured branches: `magphonon.waves.RidgePoints`."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def ridge(self) -> NDArray[np.int_]: ...
+    @property
+    def q(self) -> NDArray[np.float64]: ...
+    @property
+    def frequencies_Hz(self) -> NDArray[np.float64]: ...
+
+
+class FittedBranches(Protocol):
+    """A fit to measured branches: `magphonon.design.DispersionFit`."""
+
+    @property
+    def branches(self) -> tuple[int, ...]: ...
+    @property
+    def residuals(self) -> NDArray[np.float64]: ...
+
+
 class Record(Protocol):
     """Displacements of some particles: `magphonon.waves.Displacements`."""
 

@@ -1,3 +1,7 @@
+from .band_fits import (
+    BandFits as BandFits,
+    fit_bands as fit_bands,
+)
 from .keys import (
     Key as Key,
     scene_keys as scene_keys,

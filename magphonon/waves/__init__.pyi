@@ -4,6 +4,11 @@ from .branches import (
     branch as branch,
     compare as compare,
 )
+from .ridge_tables import (
+    RidgePoints as RidgePoints,
+    read_ridges as read_ridges,
+    write_ridges as write_ridges,
+)
 from .rows import (
     Row as Row,
     row_of as row_of,
@@ -37,7 +42,6 @@ from .wave_analysis import (
     report as report,
     scan_waves as scan_waves,
     waves as waves,
-    write_ridges as write_ridges,
 )
 from .wave_source import (
     Burst as Burst,

@@ -50,6 +50,10 @@ LEAST_POWER = 1e-2
 LEAST_CONTRAST = 20
 """Ratio of the power of a ridge point to the background of its frequency line below which it is dropped: noise alone exceeds it
 once in 1e6 lines."""
+LEAST_ABOVE_NOISE = 16
+"""Ratio of the power of a ridge point to the background of half of all lines below which it is dropped: the background of one
+line, seen by 30 points, scatters by a third, so that noise passed for a wave in one record of 200.  Of 400 lines with 15 places
+each, noise exceeds this ratio in one record of 1000."""
 GHOST = 0.5
 """Amplitude of a wave at a wrong wavenumber, as a fraction of its own, from which it is an alias: at half, a quarter of
 the power, noise of a tenth of the wave does not make the wrong one stronger.  Points at random on half of 30 places have 0.4.
@@ -320,6 +324,7 @@ def ridge(spectrum: Spectrum) -> Ridge:
     background = np.median(power, axis=1) / np.log(2)  # of an exponential distribution, from its median to its mean
     height = power[at]
     keep = (height > LEAST_POWER * power.max()) & (height > LEAST_CONTRAST * background)
+    keep &= height > LEAST_ABOVE_NOISE * np.median(background)  # in a short row a line is quiet by chance
     for step in (1, -1):  # else no crest, but the flank of a wave that runs the other way or stands still
         keep &= height > np.roll(power, step, axis=1)[at]
     keep &= spectrum.xi_centre[lines][at] > spectrum.bin_xi / 2  # half a wave along the row: else it moves as one, or decays

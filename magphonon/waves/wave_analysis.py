@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..files import refuse_overflow, whole_file
 from .branches import Branch, branch, compare
 from .rows import row_of
 from .spectrum import LEAST_POWER, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
@@ -16,7 +15,6 @@ from .wave_source import across_and_along, polarisations, wavevector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from os import PathLike
 
     from ase import Atoms
 
@@ -36,7 +34,6 @@ SLOW_RATIO = 100
 """Ratio of the highest branch frequency to that of a record above which its waves are longer than any row."""
 SAME = 0.99
 """Cosine from which a measured component is the motion across or along the wavevector: less than -17 dB of the other is in it."""
-RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with')
 
 
 @dataclass(frozen=True)
@@ -255,24 +252,3 @@ def _doubts(records):
             lines += ['', f'{record} moves at {units.hertz(found[0].spectrum.loudest):.3g} Hz and the branches reach up to '
                           f'{units.hertz(top):.3g} Hz: are its times in milliseconds? time_s is in seconds.']
     return lines
-
-
-def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]]) -> None:
-    """Table of ridge points in SI, with the branches that the ridge agrees with or 'none'; written completely or not at all.
-
-    Parameters
-    ----------
-    path : path
-    records : dict
-        From the name of a record to its waves.
-    """
-    with whole_file(path) as file:
-        print(*RIDGE_COLUMNS, sep=',', file=file)
-        for name, found in records.items():
-            for wave in found:
-                if wave.ridge:
-                    r, on = wave.ridge, '; '.join(map(' '.join, wave.agrees_with)) or 'none'
-                    columns = r.xi, r.sigma_xi, units.hertz(r.omega), units.hertz(r.sigma_omega), r.power / units.m**2
-                    refuse_overflow(path, {f'the ridge of {name}, {wave.motion} motion,': columns})
-                    for point in np.transpose(columns).tolist():
-                        print(name, wave.motion, *point, on, sep=',', file=file)

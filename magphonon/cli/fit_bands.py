@@ -1,0 +1,110 @@
+"""`magphonon fit RIDGES.csv --bands SCENE`: force, exponent and foundation from measured ridges, with D* and without."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+
+def run(options: Namespace) -> None:
+    """The part of "magphonon fit" that reads ridges."""
+    from ..plotting.band_fits import plot_band_fits
+    from ..scenes.band_fits import fit_bands
+    from ..scenes.scene import read_scene
+    from ..waves.ridge_tables import read_ridges
+    from .pictures import drawing
+    from .results import results
+
+    scene, points = read_scene(options.scene), read_ridges(options.file)
+    fixed = [name.strip() for name in options.fix.split(',')] if options.fix else []
+    try:
+        found = fit_bands(scene, points, fixed)
+    except ValueError as error:
+        raise ValueError(f'{options.file}: {error}') from None
+    text = report(found, len(points), fixed)
+    if options.output is not None:
+        with results(options, scene, options.file) as folder, drawing(options, folder, scene.title) as save:
+            save(plot_band_fits(found.points, {model: (found.fitted(model).atoms(), fit) for model, fit in found.fits.items()}),
+                 'band_fit')
+            (folder / 'band_fit.txt').write_text(text + '\n', encoding='utf-8')
+    print(text)
+    if options.output is not None:
+        print(f'\nthe picture and this text are in {options.output}')
+
+
+def report(found, points: int, fixed: list[str]) -> str:
+    """The parameters in both models with their intervals, what is not determined, and the evidence for D*."""
+    from collections import Counter
+
+    own, fits = found.points, found.fits
+    on = ', '.join(f'{count} ridge{"s" * (count > 1)} on branch {branch + 1}'
+                   for branch, count in sorted(Counter(fits['complete'].branches).items()))
+    lines = [found.scene.title, '', f'{len(own)} of {points} ridge points share no noise and are fitted: {on}, from below.',
+             'Known: spacing and mass' + (f', fixed: {", ".join(fixed)}' if fixed else '') + '.', '']
+    rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits))]
+    values = {model: found.values(model) for model in fits}
+    rows += [(_named(name), *(_interval(*values[model][name]) for model in fits)) for name in values['complete']]
+    rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
+    rows.append(('chance of so much', *(f'{fit.chance:.2g}' for fit in fits.values())))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines += ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return '\n'.join([*lines, '', 'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
+                      *_undetermined(found), *_verdict(found)])
+
+
+def _named(name):
+    from ..scenes.band_fits import UNITS
+
+    return f'{name} ({UNITS[name]})' if UNITS[name] else name
+
+
+def _interval(value, sigma):
+    import numpy as np
+
+    from ..design.dispersion_fits import DETERMINED, NORMAL
+
+    if sigma > DETERMINED:
+        return 'not determined'
+    low, high = value * np.exp(-NORMAL * sigma), value * np.exp(NORMAL * sigma)
+    return f'{value:.4g}, {low:.4g} to {high:.4g}'
+
+
+def _undetermined(found):
+    """What the data leave open in the complete model, and what would mend it."""
+    from ..design.dispersion_fits import DETERMINED
+
+    open_ = [name for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
+    if not open_:
+        return []
+    more = ('the other branch too (a force along the row drives longitudinal waves, one across it shear)'
+            if len(set(found.fits['complete'].branches)) == 1 else 'more frequencies of both branches')
+    return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters may change together '
+            f'and leave them where they are. Measure {more}, or fix what is known from elsewhere: --fix {open_[0]} takes its '
+            'value from the scene.']
+
+
+def _verdict(found):
+    """Which model the data want, in words."""
+    from ..scenes.band_fits import FITS, TELLS
+
+    fits, sigmas = {model: fit.chance >= FITS for model, fit in found.fits.items()}, found.evidence
+    difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
+    if abs(sigmas) < TELLS:
+        lines = [f'D*: these data do not tell. The models differ by {difference:.2g} in chi2, {abs(sigmas):.1f} sigma: with '
+                 'other parameters each follows the ridges as well.']
+    else:
+        better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
+        lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
+                 f'{"for" if sigmas > 0 else "against"} it.']
+        if all(fits.values()):
+            lines.append(f'The {worse} model is not refuted by its own chi2, as it follows the ridges within their '
+                         'uncertainties: the evidence rests on the difference alone.')
+    if not any(fits.values()):
+        lines.append('NEITHER MODEL FITS: the points scatter about both by more than their uncertainties, and the intervals do '
+                     'not hold. A ridge may be that of several waves, of an oblique wave or of another branch (take it out of '
+                     'the table), or mass, spacing or the number of shells of the scene are others.')
+    elif not fits['complete']:
+        lines.append('The complete model does not fit, and its intervals do not hold.')
+    return lines

@@ -1,0 +1,210 @@
+"""Parameters of a lattice from measured branches: least squares on squares of frequencies, which are linear in the stiffness.
+
+With the logarithms x of the parameters, the residual of a point (q, omega) of one branch is
+
+    r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (what sigma_q makes of the branch)^2
+
+and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  What the points do not determine is seen
+in J^T J: where an eigenvalue is nearly zero, its eigenvector is a change of parameters that leaves the branches where they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..bands.bloch import bloch_modes
+from .sensitivities import frequency_sensitivities
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..waves.ridge_tables import RidgePoints
+    from .sensitivities import Change
+
+    Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, Change]]]
+
+NORMAL = 1.96
+"""Half width of a 95 % interval in standard deviations of a normal distribution."""
+DETERMINED = 0.5
+"""Relative standard uncertainty of a parameter above which it counts as not determined; the fit is linear only well below."""
+MOST_FACTOR = 10.0
+"""Largest factor by which a parameter is changed: where nothing determines it, it must stop somewhere.  One that arrives there is
+not determined: without static forces, the complete model wants none of them and an infinite exponent."""
+BLIND = 1e-10
+"""Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
+FAINT = 1e-5
+"""Part of a direction in which such an eigenvector counts: the root of BLIND."""
+PASSES = 4
+"""Repetitions with the uncertainties and branches of the fit before; they settle with the second."""
+MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
+"""Branch, counted from the lowest, of a motion in a lattice of one particle that moves in the plane."""
+
+
+@dataclass(frozen=True)
+class DispersionFit:
+    """Parameters of a lattice in one model, fitted to points of its branches.
+
+    Attributes
+    ----------
+    model : {'complete', 'conventional'}
+    names : tuple of str
+        The fitted parameters.
+    factors : ndarray, shape (parameters,)
+        By which they differ from those at the start.
+    information : ndarray, shape (parameters, parameters)
+        J^T J for the logarithms of the parameters, the inverse of their covariance.
+    branches : tuple of int
+        The branch of each ridge, counted from 0 by frequency.
+    residuals : ndarray, shape (points,)
+        Measured less fitted frequency, over its uncertainty.
+    """
+
+    model: str
+    names: tuple[str, ...]
+    factors: np.ndarray
+    information: np.ndarray
+    branches: tuple[int, ...]
+    residuals: np.ndarray
+
+    @property
+    def chi2(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def rank(self) -> int:
+        """Number of combinations of parameters that the points determine."""
+        values = np.linalg.eigvalsh(self.information)
+        return int((values > BLIND * max(values.max(initial=0.0), 1e-300)).sum())
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of chi2."""
+        return len(self.residuals) - self.rank
+
+    @property
+    def chance(self) -> float:
+        """Probability of so large a chi2 if the model holds; 1 without degrees of freedom."""
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.chi2, self.freedom)) if self.freedom else 1.0
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Relative standard uncertainty of each parameter, the others unknown too; infinite where nothing determines it."""
+        sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
+        return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
+
+    def sigma_along(self, direction: NDArray[np.float64]) -> float:
+        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
+        values, vectors = np.linalg.eigh(self.information)
+        parts = vectors.T @ direction
+        blind = values <= BLIND * max(values.max(initial=0.0), 1e-300)
+        if (abs(parts[blind]) > FAINT * np.linalg.norm(direction)).any():
+            return np.inf
+        return float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the logarithms of the parameters, shape (parameters, parameters).
+
+        Raises
+        ------
+        ValueError
+            If the points do not determine all of them.
+        """
+        if self.rank < len(self.names):
+            raise ValueError(f'the points determine {self.rank} combinations of the {len(self.names)} parameters '
+                             f'({", ".join(self.names)}), so that these have no covariance; measure another branch, or fix '
+                             'a parameter')
+        return np.linalg.inv(self.information)
+
+
+def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str = 'complete') -> DispersionFit:
+    """Fit parameters of a lattice to measured points of its branches.
+
+    Parameters
+    ----------
+    build : callable
+        Takes a dict of parameter name to factor; returns the cell with its MagneticRepulsion, and what each parameter changes in
+        it (a dict of `Change`).
+    names : tuple of str
+        The parameters to fit.
+    points : RidgePoints
+        Without those that share noise, see `RidgePoints.independent`.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    DispersionFit
+
+    Raises
+    ------
+    ValueError
+        If there are no more points than parameters.
+    """
+    from scipy.optimize import least_squares
+
+    if len(points) <= len(names):
+        raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '
+                         'longer or with more carriers, or fix a parameter')
+    @lru_cache(maxsize=1)  # residuals and derivatives are wanted at the same place, one after the other
+    def cell(*x):
+        return build(dict(zip(names, np.exp(x).tolist(), strict=True)))
+
+    x, n, before = np.zeros(len(names)), np.arange(len(points)), None
+    for _ in range(PASSES):
+        atoms, _ = cell(*x)
+        branches = _nearest_branches(atoms, points, model)
+        modes = np.array(branches)[points.ridge]
+        scale = 2 * points.omega * _uncertainty(atoms, points, modes, model)
+
+        def residuals(x, modes=modes, scale=scale):
+            omega = bloch_modes(cell(*x)[0], points.q, model)[0][n, modes]
+            return (points.omega**2 - omega * abs(omega)) / scale
+
+        def jacobian(x, modes=modes, scale=scale):
+            atoms, changes = cell(*x)
+            omega, slopes = frequency_sensitivities(atoms, points.q, [changes[name] for name in names], model)
+            slopes = np.nan_to_num(slopes[:, n, modes])  # infinite at zero frequency, where the square has a slope of its own
+            return -(2 * abs(omega[n, modes]) * slopes / scale).T
+
+        found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
+                              xtol=1e-12, ftol=1e-12, gtol=1e-12)
+        x, settled = found.x, before is not None and branches == before
+        before = branches
+        if settled:
+            break
+    J = jacobian(x)
+    return DispersionFit(model, names, np.exp(x), J.T @ J, branches, residuals(x))
+
+
+def _nearest_branches(atoms, points, model):
+    """The branch of each ridge: that of its motion or, where the motion does not tell, the nearest."""
+    omega = bloch_modes(atoms, points.q, model)[0]
+    found = []
+    for k, motion in enumerate(points.motions):
+        here = points.ridge == k
+        if motion in MOTION_BRANCH and omega.shape[1] == len(MOTION_BRANCH):
+            found.append(MOTION_BRANCH[motion])
+        elif here.any():
+            off = (omega[here] - points.omega[here, None]) / points.sigma_omega[here, None]
+            found.append(int((off**2).sum(axis=0).argmin()))
+        else:
+            found.append(0)
+    return tuple(found)
+
+
+def _uncertainty(atoms, points, modes, model):
+    """Standard uncertainty of each frequency at its wavevector, that of the wavevector included."""
+    n = np.arange(len(points))
+    here, *beside = (bloch_modes(atoms, points.q * (1 + side * points.sigma_xi / points.xi)[:, None], model)[0][n, modes]
+                     for side in (0, 1, -1))
+    return np.hypot(points.sigma_omega, np.abs(np.array(beside) - here).max(axis=0))  # no slope, which may vanish at an edge

@@ -1,0 +1,215 @@
+"""Lattices from measured ridges: coverage of the intervals, what is not determined, and the evidence for D*.
+
+The long test draws 200 experiments of each kind, from the scan of a burst to the fit (three minutes each of one core):
+
+    python -m pytest -m long -n 0 -s tests/scenes/test_band_fits.py
+"""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scans import Experiment, scene_text, triangular_branches
+from scipy.stats import binom
+
+from magphonon import read_scene
+from magphonon.cli.main import main
+from magphonon.design.dispersion_fits import DETERMINED
+from magphonon.scenes import fit_bands
+from magphonon.waves import RidgePoints, Scan, read_ridges, scan_waves, write_ridges
+
+NORMAL = 1.96
+ALONG = {'K': ([1, 0.5, 0], 0), 'M': ([0, 1, 0], 90)}
+"""Wavevector at xi = 2 pi in fractions, and its angle to R1: along R1, and across it for rows along R2."""
+
+
+def measured(rng, truth, modes, sigma=0.005, n=12, toward='K', with_dstar=True):
+    """Ridge points with a noise of their stated size; force, exponent and springs of their lattice of 10 mm are `truth`."""
+    f, a, k = (truth[name] for name in ('force', 'a', 'foundation'))
+    q, angle = ALONG[toward]
+    step = 10 * (1 if toward == 'K' else np.sqrt(3) / 2)  # of the phase xi along the wavevector, in mm
+    xi = np.concatenate([rng.uniform(0.5, 2.9, n) for _ in modes])
+    ridge = np.repeat(np.arange(len(modes)), n)
+    both = triangular_branches(xi * 10 / step, angle, 10, 0.7, f / 10 * with_dstar, a * f / 10, k / 1e3)
+    omega = both[np.arange(len(xi)), np.array(modes)[ridge]]
+    motions = tuple(('transverse', 'longitudinal')[mode] for mode in modes)
+    noisy = omega * (1 + sigma * rng.normal(size=len(xi)))
+    one = np.ones(len(xi))
+    return RidgePoints(motions, motions, ridge, np.outer(xi / (2 * np.pi), q), xi, 0 * xi, noisy, sigma * omega, one, 0 * xi)
+
+
+def scene_of(folder, truth, mass=7e-4):
+    (folder / 'my.toml').write_text(scene_text(0.01, mass, truth['force'] * 0.01 ** truth['a'], truth['a'], truth['foundation']))
+    return read_scene(folder / 'my.toml')
+
+
+TRUTH = {'force': 0.25, 'a': 4.2, 'foundation': 20.0}
+START = {'force': 0.22, 'a': 4.6, 'foundation': 23.0}
+
+
+def holds(fits, truth, model='complete', width=1.0):
+    """Whether the interval of each parameter holds the truth."""
+    return {name: abs(np.log(value / truth[name])) < width * NORMAL * sigma
+            for name, (value, sigma) in fits.values(model).items() if name in truth}
+
+
+def test_intervals_of_drawn_measurements_hold_the_truth(tmp_path):
+    rng, scene, draws = np.random.default_rng(0), scene_of(tmp_path, START), 8
+    fits = [fit_bands(scene, measured(rng, TRUTH, (0, 1))) for _ in range(draws)]
+    # fewer hits of 8 than this come by a chance of 1e-3; intervals of a quarter of the width, the control, have fewer
+    least = binom.ppf(1e-3, draws, 0.95)
+    hits, narrow = (np.sum([list(holds(fit, TRUTH, width=width).values()) for fit in fits], axis=0) for width in (1, 0.25))
+    assert (hits >= least).all()
+    assert (narrow < least).any()
+    assert min(fit.evidence for fit in fits) > 5
+    assert max(fit.fits['conventional'].chance for fit in fits) < 1e-3
+    # the covariance is that of the scatter: within a factor of two for 8 draws (chi of 8 at 1e-3 is 0.33 to 1.8)
+    scatter = np.std([np.log([value for value, _ in fit.values().values()][:3]) for fit in fits], axis=0)
+    stated = np.sqrt(np.diag(np.mean([fit.fits['complete'].covariance for fit in fits], axis=0)))
+    assert ((scatter / stated > 0.33) & (scatter / stated < 1.8)).all()
+
+
+def test_one_branch_does_not_tell_force_from_exponent(tmp_path):
+    """Toward M shear has omega^2 m = k + A (1 - cos xi) with one A of both."""
+    rng, scene = np.random.default_rng(1), scene_of(tmp_path, START)
+    points = measured(rng, TRUTH, (0,), toward='M', n=20)
+    fits = fit_bands(scene, points)
+    fit = fits.fits['complete']
+    assert fit.rank == 2
+    assert (fit.sigma[:2] > DETERMINED).all()
+    assert fit.sigma[2] < 0.05
+    assert abs(fits.values()['foundation'][0] / 20 - 1) < 3 * fit.sigma[2]
+    assert abs(fits.evidence) < 0.1  # conventional shear has the same form
+    with pytest.raises(ValueError, match='determine 2 combinations of the 3 parameters'):
+        _ = fit.covariance
+    known = fit_bands(scene_of(tmp_path, START | {'a': 4.2}), points, fixed=['a'])  # of the truth
+    assert known.fits['complete'].rank == 2
+    assert all(holds(known, TRUTH, width=1.5).values())  # 3 sigma
+    wrong = fit_bands(scene, points, fixed=['a'])  # the control: a wrong exponent moves the force
+    assert not holds(wrong, TRUTH, width=1.5)['force']
+
+
+def test_a_lattice_without_static_forces_speaks_against_dstar(tmp_path):
+    fits = fit_bands(scene_of(tmp_path, START), measured(np.random.default_rng(2), TRUTH, (0, 1), with_dstar=False))
+    assert fits.evidence < -5
+    assert fits.fits['conventional'].chance > 0.01 > fits.fits['complete'].chance
+    value, sigma = fits.values('conventional')['bond stiffness']
+    assert abs(value / (4.2 * 25) - 1) < 3 * sigma
+    assert fits.values('conventional')['a'][1] == np.inf  # only a f/L is known of D0
+
+
+def test_points_that_share_noise_are_thinned():
+    line = 0.01
+    omega = 0.2 + line * np.arange(12)
+    one = np.ones(12)
+    power = np.exp(-((np.arange(12) - 5.2) ** 2) / 20)
+    points = RidgePoints(('a', 'b'), ('', ''), np.zeros(12, int), np.outer(omega, [1, 0, 0]), omega, 0 * one, omega, 0.01 * one,
+                         power, line * one)
+    kept = points.independent
+    np.testing.assert_array_equal(np.rint((kept.omega - 0.2) / line), [2, 5, 8, 11])  # from the strongest, every third
+    ridge = np.arange(12) % 2  # of two records every second line each: neighbours are two lines apart, too near
+    two = replace(points, ridge=ridge).independent
+    assert min(np.diff(np.sort(two.omega[two.ridge == k])).min() for k in (0, 1)) > 2.5 * line
+    assert len(points[power > 0.5].independent) == 3
+
+
+def ridges_of(drawn, folder, cell):
+    """The table of ridges of the drawn scans, written and read again."""
+    records = {}
+    for name, t, places, x, y in drawn.scans():
+        records[name] = scan_waves(Scan(t, tuple(map(str, range(len(places)))), places, {'x': x, 'y': y}), cell)[:1]
+    write_ridges(folder / 'ridges.csv', records)
+    return read_ridges(folder / 'ridges.csv')
+
+
+@pytest.fixture(scope='module')
+def experiment(tmp_path_factory):
+    """A drawn experiment, its folder with the table of ridges and the scene."""
+    folder, drawn = tmp_path_factory.mktemp('experiment'), Experiment([5, 0], carriers=1)
+    ridges_of(drawn, folder, read_scene(drawn.scene(folder)).atoms())
+    return drawn, folder
+
+
+def intervals(shown):
+    """Name, value and ends of the intervals of the complete model in the report."""
+    return {name.split(' (')[0]: tuple(map(float, numbers)) for name, *numbers in re.findall(
+        r'^(force|a|foundation|bond stiffness)[^\d]* ([\d.]+), ([\d.]+) to ([\d.]+)', shown, re.M)}
+
+
+def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path):
+    drawn, folder = experiment
+    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0
+    shown = capsys.readouterr().out
+    found = intervals(shown)
+    assert found.keys() == drawn.truth.keys()
+    for name, (_, low, high) in found.items():
+        assert low < drawn.truth[name] < high
+    assert re.search(r'D\*: the complete model fits better, by \d+.* in chi2, which is evidence of [\d.]+ sigma for it', shown)
+    assert {'band_fit.png', 'band_fit.txt', 'scene.toml'} < {file.name for file in (tmp_path / 'out').iterdir()}
+    # the control: a mass that is wrong by 30 % is one of the scene's, and moves the force by as much
+    wrong = drawn.scene(tmp_path, mass=1.3)
+    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(wrong)]) == 0
+    assert intervals(capsys.readouterr().out)['force'][1] > drawn.truth['force']
+
+
+@pytest.mark.parametrize(('words', 'message'), [
+    (['--fix', 'force,a,foundation'], 'all parameters are fixed'),
+    (['--fix', 'b'], "the fixed parameter must be one of 'force', 'a', 'foundation', not 'b'"),
+    (['--spacing', '0.01'], '--spacing belongs to a fit of forces'),
+])
+def test_wrong_words_are_refused(words, message, experiment, capsys):
+    _, folder = experiment
+    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('spoil', 'message'), [
+    (lambda a: [','.join(line.split(',')[:8]) for line in a], 'lacks the column q1'),
+    (lambda a: a[:1], 'no ridge points'),
+    (lambda a: a[:3], '2 points are too few|independent points are too few for 3 parameters'),
+    (lambda a: [*a[:4], a[4].replace('longitudinal', 'x').replace(',0.', ',zero.')], r"line 5 of .* is 'zero\."),
+    (lambda a: [a[0], re.sub(r'(motion|verse|dinal),[\d.]+', r'\1,-1', a[1])], 'xi_rad must be positive, not -1'),
+])
+def test_tables_that_are_no_ridges_are_refused(spoil, message, experiment, capsys, tmp_path):
+    _, folder = experiment
+    lines = (folder / 'ridges.csv').read_text().splitlines()
+    (tmp_path / 'r.csv').write_text('\n'.join(spoil(lines)) + '\n')
+    assert main(['fit', str(tmp_path / 'r.csv'), '--bands', str(folder / 'my.toml')]) == 2
+    assert re.search(message, capsys.readouterr().err)
+
+
+def simulated(folder, draws, **kind):
+    """Hits of the intervals by parameter, evidence, and chances of both models, of drawn experiments from scan to fit."""
+    found = []
+    for k in range(draws):
+        drawn = Experiment([k, 11], **kind)
+        scene = read_scene(drawn.scene(folder))
+        fits = fit_bands(scene, ridges_of(drawn, folder, scene.atoms()))
+        model = 'complete' if kind.get('with_dstar', True) else 'conventional'
+        hits = holds(fits, drawn.truth, model)
+        known = {name: sigma for name, (_, sigma) in fits.values(model).items()}
+        found.append((hits, known, fits.evidence, fits.fits['complete'].chance, fits.fits['conventional'].chance))
+    return found
+
+
+KINDS = {'both branches': {}, 'both branches, noise 30 %': {'noise': 0.3}, 'one burst of each': {'carriers': 1},
+         'shear alone': {'modes': (0,)}, 'longitudinal alone': {'modes': (1,)}, 'no D* in the truth': {'with_dstar': False}}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('kind', KINDS)
+def test_intervals_hold_the_truth_in_200_experiments(kind, tmp_path):
+    draws = 200
+    found = simulated(tmp_path, draws, **KINDS[kind])
+    names = list(found[0][0])
+    hits = {name: np.sum([one[0][name] for one in found]) for name in names}
+    told = {name: np.mean([one[1][name] < DETERMINED for one in found]) for name in names}
+    widths = {name: np.median([one[1][name] for one in found]) for name in names}
+    evidence, complete, conventional = (np.array([one[k] for one in found]) for k in (2, 3, 4))
+    print(f'\n{kind}: ' + '; '.join(f'{name} {hits[name] / draws:.3f} hold, {told[name]:.2f} known, {100 * widths[name]:.2g} %'
+                                    for name in names))
+    print(f'  evidence {np.quantile(evidence, [0.05, 0.5, 0.95]).round(1)} sigma, over 2 in {np.mean(evidence > 2):.3f}, under '
+          f'-2 in {np.mean(evidence < -2):.3f}; rejected at 1 %: complete {np.mean(complete < 0.01):.3f}, conventional '
+          f'{np.mean(conventional < 0.01):.3f}', flush=True)
+    assert min(hits.values()) >= binom.ppf(1e-3, draws, 0.95)
