@@ -21,7 +21,8 @@ EXAMPLES = {
     'dos': ['magphonon dos prototype'],
     'completion': ['magphonon completion bash > magphonon.sh'],
     'explore': ['magphonon explore prototype'],
-    'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out'],
+    'fit': ['magphonon fit forces.csv --spacing 0.01 --contact 0.00635 -o out',
+            'magphonon fit ridges.csv --bands prototype -o lattice'],
     'frf': ['magphonon frf oscillator'],
     'modes': ['magphonon modes prototype'],
     'plan': ['magphonon plan oscillator --tolerance 1e-3'],
@@ -35,7 +36,8 @@ EXAMPLES = {
 GIVEN = {
     'burst': '`wave.toml` is the scene `prototype` with one burst and a smaller patch: '
              + ', '.join(f'`{line}`' for line in WAVE.values()),
-    'fit': '`forces.csv` is the table `synthetic_force.csv` that comes with the package, computed forces with noise',
+    'fit': '`forces.csv` is the table `synthetic_force.csv` that comes with the package, computed forces with noise; '
+           '`ridges.csv` is its table `prototype_ridges.csv`, from simulated bursts under a vibrometer',
     'spectrum': '`scan.csv` is a table of displacements: here the one that `magphonon burst wave.toml` wrote',
 }
 MOST_PICTURES = 3
@@ -103,7 +105,8 @@ def prepare(name, place):
     """Write the files that an example takes for granted."""
     data = files('magphonon.data')
     if name == 'fit':
-        (place / 'forces.csv').write_text((data / 'synthetic_force.csv').read_text(encoding='utf-8'), encoding='utf-8')
+        for file, own in (('forces.csv', 'synthetic_force.csv'), ('ridges.csv', 'prototype_ridges.csv')):
+            (place / file).write_text((data / own).read_text(encoding='utf-8'), encoding='utf-8')
     if name in ('burst', 'spectrum'):
         text = (data / 'prototype.toml').read_text(encoding='utf-8')
         for old, new in WAVE.items():

@@ -87,24 +87,31 @@ def _undetermined(found):
 
 def _verdict(found):
     """Which model the data want, in words."""
-    from ..scenes.band_fits import FITS, TELLS
+    from ..scenes.band_fits import TELLS
 
-    fits, sigmas = {model: fit.chance >= FITS for model, fit in found.fits.items()}, found.evidence
+    sigmas = found.evidence
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
-        lines = [f'D*: these data do not tell. The models differ by {difference:.2g} in chi2, {abs(sigmas):.1f} sigma: with '
-                 'other parameters each follows the ridges as well.']
-    else:
-        better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
-        lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
-                 f'{"for" if sigmas > 0 else "against"} it.']
-        if all(fits.values()):
-            lines.append(f'The {worse} model is not refuted by its own chi2, as it follows the ridges within their '
-                         'uncertainties: the evidence rests on the difference alone.')
-    if not any(fits.values()):
-        lines.append('NEITHER MODEL FITS: the points scatter about both by more than their uncertainties, and the intervals do '
-                     'not hold. A ridge may be that of several waves, of an oblique wave or of another branch (take it out of '
-                     'the table), or mass, spacing or the number of shells of the scene are others.')
-    elif not fits['complete']:
-        lines.append('The complete model does not fit, and its intervals do not hold.')
-    return lines
+        return [f'D*: these data do not tell. The models differ by {difference:.2g} in chi2, {abs(sigmas):.1f} sigma: with other '
+                'parameters each follows the ridges as well.', *_scattered(found)]
+    better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
+    lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
+             f'{"for" if sigmas > 0 else "against"} D*.']
+    if found.fits[worse].scatter == 1:
+        lines.append(f'The {worse} model follows the ridges within their uncertainties, too: the evidence rests on the '
+                     'difference alone.')
+    return [*lines, *_scattered(found)]
+
+
+def _scattered(found):
+    """What to think of points that scatter about the better model by more than their uncertainties say."""
+    import numpy as np
+
+    fit, points = found.better, found.points
+    if fit.scatter == 1:
+        return []
+    worst = max(range(len(points.names)), key=lambda k: np.sum(fit.residuals[points.ridge == k] ** 2))
+    return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
+            f'enlarged, and the evidence is lowered, by this factor. Most of it comes from the ridge "{points.names[worst]}". It '
+            'may be that of several waves, of an oblique wave or of another branch (take it out of the table), or mass, spacing '
+            'or the number of shells of the scene are others.']

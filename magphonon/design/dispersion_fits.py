@@ -37,6 +37,8 @@ DETERMINED = 0.5
 MOST_FACTOR = 10.0
 """Largest factor by which a parameter is changed: where nothing determines it, it must stop somewhere.  One that arrives there is
 not determined: without static forces, the complete model wants none of them and an infinite exponent."""
+FITS = 0.01
+"""Probability of so large a chi2 below which the points scatter about a model by more than their uncertainties say."""
 BLIND = 1e-10
 """Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
 FAINT = 1e-5
@@ -97,6 +99,11 @@ class DispersionFit:
         return float(chi2.sf(self.chi2, self.freedom)) if self.freedom else 1.0
 
     @property
+    def scatter(self) -> float:
+        """Scatter of the points in their uncertainties, by which intervals are enlarged; 1 where chance explains it."""
+        return float(np.sqrt(self.chi2 / self.freedom)) if self.chance < FITS else 1.0
+
+    @property
     def sigma(self) -> NDArray[np.float64]:
         """Relative standard uncertainty of each parameter, the others unknown too; infinite where nothing determines it."""
         sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
@@ -109,7 +116,7 @@ class DispersionFit:
         blind = values <= BLIND * max(values.max(initial=0.0), 1e-300)
         if (abs(parts[blind]) > FAINT * np.linalg.norm(direction)).any():
             return np.inf
-        return float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
+        return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -124,7 +131,7 @@ class DispersionFit:
             raise ValueError(f'the points determine {self.rank} combinations of the {len(self.names)} parameters '
                              f'({", ".join(self.names)}), so that these have no covariance; measure another branch, or fix '
                              'a parameter')
-        return np.linalg.inv(self.information)
+        return self.scatter**2 * np.linalg.inv(self.information)
 
 
 def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str = 'complete') -> DispersionFit:

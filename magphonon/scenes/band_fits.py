@@ -26,8 +26,6 @@ STRENGTHS = {'inverse_power': ('b', 1), 'dipoles': ('moment', 2), 'coulomb': ('c
 """The parameter of each kind of law in proportion to which the force goes, and to which power."""
 SHAPES = {'inverse_power': ('a', exponent_change), 'yukawa': ('screening_length', screening_change)}
 """The parameter that tells how fast it falls, where there is one, and what it changes."""
-FITS = 0.01
-"""Probability of chi2 below which a model does not fit."""
 TELLS = 2.0
 """Difference of the models in sigmas below which the data do not tell them apart."""
 
@@ -60,10 +58,16 @@ class BandFits:
         """How surely the data need D*, in sigmas: the root of the difference of chi2, negative if D0 alone fits better.
 
         Without D* the static forces vanish while the stiffness stays free: for an inverse power that is one parameter less, and
-        by Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model holds.
+        by Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model holds.  Where the points scatter
+        more than their uncertainties say, it is counted in that scatter.
         """
         difference = self.fits['conventional'].chi2 - self.fits['complete'].chi2
-        return float(np.sign(difference) * np.sqrt(abs(difference)))
+        return float(np.sign(difference) * np.sqrt(abs(difference)) / self.better.scatter)
+
+    @property
+    def better(self) -> DispersionFit:
+        """The fit of the model that has the smaller chi2."""
+        return min(self.fits.values(), key=lambda fit: fit.chi2)
 
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit."""

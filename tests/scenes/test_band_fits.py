@@ -145,7 +145,7 @@ def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path)
     assert found.keys() == drawn.truth.keys()
     for name, (_, low, high) in found.items():
         assert low < drawn.truth[name] < high
-    assert re.search(r'D\*: the complete model fits better, by \d+.* in chi2, which is evidence of [\d.]+ sigma for it', shown)
+    assert re.search(r'D\*: the complete model fits better, by \d+.* in chi2, which is evidence of [\d.]+ sigma for D\*', shown)
     assert {'band_fit.png', 'band_fit.txt', 'scene.toml'} < {file.name for file in (tmp_path / 'out').iterdir()}
     # the control: a mass that is wrong by 30 % is one of the scene's, and moves the force by as much
     wrong = drawn.scene(tmp_path, mass=1.3)
