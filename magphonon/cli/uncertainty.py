@@ -67,7 +67,7 @@ def _bands(folder, save, scene, tolerances):
     spread = frequency_spread(atoms, path.kpts, tolerances)
     spread.save(folder / 'band_uncertainty.npz')
     _write_table(folder / 'band_uncertainty.csv', path, spread)
-    ax = plot_band_ribbons(Bands(path, spread.values), spread, label=r'complete, $\pm 2\sigma$')
+    ax = plot_band_ribbons(Bands(path, spread.values), spread, label='complete')
     save(ax.figure, 'band_uncertainty')
 
     # at the special points, each frequency once
@@ -134,7 +134,7 @@ def _response(folder, save, scene, tolerances):
     f, unit = units.hertz(omega), units.m / units.N
     write_columns(folder / 'frf_uncertainty.csv', ['frequency_Hz', 'amplitude_m_per_N', 'std_m_per_N'],
                   [f, spread.values / unit, spread.std / unit])
-    ax = plot_response_ribbon(omega, spread, label=r'complete, $\pm 2\sigma$')
+    ax = plot_response_ribbon(omega, spread, label='complete')
     save(ax.figure, 'frf_uncertainty')
     relative = spread.std / spread.values
     lost = np.mean(relative > LINEAR_RANGE)

@@ -14,16 +14,18 @@ from .. import units
 from ..errors import finite, positive
 from ..stiffness.repulsion import repulsion_of
 from .axes import COLOURS, new_axes
+from .structures import draw_bonds, draw_particles, frame, spacing
 
 if TYPE_CHECKING:
     from os import PathLike
 
     from ase import Atoms
-    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
 
 LONGEST = 0.35
 """Largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for."""
+DOT = 0.33
+"""Diameter of a particle in lengths of the shortest bond."""
 FRAMES = 24
 """Frames of one period of a mode."""
 
@@ -95,15 +97,21 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     bond = repulsion_of(atoms).bonds.lengths.min()
     factor = LONGEST * bond / largest if magnification is None else positive('magnification', magnification)
     writer = _writer(path, fps)
-    ax, rest = new_axes(5.0, 5.0), atoms.positions[:, :2]
-    _draw_structure(ax, atoms)
-    (dots,) = ax.plot([], [], 'o', color=COLOURS[0], markersize=_marker(ax, rest, bond))
+    rest = atoms.positions[:, :2]
+    wide, high = np.ptp(rest, axis=0) + 2 * bond
+    ax = new_axes(5.0, 1.2 + 4.0 * min(1.5, high / wide))
+    draw_bonds(ax, atoms)
+    frame(ax, rest / units.m, spacing(atoms))
+    dots = draw_particles(ax, rest / units.m, DOT * bond / units.m, facecolors=COLOURS[0])
 
-    def show(frame):
-        dots.set_data(*((rest + factor * u[frame, :, :2]) / units.m).T)
-        when = '' if moments is None else f', {moments[frame] / units.s:.4g} s'
+    def show(k):
+        dots.set_offsets((rest + factor * u[k, :, :2]) / units.m)
+        when = '' if moments is None else f', {moments[k] / units.s:.4f} s'
         ax.set_title(f'{title}\ndisplacements drawn {factor:.3g} times as large{when}'.strip(), fontsize='medium')
 
+    show(0)
+    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
+    ax.figure.set_layout_engine('none')  # pyright: ignore[reportAttributeAccessIssue]  the axes stand still
     try:
         with TemporaryDirectory(prefix='.film-', dir=path.parent) as folder:
             whole = Path(folder) / f'film{path.suffix.lower()}'
@@ -130,21 +138,3 @@ def _writer(path, fps):
 
         rcParams['animation.ffmpeg_path'] = get_ffmpeg_exe()
     return FFMpegWriter(fps=fps)
-
-
-def _draw_structure(ax: Axes, atoms: Atoms) -> None:
-    """Bonds at rest, and axes around all particles."""
-    from matplotlib.collections import LineCollection
-
-    bonds, rest = repulsion_of(atoms).bonds, atoms.positions[:, :2] / units.m
-    ends = np.stack([rest[bonds.i], rest[bonds.i] + bonds.vectors[:, :2] / units.m], axis=1)
-    ax.add_collection(LineCollection(list(ends), colors='0.88', linewidths=1, zorder=1))
-    room = bonds.lengths.min() / units.m
-    ax.set(xlabel='$x$ (m)', ylabel='$y$ (m)', aspect='equal', xlim=(rest[:, 0].min() - room, rest[:, 0].max() + room),
-           ylim=(rest[:, 1].min() - room, rest[:, 1].max() + room))
-
-
-def _marker(ax, rest, bond):
-    """Diameter in points of a dot that is a third of the shortest bond."""
-    extent = max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1])) + 2 * bond
-    return max(1.0, 72 * 0.75 * ax.figure.get_figwidth() * 0.33 * bond / extent)

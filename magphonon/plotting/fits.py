@@ -8,7 +8,8 @@ import numpy as np
 
 from .. import units as u
 from ..interactions.pair_laws import repulsion
-from .axes import COLOURS, legend_above
+from .axes import COLOURS, legend_above, new_figure
+from .scales import label, prefix_power
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,14 +47,13 @@ def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:
     >>> forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')
     >>> figure = plot_fits(forces, [fit_spline(forces, 10.0)])
     """
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator, NullFormatter
+    from matplotlib.ticker import MaxNLocator, NullLocator
 
-    figure = Figure((5.6, 6.4), dpi=200, layout='constrained')
+    figure = new_figure(height=4.4)
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
     points, _ = forces.binned(MOST_POINTS)
     r, error = points.r / u.m, None if points.sigma is None else points.sigma / u.N
-    upper.errorbar(r, points.f / u.N, error, fmt='o', color='k', markersize=4, fillstyle='none', zorder=3,
+    upper.errorbar(r, points.f / u.N, error, fmt='o', color='k', fillstyle='none', zorder=3,
                    label='measured' if len(r) == len(forces.r) else 'measured, averaged')
     ends = forces.r[0], forces.r[-1]
     line = np.clip(np.geomspace(*ends, 300), *ends)  # geomspace may end a last digit beyond
@@ -63,16 +63,17 @@ def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:
         beside = r * (1 + 0.003 * shift)  # the residuals of a point side by side
         law = repulsion(fit.law, points.r - fit.offset)
         lower.plot(beside, (points.f - law) / (law / 100 if points.sigma is None else points.sigma),
-                   'os^D'[fits.index(fit)], linestyle=style, color=colour, markersize=4, linewidth=0.8)
+                   'os^D'[fits.index(fit)], linestyle=style, color=colour, linewidth=0.8)
     for ax in (upper, lower):
         ax.axvline((fits[0].spacing + fits[0].offset) / u.m, color='0.8', linewidth=0.8, zorder=0)  # the working spacing
     for height in (0,) if points.sigma is None else (-1, 0, 1):
         lower.axhline(height, color='0.6' if height == 0 else '0.8', linewidth=0.8, zorder=0)
     upper.set(xscale='log', yscale='log', ylabel='force (N)')
-    lower.set(xlabel='distance of the centres (m)', ylabel=f'measured - fitted ({"%" if points.sigma is None else "sigma"})')
+    lower.set(ylabel=f'measured - fitted ({"%" if points.sigma is None else "sigma"})')
     low, high = line[[0, -1]] / u.m * (1 - 1e-9, 1 + 1e-9)  # ends of the data are ticks
-    ticks = [tick for tick in MaxNLocator(7).tick_values(low, high) if low <= tick <= high]
-    lower.set_xticks(ticks, [f'{tick:g}' for tick in ticks])
-    lower.xaxis.set_minor_formatter(NullFormatter())
-    legend_above(upper, ncols=1, fontsize=8)
+    ticks = [tick for tick in MaxNLocator(8, steps=(1, 2, 5, 10)).tick_values(low, high) if low <= tick <= high]
+    lower.set_xticks(ticks)
+    label(lower.xaxis, 'distance of the centres', 'm', prefix_power(np.sqrt(low * high)))
+    lower.xaxis.set_minor_locator(NullLocator())
+    legend_above(upper, ncols=1)
     return figure

@@ -70,8 +70,8 @@ def plot_response(response: Response, natural: ArrayLike = (), axes: NDArray[np.
     inside = natural[(natural >= f[0]) & (natural <= f[-1])]
     rows = len(axes[0].collections)  # of ticks, one above the other
     low, high = (0, 1) if len(inside) <= MOST_BARS else (0.03 * rows, 0.03 * rows + 0.025)
-    name = f'natural frequencies, {label}' if label else None
-    axes[0].vlines(inside, low, high, transform=axes[0].get_xaxis_transform(), linewidth=0.8, label=name, colors=look['color'],
+    name = 'natural frequencies' if label and not rows else None  # once for all models: their lines tell whose they are
+    axes[0].vlines(inside, low, high, transform=axes[0].get_xaxis_transform(), linewidth=0.7, label=name, colors=look['color'],
                    linestyles=look['linestyle'])
     axes[0].set_xlim(f[0], f[-1])
     label_frequencies(axes[1].xaxis)

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 
 ARROWS = 9  # of group velocity along each reciprocal vector
 ROUND = (1, 2, 5, 10)  # contours at round numbers
+WELL_INSIDE = 0.93
+"""Size of the part of the zone in which contours are labelled, relative to the zone."""
+APART = 0.08
+"""Least distance of two labels in widths of the axes."""
 
 
 def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
@@ -104,6 +108,8 @@ def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, ax:
 
     _check_branch(complete, branch)
     ax, zone = _zone_axes(ax, complete.cell)
+    special = _special_points(complete.cell)
+    taken = [_cartesian(complete.cell, q) for q in special.values()]
     f = complete.frequencies_Hz[..., branch]
     levels = MaxNLocator(8, steps=ROUND).tick_values(max(f.min(), 0), f.max())
     handles = []
@@ -111,17 +117,18 @@ def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, ax:
                                           ('conventional', conventional, COLOURS[1], 'dashed')):
         f = zone_map.frequencies_Hz[..., branch]
         crossed = levels[(levels > max(f.min(), 0)) & (levels < f.max())]
-        look = {'linestyles': style, 'colors': colour, 'linewidths': 1.4}
+        look = {'linestyles': style, 'colors': colour, 'linewidths': 1.2}
         if len(crossed):
-            _label_inside(ax, ax.contour(*_mesh(zone_map), f, levels=crossed, **look), zone)
+            _label_apart(ax, ax.contour(*_mesh(zone_map), f, levels=crossed, **look), zone, taken)
         else:
             span = dict.fromkeys(f'{x:.4g}' for x in (f.min(), f.max()))
             name += f' ({" to ".join(span)} throughout)'  # too flat for a contour
         handles.append(Line2D([], [], color=colour, linestyle=style, label=name))  # pyright: ignore[reportArgumentType]  a known word
     _draw_velocity(ax, complete, branch, zone)
-    handles.append(Line2D([], [], color='0.35', linestyle='', marker=r'$\rightarrow$', markersize=12, label='group velocity'))
+    arrow = {'linestyle': '', 'marker': r'$\rightarrow$', 'markersize': 10}
+    handles.append(Line2D([], [], color='0.35', label='group velocity, complete', **arrow))  # pyright: ignore[reportArgumentType]
     handles += _hatch_unstable(ax, complete, branch, zone)
-    _mark_points(ax, complete.cell, _special_points(complete.cell))
+    _mark_points(ax, complete.cell, special)
     legend_above(ax, handles=handles, ncols=2, title=f'frequency (Hz), {_branch_name(complete, branch)}')
     return ax
 
@@ -166,7 +173,7 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes |
     levels = MaxNLocator(8, steps=ROUND).tick_values(max(np.nanmin(ratio), 0), np.nanmax(ratio))
     filled = ax.contourf(*_mesh(complete), ratio, levels=levels, cmap='cividis')
     filled.set_clip_path(zone)
-    _label_inside(ax, ax.contour(*_mesh(complete), ratio, levels=levels[1:-1], colors='black', linewidths=0.7), zone)
+    ax.contour(*_mesh(complete), ratio, levels=levels[1:-1], colors='black', linewidths=0.5).set_clip_path(zone)
     label = r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$, ' + _branch_name(complete, branch)
     ax.figure.colorbar(filled, ax=ax, pad=0.03, label=label)
     handles = _hatch_unstable(ax, complete, branch, zone)
@@ -214,7 +221,7 @@ def _zone_axes(ax, cell):
     ax = new_axes(height=3.2) if ax is None else ax
     corners = first_zone(cell) * units.m
     (zone,) = ax.fill(*corners.T, facecolor='none', edgecolor='black', linewidth=1.2, zorder=4)
-    half_x, half_y = 1.2 * abs(corners).max(axis=0)
+    half_x, half_y = 1.25 * abs(corners).max(axis=0)
     ax.set(xlim=(-half_x, half_x), ylim=(-half_y, half_y), aspect='equal')
     label_wavevectors(ax, np.linalg.norm(np.asarray(cell)[:2], axis=1).min() / units.m)
     return ax, zone
@@ -238,18 +245,24 @@ def _mark_points(ax, cell, points):
     for name, q in points.items():
         k = _cartesian(cell, q)
         away = k / np.linalg.norm(k) if k.any() else np.array([-1, 1]) / np.sqrt(2)
-        ax.plot(*k, 'o', color='black', markersize=5, zorder=5)
-        ax.annotate(point_name(name), k, xytext=12 * away, textcoords='offset points', ha='center', va='center',
-                    fontsize='large', path_effects=halo(2.5), zorder=5)
+        ax.plot(*k, 'o', color='black', markersize=4, zorder=5)
+        ax.annotate(point_name(name), k, xytext=10 * away, textcoords='offset points', ha='center', va='center',
+                    path_effects=halo(2.5), zorder=5)
 
 
-def _label_inside(ax, contours, zone):
-    """Cut contours at the border of the zone, and label them well inside it."""
+def _label_apart(ax, contours, zone, taken):
+    """Write the value of each contour once, upright, where it is inside the zone and farthest from the places taken."""
     contours.set_clip_path(zone)
-    for text in ax.clabel(contours, inline=False, fontsize='small'):
-        text.set_path_effects(halo(3))
-        if not zone.get_path().contains_point(1.08 * np.array(text.get_position())):
-            text.remove()
+    width = np.ptp(ax.get_xlim())
+    for level, path, colour in zip(contours.levels, contours.get_paths(), contours.get_edgecolors(), strict=True):
+        inside = path.vertices[zone.get_path().contains_points(path.vertices / WELL_INSIDE)]
+        if not len(inside):
+            continue
+        apart = np.linalg.norm(inside[:, None] - np.array(taken), axis=2).min(axis=1)
+        if apart.max() > APART * width:
+            place = inside[apart.argmax()]
+            ax.text(*place, f'{level:g}', color=colour, ha='center', va='center', path_effects=halo(2), zorder=4)
+            taken.append(place)
 
 
 def _draw_velocity(ax, zone_map, branch, zone):

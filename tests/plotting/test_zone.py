@@ -57,7 +57,7 @@ def crossings_on_gamma_M(contours, level):
 def test_isofrequency_contours_lie_where_the_closed_form_has_them():
     complete, conventional = maps_of(ideal())
     ax = drawn(plot_isofrequency(complete, conventional, 0))
-    assert legend_of(ax) == ['complete', 'conventional', 'group velocity']
+    assert legend_of(ax) == ['complete', 'conventional', 'group velocity, complete']
     assert ax.get_legend().get_title().get_text() == 'frequency (Hz), branch 1 of 2'
     assert {'Γ', 'M', 'K'} < texts_of(ax)
     assert all(is_cut_at_the_zone(artist, ax) for artist in ax.collections if isinstance(artist, QuadContourSet))
@@ -118,13 +118,26 @@ def test_ratio_map():
     np.testing.assert_array_equal(lines.levels, filled.levels[1:-1])
     bar = ax.figure.axes[1]
     assert bar.get_ylabel() == r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$, branch 1 of 2'
-    assert {'Γ', 'M', 'K'} < texts_of(ax)
+    assert texts_of(ax) == {'Γ', 'M', 'K'}
     assert is_cut_at_the_zone(filled, ax)
     assert is_cut_at_the_zone(lines, ax)
-    inside = ax.patches[0].get_path()
-    numbers = [text for text in ax.texts if text.get_text()[0] == '0']
-    assert numbers
-    assert all(inside.contains_point(text.get_position()) for text in numbers)
+    assert set(lines.levels) <= set(bar.get_yticks())  # the numbers of the lines
+
+
+@pytest.mark.parametrize('branch', [0, 1])
+def test_labels_of_contours_are_apart_inside_the_zone_and_on_their_contour(branch):
+    ax = drawn(plot_isofrequency(*maps_of(ideal()), branch))
+    numbers = [text for text in ax.texts if text.get_text().isdigit()]
+    places = np.array([text.get_position() for text in numbers])
+    assert len(places) > 4
+    assert ax.patches[0].get_path().contains_points(places).all()
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + np.ptp(ax.get_xlim()) * np.eye(len(places))
+    assert apart.min() > 0.07 * np.ptp(ax.get_xlim())
+    contours = [artist for artist in ax.collections if isinstance(artist, QuadContourSet) and len(artist.levels) > 1]
+    for text in numbers:
+        paths = [path for artist in contours for level, path in zip(artist.levels, artist.get_paths(), strict=True)
+                 if level == float(text.get_text()) and to_hex(artist.get_edgecolor()[0]) == to_hex(text.get_color())]
+        assert min(np.linalg.norm(path.vertices - text.get_position(), axis=1).min() for path in paths) < 1e-9
 
 
 def test_a_branch_without_any_ratio_is_refused():
