@@ -16,7 +16,8 @@ HEAD = """# Gallery
 
 What the workflows compute: the figures of the paper, and what goes beyond it. Each picture leads to a page with all pictures, the
 numbers beside their references, and the script that made them. `python -m workflows NAME` runs one, `python -m workflows` all of
-them.
+them. To change spacing, exponent and foundation yourself and to watch the bands follow, there is the
+[explorer](../../reference/explorer.md).
 """
 TILE = """:::{{container}} tile
 [![{title}]({picture})]({name}.md)

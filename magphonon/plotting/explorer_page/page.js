@@ -65,10 +65,12 @@ function positionOf(values, value) {
 
 function rangesInWords(name, ranges) {
   if (!ranges.length) return 'buckles nowhere on this slider';
+  const {values} = data.sliders[name], last = values[values.length - 1];
+  const digits = Math.max(4, Math.ceil(Math.log10(last * values.length / (last - values[0]))));  // to a step of the slider
   return 'buckles ' + ranges.map(([from, to]) => {
     if (from === null && to === null) return 'everywhere on this slider';
-    if (from === null) return `below ${shown(name, to, 4)}`;
-    return to === null ? `above ${shown(name, from, 4)}` : `from ${shown(name, from, 4)} to ${shown(name, to, 4)}`;
+    if (from === null) return `below ${shown(name, to, digits)}`;
+    return to === null ? `above ${shown(name, from, digits)}` : `from ${shown(name, from, digits)} to ${shown(name, to, digits)}`;
   }).join(' and ');
 }
 
