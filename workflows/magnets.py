@@ -81,7 +81,7 @@ def beside_the_fit(ring, law, L0, paper):
     stiffness = -pair_force(ring, ring, (L0, 0, lift))[2] / lift
     fit = paper['f_at_spacing'] * u.N
     return [
-        Check('ring: mass at 7.5 g/cm3 / mass of the paper', DENSITY * ring.volume, paper['mass'] * u.kg, 1e-3),
+        Check('ring: mass at 7.5 g/cm3 (g)', DENSITY * ring.volume, paper['mass'] * u.kg, 1e-3),
         *(Reported(f'exponent of the ring law fitted from {near} to {far} mm, beside that of the paper',
                    fitted_exponent(law, near, far), paper['a']) for near, far in WINDOWS),
         Reported('force at 10 mm, computed / fitted: not explained', f / fit, 1),

@@ -12,10 +12,13 @@ from string import Template
 from magphonon import __version__
 
 from .chapters import CHAPTERS, PARTS
+from .checks import DPI
 from .paper import judged
 
 SOURCES = Path(__file__).parent
 HEAD = ('quantity', 'here', 'reference', 'difference', 'allowed', 'verdict')
+SCREEN = 120
+"""Pixels of a screen for an inch of a picture, so that all have letters of one size."""
 CLAIM_HEAD = ('the paper claims', 'here', 'reference', 'without D*', 'verdict', 'source of the reference')
 LOOKS = {'holds': 'good', 'fails': 'bad', 'FAIL': 'bad', 'not reproduced': 'open'}
 """Style of a verdict; those that are missing have none."""
@@ -116,7 +119,7 @@ def table(head, rows, verdict):
     for row in rows:
         cells = []
         for k, (name, cell) in enumerate(zip(head, row, strict=True)):
-            look = f' class="{LOOKS.get(cell, "good")}"' if k == verdict else ' class="figure"' if 0 < k < 3 else ''
+            look = f' class="{LOOKS.get(cell, "good")}"' if k == verdict else ' class="figure"' if 0 < k < verdict else ''
             cells.append(f'<td data-label="{escape(name)}"{look}>{typeset(cell)}</td>')
         lines.append(f'<tr>{"".join(cells)}</tr>')
     return '\n'.join([*lines, '</tbody></table>\n'])
@@ -125,11 +128,14 @@ def table(head, rows, verdict):
 def figure(out, chapter, picture, numbers):
     """A picture with its caption; the picture is within the page, the same for print is linked where it lies beside."""
     numbers.figure += 1
-    data = base64.b64encode(picture.file.read_bytes()).decode()
+    pixels = picture.file.read_bytes()
+    inches = int.from_bytes(pixels[16:20], 'big') / DPI  # the width stands in the first chunk of a PNG
+    data = base64.b64encode(pixels).decode()
     words = escape(picture.caption.partition('. ')[0].rstrip('.'))
     drawn = picture.file.with_suffix('.pdf')
     print_file = f', <a href="{drawn.name}">{drawn.name}</a>' if drawn.parent == out.parent else ''
-    return (f'<figure id="{picture.file.stem}"><img alt="{words}" src="data:image/png;base64,{data}">'
+    image = f'<img alt="{words}" width="{inches * SCREEN:.0f}" src="data:image/png;base64,{data}">'
+    return (f'<figure id="{picture.file.stem}">{image}'
             f'<figcaption><strong>Figure {numbers.figure}.</strong> {typeset(picture.caption)} '
             f'<span class="note">Drawn by {script(out, chapter.name)}{print_file}</span></figcaption></figure>\n')
 

@@ -70,9 +70,8 @@ CLAIMS = (
     Claim('A vibrometer sees the shear branch of D⁰ + D* (60 Hz, bins off it)', 'vibrometer',
           'vibrometer 60 Hz, complete simulation: ridge off its own shear branch, Gamma-K (bins)', 'Fig. 8: Eq. 18', 'bins',
           'control: vibrometer 60 Hz, complete simulation: ridge off the conventional shear branch (bins)'),
-    Claim('The printed ring weighs what is printed (ratio)', 'magnets', 'ring: mass at 7.5 g/cm3 / mass of the paper',
-          'Sec. IV C'),
-    Claim('and repels as the printed law says (force at 10 mm, ratio)', 'magnets',
+    Claim('The printed ring weighs what is printed', 'magnets', 'ring: mass at 7.5 g/cm3 (g)', 'Sec. IV C, Supplement', 'g'),
+    Claim('and repels as the printed law says (force at 10 mm over the printed one)', 'magnets',
           'force at 10 mm, computed / fitted: not explained', 'Fig. S3, Supplement'),
 )
 
@@ -93,6 +92,7 @@ def _judged(claim, rows):
     row = rows[claim.quantity]
     _, here, reference, *_ = row.cells
     verdict = ('holds' if row.passed else 'fails') if isinstance(row, Check) else 'not reproduced'
-    without = f'{number(rows[claim.without].here, 4)} {claim.unit}' if claim.without else ''
-    here, reference = (f'{text} {claim.unit}'.strip() for text in (here, reference))
+    without = number(rows[claim.without].here, 4) if claim.without else ''
+    here, reference, without = (f'{text}{"" if claim.unit == "°" else " "}{claim.unit}'.strip() if text else ''
+                                for text in (here, reference, without))
     return Judged(claim.words, here, reference, without, verdict, claim.source)
