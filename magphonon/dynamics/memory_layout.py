@@ -217,13 +217,11 @@ def _grid(slot, i, j, R, mobile, labels):
     i, j = np.where(backward, j, i), np.where(backward, i, j)
     R = np.where(backward[:, None], -R, R)
     r0 = np.linalg.norm(R, axis=1)
-    groups, first, kind = np.unique(np.column_stack([j - i, np.round(R / (SAME_VECTOR * r0.min())), labels]),
-                                    axis=0, return_index=True, return_inverse=True)
-    group = kind = kind.ravel()
-    offset, R_of = groups[:, 0].astype(int), R[first][kind]
+    first, kind = _alike(j - i, *np.round(R / (SAME_VECTOR * r0.min())).T, labels)
+    group, offset, R_of = kind, (j - i)[first], R[first][kind]
     offsets, by_offset = np.unique(offset, return_inverse=True)
-    dear = len(groups) * len(slot) > GRID_COST * len(i)
-    if dear or len(groups) > KINDS_OF_OFFSET * len(offsets):
+    dear = len(first) * len(slot) > GRID_COST * len(i)
+    if dear or len(first) > KINDS_OF_OFFSET * len(offsets):
         pairs = by_offset[kind] * (slot.max() + 1) + i
         if len(offsets) * len(slot) <= GRID_COST_EACH * len(i) and len(np.unique(pairs)) == len(pairs):
             offset, group, R_of = offsets, by_offset[kind], R
@@ -243,9 +241,20 @@ def _grid(slot, i, j, R, mobile, labels):
 
 def _kinds(r0, labels):
     """A bond for each of the kinds that differ in length or law, and the kind of each bond."""
-    _, first, kind = np.unique(np.column_stack([np.round(np.log(r0) / SAME_VECTOR), labels]), axis=0, return_index=True,
-                               return_inverse=True)
-    return first, kind.ravel()
+    return _alike(np.round(np.log(r0) / SAME_VECTOR), labels)
+
+
+def _alike(*columns):
+    """The first row of each kind of rows, in their order, and the kind of each row; as `np.unique(axis=0)`, without its sorting."""
+    kind = np.zeros(len(columns[0]), int)
+    for column in columns:
+        values = np.unique(column)
+        kind = len(values) * kind + np.searchsorted(values, column)
+        kind = np.searchsorted(np.unique(kind), kind)
+    first = np.empty(kind.max(initial=-1) + 1, int)
+    rows = np.arange(len(kind))[::-1]
+    first[kind[::-1]] = rows  # the last one that is written is the first row
+    return first, kind
 
 
 def _table(count, i, j, R, labels):

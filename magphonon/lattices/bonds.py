@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import positive, whole
 from .pairs import distances_within, pairs_within
-from .shells import in_shells, refuse_scatter, shell_cutoff
+from .shells import pairs_in_shells, refuse_scatter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -156,8 +156,8 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     (3, 6)
     """
     if cutoff is None:
-        end = shell_cutoff(atoms, whole('shells', shells))
-        bonds = _bonds(atoms, *in_shells(atoms, *pairs_within(atoms, end)), end)
+        pairs, end = pairs_in_shells(atoms, whole('shells', shells))
+        bonds = _bonds(atoms, *pairs, end)
         refuse_scatter(atoms, bonds)
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
@@ -190,9 +190,12 @@ def _bonds(atoms, i, j, shift, lengths, cutoff):
     backwards = i > j
     i, j = np.where(backwards, j, i), np.where(backwards, i, j)
     shift[backwards] *= -1
-    order = np.lexsort((*shift.T[::-1], j, i))  # whatever order the tree found them in
+    order = np.lexsort((*shift.T[::-1], j, i) if atoms.pbc.any() else (j, i))  # whatever order the tree found them in
     i, j, shift = i[order], j[order], shift[order]
-    vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
+    vectors = atoms.positions[j]
+    if atoms.pbc.any():
+        vectors += shift @ atoms.cell.array
+    vectors -= atoms.positions[i]
     return Bonds(i, j, shift, vectors, len(atoms), cutoff)
 
 

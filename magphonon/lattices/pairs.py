@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
+PIECE = 2**16
+"""Number of pairs whose vectors are computed at once."""
+
 
 def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:
     """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
@@ -24,7 +27,10 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
         k = np.argwhere(~np.isfinite(atoms.positions))[0, 0]
         raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
     periods = atoms.cell.array[atoms.pbc]
-    if len(periods) and np.linalg.matrix_rank(periods) < len(periods):  # of no vectors NumPy before 2.4.5 knows no rank
+    if not len(periods):
+        i, j = cKDTree(atoms.positions).query_pairs(cutoff, output_type='ndarray').T
+        return i, j, np.zeros((len(i), 3), dtype=int), distances_between(atoms.positions, i, j)
+    if np.linalg.matrix_rank(periods) < len(periods):  # of no vectors NumPy before 2.4.5 knows no rank
         raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
                          'set its cell, or its pbc to False')
     inverse = np.linalg.pinv(periods)
@@ -46,6 +52,15 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
     shift = np.zeros((len(found), 3), dtype=int)
     shift[:, atoms.pbc] = cell[found['j']] + home[i] - home[j]
     return i, j, shift, found['v']
+
+
+def distances_between(points: NDArray[np.float64], i: NDArray[np.int_], j: NDArray[np.int_]) -> NDArray[np.float64]:
+    """Distances of the pairs i, j of points, shape (pairs,); in pieces, so that no other array is as long as the pairs."""
+    found = np.empty(len(i))
+    for k in range(0, len(i), PIECE):
+        some = np.s_[k : k + PIECE]
+        found[some] = np.linalg.norm(points[j[some]] - points[i[some]], axis=1)
+    return found
 
 
 def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:

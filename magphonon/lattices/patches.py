@@ -8,7 +8,8 @@ import numpy as np
 from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
-from .bonds import bonds_within, find_bonds
+from .bonds import find_bonds
+from .pairs import pairs_within
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -128,12 +129,14 @@ def _cut(cell, radius, beyond):
 
 def _patch(cell, n1, n2, beyond):
     shell = find_bonds(_planar(cell))
-    patch = cell.repeat((n1, n2, 1))
-    patch.positions -= cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
-    patch.set_array('site', np.arange(len(patch)))
-    x, y = patch.positions[:, :2].T
-    inside = beyond(x, y) <= 1e-9 * shell.lengths[0]  # a particle on the border belongs to the patch
-    patch = patch[inside]
+    corner = cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
+    # as ase.Atoms.repeat, which puts the cells in their places one by one and would take most of the time
+    cells = np.stack(np.divmod(np.arange(n1 * n2), n2) + (np.zeros(n1 * n2, int),), axis=1) @ cell.cell.array
+    places = (cell.positions[None] + cells[:, None]).reshape(-1, 3) - corner
+    inside = np.flatnonzero(beyond(*places[:, :2].T) <= 1e-9 * shell.lengths[0])  # a particle on the border belongs to the patch
+    patch = cell[inside % len(cell)]
+    patch.positions = places[inside]
+    patch.set_array('site', inside)
     patch.pbc, patch.cell = False, None
     return _with_rim(patch, shell, patch.arrays['site'] % len(cell))
 
@@ -146,7 +149,8 @@ def _planar(cell):
 
 def _with_rim(patch, shell, image):
     """The patch with its rim tagged and held, where a particle has fewer neighbours than its `image` in the lattice."""
-    rim = bonds_within(patch, shell.cutoff or 0.0).coordination < shell.coordination[image] if len(patch) else np.array([True])
+    ends = np.concatenate(pairs_within(patch, shell.cutoff or 0.0)[:2]) if len(patch) else np.zeros(0, int)
+    rim = np.bincount(ends, minlength=len(patch)) < shell.coordination[image]
     if rim.all():
         raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
     patch.set_tags(np.where(rim, RIM, 0))

@@ -11,8 +11,12 @@ from .pairs import distances_within, pairs_within
 
 if TYPE_CHECKING:
     from ase import Atoms
+    from numpy.typing import NDArray
 
     from .bonds import Bonds
+
+    Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]
+    """Particles i and j, the cell of j and the distance of each pair."""
 
 SHELL_WIDTH = 1e-4
 """Distances that follow each other within this fraction belong to one shell of neighbours.
@@ -49,40 +53,39 @@ def _held(atoms):
     return held & ~held.all()
 
 
-def _moving_distances(atoms, cutoff):
-    """Distances of pairs of which a particle is free."""
-    i, j, _, lengths = pairs_within(atoms, cutoff)
-    held = _held(atoms)
-    return np.unique(lengths[~(held[i] & held[j])])
-
-
 def in_shells(atoms, i, j, shift, lengths):
     """The pairs without those of two held particles that are shorter or longer than every pair with a free one."""
     held = _held(atoms)
+    if not held.any():
+        return i, j, shift, lengths
     both = held[i] & held[j]
     shortest, longest = lengths[~both].min(initial=np.inf), lengths[~both].max(initial=0.0)
     kept = ~both | ((lengths >= (1 - SHELL_WIDTH) * shortest) & (lengths <= (1 + SHELL_WIDTH) * longest))
     return i[kept], j[kept], shift[kept], lengths[kept]
 
 
-def shell_cutoff(atoms: Atoms, shells: int) -> float:
-    """Distance midway between the last shell wanted and the next one."""
+def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
+    """All pairs i, j, shift, distance within some shells of neighbours, and the distance midway to the next shell."""
     if len(atoms) < 2 and not atoms.pbc.any():
         raise ValueError(f'a structure of {len(atoms)} particles without periodic images has no bonds; add particles')
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
     extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
     reach = 1.8 * np.linalg.norm(others, axis=1).min()  # the two first shells of the common lattices: 1 and sqrt(2) or sqrt(3)
     while True:
-        distances = _moving_distances(atoms, reach)
+        i, j, shift, lengths = pairs = pairs_within(atoms, reach)
+        held = _held(atoms)
+        distances = np.unique(lengths[~(held[i] & held[j])] if held.any() else lengths)
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # of each shell that another one follows
         complete = reach >= extent and not atoms.pbc.any()
         if len(last) > shells or (complete and len(last) == shells):
             _refuse_unclear_shells(atoms, distances, gaps, last, shells)
-            return distances[last[shells - 1] : last[shells - 1] + 2].mean()
+            end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
+            near = lengths <= end
+            return in_shells(atoms, i[near], j[near], shift[near], lengths[near]), end
         if complete:
             if len(last) + 1 == shells:
-                return reach
+                return in_shells(atoms, *pairs), reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
         reach = 1.5 * reach + 1e-6 * extent  # the sum: where particle 0 coincides with another, the reach starts from zero
 
