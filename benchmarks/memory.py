@@ -68,8 +68,9 @@ def report(found):
     """One line of the table."""
     n, seconds = found['particles'], found['seconds']
     each = '  '.join(f'{1e6 * seconds[name] / n:10.2f}' for name in STAGES[:3])
-    return (f'{n:10d}  {each}  {1e9 * seconds["steps"] / n / (STEPS - 1):8.1f}  {seconds["map"]:6.2f}  '
-            f'{(found["kept"] - found["begin"]) / n:8.0f}  {(found["peak"] - found["begin"]) / n:8.0f}  {found["peak"] / GIB:8.2f}')
+    kept, most = ((found[name] - found['begin']) / n for name in ('kept', 'peak'))
+    return (f'{n:10d}  {each}  {1e9 * seconds["steps"] / n / (STEPS - 1):8.1f}  {seconds["map"]:6.2f}  {kept:8.0f}  {most:8.0f}  '
+            f'{found["peak"] / GIB:8.2f}')
 
 
 def draw(results, file):
@@ -100,7 +101,8 @@ if __name__ == '__main__':
     print('   magnets   patch, us   bonds, us   start, us  step, ns  map, s  kept, B  at most, B  peak, GiB   (each: per magnet)')
     results = []
     for particles in options.particles:
-        done = subprocess.run([sys.executable, __file__, '--one', str(particles)], capture_output=True, text=True, check=True)
+        done = subprocess.run([sys.executable, __file__, '--one', str(particles)], capture_output=True,  # noqa: S603
+                              text=True, check=True)
         results.append(json.loads(done.stdout.splitlines()[-1]))
         print(report(results[-1]), flush=True)
     if options.chart:

@@ -245,7 +245,7 @@ def _kinds(r0, labels):
 
 
 def _alike(*columns):
-    """The first row of each kind of rows, in their order, and the kind of each row; as `np.unique(axis=0)`, without its sorting."""
+    """The first row of each kind of rows, in their order, and the kind of each row: `np.unique(axis=0)` without its sorting."""
     kind = np.zeros(len(columns[0]), int)
     for column in columns:
         values = np.unique(column)

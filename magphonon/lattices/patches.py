@@ -131,7 +131,7 @@ def _patch(cell, n1, n2, beyond):
     shell = find_bonds(_planar(cell))
     corner = cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
     # as ase.Atoms.repeat, which puts the cells in their places one by one and would take most of the time
-    cells = np.stack(np.divmod(np.arange(n1 * n2), n2) + (np.zeros(n1 * n2, int),), axis=1) @ cell.cell.array
+    cells = np.stack(np.divmod(np.arange(n1 * n2), n2), axis=1) @ cell.cell.array[:2]
     places = (cell.positions[None] + cells[:, None]).reshape(-1, 3) - corner
     inside = np.flatnonzero(beyond(*places[:, :2].T) <= 1e-9 * shell.lengths[0])  # a particle on the border belongs to the patch
     patch = cell[inside % len(cell)]
