@@ -9,15 +9,17 @@ import argparse
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from time import perf_counter, thread_time
+from time import perf_counter, process_time, thread_time
 
+import large_cells
 import numpy as np
 import steps
 import sweeps
 from lammps_steps import STYLES, lammps_stepper
 from matplotlib.ticker import EngFormatter
 
-from magphonon import DrivenVerlet, MagneticRepulsion
+from magphonon import DrivenVerlet, MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands
+from magphonon.bands import bloch_modes
 
 DURATION = EngFormatter('s', places=2)
 ROUNDS, SECONDS = 7, 0.15
@@ -197,6 +199,49 @@ def sweep_rows():
                          seconds, np.nan, 0.95 * workers)
                   for (points, seconds), speed in zip(sweeps.SIZES, (short, long), strict=True)]
     return found
+
+
+@row('bands')
+def path_rows():
+    """300 wavevectors of the prototype: the Bloch matrix, and phonopy's displacements in 3 x 3 cells."""
+    cell = large_cells.prototype()
+    path = cell.cell.bandpath('GMKG', npoints=300, pbc=cell.pbc)
+
+    def phonopy():
+        return phonopy_bands(finite_displacements(cell, supercell=(3, 3, 1)), path)
+
+    exact = analytic_bands(cell, path).omega
+    error = abs(phonopy().omega - exact).max() / exact.max()  # of the peer
+    best = in_turns({'analytic': lambda n: [analytic_bands(cell, path) for _ in range(n)],
+                     'phonopy': lambda n: [phonopy() for _ in range(n)]}, clock=process_time)
+    return [Result('bands of the prototype, 300 wavevectors', f'phonopy, error {error:.0e}', best['analytic'], best['phonopy'],
+                   np.nan, 20)]
+
+
+@row('large cells')
+def large_cell_rows():
+    """The lowest eight branches of cells of disorder, for each wavevector, against all of them and against phonopy."""
+    found = []
+    for side, peer, goal in ((17, large_cells.PHONOPY, 20), (17, large_cells.ALL, 2), (32, large_cells.ALL, 10)):
+        count, seconds, errors = large_cells.large_cell(side, phonopy=peer == large_cells.PHONOPY)
+        own, others = (seconds[name] / large_cells.WAVEVECTORS for name in (large_cells.LOWEST, peer))
+        found.append(Result(f'{large_cells.LOWEST} of {count} magnets', peer, own, others, errors[large_cells.LOWEST], goal))
+    return found
+
+
+@row('mesh')
+def mesh_rows():
+    """A million wavevectors of the prototype, each, and phonopy's at some thousands of them."""
+    cell = large_cells.prototype()
+    phonon = finite_displacements(cell, supercell=(3, 3, 1))
+    q = np.random.default_rng(0).uniform(size=(large_cells.MESH**2, 3)) * cell.pbc
+    some = q[:4000]
+    seconds, answers = large_cells.least({'magphonon': lambda: bloch_modes(cell, q)[0],
+                                          'phonopy': lambda: phonon.run_qpoints(some).frequencies})
+    exact = answers['magphonon'][: len(some)]
+    error = abs(np.sort(answers['phonopy'], axis=1)[:, 1:] * 2 * np.pi / 1e3 - exact).max() / exact.max()
+    return [Result(f'a mesh of {len(q):.0e} wavevectors', f'phonopy, error {error:.0e}', seconds['magphonon'] / len(q),
+                   seconds['phonopy'] / len(some), np.nan, 1)]
 
 
 def draw(results, file):
