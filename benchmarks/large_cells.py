@@ -24,7 +24,7 @@ LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 SIDES = 3, 5, 7, 10, 13, 15, 17, 23, 32
 BRANCHES, WAVEVECTORS = 8, 10
 MOST_DISPLACED = 289
-ROUNDS, PATIENCE = 3, 6.0
+ROUNDS, PATIENCE = 3, 1.0
 LOWEST, ALL, PHONOPY = f'{BRANCHES} lowest branches', 'all branches, dense', 'phonopy'
 MESH = 1000
 

@@ -86,7 +86,10 @@ def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np
         Displacements from the reference at which it is asked.
     """
     calc: Any = atoms.calc
-    P, forces = free_directions(atoms), static_forces(calc, u=u)
+    forces = static_forces(calc, u=u)
+    if not forces.any():
+        return np.zeros(len(atoms))
+    P = free_directions(atoms)
     left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
     return left * (left > max(BALANCED * _largest_force(calc, u), _shaken(calc)))
 
