@@ -12,6 +12,9 @@ from ..design.dispersion_fits import DispersionFit, fit_dispersion
 from ..design.sensitivities import Change, LawChange, exponent_change, force_change, screening_change
 from ..errors import one_of
 from ..interactions.pair_laws import repulsion
+from ..stiffness.calculator import MagneticRepulsion
+from .lattices import ALL
+from .structures import FileLattice
 from .tolerances import PLACES, varied
 
 if TYPE_CHECKING:
@@ -72,7 +75,7 @@ class BandFits:
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit."""
         fit = self.fits[one_of('model', model, MODELS)]
-        return _with(self.scene, dict(zip(fit.names, fit.factors, strict=True)))
+        return with_factors(self.scene, dict(zip(fit.names, fit.factors, strict=True)))
 
     def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr at the spacing.
@@ -105,6 +108,11 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
         For a law that is not given by a few numbers, or a foundation or law that differs from site to site.
     """
     one_of('law.kind', scene.law.kind, tuple(STRENGTHS))
+    if scene.law.shells == ALL:
+        raise ValueError(f"law.shells = '{ALL}': a fit takes a number of shells; take shells = 3 or more")
+    if isinstance(scene.lattice, FileLattice) or scene.single:
+        raise ValueError(f'lattice.kind = {scene.lattice.kind!r}: a fit takes a lattice that the scene describes by kind '
+                         'and spacing')
     if scene.laws_of_kinds:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; take a lattice of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
@@ -161,9 +169,13 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> B
         raise ValueError('all parameters are fixed; leave one of them free')
     own = points.independent
 
+    cell = scene.atoms()
+
     def build(factors):
-        there = _with(scene, factors)
-        return there.atoms(), _changes(there)
+        there, atoms = with_factors(scene, factors), cell.copy()
+        springs = there.foundation.stiffness if there.foundation else 0.0
+        atoms.calc = MagneticRepulsion(atoms, there.law.potential(), bonds=cell.calc.bonds, foundation=springs)
+        return atoms, _changes(there)
 
     return BandFits(scene, own, {model: fit_dispersion(build, names, own, model) for model in MODELS})
 
@@ -183,7 +195,7 @@ def _changes(scene):
     return changes
 
 
-def _with(scene: Scene, factors: dict[str, float]) -> Scene:
+def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     """The scene with its force at the spacing, its shape and its foundation multiplied by `factors`."""
     L = scene.lattice.spacing_m * u.m
     strength, power = STRENGTHS[scene.law.kind]
