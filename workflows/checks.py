@@ -110,13 +110,18 @@ class Outcome:
 def save_picture(figure, path, caption):
     """Write a figure whole, as PNG for screens and as PDF for print; returns the entry for `Outcome.pictures`.
 
-    The caption is in the PNG too, so that it stays with a picture that is sent around.
+    The caption is in the files too, so that it stays with a picture that is sent around.  Each canvas draws once; `savefig` would
+    draw twice, as it lays the figure out first, which the drawing does by itself.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    figure.dpi = DPI
     with whole_file(path, 'wb') as file:
-        figure.savefig(file, format='png', dpi=DPI, metadata={'Description': caption})
+        FigureCanvasAgg(figure).print_png(file, metadata={'Description': caption}, pil_kwargs={'compress_level': 3})
     figure.set_layout_engine('none')  # it is laid out: the PDF is the same picture
     with whole_file(path.with_suffix('.pdf'), 'wb') as file:
-        figure.savefig(file, format='pdf', metadata={'Subject': caption, 'CreationDate': None})
+        FigureCanvasPdf(figure).print_pdf(file, metadata={'Subject': caption, 'CreationDate': None})
     return Picture(path, caption)
 
 
