@@ -92,8 +92,10 @@ def _verdict(found):
     sigmas = found.evidence
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
+        law = [name for name in found.names if name != 'foundation']
+        known = f' A law that is known from measured forces would tell: --fix {",".join(law)}.' if law else ''
         return [f'D*: these data do not tell. The models differ by {difference:.2g} in chi2, {abs(sigmas):.1f} sigma: with other '
-                'parameters each follows the ridges as well.', *_scattered(found)]
+                f'parameters each follows the ridges as well.{known}', *_scattered(found)]
     better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
     lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
              f'{"for" if sigmas > 0 else "against"} D*.']

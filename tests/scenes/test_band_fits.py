@@ -88,6 +88,9 @@ def test_one_branch_does_not_tell_force_from_exponent(tmp_path):
     known = fit_bands(scene_of(tmp_path, START | {'a': 4.2}), points, fixed=['a'])  # of the truth
     assert known.fits['complete'].rank == 2
     assert all(holds(known, TRUTH, width=1.5).values())  # 3 sigma
+    law = fit_bands(scene_of(tmp_path, TRUTH | {'foundation': 23.0}), points, fixed=['force', 'a'])  # as from measured forces
+    assert law.evidence > 10
+    assert holds(law, TRUTH, width=1.5)['foundation']
     wrong = fit_bands(scene, points, fixed=['a'])  # the control: a wrong exponent moves the force
     assert not holds(wrong, TRUTH, width=1.5)['force']
 
