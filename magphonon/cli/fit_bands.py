@@ -51,7 +51,7 @@ def report(found, points: int, fixed: list[str]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines += ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return '\n'.join([*lines, '', 'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
-                      *_undetermined(found), *_verdict(found)])
+                      *_undetermined(found), *_verdict(found), *_entries(found)])
 
 
 def _named(name):
@@ -83,6 +83,25 @@ def _undetermined(found):
     return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters may change together '
             f'and leave them where they are. Measure {more}, or fix what is known from elsewhere: --fix {open_[0]} takes its '
             'value from the scene.']
+
+
+def _entries(found):
+    """Correlations of the parameters of the complete model, and its entries for a scene file, if all of them are determined."""
+    import numpy as np
+
+    from .. import units as u
+    from ..design.dispersion_fits import DETERMINED
+
+    fit, scene = found.fits['complete'], found.fitted()
+    if (fit.sigma > DETERMINED).any():
+        return []
+    R = fit.covariance / np.outer(fit.sigma, fit.sigma)
+    pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
+    law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
+    law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
+    springs = ['[foundation]', f'stiffness_N_per_m = {scene.foundation.stiffness / (u.N / u.m):.8g}'] if scene.foundation else []
+    return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
+            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {scene.law.shells}', *springs]
 
 
 def _verdict(found):

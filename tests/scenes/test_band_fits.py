@@ -6,6 +6,7 @@ The long test draws 200 experiments of each kind, from the scan of a burst to th
 """
 
 import re
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -152,6 +153,11 @@ def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path)
         assert low < drawn.truth[name] < high
     assert re.search(r'D\*: the complete model fits better, by \d+.* in chi2, which is evidence of [\d.]+ sigma for D\*', shown)
     assert {'band_fit.png', 'band_fit.txt', 'scene.toml'} < {file.name for file in (tmp_path / 'out').iterdir()}
+    entries = tomllib.loads(shown[shown.index('[law]'):shown.index('\n\nthe picture')])
+    f, a = (found[name][0] for name in ('force', 'a'))
+    assert entries['law']['b_N_m_a'] == pytest.approx(f * (1e-3 * drawn.L) ** a, rel=0.01)  # f and a are printed to four digits
+    assert entries['foundation']['stiffness_N_per_m'] == pytest.approx(found['foundation'][0], rel=1e-3)
+    assert re.search(r'Correlations: a and force -?[01]\.\d\d, foundation and force', shown)
     # the control: a mass that is wrong by 30 % is one of the scene's, and moves the force by as much
     wrong = drawn.scene(tmp_path, mass=1.3)
     assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(wrong)]) == 0
