@@ -41,7 +41,7 @@ def mode_names(bands: Bands) -> NDArray[np.str_]:
 
 
 def name_branches(ax: Axes, bands: Bands) -> None:
-    """Write the name of each branch beside it where it is farthest from all other curves; nothing where there is no room.
+    """Write the name of each branch of a plane beside it where it is farthest from all curves; nothing where there is no room.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def name_branches(ax: Axes, bands: Bands) -> None:
         With modes (`vectors=True`).
     """
     names, x = mode_names(bands), bands.path.get_linear_kpoint_axis()[0]
-    if names.shape[1] > MOST_NAMED:
+    if names.shape[1] > MOST_NAMED or bands.path.kpts[:, 2].any():
         return
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     curves = [np.array(line.get_data(), float) for line in ax.lines if len(line.get_xdata()) > 2]  # pyright: ignore[reportArgumentType]  no scalar

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import units
 from .axes import COLOURS, legend_above, new_axes
-from .bands import label_path
+from .bands import NEGLIGIBLE, label_path
 from .scales import label_frequencies
 
 if TYPE_CHECKING:
@@ -48,7 +48,9 @@ def plot_density(density: DensityOfStates, ax: Axes | None = None, label: str | 
     if density.error.any():
         error = 2 * density.error * share.max() / density.density.max()
         ax.fill_between(f, share - error, share + error, color=drawn.get_color(), alpha=0.25, linewidth=0)
-    ax.set(ylabel='share of all modes per Hz', xlim=(min(f[0], *ax.get_xlim()) if f[0] < 0 else 0, None), ylim=(0, None))
+    at, shares = (np.concatenate(both) for both in zip(*(line.get_data() for line in ax.lines), strict=True))
+    lowest = at.min() if at.min() < -NEGLIGIBLE * at.max() else 0
+    ax.set(ylabel='share of all modes per Hz', xlim=(lowest, at.max()), ylim=(0, 1.05 * shares.max()))
     label_frequencies(ax.xaxis)
     if label is not None:
         legend_above(ax, ncols=2)

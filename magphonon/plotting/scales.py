@@ -48,8 +48,8 @@ def label_places(ax: Axes, spacing_m: float) -> None:
 
 
 def label_wavevectors(ax: Axes, spacing_m: float) -> None:
-    """Label axes of k_x and k_y whose data are in rad/m, in the inverse of the unit that `label_places` takes."""
-    power = prefix_power(spacing_m)
+    """Label axes of k_x and k_y whose data are in rad/m, in the inverse of a unit near the distance of two neighbours."""
+    power = prefix_power(10 * spacing_m)  # so that the zone, some radians wide per spacing, does not end at 0.005
     for axis, name in ((ax.xaxis, '$k_x$'), (ax.yaxis, '$k_y$')):
         label(axis, name, 'm', -power)
         axis.set_label_text(f'{name} (rad/{PREFIXES[power]}m)')

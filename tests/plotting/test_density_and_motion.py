@@ -8,7 +8,7 @@ from motion import patch
 from PIL import Image
 
 from magphonon import analytic_bands, modes, units as u
-from magphonon.bands import band_path, band_ranges, lattice_density
+from magphonon.bands import DensityOfStates, band_path, band_ranges, lattice_density
 from magphonon.plotting import (
     animate,
     period,
@@ -121,3 +121,12 @@ def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(animation, 'find_spec', lambda name: None)
     with pytest.raises(ValueError, match=r'install ffmpeg or imageio-ffmpeg, or write a \.gif'):
         animate(tmp_path / 'film.mp4', patch(6), np.ones((2, 36, 2)))
+
+
+def test_the_highest_of_several_densities_fits_on_the_axes():
+    f = 2 * np.pi * np.linspace(-1e-9, 0.1, 50)  # round-off below zero
+    low, high = (DensityOfStates(f, height * np.ones(50), 1.0, 0 * f, 0 * f) for height in (1.0, 5.0))
+    ax = drawn(plot_density(high, plot_density(low)))
+    assert ax.get_ylim()[0] == 0
+    assert ax.get_ylim()[1] > max(line.get_ydata().max() for line in ax.lines)
+    assert ax.get_xlim()[0] == 0
