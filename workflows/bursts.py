@@ -7,8 +7,8 @@ from magphonon.plotting.waves import plot_crossing, plot_waves
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, waves
 
-from .annotations import RADIANS
 from .checks import Check, Outcome, save_picture
+from .radians import add_radians
 
 HALF_A_BIN = 0.5
 BURSTS = {'shear': 'transverse', 'longitudinal': 'longitudinal'}  # branch and motion, in the order of the scene
@@ -47,7 +47,7 @@ def draw_maps(out, maps, carriers_Hz):
     for row, top in zip(axes, TOPS_Hz, strict=True):
         for ax in row:
             ax.set_ylim(0, top)
-        row[1].secondary_yaxis('right', functions=RADIANS).set_ylabel(r'$\omega$ (rad/s)')
+        add_radians(row[1])
     return save_picture(figure, out / 'bursts.png',
                         'Fig. 6 of the paper: bursts at 120 and 400 rad/s. Every ridge lies on the branch of its own model: '
                         'shear tells the models apart, the longitudinal branch hardly moves.')

@@ -7,13 +7,14 @@ from magphonon import analytic_bands, read_scene, ready_scene, sound_speeds, uni
 from magphonon.bands import first_zone, frequency_ratio, zone_map
 from magphonon.plotting.axes import letter_panels, new_axes, panels
 from magphonon.plotting.bands import plot_bands
+from magphonon.plotting.branch_names import name_branches
 from magphonon.plotting.modes import plot_mode
 from magphonon.plotting.structures import plot_lattice
 from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.scenes.scene import reference
 
-from .annotations import RADIANS, name_branches
 from .checks import BRANCHES, Check, Outcome, pairs, save_picture
+from .radians import add_radians
 
 ARROWS = 12  # of the group velocity along each reciprocal vector
 
@@ -63,9 +64,8 @@ def draw_bands(out, bands):
     ax = new_axes()
     for (model, own), line in zip(bands.items(), ('-', '--'), strict=True):
         plot_bands(own, ax=ax, linestyle=line, label=model)
-    ax.secondary_yaxis('right', functions=RADIANS).set_ylabel(r'$\omega$ (rad/s)')
-    ax.tick_params(axis='y', right=False)
-    name_branches(ax, 0.40, 0.70)
+    name_branches(ax, bands['complete'])
+    add_radians(ax)
     return save_picture(ax.figure, out / 'ideal_bands.png',
                         'Fig. 4 of the paper: D* halves the shear branch at M and hardly moves the longitudinal one.')
 

@@ -3,9 +3,9 @@
 from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene, units
 from magphonon.bands.force_constants import foundation_recovered
 from magphonon.plotting.bands import plot_bands
+from magphonon.plotting.branch_names import name_branches
 from magphonon.scenes.scene import reference
 
-from .annotations import name_branches
 from .checks import BRANCHES, Check, Outcome, pairs, save_picture
 
 
@@ -43,10 +43,11 @@ def main(out):
                         paper['M_conventional_Hz'][0], 0.3, control=True))
 
     path = scene.band_path()
-    ax = plot_bands(analytic_bands(cell, path), label='complete')
+    complete = analytic_bands(cell, path, vectors=True)
+    ax = plot_bands(complete, label='complete')
     plot_bands(analytic_bands(cell, path, 'conventional'), ax=ax, linestyle='--', label='conventional')
     plot_bands(phonopy_bands(phonon, path), ax=ax, linestyle='', marker='.', label='phonopy')
-    name_branches(ax, 0.46, 0.73)
+    name_branches(ax, complete)
     return Outcome(checks, [save_picture(ax.figure, out / 'prototype_bands.png',
                                          'Fig. S4 of the paper: the prototype. D* lowers its shear branch; the pillars open '
                                          'the gap below 26.55 Hz.')])
