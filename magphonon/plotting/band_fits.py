@@ -33,6 +33,16 @@ def plot_band_fits(points: MeasuredBranches, fits: Mapping[str, tuple[Atoms, Fit
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from importlib.resources import files
+    >>> from magphonon import read_scene
+    >>> from magphonon.plotting import plot_band_fits
+    >>> from magphonon.scenes import fit_bands
+    >>> from magphonon.waves import read_ridges
+    >>> found = fit_bands(read_scene('prototype'), read_ridges(files('magphonon.data') / 'prototype_ridges.csv'))
+    >>> figure = plot_band_fits(found.points, {model: (found.fitted(model).atoms(), fit) for model, fit in found.fits.items()})
     """
     from .style import COLUMN_in
 

@@ -106,7 +106,7 @@ def test_a_drawn_scan_has_its_ridge_on_the_true_branch(seed, tmp_path):
 
 
 def test_the_ridge_of_velocities_is_that_of_displacements(tmp_path):
-    d = Drawn(7, noise=0)
+    d = Drawn(7, points=16, noise=0)
     names = [str(k) for k in range(len(d.n))]
     fine = (d.motion(d.t + 1e-6) - d.motion(d.t - 1e-6)) / 2e-6
     _, (u_wave,) = scanned(d, tmp_path, d.rows({'u_m': d.u}, names))
@@ -126,7 +126,7 @@ def test_integration_undoes_the_derivative():
 
 @pytest.mark.parametrize(('jitter', 'resampled'), [(0.004, False), (0.2, True)])  # of a step; a distance of 0.01 counts as equal
 def test_uneven_times_are_resampled(jitter, resampled, tmp_path):
-    d = Drawn(9, missing=0, noise=0, mode=0)
+    d = Drawn(9, points=16, missing=0, noise=0, mode=0)
     names, even = [str(k) for k in range(len(d.n))], d.t
     _, (wave,) = scanned(d, tmp_path, d.rows({'u_m': d.u}, names))
     d.t = even + jitter / 500 * d.rng.uniform(-1, 1, len(even))
@@ -233,7 +233,7 @@ def test_headers_that_do_not_tell_the_motion_are_refused(header, message, tmp_pa
 def test_a_universal_file_is_read_as_the_table_of_the_same_scan(nodes, label, length, tmp_path):
     """Velocities along -y, of one direction, in the unit of the label or of dataset 164, with places; written by pyuff."""
     pyuff = pytest.importorskip('pyuff')
-    d = Drawn(11, noise=0.01)
+    d = Drawn(11, points=16, noise=0.01)
     unit = 1e3 if label else length  # so many of the unit of the file are a metre
     sets = []
     if not label or length != 1:
@@ -297,7 +297,7 @@ def test_motion_out_of_the_plane_alone_is_refused(prototype):
 
 def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
     """A scene without [patch] and [burst]; places in a table of their own; one component; velocities; the waves run backwards."""
-    d = Drawn(3, mode=0)
+    d = Drawn(3, points=20, mode=0)
     d.cell(tmp_path)
     names = [f'P{k}' for k in range(len(d.n))]
     step = 1e-6
@@ -311,6 +311,6 @@ def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
     assert 'it does not say where its points are; add the columns x_m and y_m' in capsys.readouterr().err
     assert main([*words, '--geometry', str(tmp_path / 'points.csv')]) == 0
     shown = capsys.readouterr().out
-    assert 'scan.csv: 26 points on 30 places of the row, 400 frames\nvelocities were integrated over time' in shown
+    assert 'scan.csv: 17 points on 20 places of the row, 400 frames\nvelocities were integrated over time' in shown
     assert 'scan, measured motion: agrees with complete shear (0.0' in shown
     assert (tmp_path / 'out' / 'spectrum_scan_measured.png').exists()
