@@ -38,7 +38,7 @@ def run(options: Namespace) -> None:
     from .main import whole_parser
 
     parser, names = whole_parser(), ' '.join(ready_scenes())
-    completed = {'scene': SCENE, 'bands': SCENE, 'name': READY, 'output': shtab.DIRECTORY, 'files': shtab.DIRECTORY}
+    completed = {'scene': SCENE, 'name': READY, 'output': shtab.DIRECTORY, 'files': shtab.DIRECTORY}
     completed |= dict.fromkeys(('table', 'file', 'geometry', 'style'), shtab.FILE)
     [commands] = [action for action in parser._actions if isinstance(action, _SubParsersAction)]
     for command in commands._choices_actions:  # zsh shows them, and descriptions are too long for it
