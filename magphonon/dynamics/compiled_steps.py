@@ -177,7 +177,7 @@ def _bring_down(bx, by, groups, stride, s, count):
 def _room(bx, by, groups, stride, base, s, e, low, pad, empty):
     """Make room for the bonds of the slots s to e, of what is needed from slot `low` on; the base then."""
     if s == 0:
-        _clear(bx, by, groups, stride, 0, pad)
+        _clear(bx, by, groups, stride, s, pad)
     if e + pad - base > stride:
         _bring_down(bx, by, groups, stride, low - base, s + pad - low)
         base = low
@@ -279,7 +279,7 @@ def advance():
             high = min(low + size, steps + 1)
             for n in range(high - low):
                 ran[n] = 0
-            base, behind = 0, high - low - 1
+            base, behind = runs[0], high - low - 1
             while ran[behind] < count:
                 for n in range(high - low):
                     r = ran[n]
