@@ -169,7 +169,7 @@ def roofline():
     """Bandwidth of memory and rate of multiply-adds of one core."""
     from numba import njit
 
-    from magphonon.dynamics.machine_code import vectorise
+    from magphonon.dynamics.intrinsics import vectorise
 
     @njit(fastmath={'contract'}, error_model='numpy')
     def multiply_add(x, rounds):

@@ -23,10 +23,10 @@ FLOATS, INTS, INDICES = types.CPointer(types.float64), types.CPointer(types.int6
 IN_PYTHON = {FLOATS: ctypes.c_void_p, INTS: ctypes.c_void_p, types.int64: ctypes.c_int64, types.float64: ctypes.c_double,
              types.void: None}
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}}
-FOLDER = Path(__file__).parent
-SOURCES = hashlib.sha256(b''.join((FOLDER / name).read_bytes() for name in (
-    'machine_code.py', 'intrinsics.py', 'compiled_bonds.py', 'compiled_steps.py', 'law_pieces.py'))).hexdigest()
-"""Stamp of all files from which functions are compiled: numba looks at the one file that a function stands in."""
+FILES = ('machine_code.py', 'intrinsics.py', 'compiled_bonds.py', 'compiled_steps.py', 'law_pieces.py')
+"""Files of this folder from which functions or their constants are compiled."""
+SOURCES = hashlib.sha256(b''.join(Path(__file__).with_name(name).read_bytes() for name in FILES)).hexdigest()
+"""Stamp of all of them: numba looks at the one file that a function stands in."""
 
 
 class _Kept(FunctionCache):

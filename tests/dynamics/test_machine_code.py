@@ -1,8 +1,10 @@
 """Compiled functions are kept on disk: what happens to damaged files, and when a source has changed."""
 
+import ast
 import pickle
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 
 import pytest
 
@@ -49,3 +51,13 @@ def test_a_change_of_any_file_with_compiled_functions_is_noticed(doubling, monke
     monkeypatch.setattr(machine_code, 'SOURCES', 'of another version')
     assert not doubling().kept
     assert doubling().kept
+
+
+def test_the_stamp_is_of_every_file_that_goes_into_compiled_functions():
+    machine_code = pytest.importorskip('magphonon.dynamics.machine_code', exc_type=ImportError)
+    folder, reached = Path(machine_code.__file__).parent, {'compiled_steps.py'}
+    for _ in range(5):  # as many as there are; law_pieces.py needs bond_increments.py for types only
+        modules = [node.module for name in reached for node in ast.walk(ast.parse((folder / name).read_text(encoding='utf-8')))
+                   if isinstance(node, ast.ImportFrom) and node.level == 1 and 'bond_increments' not in node.module]
+        reached |= {f'{module}.py' for module in modules}
+    assert reached == set(machine_code.FILES)
