@@ -135,12 +135,12 @@ def _by_lapack(calc, free, masses, q, model, vectors):
             yield np.linalg.eigvalsh(D), None
             continue
         squares, columns = _diagonalised(D)
-        yield squares, columns if len(columns[0]) == len(free) else free @ columns
+        yield squares, columns if columns.shape[1] == len(free) else free @ columns
 
 
 def _diagonalised(D):
     """Eigenvalues and eigenvectors of a stack of matrices."""
-    if D.shape[-1] <= DIVIDE:
+    if D.shape[-1] <= DIVIDE or not len(D):
         return np.linalg.eigh(D)
     squares, columns = zip(*(eigh(each) for each in D), strict=True)
     return np.stack(squares), np.stack(columns)
@@ -172,4 +172,4 @@ def _wavevectors(q):
 def in_batches(q: NDArray[np.float64], calc: Repulsion) -> list[NDArray[np.float64]]:
     """The wavevectors in parts for which the largest array, matrices or blocks of all bonds, takes BATCH_BYTES or little more."""
     numbers = max((len(calc.reference) * calc.dim) ** 2, len(calc.bonds) * calc.dim**2)
-    return np.array_split(q, max(1, -(-len(q) * numbers * 16 // BATCH_BYTES)))
+    return np.array_split(q, max(1, min(len(q), -(-len(q) * numbers * 16 // BATCH_BYTES))))  # no part is empty

@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from oracles import LAWS, Pairs, lattice
 from scipy import sparse
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, analytic_bands, lattices, modes
-from magphonon.bands import bloch_modes
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, analytic_bands, group_velocities, lattices, modes
+from magphonon.bands import bloch, bloch_modes
 from magphonon.stiffness import inverse_pays, lowest, lowest_eigenpairs
 
 SIDES = {'triangular': 16, 'square': 16, 'honeycomb': 11, 'kagome': 9, 'fcc': 5}
@@ -29,6 +29,29 @@ def drawn(seed):
     k = float(rng.choice([0.0, 0.02, 0.2]))
     perfect.calc = MagneticRepulsion(perfect, law, cutoff=12.0, foundation=k).balanced(range(len(perfect)))
     return perfect, law, k
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_cell_of_which_one_matrix_exceeds_a_batch_has_modes_and_velocities(seed, monkeypatch):
+    """Then there are fewer wavevectors than parts: as of 257 particles in the plane, and here of fewer in smaller batches."""
+    rng = np.random.default_rng([17, seed])
+    cell = lattice(str(rng.choice(['honeycomb', 'kagome'])))
+    cell.set_masses(rng.uniform(0.3, 2, len(cell)))
+    cell.calc = MagneticRepulsion(cell, LAWS['yukawa'], foundation=1.0)
+    q, pairs = rng.uniform(-0.5, 0.5, (int(rng.integers(1, 4)), 3)) * cell.pbc, Pairs(cell, LAWS['yukawa'], 10.0 * 1.01)
+    root = np.sqrt(np.repeat(cell.get_masses(), 2))
+    D = (pairs.bloch(cell.positions, q) + np.eye(len(root))) / (root * root[:, None])
+    monkeypatch.setattr(bloch, 'BATCH_BYTES', D[0].nbytes // 3)
+    monkeypatch.setattr(bloch, 'DIVIDE', int(rng.choice([1, 400])))
+    omega, vectors = bloch_modes(cell, q, vectors=True)
+    v = vectors.reshape(len(q), len(root), -1).swapaxes(1, 2)
+    assert_allclose(D @ v, v * squared(omega)[:, None], atol=1e-12 * abs(D).max())  # Cauchy's formula: 1e-13
+    step = 1e-4 * (cell.cell.array @ [1, 0, 0])  # along x, in 1/mm
+    beside = [np.sqrt(np.linalg.eigvalsh((pairs.bloch(cell.positions, q + sign * step / (2 * np.pi)) + np.eye(len(root)))
+                                         / (root * root[:, None]))) for sign in (1, -1)]
+    slope = (beside[0] - beside[1]) / 2e-4
+    assert_allclose(group_velocities(cell, q)[1][..., 0], slope, atol=1e-5 * abs(slope).max())  # of central differences: 1e-7
+    assert bloch_modes(cell, q[:0], vectors=True)[1].shape == (0, len(root), len(cell), 2)
 
 
 def squared(omega):
