@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 HELP = 'check a scene before it runs: equilibrium, stability, time step, supports, linear range, supercell, cost'
 JUDGED = 20_000
 """Largest number of particles of a patch that is judged by itself.  This takes about ten seconds at this size, and the time grows
-with the third power of the side."""
+with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -62,7 +62,7 @@ def run(options: Namespace) -> int:
         holds = 'The held particles and the foundation give' if atoms.constraints else 'The foundation gives'
         print(f'\n{holds} a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
     if patch is not None and 'Patch' not in verdicts:
-        print(_large(len(patch)))
+        print(_large(patch, relaxation is None))
     for line in neglected(scene):
         print(f'\n{line}')
     if expected:
@@ -72,12 +72,20 @@ def run(options: Namespace) -> int:
     return 0 if all(judged.fine for judged in verdicts.values()) and not faults else 1
 
 
-def _large(particles):
+def _large(patch, perfect):
     """What the terminal shows for a patch that is not judged by itself.
 
-    The free particles of a patch have all their neighbours, so that its Hessian is a block of that of the lattice, and its
-    eigenvalues lie between the lowest and the highest one of the lattice (Cauchy).
+    The free particles of a perfect patch have all their neighbours, so that its Hessian is a block of that of the lattice, in
+    the plane, out of it and at every spacing.  Its eigenvalues lie between the lowest and the highest one of the lattice
+    (Cauchy).
     """
-    return (f'\nPatch: it has {particles} particles, more than {JUDGED}, and is not judged by itself. Every particle inside its '
-            'rim has all of its neighbours, so the patch is stable if the lattice is, with the same time steps. The fixed rim '
-            'may make it stable even where the lattice buckles.')
+    from .. import units
+    from ..dynamics.timestep import highest_frequency
+
+    many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged by itself. '
+    if perfect:
+        return (many + 'Every particle inside its rim has all of its neighbours, so what is said of the lattice is enough for '
+                'the patch: foundation, spacing, supports, time steps, and impacts away from the rim. The fixed rim may make it '
+                'stable even where the lattice buckles. The linear amplitude is that of waves far from the rim.')
+    return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). Its spacing, its '
+            'supports, its linear amplitude and impacts on it are not judged: they need a smaller patch with as many defects.')

@@ -99,6 +99,8 @@ class Verdict:
         Speed of an impact on one particle below which no bond is lost, and at which a particle that is shot loses its cage,
         mm/ms; None where that is not judged, as where particles differ in law, strength or foundation, or was not found
         (`magphonon.stability.escapes`).
+    unjudged : tuple of str
+        The quantities that were not judged because they would take too long for so many particles.
     displacements : tuple of float
         Between which finite differences are safe, mm.
     distance : float
@@ -135,6 +137,7 @@ class Verdict:
     closest: float
     safe: float | None
     leaves: float | None
+    unjudged: tuple[str, ...]
     displacements: tuple
     distance: float
     supercell: str | None
@@ -218,6 +221,10 @@ class Verdict:
         if self.amplitude is not None and np.isfinite(self.amplitude):
             said.append(self._linear())
         said += self._impacts()
+        if self.unjudged:
+            *others, last = self.unjudged
+            named = f'{", ".join(others)} and {last}' if others else last
+            said.append(f'Not judged for so many particles: {named}. Judge a cell of the lattice, or a smaller patch of it.')
         return tuple(said)
 
     @property

@@ -44,6 +44,8 @@ CENTRAL = Yukawa, Hertz
 """Laws of particles that are not magnets."""
 LINEAR_ERROR = 0.01
 """Largest relative error of a frequency up to which the linear theory is called good."""
+SPACED = 2000
+"""Largest number of freedoms of a finite structure for which a spacing is searched for: some thirty lowest modes."""
 FLAT = 1e-9
 """Largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat."""
 ROUND_OFF = 5e-17
@@ -56,9 +58,10 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
     """Judge a structure before it runs.
 
     A periodic cell is judged as the lattice that it stands for, by its whole zone; one of more than 200 freedoms only by
-    waves that fit into one or two cells along each vector, which its notes say; a finite structure as it is.  Of more
-    than a hundred particles, and with AllNeighbours, the spacing, the supports, the linear amplitude and impacts are not
-    judged.
+    waves that fit into one or two cells along each vector, which its notes say; a finite structure as it is.  What takes too
+    long for many particles is not judged, as `Verdict.unjudged` says: impacts of more than 200 freedoms, the spacing of more
+    than 2000, and of a periodic cell of more than 200 also the supports and the linear amplitude.  With AllNeighbours none of
+    these is judged.
 
     It is judged at rest: about the reference of its calculator, or about its present positions if it has found another rest
     there; what is at rest nowhere has the fault `residual`, and is judged where less is left.
@@ -106,17 +109,20 @@ def _judged(atoms, drives, timestep, supercell, distance, far):
     atoms, calc, structure, dense = case.atoms, case.calc, case.structure, case.dense
     bond = calc.bonds.lengths.argmin()
     shortest, k = calc.bonds.lengths[bond], common_spring(structure)
+    finite, size = case.pairwise and not atoms.pbc.any(), 0 if dense else structure.free.shape[1]
     small = case.pairwise and dense
+    sparse = small or finite  # by a few factorisations
     alike = far and not (isinstance(calc.law, BondLaws) or np.ndim(calc.foundation))
     settled = not case.pushes.any()
     bare = softest_of(structure)
     stable = bare.needed <= k
     touching = any(isinstance(law, Hertz) for law in laws_of(calc.potential))  # other spacings are no contacts
-    held = spacing_held(structure) if settled and small and not touching else None
+    stretched = settled and not touching and (small or (finite and size <= SPACED))
+    held = spacing_held(structure) if stretched else None
     # whether the softest wave is among those of `frequency_shifts`
-    shifted = settled and small and far and (not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q)))
+    shifted = settled and sparse and far and (not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q)))
     escape = escape_speeds(atoms) if settled and stable and small and alike and not touching else None
-    apart = settled and small and calc.dim == 2  # out of the plane
+    apart = settled and sparse and calc.dim == 2  # out of the plane
     magnets = apart and not any(isinstance(law, CENTRAL) for law in laws_of(calc.potential))
     wave, alone = support_needed(structure) if magnets else (None, None)
     return Verdict(
@@ -145,10 +151,17 @@ def _judged(atoms, drives, timestep, supercell, distance, far):
         closest=case.closest,
         safe=escape.safe if escape else None,
         leaves=escape.leaves if escape else None,
+        unjudged=_unjudged(finite, size, far) if settled else (),
         displacements=_safe_displacements(calc),
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),
     )
+
+
+def _unjudged(finite, size, far):
+    """The quantities that take too long for a structure of `size` freedoms, zero if it is small."""
+    left_out = ('the spacing',) * (size > (SPACED if finite else 0)) + ('impacts',) * (size > 0 and far)
+    return left_out if finite or not size else (*left_out, 'the supports', *('the linear amplitude',) * far)
 
 
 @dataclass(frozen=True)
