@@ -160,9 +160,12 @@ def verdict_against_sign(case, truth):
     if case.truth.model == 'conventional':  # a verdict is that of the complete model, whatever the calculator's
         truth = replace(truth, model='complete')
     _, _, B = case.reduced(truth)
-    spectrum = np.linalg.eigvalsh(B.T @ truth.waves(foundation_needed(case.atoms)[1]) @ B) - truth.common
-    shares = (0.999, 1.001) if spectrum[0] < -EXACT * spectrum[-1] else (1.0,)
-    said = [verdict(case.on_foundation(-share * min(spectrum[0], 0.0)).atoms).stable for share in shares]
+    # one of several equally soft waves is named, and where a fault spares that one, it softens or stiffens another
+    halves = np.array(list(product((0.0, 0.5), repeat=3))) * case.atoms.pbc
+    spectra = np.linalg.eigvalsh(B.T @ truth.waves(np.concatenate([foundation_needed(case.atoms)[1][None], halves])) @ B)
+    lowest, highest = spectra.min() - truth.common, spectra.max() - truth.common
+    shares = (0.999, 1.001) if lowest < -EXACT * highest else (1.0,)
+    said = [verdict(case.on_foundation(-share * min(lowest, 0.0)).atoms).stable for share in shares]
     return float(said != [share >= 1 for share in shares])
 
 
@@ -197,7 +200,7 @@ FAMILIES = {
     'waves': (('bloch', 'phonopy', 'support', 'limit'), {'periodic': True, 'constrained': False, 'most': 4}, 10),
     'supercells': (('bloch', 'modes', 'support'), {'periodic': True, 'constrained': False, 'most': 12}, 6),
     'structures': (('modes', 'response', 'transient', 'swing', 'support', 'limit'), {'most': 16}, 13),
-    'verdicts': (('verdict',), {'most': 3}, 6),
+    'verdicts': (('verdict',), {'most': 3}, 7),
 }
 """Roads that share structures, how these are drawn, and how many in CI."""
 FAULTS = {
