@@ -89,7 +89,7 @@ def draw_bands(out):
     path, ax = path_of(atoms, scene.band_path()), None
     for model, line in (('complete', '-'), ('conventional', '--')):
         spread = frequency_spread(atoms, path.kpts, tolerances, model)
-        ax = plot_band_ribbons(Bands(path, spread.values), spread, ax, label=rf'{model}, $\pm 2\sigma$', linestyle=line)
+        ax = plot_band_ribbons(Bands(path, spread.values), spread, ax, label=model, linestyle=line)
     bars = plot_contributions(at_points(scene, tolerances), list(POINTS))
     return [save_picture(ax.figure, out / 'uncertainty_bands.png',
                          'The prototype with tolerances of half a percent or so (chosen: the paper gives none): the shear '
@@ -124,7 +124,7 @@ def draw_response(out, response, sampled):
     """The response with its ribbon, and the deviations that sampling finds."""
     scene = read_scene(ready_scene('oscillator'))
     omega = scene.frf.omega[::3]
-    ax = plot_response_ribbon(omega, response, label=r'linear, $\pm 2\sigma$')
+    ax = plot_response_ribbon(omega, response, label='linear')
     f, unit = omega / (2 * np.pi) / units.Hz, units.m / units.N
     drawn = {'linestyle': '', 'marker': '.', 'color': 'k', 'markersize': 3}
     ax.plot(f, (response.values + 2 * sampled) / unit, label=rf'$\pm 2\sigma$ of {SAMPLES} oscillators', **drawn)
