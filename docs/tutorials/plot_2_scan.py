@@ -95,7 +95,8 @@ print(f'{len(kept)} points: {again.misfits["complete", "shear"].bins:.2f} bins o
 # -------------------------------
 # A row of sources drives both branches, and their ridges determine the force between neighbours, how fast it falls, and the
 # foundation.  The table that comes with the package is of such bursts, simulated with the noise of a vibrometer; the truth is
-# 0.2369 N, 4.5824 and 19.676 N/m.  On the command line: ``magphonon fit ridges.csv --bands scene.toml``.
+# 0.2369 N, 4.5824 and 19.676 N/m.  On the command line: ``magphonon fit spectrum_scan_ridges.csv --bands
+# scene.toml``, with the table that ``magphonon spectrum scan.csv scene.toml`` writes.
 
 from importlib.resources import files
 

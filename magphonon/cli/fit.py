@@ -21,7 +21,8 @@ HELP = 'the law of repulsion from measured forces, or the lattice from measured 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('file', metavar='FILE.csv', help='table with the columns r_m,f_N or r_m,f_N,sigma_N (or r_mm, f_mN, '
-                                                         '...); with --bands the ridges.csv of "magphonon spectrum"')
+                                                         '...); with --bands the table of ridges that "magphonon spectrum" '
+                                                         'writes, spectrum_SCAN_ridges.csv')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which tells spacing and mass, to a table of measured ridges')
     parser.add_argument('--fix', metavar='NAMES',
@@ -31,7 +32,9 @@ def add_arguments(parser: ArgumentParser) -> None:
                         help='distance of the centres at contact in m: measurements below it are refused, also if only an '
                              'offset moves them there')
     parser.add_argument('--offset', action='store_true', help='fit the zero of the distance scale too; needs --contact')
-    parser.add_argument('-o', '--output', metavar='DIR', help='directory for the picture and the entries for a scene file')
+    parser.add_argument('-o', '--output', metavar='DIR',
+                        help='directory for the picture and the entries for a scene file (default: none, the advised entry '
+                             'is printed)')
     add_pictures(parser, frequencies=False)
 
 

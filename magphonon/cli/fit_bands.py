@@ -47,7 +47,7 @@ def report(found, points: int, fixed: list[str]) -> str:
     values = {model: found.values(model) for model in fits}
     rows += [(_named(name), *(_interval(*values[model][name]) for model in fits)) for name in values['complete']]
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
-    rows.append(('chance of so much', *(f'{fit.chance:.2g}' for fit in fits.values())))
+    rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines += ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return '\n'.join([*lines, '', 'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',

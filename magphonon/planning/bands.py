@@ -54,6 +54,9 @@ REFERENCE_FRACTION = 0.25
 DOUBT = 0.25
 """Relative uncertainty of an error, because it may be larger between the wavevectors of the comparison: by up to 11 % in the
 plans of tests/planning/test_band_plans.py."""
+TABLE_ENDS = ('the law is not known farther: the errors are those that its continuation could make, and no more neighbours can '
+              'be added; measure at larger distances, or take an inverse power, which "magphonon fit" finds')
+"""What a plan says if the law ends within the reach of the neighbours."""
 DOUBT_AT_EDGE = 0.05
 """Relative uncertainty of an error at the one wavevector of an edge, from the continuum alone."""
 
@@ -145,11 +148,12 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
                               bloch_cost(EWALD_BONDS * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
                               Settings('complete', ALL)))
     farthest = shells[-1].lengths.mean() / shells[0].lengths.mean()
-    evidence = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} spacings'
-                + (' and a continuum beyond' if continuum.any() else ''))
+    compared = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} '
+                f'spacing{"s" if farthest > 1 + SHELL_WIDTH else ""}' + (' and a continuum beyond' if continuum.any() else ''))
+    evidence = (compared, *([] if _known(calc.law, [reach * shells[0].lengths.mean()]) else [TABLE_ENDS]))
     what = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
     cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(errors) * len(q) * EIGENSOLVE * size**3
-    return Plan(*what, tolerance, tuple(methods), (evidence,), spent + cost)
+    return Plan(*what, tolerance, tuple(methods), evidence, spent + cost)
 
 
 def _within_half(shells):

@@ -130,7 +130,7 @@ class Plan:
         good = [method for method in self.methods if method.meets(self.tolerance)]
         if not good:
             best = min(self.methods, key=lambda method: method.error)
-            raise ValueError(f'no model here gives {self.quantity} to {percent(self.tolerance)}: '
+            raise ValueError(f'no model here gives {self.quantity[0].lower()}{self.quantity[1:]} to {percent(self.tolerance)}: '
                              f'the best, {best.name}, is off by {percent(best.error)}; allow more '
                              '(--tolerance on the command line)' + ''.join(f'; {fact}' for fact in self.evidence))
         return min(good, key=lambda method: method.cost)

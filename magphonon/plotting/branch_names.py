@@ -70,6 +70,9 @@ def name_branches(ax: Axes, bands: Bands) -> None:
 
 
 def _distance(curves, x, long, y):
-    """Distance of a stretch as `long` about x at the height y from the curves above and below it."""
-    return min((np.nanmin(abs(heights[near] - y)) for at, heights in curves if (near := abs(at - x) < long / 2).any()),
-               default=np.inf)
+    """Distance of a stretch as `long` about x at the height y from the curves above and below it.
+
+    It is zero for a curve that has points on both sides, however far apart: an unstable branch is steep where it crosses zero.
+    """
+    near = (heights[abs(at - x) < long / 2] for at, heights in curves)
+    return min((max(np.nanmin(h) - y, y - np.nanmax(h), 0.0) for h in near if len(h)), default=np.inf)

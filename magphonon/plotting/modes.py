@@ -101,7 +101,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None,
     Parameters
     ----------
     atoms : ase.Atoms
-        A planar structure with its MagneticRepulsion, at rest.
+        A planar structure with its MagneticRepulsion, at rest.  A periodic one is drawn about the particle with the most energy.
     shape : ndarray, shape (particles, dim)
         A row of `Modes.shapes`.
     ax : matplotlib.axes.Axes, optional
@@ -112,8 +112,11 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None,
     matplotlib.axes.Axes
     """
     ax = new_axes(height=3.4) if ax is None else ax
-    rest = atoms.positions[:, :2] / units.m
     share = atoms.get_masses() * (shape**2).sum(axis=1)
+    seen = atoms.copy()
+    if atoms.pbc.any():  # a local mode at the border of a periodic patch would be drawn in pieces
+        seen.wrap(center=atoms.get_scaled_positions(wrap=False)[share.argmax()])
+    rest = seen.positions[:, :2] / units.m
     length = np.linalg.norm(shape, axis=1)
     moving = length > STILL * length.max()
     arrows = LONG_ARROW * spacing(atoms) / length.max() * shape[moving, :2]

@@ -70,7 +70,8 @@ def plot_response(response: Response, natural: ArrayLike = (), axes: NDArray[np.
     inside = natural[(natural >= f[0]) & (natural <= f[-1])]
     rows = len(axes[0].collections)  # of ticks, one above the other
     low, high = (0, 1) if len(inside) <= MOST_BARS else (0.03 * rows, 0.03 * rows + 0.025)
-    name = 'natural frequencies' if label and not rows else None  # once for all models: their lines tell whose they are
+    named = any(len(ticks.get_segments()) for ticks in axes[0].collections)
+    name = None if named or not label or not len(inside) else 'natural frequencies'  # once: the lines tell of which model
     axes[0].vlines(inside, low, high, transform=axes[0].get_xaxis_transform(), linewidth=0.7, label=name, colors=look['color'],
                    linestyles=look['linestyle'])
     axes[0].set_xlim(f[0], f[-1])

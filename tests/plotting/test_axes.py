@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cells import prototype
-from figures import bands_of, drawn, maps_of
+from figures import bands_of, drawn, legend_of, maps_of
 
 from magphonon import InversePower
 from magphonon.interactions.force_tables import Forces
@@ -62,6 +62,14 @@ def test_responses_are_drawn_in_metres_per_newton_over_hertz():
     np.testing.assert_allclose(amplitude.get_xdata(), omega * 1e3 / (2 * np.pi))
     np.testing.assert_allclose(amplitude.get_ydata(), [1e-3, 4e-3, 2e-3])
     np.testing.assert_allclose(phase.get_ydata(), [0, 90, 180])
+
+
+def test_the_legend_names_natural_frequencies_only_if_some_are_drawn():
+    result = FrequencyResponse(np.array([0.1, 0.2, 0.3]), np.ones(3))
+    axes = plot_response(result, [0.5], label='complete')  # outside the range
+    assert legend_of(axes[0]) == ['complete']
+    plot_response(result, [0.15, 0.25], axes, label='conventional')
+    assert legend_of(plot_response(result, [0.2], axes, label='third')[0]).count('natural frequencies') == 1
 
 
 def test_the_ribbon_of_a_response_has_the_units_of_its_line():

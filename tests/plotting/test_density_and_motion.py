@@ -7,7 +7,7 @@ from figures import drawn, legend_of
 from motion import patch
 from PIL import Image
 
-from magphonon import analytic_bands, modes, units as u
+from magphonon import MagneticRepulsion, analytic_bands, modes, units as u
 from magphonon.bands import DensityOfStates, band_path, band_ranges, lattice_density
 from magphonon.plotting import (
     animate,
@@ -66,6 +66,24 @@ def test_extents_and_shapes():
     length = np.linalg.norm(found.shapes[3], axis=1)
     drawn_ones = found.shapes[3][length > 0.03 * length.max()]
     np.testing.assert_allclose(np.stack([arrows.U, arrows.V], axis=1), drawn_ones / length.max() * 1.4 * 0.01, rtol=1e-9)
+
+
+def test_a_mode_at_the_border_of_a_periodic_patch_is_drawn_in_one_piece():
+    cell = prototype()
+    sheet = cell.repeat((7, 8, 1))
+    sheet.calc = MagneticRepulsion(sheet, cell.calc.law, foundation=cell.calc.foundation)
+    shape = np.zeros((56, 2))
+    shape[[0, 7, 48, 55], 0] = 2, 1, 1, 1  # the corners of the patch are neighbours of each other
+    far = [np.ptp(plot_shape(atoms, shape).collections[1].XY, axis=0).max() for atoms in (sheet, patch_without_periods(sheet))]
+    assert far[0] == pytest.approx(0.015)  # 1.5 spacings of 10 mm
+    assert far[1] > 0.06  # control: where nothing repeats, the corners are far apart
+
+
+def patch_without_periods(sheet):
+    alone = sheet.copy()
+    alone.pbc = False
+    alone.calc = sheet.calc
+    return alone
 
 
 def test_a_film_has_all_frames_on_one_scale(tmp_path):

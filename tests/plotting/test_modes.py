@@ -7,8 +7,9 @@ import pytest
 from ase.cell import Cell
 from cells import prototype
 from figures import arrows_of, bands_of, drawn, ideal
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from magphonon import lattices, units as u
+from magphonon import MagneticRepulsion, foundation_needed, lattices, units as u
 from magphonon.bands.bands import Bands
 from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.branch_names import mode_names, name_branches
@@ -103,6 +104,22 @@ def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
         apart = abs(bands.frequencies_Hz[k] - y) / height
         assert apart[branch] < 0.14
         assert (np.delete(apart, branch) > 0.035).all()  # the other curve does not run through the name
+
+
+@pytest.mark.parametrize('share', [0.1, 0.2, 0.3])
+def test_no_curve_runs_through_the_name_of_an_unstable_branch(share):
+    cell = ideal(lattices.square)
+    cell.calc = MagneticRepulsion(cell, cell.calc.law, foundation=share * foundation_needed(cell)[0])
+    bands = bands_of(cell, 'GXMG', vectors=True)
+    ax = drawn(plot_bands(bands))
+    name_branches(ax, bands)
+    names = [text for text in ax.texts if text.get_text() != 'unstable']
+    assert 'shear' in {text.get_text() for text in names}
+    for text in names:  # points of the curves are up to 20 Hz apart where they cross zero: look at the lines between them
+        box = text.get_window_extent(FigureCanvasAgg(ax.figure).get_renderer())
+        for line in ax.lines:
+            if len(line.get_xdata()) > 2:
+                assert not line.get_path().transformed(line.get_transform()).intersects_bbox(box, filled=False)
 
 
 def test_modes_of_a_layer_out_of_its_plane_are_named_so():
