@@ -29,7 +29,7 @@ class Check:
     control : bool
         True for a wrong model, which must differ by more than the tolerance.
     consistency : bool
-        True where the package computed the reference too, by another road: such a row shows that two roads agree, and
+        True where the package computed the reference too, by another method: such a row shows that two methods agree, and
         reproduces nothing.
     """
 

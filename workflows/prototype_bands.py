@@ -1,4 +1,4 @@
-"""Bands of the prototype, magnets on pillars, by both roads."""
+"""Bands of the prototype, magnets on pillars, by both methods."""
 
 from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene, units
 from magphonon.bands.force_constants import foundation_recovered

@@ -34,7 +34,7 @@ def counted(outcomes):
     count = Counter(check.kind for check in checks if check.passed)
     failed = sum(not check.passed for check in checks)
     return (f'{count["reproduction"]} numbers agree with a reference from outside the package, {count["consistency"]} with '
-            f'another road through it; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers are '
+            f'another method of it; {count["control"]} wrong models differ, as they must; {count["reported"]} numbers are '
             f'reported without a reference; {failed} rows fail')
 
 

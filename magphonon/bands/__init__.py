@@ -1,7 +1,7 @@
 """Bloch bands by two methods: the analytic Bloch matrix (Eq. 18) and phonopy's finite displacements.
 
-`bands` and `bloch` are the analytic road, `force_constants` the other one, with its files in `phonopy_files`; `velocities` are
-group velocities and speeds of sound, `evanescent` the decaying waves inside a gap, `zone` maps over the Brillouin zone.
+`bands` and `bloch` are the analytic method, `force_constants` the numerical one, with its files in `phonopy_files`; `velocities`
+are group velocities and speeds of sound, `evanescent` the decaying waves inside a gap, `zone` maps over the Brillouin zone.
 """
 
 import lazy_loader

@@ -92,8 +92,8 @@ def _draw(save, scene, bands):
     ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
     if 'conventional' in bands:
         plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
-    road = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
-    plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=road)
+    name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
+    plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.atoms().pbc) == PLANAR:

@@ -54,8 +54,9 @@ def run(options: Namespace) -> None:
         text = '\n'.join([scene.title, *notes, '', report({name: found}), '', *neglected(scene)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
-    print(f'\npictures and data are in {options.output}; '
-          f'"magphonon fit {Path(options.output) / own}_ridges.csv --bands {options.scene}" fits the lattice to the ridges')
+    print(f'\npictures and data are in {options.output}')
+    if any(wave.ridge is not None for wave in found):
+        print(f'"magphonon fit {Path(options.output) / own}_ridges.csv --bands {options.scene}" fits the lattice to the ridges')
 
 
 def _analysed(options, scene):

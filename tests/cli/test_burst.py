@@ -106,7 +106,9 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, run_of, tmp_pa
     for name in NAMES:
         again = tmp_path / name
         assert main(['spectrum', str(out / f'{name}.csv'), str(scene), '-o', str(again)]) == 0
-        assert reported(capsys.readouterr().out)[name] == off[name]
+        said = capsys.readouterr().out
+        assert reported(said)[name] == off[name]
+        assert f'spectrum_{name}_ridges.csv --bands {scene}" fits the lattice' in said
         for key, points in ridges(again, f'spectrum_{name}_ridges.csv').items():
             # times come back to 1e-15 of the record, which the round-off of the transform hardly moves
             assert_allclose(points, burst[key], rtol=1e-6)
@@ -267,6 +269,7 @@ def test_noise_is_a_map_without_ridge(measured, tmp_path, capsys):
     (tmp_path / 'scan.csv').write_text('\n'.join(lines) + '\n')
     assert main(['spectrum', str(tmp_path / 'scan.csv'), str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0
     assert ridges(tmp_path / 'out', 'spectrum_scan_ridges.csv') == {}
+    assert 'fits the lattice' not in capsys.readouterr().out
 
 
 def struck(number, scene_file, tmp_path):
