@@ -80,7 +80,7 @@ function arrow({x, y}, data, {conventional, complete, label}) {
   const [at, from, to] = [x(data.path.point.at), y(conventional), y(complete)];
   if (to - from < 14) return '';
   const [anchor, aside] = at > MARGIN.left + 110 ? ['end', -9] : ['start', 9];  // a label is about 100 pixels wide
-  const height = from + (complete < 0 ? 0.35 : 0.62) * (to - from);  // above zero, where less is in the way
+  const height = from + 0.62 * (to - from);
   return `<path class="effect" d="M${at} ${from}V${to - 8}"/><path class="effect-head" d="M${at} ${to - 2}l-5 -10h10z"/>
     <text class="effect-label" text-anchor="${anchor}" x="${at + aside}" y="${height}">${label}</text>`;
 }

@@ -137,7 +137,8 @@ function showMode() {
   const {model, branch, at} = view.chosen;
   const q = data.path.q[at], mode = modeOf(data, view.state, model, q, branch);
   const name = motionName(mode, q), effect = effectOfDstar();
-  const label = effect.complete < 0 ? 'D*: unstable' : `D*: \u2212${written(100 * (1 - effect.ratio), 2)}\u202f%`;
+  // a steep branch runs beside an unstable mode, and a longer label would lie on it
+  const label = effect.complete < 0 ? 'D*' : `D*: \u2212${written(100 * (1 - effect.ratio), 2)}\u202f%`;
   drawBands(element('bands'), data, view.bands, view.chosen, {...effect, label});
   const where = data.path.named[at] ?? `q = (${q.slice(0, data.periods).map(part => written(part, 3)).join(', ')})`;
   const speed = mode.frequency_Hz < 0 ? growth(mode.frequency_Hz) : `${written(mode.frequency_Hz)}\u202fHz`;
