@@ -157,8 +157,6 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     ValueError
         If there are no more points than parameters.
     """
-    from scipy.optimize import least_squares
-
     if len(points) <= len(names):
         raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '
                          'longer or with more carriers, or fix a parameter')
@@ -166,10 +164,27 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     def cell(*x):
         return build(dict(zip(names, np.exp(x).tolist(), strict=True)))
 
+    def with_branches(branches):
+        return _settled(cell, names, points, model, lambda _: branches)
+
+    fit = _settled(cell, names, points, model, lambda atoms: _nearest_branches(atoms, points, model))
+    count = bloch_modes(cell(*np.zeros(len(names)))[0], points.q[:1], model)[0].shape[1]
+    while fit.chance < FITS:  # perhaps for a ridge that is taken for one of another branch
+        nearer = min(map(with_branches, _neighbouring(fit.branches, points, count)), key=lambda other: other.chi2, default=fit)
+        if nearer.chi2 >= fit.chi2:
+            break
+        fit = nearer
+    return fit
+
+
+def _settled(cell, names, points, model, branches_in):
+    """The fit with the branches that `branches_in` tells of the atoms, repeated until they and the uncertainties settle."""
+    from scipy.optimize import least_squares
+
     x, n, before = np.zeros(len(names)), np.arange(len(points)), None
     for _ in range(PASSES):
         atoms, _ = cell(*x)
-        branches = _nearest_branches(atoms, points, model)
+        branches = branches_in(atoms)
         modes = np.array(branches)[points.ridge]
         scale = 2 * points.omega * _uncertainty(atoms, points, modes, model)
 
@@ -191,6 +206,15 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
             break
     J = jacobian(x)
     return DispersionFit(model, names, np.exp(x), J.T @ J, branches, residuals(x))
+
+
+def _neighbouring(branches, points, count):
+    """The same branches but for one ridge, which is taken for the next above or below where its motion does not tell."""
+    for k, motion in enumerate(points.motions):
+        if motion not in MOTION_BRANCH or count != len(MOTION_BRANCH):
+            for other in (branches[k] - 1, branches[k] + 1):
+                if 0 <= other < count:
+                    yield (*branches[:k], other, *branches[k + 1 :])
 
 
 def _nearest_branches(atoms, points, model):

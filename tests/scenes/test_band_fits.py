@@ -11,15 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracles import Pairs, lattice
 from scans import Experiment, scene_text, triangular_branches
 from scipy.stats import binom
 
-from magphonon import read_scene
+from magphonon import InversePower, read_scene
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.design.dispersion_fits import DETERMINED
 from magphonon.scenes import fit_bands
-from magphonon.scenes.band_fits import parameters_of, with_factors
+from magphonon.scenes.band_fits import MODELS, parameters_of, with_factors
 from magphonon.waves import RidgePoints, Scan, read_ridges, scan_waves, write_ridges
 
 NORMAL = 1.96
@@ -103,6 +104,30 @@ def test_a_lattice_without_static_forces_speaks_against_dstar(tmp_path):
     value, sigma = fits.values('conventional')['bond stiffness']
     assert abs(value / (4.2 * 25) - 1) < 3 * sigma
     assert fits.values('conventional')['a'][1] == np.inf  # only a f/L is known of D0
+
+
+@pytest.mark.parametrize('seed', [17, 18])  # two of the 13 of 24 whose nearest branches are others
+def test_ridges_whose_motion_does_not_tell_find_their_branches(tmp_path, seed):
+    """From a start that is 30 % off, the nearest branch may be another one, which speaks for the wrong model."""
+    rng, L, a = np.random.default_rng([3, seed]), 10.0, 4.2
+    name, with_dstar = str(rng.choice(['honeycomb', 'kagome'])), bool(seed % 2)
+    cell, f, k = lattice(name), rng.uniform(0.15, 0.4), rng.uniform(0.2, 0.3)
+    xi = np.linspace(0.4, 2.9, 12)
+    q = np.outer(xi / (2 * np.pi), [0, 1, 0])
+    pairs = Pairs(cell, InversePower(f * L**a, a), 1.8 * L, MODELS[not with_dstar])  # two shells
+    omega = np.sqrt(np.linalg.eigvalsh(pairs.bloch(cell.positions, q) / 0.7 + k / 0.7 * np.eye(2 * len(cell))))
+    branches = rng.choice(2 * len(cell), 3, replace=False)
+    of_all = np.concatenate(omega.T[branches])
+    sigma, n = 2e-3 * of_all.mean(), len(of_all)
+    points = RidgePoints(('1', '2', '3'), ('x', 'y', 'x'), np.repeat([0, 1, 2], 12), np.tile(q, (3, 1)), np.tile(xi, 3), np.zeros(n),
+                         of_all + sigma * rng.normal(size=n), np.full(n, sigma), np.ones(n), np.zeros(n))
+    text = scene_text(0.01, 7e-4, 1.3 * f * 0.01**a, a, 750 * k).replace('triangular', name).replace('shells = 1', 'shells = 2')
+    (tmp_path / 'start.toml').write_text(text)
+    fits = fit_bands(read_scene(tmp_path / 'start.toml'), points)
+    right = fits.fits[MODELS[not with_dstar]]
+    assert right.branches == tuple(branches)
+    assert right.chance > 1e-3
+    assert (fits.evidence > 2) == with_dstar
 
 
 def test_points_that_share_noise_are_thinned():
