@@ -44,7 +44,7 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
     ------
     ValueError
         At once if the style sheet holds anything else or the highest frequency is not positive; when a picture is saved whose
-        frequencies begin above it.
+        frequencies begin above it, or whose title matplotlib cannot draw.
     OSError
         At once if the style sheet cannot be read.
     """
@@ -64,8 +64,13 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
                 end_frequencies(figure, highest)
             except ValueError as error:
                 raise ValueError(f'--fmax {highest:g}: {error}') from None
-        for ending in ('png', *(['pdf'] if options.pdf else [])):
-            figure.savefig(folder / f'{name}.{ending}')
+        try:
+            for ending in ('png', *(['pdf'] if options.pdf else [])):
+                figure.savefig(folder / f'{name}.{ending}')
+        except ValueError as error:
+            why = str(error).strip().splitlines()[-1]
+            raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title, in which a formula stands between two '
+                             '$ signs') from None
 
     with print_style(*([] if options.style is None else [options.style])):
         yield save

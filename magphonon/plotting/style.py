@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from logging.handlers import QueueHandler
 from pathlib import Path
 from queue import SimpleQueue
+from shutil import which
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
     Raises
     ------
     ValueError
-        If a sheet has a line that is no setting of matplotlib.
+        If a sheet has a line that is no setting of matplotlib, or asks for LaTeX where there is none.
     OSError
         If a sheet cannot be read.
 
@@ -45,11 +46,14 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
     >>> print(f'{width} inches')
     3.4 inches
     """
-    from matplotlib import rc_context
+    from matplotlib import rc_context, rcParams
 
     with rc_context():
         for sheet in (STYLE, *sheets):
             _load(Path(sheet))
+        if rcParams['text.usetex'] and which('latex') is None:
+            raise ValueError(f'{sheets[-1] if sheets else "matplotlibrc"} asks for LaTeX (text.usetex), which is not installed; take '
+                             'this line out of it')
         yield
 
 

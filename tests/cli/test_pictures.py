@@ -88,3 +88,16 @@ def test_options_of_a_picture_that_is_not_written_are_refused(tmp_path, capsys):
     (tmp_path / 'forces.csv').write_text('r_m,f_N\n0.01,1\n0.02,0.1\n0.03,0.03\n', encoding='utf-8')
     assert main(['fit', str(tmp_path / 'forces.csv'), '--pdf']) == 2
     assert 'say with -o DIR where to write it' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('title', [r'$\frac{$', r'a $\nosuch$'])
+def test_a_title_with_a_formula_that_is_none_is_refused_in_words(tmp_path, title):
+    with pytest.raises(ValueError, match='the picture picture cannot be drawn .* check its title'):
+        saved(tmp_path, title=title)
+
+
+def test_a_style_that_asks_for_latex_where_there_is_none_is_refused_at_once(tmp_path, monkeypatch):
+    (tmp_path / 'my.mplstyle').write_text('text.usetex: True\n')
+    monkeypatch.setenv('PATH', str(tmp_path))
+    with pytest.raises(ValueError, match='my.mplstyle asks for LaTeX'):
+        saved(tmp_path, style=tmp_path / 'my.mplstyle')
