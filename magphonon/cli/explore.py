@@ -59,6 +59,8 @@ def _refuse_foreign(file):
     if file.is_dir():
         raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
     if file.exists():
+        if not file.is_file():
+            raise ValueError(f'{file} is no regular file, such as a pipe; choose another name')
         with open(file, 'rb') as there:
             if MARK not in there.read(1000):
                 raise ValueError(f'{file} is not a page of "magphonon explore" and is not replaced; choose another name, or move '

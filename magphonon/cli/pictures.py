@@ -69,8 +69,8 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
                 figure.savefig(folder / f'{name}.{ending}')
         except ValueError as error:
             why = str(error).strip().splitlines()[-1]
-            raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title, in which a formula stands between two '
-                             '$ signs') from None
+            raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title, in which a formula stands between '
+                             'two $ signs') from None
 
     with print_style(*([] if options.style is None else [options.style])):
         yield save

@@ -52,8 +52,8 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
         for sheet in (STYLE, *sheets):
             _load(Path(sheet))
         if rcParams['text.usetex'] and which('latex') is None:
-            raise ValueError(f'{sheets[-1] if sheets else "matplotlibrc"} asks for LaTeX (text.usetex), which is not installed; take '
-                             'this line out of it')
+            asking = sheets[-1] if sheets else 'matplotlibrc'
+            raise ValueError(f'{asking} asks for LaTeX (text.usetex), which is not installed; take this line out of it')
         yield
 
 

@@ -92,12 +92,12 @@ def test_options_of_a_picture_that_is_not_written_are_refused(tmp_path, capsys):
 
 @pytest.mark.parametrize('title', [r'$\frac{$', r'a $\nosuch$'])
 def test_a_title_with_a_formula_that_is_none_is_refused_in_words(tmp_path, title):
-    with pytest.raises(ValueError, match='the picture picture cannot be drawn .* check its title'):
+    with pytest.raises(ValueError, match=r'the picture picture cannot be drawn .* check its title'):
         saved(tmp_path, title=title)
 
 
 def test_a_style_that_asks_for_latex_where_there_is_none_is_refused_at_once(tmp_path, monkeypatch):
     (tmp_path / 'my.mplstyle').write_text('text.usetex: True\n')
     monkeypatch.setenv('PATH', str(tmp_path))
-    with pytest.raises(ValueError, match='my.mplstyle asks for LaTeX'):
+    with pytest.raises(ValueError, match=r'my\.mplstyle asks for LaTeX'):
         saved(tmp_path, style=tmp_path / 'my.mplstyle')
