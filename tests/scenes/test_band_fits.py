@@ -120,7 +120,8 @@ def test_ridges_whose_motion_does_not_tell_find_their_branches(tmp_path, seed):
     of_all = np.concatenate(omega.T[branches])
     sigma, n = 2e-3 * of_all.mean(), len(of_all)
     points = RidgePoints(('1', '2', '3'), ('x', 'y', 'x'), np.repeat([0, 1, 2], 12), np.tile(q, (3, 1)),
-                         np.tile(xi, 3), np.zeros(n), of_all + sigma * rng.normal(size=n), np.full(n, sigma), np.ones(n), np.zeros(n))
+                         np.tile(xi, 3), np.zeros(n), of_all + sigma * rng.normal(size=n), np.full(n, sigma), np.ones(n),
+                         np.zeros(n))
     text = scene_text(0.01, 7e-4, 1.3 * f * 0.01**a, a, 750 * k).replace('triangular', name).replace('shells = 1', 'shells = 2')
     (tmp_path / 'start.toml').write_text(text)
     fits = fit_bands(read_scene(tmp_path / 'start.toml'), points)
