@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from time import perf_counter, process_time, thread_time
 
 import large_cells
+import linear_tools
 import numpy as np
 import steps
 import sweeps
@@ -242,6 +243,23 @@ def mesh_rows():
     error = abs(np.sort(answers['phonopy'], axis=1)[:, 1:] * 2 * np.pi / 1e3 - exact).max() / exact.max()
     return [Result(f'a mesh of {len(q):.0e} wavevectors', f'phonopy, error {error:.0e}', seconds['magphonon'] / len(q),
                    seconds['phonopy'] / len(some), np.nan, 1)]
+
+
+@row('linear tools')
+def linear_tool_rows():
+    """Motion, response and density of states of a patch, from the atoms to the answer."""
+    found = []
+    for own, peer, particles, goal in (('propagate', 'expm_multiply', 20_000, 1), ('propagate', 'DOP853', 20_000, 1),
+                                       ('frequency_response', 'sparse LU', 20_000, 1),
+                                       ('density_of_states', 'dense eigvalsh', 1_000, 1)):
+        scene, task = linear_tools.Scene.of(particles), linear_tools.JOBS[own].task
+        rounds = [[linear_tools.least(linear_tools.JOBS[name], scene) for name in (own, peer)] for _ in range(2)]
+        seconds, peer_seconds = (min(turn[k][0] for turn in rounds) for k in (0, 1))
+        exact = linear_tools.REFERENCES[task](scene)
+        error, peer_error = (linear_tools.off(answer, exact) for _, answer in rounds[0])
+        found.append(Result(f'{own}, {len(scene.atoms)} magnets', f'{peer}, error {peer_error:.0e}', seconds, peer_seconds, error,
+                            goal))
+    return found
 
 
 def draw(results, file):
