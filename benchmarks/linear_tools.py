@@ -238,7 +238,7 @@ def draw(rows, file):
     """Seconds by the number of magnets, a panel for each task."""
     from matplotlib.figure import Figure
 
-    figure = Figure((7, 3.2), layout='constrained')
+    figure = Figure((7, 3.6), layout='constrained')
     for ax, task in zip(figure.subplots(1, 3, sharex=True), REFERENCES, strict=True):
         names = (name for name in JOBS if JOBS[name].task == task)
         for name, style, colour in zip(names, ('o-', 's--', '^:'), ('k', '#d55e00', '#0072b2'), strict=False):
@@ -248,7 +248,7 @@ def draw(rows, file):
                           color=colour, label=f'{name}, $N^{{{slope(own):.2f}}}$')
         ax.set(xlabel='number of magnets $N$', ylabel='processor time (s)')
         ax.set_title(task, fontsize=9)
-        ax.legend(fontsize=6.5, frameon=False)
+        ax.legend(fontsize=7, frameon=False, loc='upper center', bbox_to_anchor=(0.5, -0.2))
     figure.savefig(file, dpi=200)
 
 
