@@ -12,7 +12,6 @@ from magphonon.stiffness.linear_system import LinearSystem
 
 from .test_step_plans import Verlet, drawn
 
-
 BELOW = 0.07
 """Largest error of perturbation theory at an effect of 3 %, as a fraction, of 40 bursts with carriers below the cut-off."""
 
