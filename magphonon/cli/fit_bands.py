@@ -13,11 +13,15 @@ def run(options: Namespace) -> None:
     from ..plotting.band_fits import plot_band_fits
     from ..scenes.band_fits import fit_bands
     from ..scenes.scene import read_scene
+    from ..stiffness.bond import MODELS
     from ..waves.ridge_tables import read_ridges
     from .pictures import drawing
     from .results import results
 
     scene, points = read_scene(options.scene), read_ridges(options.file)
+    if all(any(model in name for name in points.names) for model in MODELS):
+        raise ValueError(f'{options.file} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" writes '
+                         'them; no lattice fits both: keep the lines of one model')
     fixed = [name.strip() for name in options.fix.split(',')] if options.fix else []
     try:
         found = fit_bands(scene, points, fixed)

@@ -207,6 +207,8 @@ def test_wrong_words_are_refused(words, message, experiment, capsys):
     (lambda a: a[:3], '2 points are too few|independent points are too few for 3 parameters'),
     (lambda a: [*a[:4], a[4].replace('longitudinal', 'x').replace(',0.', ',zero.')], r"line 5 of .* is 'zero\."),
     (lambda a: [a[0], re.sub(r'(motion|verse|dinal),[\d.]+', r'\1,-1', a[1])], 'xi_rad must be positive, not -1'),
+    (lambda a: [a[0], *('60Hz_complete' + line[line.index(','):] for line in a[1:9]),
+                *('60Hz_conventional' + line[line.index(','):] for line in a[9:])], 'ridges of both models'),
 ])
 def test_tables_that_are_no_ridges_are_refused(spoil, message, experiment, capsys, tmp_path):
     _, folder = experiment
