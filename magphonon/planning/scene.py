@@ -117,7 +117,7 @@ def _bands(scene, tolerance):
 def _beyond_nearest(scene):
     """The effect of the neighbours that no method for a patch includes."""
     return ('These figures use nearest neighbours only, because a patch with further neighbours is not in equilibrium at its '
-            f'rim; including all neighbours would shift the bands by {percent(_error_of_shells(scene, 1))}.')
+            f'rim; including all neighbours would shift the bands by {percent(_error_of_shells(scene, 1)[0])}.')
 
 
 def neglected(scene: AskingScene) -> list[str]:
@@ -141,20 +141,25 @@ def neglected(scene: AskingScene) -> list[str]:
     counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
     if len(neighbour_shells(_cell(scene), REACHES[0])) <= scene.law.shells:
         return [f'{counted}: the table of forces ends before the next ones, so that their effect is not known.']
-    error = _error_of_shells(scene, scene.law.shells)
+    error, known = _error_of_shells(scene, scene.law.shells)
     if error < NEGLIGIBLE:
         return []
+    if not known:
+        return [f'{counted}, and the table of forces ends within the reach of the others: if the forces go on falling as they do '
+                f'at its end, all neighbours shift the bands by up to {percent(error)}.']
     return [f'{counted}: including all neighbours would shift the bands by up to {percent(error)}; '
             '"magphonon plan" shows the cost of including more.']
 
 
 def _error_of_shells(scene, shells):
-    """Error of the complete bands with this number of neighbour shells, relative as in `plan_bands`."""
-    from .bands import plan_bands
+    """Error of the complete bands with this number of neighbour shells, relative as in `plan_bands`; and whether the law is known
+    as far as it was compared.
+    """
+    from .bands import TABLE_ENDS, plan_bands
 
-    methods = plan_bands(_cell(scene), scene.lattice.path(None, 60), NEGLIGIBLE).methods
-    summed = [method for method in methods if method.settings.model == 'complete' and method.settings.shells != ALL]
-    return [method for method in summed if method.settings.shells <= shells][-1].error
+    plan = plan_bands(_cell(scene), scene.lattice.path(None, 60), NEGLIGIBLE)
+    summed = [method for method in plan.methods if method.settings.model == 'complete' and method.settings.shells != ALL]
+    return [method for method in summed if method.settings.shells <= shells][-1].error, TABLE_ENDS not in plan.evidence
 
 
 def _write_bands(scene, file, edge, settings):

@@ -1,5 +1,6 @@
 """The numbers of the planner that are measured or chosen: a factor of three in any of them is seen here or beside it."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from magphonon.planning.strips import strip
 from magphonon.planning.waveform import as_model, difference, plan_waveform
 from magphonon.response.place import Place
 from magphonon.response.propagation import propagate
+from magphonon.scenes.scene import scene_of
 from workflows.situations import Beam, Waveform
 
 LAW = InversePower(1.0, 4.0)
@@ -104,8 +106,21 @@ def test_the_reference_may_lack_a_quarter_of_the_tolerance():
 def test_a_change_of_bands_below_a_thousandth_is_not_mentioned(monkeypatch):
     prototype = read_scene(ready_scene('prototype'))
     for error, lines in ((5e-4, 0), (2e-3, 1)):
-        monkeypatch.setattr(scene, '_error_of_shells', lambda *_, error=error: error)
+        monkeypatch.setattr(scene, '_error_of_shells', lambda *_, error=error: (error, True))
         assert len(scene.neglected(prototype)) == lines
+
+
+@pytest.mark.parametrize(('reach_mm', 'words'), [
+    (16.0, 'ends before the next ones'), (18.0, 'ends within the reach of the others')])
+def test_what_the_neighbours_beyond_a_table_do_is_told_as_a_guess(reach_mm, words):
+    """The second neighbours are 17.3 mm away; a table to 18 mm knows them, but not those that a plan compares with."""
+    tables = tomllib.loads(ready_scene('prototype').read_text())
+    r = np.linspace(0.008, reach_mm / 1e3, 30)
+    tables['law'] = {'kind': 'table', 'shells': 1, 'distances_m': r.tolist(),
+                     'forces_N': (1.6209e-10 * r**-4.5824).tolist()}
+    told = scene.neglected(scene_of(tables))
+    assert len(told) == 1
+    assert words in told[0]
 
 
 # --- costs, steps ----------------------------------------------------------------------------------------------------
