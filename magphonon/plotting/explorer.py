@@ -31,8 +31,9 @@ FORCES = 10.0
 """The slider of the spacing goes from ten times the force between nearest neighbours to a tenth, as far as the law is known."""
 EXPONENTS = (1.0, 12.0)
 """Least range of the slider of the exponent."""
-FOUNDATIONS = 4.0
-"""The slider of the foundation goes up to this multiple of f/L, or of the present stiffness if that is more."""
+FOUNDATIONS = 8.0
+"""The slider of the foundation goes up to this multiple of f/L, of which a kagome lattice needs 6, or of the present stiffness if
+that is more."""
 VALUES = 100
 """A slider has this number of values or more, about up to twice as many."""
 POINTS = 201
