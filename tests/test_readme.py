@@ -94,6 +94,7 @@ def test_the_lines_for_the_shell_draw_the_bands(shell):
     assert np.ptp(matplotlib.image.imread(shell / 'bands.png')[..., :3]) > 0.5
 
 
+@pytest.mark.slow
 def test_the_lines_for_the_shell_find_m_and_k(shell, paper):
     import yaml
 

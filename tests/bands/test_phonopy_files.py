@@ -120,6 +120,7 @@ def test_phonopys_own_save_would_cost_the_masses_their_digits(phonon, path, tmp_
 COMMAND = '--nosym', '--nonac', '--band', '0 0 0  1/2 0 0  1/3 1/3 0', '--band-points', '3', '--factor', repr(FACTOR)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('flags', [('--no-sym-fc',), ()], ids=['never symmetrised', 'symmetrised'])
 def test_the_phonopy_command_finds_the_same_bands_unless_it_symmetrises(flags, cell, phonon, tmp_path):
     write_phonopy_params(phonon, tmp_path / 'phonopy_params.yaml')
@@ -179,6 +180,7 @@ def test_band_yaml_has_what_the_viewer_asks_for(cell, phonon, path, tmp_path):
     assert abs(without_phase - np.eye(4)).max() > 1e-2
 
 
+@pytest.mark.slow
 def test_phonopy_bandplot_draws_it(phonon, path, tmp_path):
     write_band_yaml(phonon, path, tmp_path / 'band.yaml')
     run(tmp_path, 'phonopy-bandplot', '--ylabel', 'Frequency (Hz)', '-o', 'bands.png', 'band.yaml')

@@ -117,6 +117,7 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, run_of, tmp_pa
         assert Spectrum.load(again / f'spectrum_{name}_transverse.npz').power.max() > 0
 
 
+@pytest.mark.slow
 def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, capsys):
     """By second-order perturbation theory a frequency of the lattice is 1 % off at 2.37 % of the spacing."""
     _, out, soft, _ = run_of('')

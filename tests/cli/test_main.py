@@ -203,6 +203,7 @@ def test_accident_leaves_nothing(accident, status, words, existing, desk, capsys
     assert {file.name for file in desk.rglob('*')} == left
 
 
+@pytest.mark.slow
 def test_reader_that_has_seen_enough_is_no_error():
     read, write = os.pipe()
     os.close(read)

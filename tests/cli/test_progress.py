@@ -55,6 +55,7 @@ CASES = [('bands', 'prototype', ['wavevectors', 'displacements']), ('frf', 'prot
          ('uncertainty', 'tolerances', ['samples', 'wavevectors']), ('plan', 'prototype', ['products'])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('command', 'scene', 'names'), CASES)
 def test_bars(command, scene, names, folder, monkeypatch):
     """On a terminal each kind of long work has its bar; elsewhere there is none."""
@@ -69,6 +70,7 @@ def test_bars(command, scene, names, folder, monkeypatch):
     assert {disable for _, disable in asked} <= {None, True}
 
 
+@pytest.mark.slow
 def test_factorised_responses_have_a_bar(folder, monkeypatch):
     """Weak damping makes the series dearer than a factorisation at each frequency."""
     file = folder / 'prototype.toml'

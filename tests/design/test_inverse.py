@@ -74,6 +74,7 @@ def test_springs_without_pillar_and_the_upper_branch(capsys, tmp_path):
     assert_allclose(k / (u.N / u.m), 19.675721234, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('a', 'share', 'beyond'), [(2.0, 0.05, 1.01), (2.5, 0.6, 3)])
 def test_stability_is_a_constraint_where_it_is_active(a, share, beyond):
     """a < 3: w_M^2 = k/m - 2 (3 - a) f/(L m) falls to zero where the lattice buckles, at 2 (3 - a) f/L = k.  A frequency that

@@ -57,6 +57,7 @@ def test_a_run_that_ends_before_its_first_checkpoint_starts_anew(engine, tmp_pat
     assert same_bits(result(*whole), result(*run))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')
 @pytest.mark.parametrize(('engine', 'kills', 'steps'), [('ase', 3, 600), ('numpy', 4, 2400), ('compiled', 3, 48_000)])
 def test_killed_at_random_moments_every_resume_ends_in_the_same_bits(engine, kills, steps, tmp_path):

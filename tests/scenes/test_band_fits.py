@@ -106,6 +106,7 @@ def test_a_lattice_without_static_forces_speaks_against_dstar(tmp_path):
     assert fits.values('conventional')['a'][1] == np.inf  # only a f/L is known of D0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [17, 18])  # two of the 13 of 24 whose nearest branches are others
 def test_ridges_whose_motion_does_not_tell_find_their_branches(tmp_path, seed):
     """From a start that is 30 % off, the nearest branch may be another one, which speaks for the wrong model."""
@@ -169,6 +170,7 @@ def intervals(shown):
         r'^(force|a|foundation|bond stiffness)[^\d]* ([\d.]+), ([\d.]+) to ([\d.]+)', shown, re.M)}
 
 
+@pytest.mark.slow
 def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path):
     drawn, folder = experiment
     assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0

@@ -54,6 +54,7 @@ def test_a_scene_written_from_python_is_the_same_to_the_last_bit(seed, tmp_path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['mine.toml', 'mine.traj']
 
 
+@pytest.mark.slow
 def test_commands_run_on_what_was_written(tmp_path, capsys):
     """`check` and `bands` of a strip between walls; `check` and `frf` of a patch; the others refuse in words."""
     written(tmp_path, 3)

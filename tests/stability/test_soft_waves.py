@@ -186,6 +186,7 @@ def missed(seed):
     return abs(least + needed) / -least if least < -1e-12 * values.max() else needed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seeds', [range(16), pytest.param(range(1000), marks=pytest.mark.long)], ids=['few', 'many'])
 def test_a_search_that_starts_on_a_saddle_leaves_it(seeds):
     """python -m pytest tests/stability/test_soft_waves.py -k saddle -m long     # a thousand, a minute"""

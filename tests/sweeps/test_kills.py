@@ -37,6 +37,7 @@ if __name__ == '__main__':
 '''
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_point_and_a_deadly_point_is_recorded(tmp_path):
     found = sweep(partial(deadly, str(tmp_path)), OVER, executor=processes(2))
     expected = EXPECTED.copy()
