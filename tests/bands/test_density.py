@@ -83,6 +83,7 @@ def test_the_shear_branch_of_the_prototype_is_a_saddle_at_M():
     assert conventional.density[abs(conventional.frequencies_Hz - 58.23) < 0.3].max() < 0.2 * found.density[low].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'steps', 'masses'), [('honeycomb', 12, [M, 1.5 * M]), ('fcc', 6, None)])
 def test_phonopy_finds_the_same_number_of_modes_below_each_frequency(kind, steps, masses):
     atoms = lattice(kind, L0, M)

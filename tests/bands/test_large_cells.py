@@ -128,6 +128,7 @@ def test_what_lanczos_iterations_miss_is_noticed(failing, complex_, monkeypatch)
         assert_allclose(lowest_eigenpairs(D, 4)[0], [1, 2, 2, 3], rtol=1e-12)  # the control: nobody counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('complex_', [False, True])
 def test_each_side_of_the_thresholds(complex_):
     """The smallest matrices that are inverted and the largest that are not; a few more branches than an inverse pays for."""

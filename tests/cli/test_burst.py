@@ -168,6 +168,7 @@ def test_the_row_to_measure_and_an_animation_on_request(scene_file, tmp_path, ca
     assert_allclose(patch.positions[particle.astype(int), :2], np.transpose([x, y]) * 1e3, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_burst_in_the_gap_is_said_not_to_travel(scene_file, tmp_path, capsys):
     """At 15 Hz, below the cut-off of 26.55 Hz, the waves of a point source decay by 0.3423 and 0.3298 a step."""
     changes = [('side_m = 0.3', 'side_m = 0.15'), (r'carriers_Hz = .*', 'carriers_Hz = [15]'), ('cycles = 5', 'cycles = 12'),
@@ -289,6 +290,7 @@ def struck(number, scene_file, tmp_path):
     return out, process.returncode, words
 
 
+@pytest.mark.slow
 def test_killed_burst_leaves_no_result(scene_file, tmp_path):
     """What there is stands under no result's name."""
     out, _, _ = struck(signal.SIGKILL, scene_file, tmp_path)
@@ -296,6 +298,7 @@ def test_killed_burst_leaves_no_result(scene_file, tmp_path):
     assert not [file for file in out.iterdir() if not file.name.startswith('.partial-')]
 
 
+@pytest.mark.slow
 def test_terminated_burst_leaves_nothing(scene_file, tmp_path):
     """As a batch system ends a job that has run for too long."""
     out, status, words = struck(signal.SIGTERM, scene_file, tmp_path)

@@ -58,6 +58,7 @@ def test_sizes_that_no_memory_holds_are_refused_by_key(command, name, value, sce
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.slow
 def test_check_tells_what_it_takes_and_what_is_too_much(scene_file, capsys):
     assert main.main(['check', str(scene_file())]) == 0
     fine = capsys.readouterr().out
@@ -74,6 +75,7 @@ def test_sizes_that_only_take_time_end_too(name, value, words, scene_file):
         read_scene(scene_file(**{name: value}))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path('/proc/meminfo').exists(), reason='a system that tells memory otherwise')
 def test_free_memory_is_that_of_the_system_and_within_limits():
     resource = pytest.importorskip('resource')

@@ -31,6 +31,7 @@ def table(file):
     return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
 
 
+@pytest.mark.slow
 def test_densities_of_the_prototype(prototype, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(dos, 'WAVEVECTORS', 13)
     out = tmp_path / 'out'

@@ -108,6 +108,7 @@ def test_files(oscillator, scene_file, tmp_path):
         assert_allclose(abs(saved.response) * units.N / units.m, found[f'{model}_amplitude_m_per_N'], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_one_particle_builds_no_lattice_and_takes_no_steps(oscillator, scene_file, tmp_path):
     code = f'from magphonon.cli.main import main\nmain(["frf", "{scene_file(oscillator)}", "-o", "{tmp_path / "out"}"])\n' \
            'import sys\nprint(*sys.modules)'

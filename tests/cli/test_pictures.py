@@ -40,6 +40,7 @@ def saved(tmp_path, **options):
     return figure
 
 
+@pytest.mark.slow
 def test_pictures_are_png_and_with_pdf_both(tmp_path):
     saved(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ['picture.png']

@@ -44,6 +44,7 @@ def nearest_without_bond(atoms):
     return now[rest > 1.1 * L0].min()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ENGINES)
 def test_a_magnet_that_leaves_its_cell_ends_the_run(engine):
     # Through the gap between two neighbours (30 degrees).  At 3.5 m/s it turns back 11.5 mm from the magnet behind the gap; at

@@ -357,6 +357,7 @@ def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
 # --- threads ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['free vacancies on a grid', 'many runs on a grid', 'many runs of a table'])
 def test_threads_and_chunks_of_levels_leave_every_bit_as_it_is(name, monkeypatch):
     pytest.importorskip('numba')

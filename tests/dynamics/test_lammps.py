@@ -62,6 +62,7 @@ def difference(a, b):
     return abs(a - b).max() / abs(b).max()
 
 
+@pytest.mark.slow
 def test_motion_out_of_the_plane_is_that_of_lammps_in_space(lammps, prototype, tmp_path):
     """Driven obliquely to the plane; the supports along z are a little stiffer than the layer needs."""
     atoms = lattices.parallelogram(prototype, N, N)
@@ -214,6 +215,7 @@ def test_drive_that_lammps_cannot_apply_is_refused(patch, tmp_path, drive, messa
     assert not os.listdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_kinds_strengths_and_springs_of_their_own(lammps, patch, tmp_path):
     """Weak magnets, a second kind, and pillars that are stiffer along one direction; the control forgets one of them."""
     n, law = len(patch), patch.calc.potential

@@ -53,6 +53,7 @@ def hardly_nearer(shells):
     return max(1, len(shells) - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'without', 'shown_by'), [
     ('DOUBT', 0.0, Bands('square', LAWS['2'], 30.0)),
     ('DOUBT_AT_EDGE', 0.0, Bands('kagome', LAWS['2'], 16.0, 'K')),

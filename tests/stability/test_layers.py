@@ -36,6 +36,7 @@ class Law:
         self.law = UprightMagnets(LAW) if upright else LAW
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'upright'), [('square', False), ('triangular', True), ('honeycomb', False), ('kagome', True)])
 def test_the_verdict_turns_at_the_support_that_the_softest_wave_needs(name, upright):
     atoms, law = getattr(lattices, name)(10.0, 0.7), Law(upright)

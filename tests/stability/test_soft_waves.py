@@ -210,6 +210,7 @@ def pair_of_particles(seed):
     return atoms, spectrum
 
 
+@pytest.mark.slow
 def test_the_highest_frequency_is_that_of_the_whole_zone():
     """Not that of a mesh, by which time steps would be judged too kindly: the control."""
     short = []

@@ -107,6 +107,7 @@ def test_bonds_of_another_place_are_taken_anew_or_refused():
         MagneticRepulsion(atoms[::-1], LAW, bonds=bonds)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['numpy', 'compiled'])
 def test_engines_feel_anchors_and_load(engine):
     rest = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)

@@ -173,6 +173,7 @@ def check_structure(case):
     return abs(np.sign(old) * np.sqrt(abs(old)) / np.sqrt(squares) - 1).max() if found.needed else None
 
 
+@pytest.mark.slow
 @MANY
 @given(structures())
 def test_linear_tools_about_a_relaxed_rest(case):
@@ -187,6 +188,7 @@ def test_linear_tools_about_many_relaxed_rests(case):
     check_structure(case)
 
 
+@pytest.mark.slow
 def test_the_rule_of_old_fails_visibly():
     """Linearised at the places before relaxing, frequencies of such structures are off by percents, or not even real."""
     off = []

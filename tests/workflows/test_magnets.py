@@ -19,6 +19,7 @@ def test_without_magpylib_the_chart_says_how_to_get_it(monkeypatch):
     assert all(check.passed for check in chart.checks)
 
 
+@pytest.mark.slow
 @pytest.mark.peer
 def test_with_magpylib_the_chart_compares_and_sees_a_wrong_force(monkeypatch):
     pytest.importorskip('magpylib', minversion='5.2')
