@@ -263,7 +263,7 @@ def test_other_universal_files_are_refused_in_words(tmp_path):
     for kind, abscissa, message in ((4, 18, r'its functions are of the types \[4\], and records over time are 1'),
                                     (1, 17, 'records are of several kinds, or of none')):
         one = {'type': 58, 'binary': 0, 'func_type': kind, 'rsp_node': 1, 'rsp_dir': 2, 'ref_node': 1, 'ref_dir': 3,
-               'data': np.arange(9.0), 'x': np.arange(9.0), 'abscissa_spec_data_type': abscissa, 'ordinate_spec_data_type': 12,
+               'data': np.arange(8.0), 'x': np.arange(8.0), 'abscissa_spec_data_type': abscissa, 'ordinate_spec_data_type': 12,
                'orddenom_spec_data_type': 0}
         pyuff.UFF(str(tmp_path / f'{kind}.uff')).write_sets([one], 'overwrite')
         with pytest.raises(ValueError, match=message):
