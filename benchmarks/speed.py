@@ -263,17 +263,19 @@ def linear_tool_rows():
 
 
 def draw(results, file):
-    """Ratios as bars from the peer's speed, and what was wished for."""
+    """Ratios on a logarithmic axis, and what was wished for."""
     from matplotlib import pyplot as plt
 
-    figure, ax = plt.subplots(figsize=(7, 0.5 + 0.35 * len(results)), layout='constrained')
+    figure, ax = plt.subplots(figsize=(7, 0.8 + 0.22 * len(results)), layout='constrained')
     y = np.arange(len(results))[::-1]
-    ax.barh(y, [result.ratio for result in results], color='0.6')
-    ax.plot([result.goal for result in results], y, 'k|', markersize=14, label='wanted')
+    ratios = [result.ratio for result in results]
+    ax.hlines(y, 1, ratios, color='0.6', linewidth=2)
+    ax.plot(ratios, y, 'o', color='#0072b2', markersize=5, label='measured')
+    ax.plot([result.goal for result in results], y, 'k|', markersize=10, label='wanted')
     ax.set_yticks(y, [f'{result.job} / {result.peer}' for result in results], fontsize=7)
     ax.axvline(1, color='k', linewidth=0.5)
-    ax.set_xlabel('times as fast')
-    ax.legend()
+    ax.set(xlabel='times as fast as the peer', xscale='log')
+    figure.legend(loc='outside upper right', ncols=2, fontsize=8)
     figure.savefig(file, dpi=150)
 
 

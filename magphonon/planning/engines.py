@@ -21,9 +21,9 @@ class Engine:
     bytes: float
 
 
-COMPILED = Engine(7e-9, 1500.0)
-NUMPY = Engine(60e-9, 1500.0)
-LAMMPS = Engine(35e-9, 1000.0)
+COMPILED = Engine(6e-9, 1100.0)
+NUMPY = Engine(32e-9, 1100.0)
+LAMMPS = Engine(60e-9, 1000.0)
 
 
 def engine_costs(particles: int, steps: int) -> str:
@@ -40,7 +40,7 @@ def engine_costs(particles: int, steps: int) -> str:
     --------
     >>> from magphonon.planning.engines import engine_costs
     >>> engine_costs(10**6, 10**4).partition(', ')[0]
-    '1000000 particles in 10000 steps take about 1.2 min and 1.4 GiB by compiled steps (numba)'
+    '1000000 particles in 10000 steps take about 1 min and 1 GiB by compiled steps (numba)'
     """
     compiled, numpy, lammps = (_duration(particles * steps * engine.seconds) for engine in (COMPILED, NUMPY, LAMMPS))
     return (f'{particles} particles in {steps} steps take about {compiled} and {particles * COMPILED.bytes / 2**30:.2g} GiB by '
