@@ -151,7 +151,7 @@ def draw(rows, file):
     """Time of a step by the number of magnets."""
     from matplotlib.figure import Figure
 
-    figure = Figure((3.4, 3.2), layout='constrained')
+    figure = Figure((3.4, 3.6), layout='constrained')
     ax = figure.add_subplot()
     styles = dict(zip(dict.fromkeys(row.engine for row in rows), ('o:', 's-', 's--', '^-', '^--', 'd-.'), strict=False))
     shades = {'NumPy': '0.5', 'compiled': '#0072b2', 'LAMMPS': '#d55e00', 'exact': 'k'}
@@ -160,7 +160,7 @@ def draw(rows, file):
         ax.loglog([row.particles for row in own], [1e9 * row.per_step for row in own], style, markersize=4, linewidth=1,
                   color=shades[re.split('[ ,]', name)[0]], label=name)
     ax.set(xlabel='magnets', ylabel='time per magnet and time step (ns)')
-    ax.legend(fontsize=6.5, frameon=False)
+    figure.legend(loc='outside upper center', ncols=2, fontsize=6.5, frameon=False)
     figure.savefig(file, dpi=200)
 
 
