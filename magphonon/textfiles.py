@@ -34,6 +34,14 @@ def text_of(path: str | PathLike[str], most: int) -> str:
     return Path(path).read_text(encoding='utf-8-sig')
 
 
+def table_text(path: str | PathLike[str], most: int) -> str:
+    """`text_of` a table, which is refused with a hint how to save it where it is no text."""
+    try:
+        return text_of(path, most)
+    except UnicodeDecodeError:
+        raise ValueError(f'{path} is not a text file; save the table as CSV') from None
+
+
 def refuse_endless(path: str | PathLike[str], most: int) -> None:
     """Raise ValueError for a pipe or a device, and for a file of more than `most` bytes."""
     if not str(path):

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import units as u
 from ..errors import finite
-from ..textfiles import MEGABYTE, text_of
+from ..textfiles import MEGABYTE, table_text
 from .pair_laws import repulsion
 
 if TYPE_CHECKING:
@@ -137,11 +137,9 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     (15, 8.0)
     """
     try:
-        text = text_of(path, MOST_BYTES)
+        text = table_text(path, MOST_BYTES)
     except OSError as error:
         raise type(error)(f'{path} cannot be read ({error.strerror})') from None
-    except UnicodeDecodeError:
-        raise ValueError(f'{path} is not a text file; save the table as CSV') from None
     units, columns = _parsed(path, text)
     try:
         forces = Forces(*(column * unit for column, unit in zip(columns, units, strict=True)))

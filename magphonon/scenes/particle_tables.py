@@ -12,7 +12,7 @@ from ase.constraints import FixAtoms
 
 from .. import units as u
 from ..spelling import did_you_mean
-from ..textfiles import MEGABYTE, text_of
+from ..textfiles import MEGABYTE, table_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,10 +63,7 @@ def read_particles(path: Path) -> Atoms:
 
 
 def _columns(path: Path) -> dict[str, NDArray[np.float64]]:
-    try:
-        lines = text_of(path, MOST_BYTES).splitlines()
-    except UnicodeDecodeError:
-        raise ValueError(f'{path} is not a text file; save the table as CSV') from None
+    lines = table_text(path, MOST_BYTES).splitlines()
     rows = [(number, [cell.strip() for cell in row]) for number, row in enumerate(csv.reader(lines), 1)
             if row and not row[0].lstrip().startswith('#')]
     if len(rows) < 2:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import units
 from ..files import refuse_overflow, whole_file
-from ..textfiles import MEGABYTE, text_of
+from ..textfiles import MEGABYTE, table_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -137,10 +137,7 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
     >>> read_ridges(file).frequencies_Hz.round(9).tolist()
     [40.0]
     """
-    try:
-        lines = text_of(path, MOST_BYTES).splitlines()
-    except UnicodeDecodeError:
-        raise ValueError(f'{path} is not a text file; save the table as CSV') from None
+    lines = table_text(path, MOST_BYTES).splitlines()
     rows = [(n, row) for n, row in enumerate(csv.reader(lines), 1) if row and not row[0].lstrip().startswith('#')]
     header = [name.strip() for name in rows[0][1]] if rows else []
     for name in NEEDED:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units as u
-from ..textfiles import MEGABYTE, refuse_endless, text_of
+from ..textfiles import MEGABYTE, refuse_endless, table_text
 from .scans import Samples, Scan, assembled
 from .vibrometer import MOST_BYTES
 
@@ -82,10 +82,7 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     >>> read_places(file)
     {'A1': (0.0, 0.0), 'A2': (10.0, 0.0)}
     """
-    try:
-        lines = text_of(path, 100 * MEGABYTE).splitlines()
-    except UnicodeDecodeError:
-        raise ValueError(f'{path} is not a text file; save the table as CSV') from None
+    lines = table_text(path, 100 * MEGABYTE).splitlines()
     header, rows = _rows(path, lines)
     columns = _columns(path, header)
     if 'name' not in columns or 'x' not in columns:
