@@ -32,9 +32,10 @@ USABLE_FRACTION = 0.5
 GIGABYTE = 2**30
 PICTURES_bytes, PICTURES_s = 60e6, 2.0
 """Cost of fonts, figures and imports, for every command."""
-POINT_bytes, POINT_s = 1800, 6e-5
-"""Bands: cost of one wavevector of a cell of one particle, by both models and phonopy; memory grows with the square of the number
-of particles, time with the number."""
+POINT_bytes, MATRIX_bytes, POINT_s = 1500, 3200, 1e-4
+"""Bands: cost of one wavevector by both models and phonopy: memory for any cell; memory for the matrices of a cell of one particle,
+which grows with the square of the number of particles; time, which grows with that number.  Measured between 20 000 and 60 000
+wavevectors of cells of one, two and three particles."""
 PHASE_bytes = 33
 """Bands: memory for the phase of one bond at one wavevector; counted."""
 PAIR_bytes, PAIR_s = 20, 9e-7
@@ -108,7 +109,7 @@ def bands_cost(scene: Scene) -> Cost:
     """Cost of `magphonon bands`."""
     points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.atoms().calc.bonds)
     pairs = (particles * np.prod(scene.supercell(), dtype=float)) ** 2
-    memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes * particles**2 + PHASE_bytes * bonds),
+    memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes + MATRIX_bytes * particles**2 + PHASE_bytes * bonds),
               'bands.supercell': PAIR_bytes * pairs}
     return Cost('bands', memory, PICTURES_s + POINT_s * particles * points + PAIR_s * pairs, 8)
 
@@ -134,7 +135,7 @@ def uncertainty_cost(scene: Scene) -> Cost:
     parameters = len(scene.uncertainty.model_fields_set)
     if scene.bands is not None:
         bonds = len(scene.atoms().calc.bonds)
-        memory['bands.points'] = scene.bands.points * len(scene.cell()) ** 2 * (POINT_bytes + PHASE_bytes * bonds * parameters)
+        memory['bands.points'] = scene.bands.points * len(scene.cell()) ** 2 * (MATRIX_bytes + PHASE_bytes * bonds * parameters)
         seconds, files = seconds + DRAWN_s + POINT_s * len(scene.cell()) * scene.bands.points, files + 4
     if scene.frf is not None:
         particles = particles_of(scene)

@@ -22,6 +22,8 @@ CLEAR, BESIDE = 0.035, (0.055, 0.09, 0.13)
 """Least distance of a name from all curves, and distances from its own that are tried, in heights of the axes."""
 LETTER = 0.022
 """Width of a letter in widths of the axes."""
+TRIED, DRAWN = 150, 600
+"""Largest number of wavevectors at which a name is tried, and of points of a curve that it avoids: as fine as a picture shows."""
 
 
 def mode_names(bands: Bands) -> NDArray[np.str_]:
@@ -54,10 +56,10 @@ def name_branches(ax: Axes, bands: Bands) -> None:
     if names.shape[1] > MOST_NAMED or bands.path.kpts[:, 2].any():
         return
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-    curves = [np.array(line.get_data(), float) for line in ax.lines if len(line.get_xdata()) > 2]  # pyright: ignore[reportArgumentType]  no scalar
+    curves = [_thinned(np.array(line.get_data(), float), DRAWN) for line in ax.lines if len(line.get_xdata()) > 2]  # pyright: ignore[reportArgumentType]  no scalar
     for f, of_branch in zip(bands.frequencies_Hz.T, names.T, strict=True):
         long = {name: LETTER * (right - left) * len(name) for name in set(of_branch)}
-        named = [k for k in np.flatnonzero((of_branch != 'mixed') & (of_branch != ''))
+        named = [k for k in _thinned(np.flatnonzero((of_branch != 'mixed') & (of_branch != '')), TRIED)
                  if left < x[k] - long[of_branch[k]] / 2 and x[k] + long[of_branch[k]] / 2 < right]
         for away in np.outer(BESIDE, (-1, 1)) * (high - low):
             places = [(min(y - low, high - y, _distance(curves, x[k], long[of_branch[k]], y)), k, y)
@@ -76,3 +78,8 @@ def _distance(curves, x, long, y):
     """
     near = (heights[abs(at - x) < long / 2] for at, heights in curves)
     return min((max(np.nanmin(h) - y, y - np.nanmax(h), 0.0) for h in near if len(h)), default=np.inf)
+
+
+def _thinned(values, most):
+    """Every n-th of the values along the last axis, so that about as many as `most` are left."""
+    return values[..., :: -(-values.shape[-1] // most) or 1]

@@ -90,12 +90,13 @@ def test_free_memory_is_that_of_the_system_and_within_limits():
 @pytest.mark.slow
 @pytest.mark.skipif(not Path('/proc/self/status').exists(), reason='a system that tells memory otherwise')
 @pytest.mark.parametrize(('command', 'small', 'large'), [
-    ('bands', {}, {'bands__points': 8000}),
-    ('frf', {'patch__side_m': 0.13, 'frf__points': 9}, {'patch__side_m': 0.25, 'frf__points': 9})])
+    ('bands', {'bands__points': 20_000}, {'bands__points': 40_000}),
+    ('frf', {'patch__side_m': 0.5, 'frf__points': 9}, {'patch__side_m': 1.0, 'frf__points': 9})])
 def test_estimates_of_memory_are_near(command, small, large, scene_file, tmp_path):
-    """Peaks of resident memory of two runs: what the larger takes more is what is estimated, to a factor of three.
+    """Peaks of resident memory of two runs: what the larger takes more is what is estimated, to a factor of two.
 
-    Their difference, as what every process takes, a large part of the smaller one, is no part of the model.
+    Their difference, as what every process takes is no part of the model.  Both are so large that the peak is not reached while
+    pictures are drawn, which take some 40 MB more than their import: the difference is 100 MB and varies by less than 1 MB.
     """
     took, told = [], []
     for name, changes in (('small', small), ('large', large)):
@@ -105,7 +106,8 @@ def test_estimates_of_memory_are_near(command, small, large, scene_file, tmp_pat
                               capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, done.stderr
         took.append(int(done.stderr.split()[-1]))
-    assert 1 / 3 < (told[1] - told[0]) / (took[1] - took[0]) < 3
+    assert took[1] - took[0] > 80e6
+    assert 1 / 2 < (told[1] - told[0]) / (took[1] - took[0]) < 2
 
 
 ONE = {'burst__carriers_Hz': '[60]', 'burst__directions_deg': '[90]'}

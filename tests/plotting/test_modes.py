@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from magphonon import MagneticRepulsion, foundation_needed, lattices, units as u
 from magphonon.bands.bands import Bands
+from magphonon.plotting import branch_names
 from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.branch_names import mode_names, name_branches
 from magphonon.plotting.modes import plot_mode
@@ -104,6 +105,18 @@ def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
         apart = abs(bands.frequencies_Hz[k] - y) / height
         assert apart[branch] < 0.14
         assert (np.delete(apart, branch) > 0.035).all()  # the other curve does not run through the name
+
+
+def test_names_are_as_quickly_placed_among_many_wavevectors(monkeypatch):
+    cell, compared = prototype(), []
+    monkeypatch.setattr(branch_names, '_distance', lambda curves, *place: compared.append(sum(h.size for _, h in curves)) or 0.0)
+    sizes = []
+    for points in (300, 20_000):
+        bands = bands_of(cell, npoints=points, vectors=True)
+        name_branches(plot_bands(bands), bands)
+        sizes.append(sum(compared))
+        compared.clear()
+    assert 0 < sizes[1] < 4 * sizes[0]  # twice as many points of each curve; without a limit 4000 times as much, 20 s
 
 
 @pytest.mark.parametrize('share', [0.1, 0.2, 0.3])
