@@ -33,7 +33,7 @@ GIGABYTE = 2**30
 PICTURES_bytes, PICTURES_s = 60e6, 2.0
 """Cost of fonts, figures and imports, for every command."""
 POINT_bytes, MATRIX_bytes, POINT_s = 1500, 3200, 1e-4
-"""Bands: cost of one wavevector by both models and phonopy: memory for any cell; memory for the matrices of a cell of one particle,
+"""Bands: cost of a wavevector by both models and phonopy: memory for any cell; memory for the matrices of a cell of one particle,
 which grows with the square of the number of particles; time, which grows with that number.  Measured between 20 000 and 60 000
 wavevectors of cells of one, two and three particles."""
 PHASE_bytes = 33
