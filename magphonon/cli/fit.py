@@ -24,7 +24,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                          '...); with --bands the table of ridges that "magphonon spectrum" '
                                                          'writes, spectrum_SCAN_ridges.csv')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
-                        help='fit this scene, which tells spacing and mass, to a table of measured ridges')
+                        help='fit this scene, which gives spacing and mass, to a table of measured ridges')
     parser.add_argument('--fix', metavar='NAMES',
                         help='with --bands: parameters that are known from the scene, as --fix a,foundation')
     parser.add_argument('--spacing', metavar='M', type=float, help='working spacing in m (default: the middle distance)')
@@ -40,7 +40,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     if options.scene is not None:
-        _refuse_mixture(options)
+        _refuse_options_of_forces(options)
         fit_bands.run(options)
         return
     from .. import units as u
@@ -57,7 +57,7 @@ def run(options: Namespace) -> None:
                          'the offset could move a measurement to a distance at which the particles overlap; for point '
                          'particles give --contact 0')
     if options.output is None and (options.pdf or options.title is not None or options.style is not None):
-        raise ValueError('--pdf, --title and --style are those of the picture; say with -o DIR where to write it')
+        raise ValueError('--pdf, --title and --style apply to the picture; name with -o DIR the directory to write it to')
     contact = not_negative('--contact', options.contact or 0.0, 'm') * u.m
     forces = read_forces(options.file, contact)  # its messages name the file
     middle = forces.r[len(forces.r) // 2]
@@ -75,7 +75,7 @@ def run(options: Namespace) -> None:
         print(f'\nthe picture and all entries are in {options.output}')
 
 
-def _refuse_mixture(options):
+def _refuse_options_of_forces(options):
     for name in ('spacing', 'contact', 'offset'):
         if getattr(options, name) not in (None, False):
             raise ValueError(f'--{name} belongs to a fit of forces; leave it or --bands out')
@@ -94,16 +94,23 @@ def _write(options, forces, fits):
 
 def _report(file, forces, choice):
     """Force, slope and exponent of each law at the working spacing, and whether an inverse power holds."""
+    from .. import units as u
+
+    known = 'with' if forces.sigma is not None else 'without'
+    zero = choice.fits.get('curve', choice.fits['force'])
+    return '\n'.join([
+        f'{file}: {len(forces.r)} forces from {forces.r[0] / u.m:g} to {forces.r[-1] / u.m:g} m, {known} uncertainties', '',
+        *_table(choice.fits), '', *(_zero_of_distances(forces, zero) if zero.offset else ()),
+        *_inverse_power(choice, zero.offset), *_scatter(choice)])
+
+
+def _table(fits):
+    """Lines with the force, its slope and the exponent of each law, and chi2."""
     import numpy as np
 
     from .. import units as u
-    from ..interactions.law_choice import LARGEST_BEND, RARELY
-    from ..interactions.offsets import WIDE
 
-    fits, bend = choice.fits, choice.bend
-    some = fits['force']
-    known = 'with' if forces.sigma is not None else 'without'
-    rows = [(f'at {some.spacing / u.m:g} m, intervals of 95 %', 'f (N)', 'df/dr (N/m)', 'exponent', 'chi2/freedom')]
+    rows = [(f'at {fits["force"].spacing / u.m:g} m, intervals of 95 %', 'f (N)', 'df/dr (N/m)', 'exponent', 'chi2/freedom')]
     for name, fit in fits.items():
         if name == 'touch':  # it has the same numbers as the curve, by construction
             continue
@@ -112,23 +119,35 @@ def _report(file, forces, choice):
         rows.append((fit.name, f, slope, f'{fit.exponent:.4g} +- {fit.exponent_half_width:.2g}',
                      f'{fit.chi2:.3g}/{fit.freedom:.3g}' if np.isfinite(fit.chi2) else '-'))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [f'{file}: {len(forces.r)} forces from {forces.r[0] / u.m:g} to {forces.r[-1] / u.m:g} m, {known} uncertainties', '']
-    lines += ['  '.join([row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))])
-              for row in rows]
-    lines.append('')
-    zero = fits.get('curve', some)
-    if zero.offset:
-        lines += [f'zero of the distances: {zero.offset / u.m:.4g} +- {zero.offset_half_width / u.m:.2g} m: the first pair '
-                  f'was {(forces.r[0] - zero.offset) / u.m:.4g} m apart, centre to centre',
-                  'The intervals of all rows take in the uncertainty of this zero. It is found from the inverse power that the '
-                  'points follow best.',
-                  'An offset changes the curve in the same way as the shape of the magnets does: fit it only if the zero of the '
-                  'distances is in doubt.']
-        if forces.r[-1] < WIDE * forces.r[0]:
-            lines.append(f'The farthest distance is less than {WIDE:g} times the nearest: another zero looks like another '
-                         'exponent there. With a noise of some percent, the intervals of 95 % with this offset hold the truth '
-                         'less often (docs/coverage.md). Measure over a wider range, or leave --offset out.')
-    assumed = 'assumes one only for the zero of the distances' if zero.offset else 'does not assume an inverse power'
+    return ['  '.join([row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))])
+            for row in rows]
+
+
+def _zero_of_distances(forces, zero):
+    """Lines about the fitted zero of the distance scale."""
+    from .. import units as u
+    from ..interactions.offsets import WIDE
+
+    lines = [f'zero of the distances: {zero.offset / u.m:.4g} +- {zero.offset_half_width / u.m:.2g} m: the first pair '
+             f'was {(forces.r[0] - zero.offset) / u.m:.4g} m apart, centre to centre',
+             'The intervals of all rows include the uncertainty of this zero. It is found from the inverse power that the '
+             'points follow best.',
+             'An offset changes the curve in the same way as the shape of the magnets does: fit it only if the zero of the '
+             'distances is in doubt.']
+    if forces.r[-1] < WIDE * forces.r[0]:
+        lines.append(f'The farthest distance is less than {WIDE:g} times the nearest: in this range another zero looks like '
+                     'another exponent. With a noise of some percent, the intervals of 95 % with this offset contain the truth '
+                     'less often (docs/coverage.md). Measure over a wider range, or leave --offset out.')
+    return lines
+
+
+def _inverse_power(choice, offset):
+    """Lines that say whether an inverse power holds, and which row to use."""
+    import numpy as np
+
+    from ..interactions.law_choice import LARGEST_BEND
+
+    bend, lines = choice.bend, []
     if abs(bend) > LARGEST_BEND:
         lines.append(f'No inverse power holds: the exponent {"rises" if bend > 0 else "falls"} with the distance by '
                      f'{abs(bend):.1f} standard uncertainties.')
@@ -136,6 +155,7 @@ def _report(file, forces, choice):
         names = ' and '.join('in force' if name == 'force' else 'in log force' for name in choice.apart)
         lines.append('The rows disagree by more than their intervals allow: check the inverse power fitted by least squares '
                      f'{names} in the picture.')
+    assumed = 'assumes an inverse power only for the zero of the distances' if offset else 'does not assume an inverse power'
     if np.isnan(bend):
         lines.append('Three points do not show whether an inverse power holds; the intervals assume that it does.')
     elif choice.is_power:
@@ -143,12 +163,21 @@ def _report(file, forces, choice):
                      f'uncertainties. Use the interval of the smooth curve, which {assumed}.')
     else:
         lines.append('Use the smooth curve: the intervals of the inverse powers assume a law that does not hold.')
+    return lines
+
+
+def _scatter(choice):
+    """A line about sigma_N, if the points scatter more than it says, or if they cannot test it."""
+    import numpy as np
+
+    from ..interactions.law_choice import RARELY
+
     if not choice.scatter_explained:
-        larger = ('are not enlarged, as three points do not say by how much' if np.isnan(bend) else
+        larger = ('are not enlarged, as three points do not say by how much' if np.isnan(choice.bend) else
                   'of the smooth curve are enlarged by the square root of its chi2/freedom')
-        lines.append(f'The points scatter more than sigma_N says: the intervals {larger}. Look for an outlier.')
-    elif choice.notices_twice < RARELY:
-        lines.append(f'So few points hardly test sigma_N, on which the intervals rest: if it were half of the true noise, chi2 '
-                     f'would show that in {100 * choice.notices_twice:.0f} of 100 measurements. Measure more points, or leave '
-                     'sigma_N out if you doubt it.')
-    return '\n'.join(lines)
+        return [f'The points scatter more than sigma_N says: the intervals {larger}. Look for an outlier.']
+    if choice.notices_twice < RARELY:
+        return [f'So few points hardly test sigma_N, on which the intervals depend: if it were half of the true noise, chi2 '
+                f'would show that in {100 * choice.notices_twice:.0f} of 100 measurements. Measure more points, or leave '
+                'sigma_N out if you doubt it.']
+    return []

@@ -12,15 +12,15 @@ if TYPE_CHECKING:
 
 HELP = 'bands and responses with the uncertainty that follows from tolerances'
 SAMPLES = 1000
-"""Number of lattices drawn at random to check the linear propagation; their standard deviation is known within 1/sqrt(2 SAMPLES),
-2.2 %."""
+"""Number of lattices drawn at random to check the linear propagation.  The relative sampling error of their standard deviation is
+1/sqrt(2 SAMPLES), 2.2 %."""
 SIGNIFICANT_DIFFERENCE = 5 / (2 * SAMPLES) ** 0.5
 """Relative difference of two standard deviations that sampling noise does not explain."""
 SECOND_ORDER_RATIO = 0.5
 """Ratio of the second-order to the first-order standard deviation above which the ribbon is too narrow, by 12 % at this ratio."""
 OWN_SCATTER = ('The independent scatter of each magnet leaves the bands of an infinite lattice where they are, to first order, '
                'and broadens them. The response of a finite structure is uncertain because of it.')
-"""What is said of bands."""
+"""Sentence printed below the bands of a lattice whose magnets differ."""
 LINEAR_RANGE = 0.3
 """Relative standard deviation of an amplitude above which the flank of a peak is not a straight line."""
 
@@ -57,10 +57,9 @@ def _bands(folder, save, scene, tolerances):
 
     from .. import units
     from ..bands.bands import Bands, path_of
-    from ..design.uncertainty import frequency_spread, sampled_frequencies
+    from ..design.uncertainty import frequency_spread
     from ..plotting.axes import point_name
     from ..plotting.uncertainty import plot_band_ribbons, plot_contributions
-    from ..scenes.tolerances import varied
 
     atoms = scene.atoms()
     path = path_of(atoms, scene.band_path())
@@ -70,17 +69,7 @@ def _bands(folder, save, scene, tolerances):
     ax = plot_band_ribbons(Bands(path, spread.values), spread, label='complete')
     save(ax.figure, 'band_uncertainty')
 
-    # at the special points, each frequency once
-    points = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
-    at = frequency_spread(atoms, [path.special_points[name] for name in points], tolerances)
-    kept, labels = [], []
-    for k, name in enumerate(points):
-        for mode, f in enumerate(at.values[k]):
-            if f > 0 and (mode == 0 or abs(f - at.values[k, mode - 1]) > 1e-6 * f):
-                kept.append((k, mode))
-                labels.append((name, mode + 1))
-    k, mode = np.transpose(kept)
-    few = type(at)(at.names, at.covariance, at.values[k, mode], at.slopes[:, k, mode])
+    few, labels = _special_points(atoms, path, tolerances)
     ax = plot_contributions(few, [f'{point_name(name)}, branch {branch}' for name, branch in labels])
     save(ax.figure, 'contributions')
 
@@ -90,16 +79,46 @@ def _bands(folder, save, scene, tolerances):
     for row, (name, branch) in enumerate(labels):
         shares = ''.join(f'{std[row] / unit:>{len(group) + 3}.2g}' for group, std in few.contributions.items())
         lines.append(f'  {f"{name}, branch {branch}":16}{few.values[row] / unit:12.6g}{few.std[row] / unit:10.3g}{shares}')
+    return lines + _monte_carlo(scene, path, tolerances, few, labels)
 
-    q = [path.special_points[name] for name in points]
-    drawn = sampled_frequencies(lambda factors: varied(scene, factors).atoms(), q, tolerances, SAMPLES)
+
+def _special_points(atoms, path, tolerances):
+    """Frequencies at the special points of the path with their uncertainty, each once, and (point, branch) of each."""
+    import numpy as np
+
+    from ..design.uncertainty import frequency_spread
+
+    points = _points(path)
+    at = frequency_spread(atoms, [path.special_points[name] for name in points], tolerances)
+    kept = [(k, mode) for k in range(len(points)) for mode, f in enumerate(at.values[k])
+            if f > 0 and (mode == 0 or abs(f - at.values[k, mode - 1]) > 1e-6 * f)]
+    k, mode = np.transpose(kept)
+    few = type(at)(at.names, at.covariance, at.values[k, mode], at.slopes[:, k, mode])
+    return few, [(points[k], mode + 1) for k, mode in kept]
+
+
+def _points(path):
+    return [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
+
+
+def _monte_carlo(scene, path, tolerances, few, labels):
+    """Lines that compare the standard deviations `few` with those of lattices drawn at random."""
+    import numpy as np
+
+    from ..design.uncertainty import sampled_frequencies
+    from ..scenes.tolerances import varied
+
+    points = _points(path)
+    drawn = sampled_frequencies(lambda factors: varied(scene, factors).atoms(), [path.special_points[name] for name in points],
+                                tolerances, SAMPLES)
     unstable = np.mean((drawn < -1e-6 * abs(drawn).max()).any(axis=(1, 2)))
+    k, mode = np.transpose([(points.index(name), branch - 1) for name, branch in labels])
     certain = few.std <= 1e-9 * few.values  # frequencies that depend on no tolerance
     apart = abs(drawn.std(axis=0, ddof=1)[k, mode][~certain] / few.std[~certain] - 1).max(initial=0.0)
     agrees = apart <= SIGNIFICANT_DIFFERENCE and not unstable
-    lines.append(f'Monte Carlo check ({SAMPLES} samples): standard deviations '
-                 + (f'agree within {100 * apart:.2g} %; sampling noise is {100 / (2 * SAMPLES) ** 0.5:.1g} % each' if agrees else
-                    f'differ by up to {100 * apart:.2g} %: the tolerances are too wide for the linear propagation of ribbons'))
+    lines = [f'Monte Carlo check ({SAMPLES} samples): standard deviations '
+             + (f'agree within {100 * apart:.2g} %; sampling noise is {100 / (2 * SAMPLES) ** 0.5:.1g} % each' if agrees else
+                f'differ by up to {100 * apart:.2g} %: the tolerances are too wide for the linear propagation of ribbons')]
     if unstable:
         lines.append(f'UNSTABLE: {100 * unstable:.2g} % of the samples buckle')
     return lines

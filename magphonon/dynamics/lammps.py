@@ -1,8 +1,8 @@
-"""The same scene as a LAMMPS input: forces, trajectories and speed of an independent code for comparison.
+"""Input for LAMMPS, an independent code, to compare forces, trajectories and speed, and for runs on clusters.
 
-`write_lammps_input` writes three files that `lmp -in in.lammps` runs as they stand; `lammps_session` runs them
-through LAMMPS's Python library (extra `peers`).  LAMMPS knows no difference from rest: it takes forces from
-absolute positions, and the pair law from a table.
+`write_lammps_input` writes three files for `lmp -in in.lammps`; `lammps_session` runs them through LAMMPS's Python library
+(extra `peers`).  LAMMPS computes forces from absolute positions, not from displacements, and interpolates the pair law in a
+table.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_TABLES, MOST_GROUPS = 100, 32
-"""Largest number of force tables in one file, a megabyte each, and of groups of particles, which LAMMPS has no more of."""
+"""Largest number of force tables in one file, of a megabyte each, and of groups of particles, the limit of LAMMPS."""
 INTERPOLATIONS = ('spline', 'linear')
 CLOSEST = 0.8
-"""Shortest distance in the force table, in lengths of the shortest bond; LAMMPS stops at a closer pair."""
+"""Shortest distance in the force table as a fraction of the shortest bond; LAMMPS stops where a pair is closer."""
 INPUT = """\
 # {particles} particles written by magphonon: mm, g, ms, hence N and mJ; to LAMMPS any consistent units are "lj"
 units lj
@@ -67,7 +67,7 @@ dump {name} {group} custom {interval} {name}.dump id {axes}
 dump_modify {name} sort id format float %.17g
 """
 CONTINUED = """\
-# from where the run of in.lammps had come: lmp -in in.restart -var state restart.a
+# continues the run of in.lammps: lmp -in in.restart -var state restart.a
 read_restart ${{state}}
 {motion}"""
 CAUGHT_UP = """\
@@ -79,48 +79,49 @@ velocity free set v_vx v_vy NULL
 """
 AT_END = 'print "complete" file complete\n'
 RESTARTS = 'restart.a', 'restart.b'
-"""Written by turns, so that one is whole whenever LAMMPS is killed."""
+"""Restart files, written alternately, so that one is complete whenever LAMMPS is killed."""
 
 
 def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
                        drives: Sequence[ToneBurst] = (), damping: float = 0.0, interval: int | None = None,
                        interpolation: str = 'spline', points: int = 10_000,
                        records: Sequence[tuple[Any, int]] = (), restart: int | None = None) -> None:
-    """Write in.lammps, particles.data and law.table: the patch from rest, as `DrivenVerlet` integrates it.
+    """Write in.lammps, particles.data and law.table, for the same motion of a patch from rest as by `DrivenVerlet`.
 
-    LAMMPS damps by `-c v` with the velocity of the half step before.  That is the exact decay by e^(-gamma dt) a step
-    for `c = (1 - e^(-gamma dt)) m'/dt` and the mass `m' = 2 m/(1 + e^(-gamma dt))`, position by position.
+    LAMMPS damps by `-c v` with the velocity of the previous half step.  With `c = (1 - e^(-gamma dt)) m'/dt` and the mass
+    `m' = 2 m/(1 + e^(-gamma dt))` the positions are those of the exact decay by e^(-gamma dt) in each step.
 
     Parameters
     ----------
     directory : path-like
         Where to write; it must exist.
     atoms : ase.Atoms
-        A patch at rest with its MagneticRepulsion, held by FixAtoms alone.
+        A patch at rest with its MagneticRepulsion; FixAtoms is the only constraint allowed.
     timestep : float
         In ms.
     steps : int
-        Number of steps to run, 0 for the forces alone.
+        Number of steps; 0 computes only the forces.
     drives : sequence of ToneBurst
     damping : float
         Decay rate gamma of the velocities in 1/ms.
     interval : int, optional
         Steps between two frames of trajectory.dump; None writes no trajectory.
     interpolation : {'spline', 'linear'}
-        Between the points of the table, which are equidistant in r^2.  A spline of 10 000 points is exact to
+        Interpolation between the points of the table, which are equidistant in r^2.  A spline of 10 000 points is exact to
         round-off; 'linear' is faster.
     points : int
+        Number of points of the table.
     records : sequence of (particles, interval)
         Which particles (None for all) are written to record0.dump, record1.dump, ... and how many steps lie between two frames.
     restart : int, optional
-        Steps between two restart files; with them in.restart is written, which goes on from one.
+        Number of steps between two restart files; in.restart, which continues from one of them, is then written too.
 
     Raises
     ------
     ValueError
-        If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, bonds
-        that no cutoff describes, other drives than tone bursts of one amplitude; particles of more kinds, strengths and
-        springs than it has tables and groups for.
+        If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, bonds that no
+        cutoff describes, drives other than tone bursts of one amplitude, or more kinds, strengths and springs of particles
+        than LAMMPS has tables and groups for.
     OSError
         If the directory cannot be written.
 
@@ -143,26 +144,21 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     decay = np.exp(-damping * timestep)
     masses = atoms.get_masses() * 2 / (1 + decay)
     own = [calc.reference.get_tags(), calc.strengths] if isinstance(calc.law, BondLaws) else []
-    kinds, kind = np.unique(np.column_stack([fixed, masses, *own]), axis=0, return_inverse=True)  # the free ones come first
+    kinds, kind = np.unique(np.column_stack([fixed, masses, *own]), axis=0, return_inverse=True)  # free ones first
     kind = kind.ravel()
     free_types = int((kinds[:, 0] == 0).sum())
     cutoff = calc.bonds.cutoff
 
     recorded = sum(particles is not None for particles, _ in records)
     fixes = _springs(calc.foundation, np.flatnonzero(~fixed), MOST_GROUPS - 3 - len(drives) - recorded)
-    viscous = caught_up = ''
-    if damping:
-        scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(kinds[:free_types, 1]))
-        viscous = f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}\n'
-        half = (1 - decay) / 2
-        caught_up = CAUGHT_UP.format(h=half, k=timestep / 2, rest=1 - half)
-    Drives(drives, len(atoms))  # refuses particles that are not there; LAMMPS would leave them out
+    viscous, caught_up = _damping(decay, timestep, kinds[:free_types, 1])
+    Drives(drives, len(atoms))  # refuses indices of no particle, which LAMMPS would ignore
     for n, drive in enumerate(drives):
         fixes += _burst(n, drive)
 
     if calc.layer and (records or restart is not None):
-        raise ValueError('records and restarts of LAMMPS are those of motion in the plane; take interval= for whole frames, or '
-                         'atoms.calc = atoms.calc.in_plane()')
+        raise ValueError('records and restarts with LAMMPS are possible only for motion in the plane; use interval= to write '
+                         'all particles, or atoms.calc = atoms.calc.in_plane()')
     output = _output(len(atoms), interval, records, 'x y z' if calc.layer else 'x y')
     if restart is not None:
         output += f'restart {whole("restart", restart)} {" ".join(RESTARTS)}\n'
@@ -185,8 +181,18 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
             file.write(CONTINUED.format(motion=motion + caught_up + viscous + continued + run))
 
 
+def _damping(decay, timestep, masses):
+    """Commands that damp by the factor `decay` in each step, and those that make up for it after a restart."""
+    if decay == 1:
+        return '', ''
+    scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(masses))
+    half = (1 - decay) / 2
+    return (f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}\n',
+            CAUGHT_UP.format(h=half, k=timestep / 2, rest=1 - half))
+
+
 def _output(count, interval, records, axes):
-    """Commands that write trajectories."""
+    """LAMMPS commands that write trajectories."""
     lines = [] if interval is None else [OUTPUT.format(name='trajectory', group='all', axes=axes,
                                                             interval=whole('interval', interval))]
     for n, (particles, every) in enumerate(records):
@@ -201,35 +207,35 @@ def _output(count, interval, records, axes):
 
 
 def _scene(atoms):
-    """The calculator of the patch and which particles are fixed, if LAMMPS can run the scene as it is."""
+    """The calculator of the patch and which particles are fixed; refuses a scene that LAMMPS cannot run."""
     calc = atoms.calc
     if not isinstance(calc, MagneticRepulsion):
         raise ValueError(f'atoms.calc must be a MagneticRepulsion, not {calc!r}')
     if calc.parameters.model != 'complete':
         raise ValueError(f"LAMMPS updates the bond directions: model='complete', not {calc.parameters.model!r}")
     if atoms.pbc.any():
-        raise ValueError(f'LAMMPS is given finite patches, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
+        raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
     if isinstance(calc.law, UprightMagnets):
-        raise ValueError('LAMMPS is given forces along the line between two particles, not those of UprightMagnets out of the '
-                         'plane; take atoms.calc = atoms.calc.in_plane()')
+        raise ValueError('LAMMPS computes forces along the line between two particles, not those of UprightMagnets out of '
+                         'the plane; use atoms.calc = atoms.calc.in_plane()')
     if calc.bonds.cutoff is None:
         raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
     if calc.offset.any():
-        raise ValueError('LAMMPS is given foundations that are slack at rest, and no dead load; give the calculator neither '
-                         'anchors= away from its reference nor load=')
+        raise ValueError('LAMMPS can run only foundations that are slack at rest, without dead load; give the calculator '
+                         'neither anchors= away from its reference nor load=')
     if calc.displacements(atoms).any() or atoms.get_momenta().any():
         raise ValueError('the particles must start at rest in their reference positions; set atoms.positions and momenta back')
     fixed = np.zeros(len(atoms), dtype=bool)
     for constraint in atoms.constraints:
         if not isinstance(constraint, FixAtoms):
-            raise ValueError(f'LAMMPS is given fixed particles (FixAtoms) only, not {constraint!r}')
+            raise ValueError(f'LAMMPS can hold particles by FixAtoms only, not {constraint!r}')
         fixed[constraint.index] = True
     return calc, fixed
 
 
 def _springs(foundation, free, most):
-    """Fixes that tie the free particles to their places: one for all of them, or for each group of equal springs."""
+    """LAMMPS fixes for the foundation springs of free particles: one for all, or one for each group of equal springs."""
     if not isinstance(foundation, np.ndarray):
         return [f'fix foundation free spring/self {foundation:.17g}'] if foundation else []
     springs, group = np.unique(foundation[free], axis=0, return_inverse=True)
@@ -252,9 +258,9 @@ def _pairs(calc, kind, cutoff):
     types = np.sort(np.column_stack([kind[calc.bonds.i], kind[calc.bonds.j]]), axis=1)
     pairs, first = np.unique(types, axis=0, return_index=True)
     if label.max() >= MOST_TABLES:
-        raise ValueError(f'LAMMPS is given at most {MOST_TABLES} force tables, but the bonds have {label.max() + 1} different '
+        raise ValueError(f'LAMMPS can use at most {MOST_TABLES} force tables, but the bonds have {label.max() + 1} different '
                          'laws and strengths; let DrivenVerlet integrate them')
-    lines = [f'pair_coeff * * law.table NONE {cutoff:.17g}']  # what no bond joins
+    lines = [f'pair_coeff * * law.table NONE {cutoff:.17g}']  # pairs that no bond joins
     for (a, b), bond in zip(pairs, first, strict=True):
         lines.append(f'pair_coeff {a + 1} {b + 1} law.table LAW{label[bond]} {cutoff:.17g}')
     laws = {f'LAW{n}': taken(calc.law, int(np.argmax(label == n))) for n in range(label.max() + 1)}
@@ -296,14 +302,14 @@ def _write_particles(file, positions, kind, masses, margin):
 
 @contextmanager
 def lammps_session(directory: str | PathLike[str], *options: str) -> Iterator[Any]:
-    """Run in.lammps of `directory` in this process, and yield the `lammps.lammps` object for more.
+    """Run in.lammps of `directory` in this process, and yield the `lammps.lammps` object for further commands.
 
     Nothing is printed or logged.
 
     Parameters
     ----------
     directory : path-like
-        As `write_lammps_input` filled it.
+        Filled by `write_lammps_input`.
     *options : str
         LAMMPS's command-line options, such as `'-suffix', 'omp'`.
 
@@ -328,7 +334,7 @@ def lammps_session(directory: str | PathLike[str], *options: str) -> Iterator[An
 
 
 def _load_mpi():
-    """Load the MPI library of the `mpich` wheel, which lies where the dynamic loader does not look."""
+    """Load the MPI library of the `mpich` wheel, which is not in the search path of the dynamic loader."""
     library = Path(sys.prefix, 'lib', 'libmpi.so.12')
     if library.exists():
         ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)

@@ -1,7 +1,7 @@
-"""LAMMPS as an engine: the patch of `DrivenVerlet`, run by the program `lmp` on any number of MPI ranks.
+"""Runs of a patch by the program `lmp` of LAMMPS, on any number of MPI ranks, instead of by `DrivenVerlet`.
 
-All files of a run lie in one folder, which can be carried to a cluster: `submit.sh` runs it there, and goes on from the newest
-restart file if it is submitted again.  `run_lammps` with the same arguments then reads what has been recorded.
+All files of a run are in one folder, which can be copied to a cluster: `submit.sh` runs it there, and continues from the newest
+restart file if it is submitted again.  `run_lammps` with the same arguments then reads the records.
 """
 
 from __future__ import annotations
@@ -34,15 +34,16 @@ if TYPE_CHECKING:
 
 FRAME = 'ITEM: TIMESTEP\n'
 HEADER = 8
-"""Lines between this and the particles of a frame."""
+"""Number of header lines between FRAME and the particles of a frame."""
 RESTARTS_OF_A_RUN = 20
+"""Number of restart files that a run writes; a killed run loses at most this fraction of its steps."""
 BATCH = """\
 #!/bin/bash
 #SBATCH --job-name=magphonon
 #SBATCH --ntasks={ranks}
 #SBATCH --time=24:00:00
-# Runs on {ranks} ranks, `sbatch submit.sh` on a cluster with SLURM or `bash submit.sh` elsewhere, once LAMMPS is in the path
-# (there, perhaps: module load lammps).  Submitted again, it goes on from the newest restart file.
+# Runs on {ranks} ranks: `sbatch submit.sh` on a cluster with SLURM, `bash submit.sh` elsewhere.  LAMMPS must be in the search
+# path (on a cluster perhaps by: module load lammps).  If it is submitted again, it continues from the newest restart file.
 set -e
 cd "${{SLURM_SUBMIT_DIR:-$(dirname "$0")}}"
 newest=$(ls -t {restarts} 2>/dev/null | head -n 1 || true)
@@ -56,7 +57,7 @@ fi
 
 @dataclass(frozen=True)
 class LammpsRecord:
-    """The record that a `Recorder` would have kept.
+    """A record of particles, with the same content as that of a `Recorder`.
 
     Attributes
     ----------
@@ -76,13 +77,13 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
                damping: float = 0.0, ranks: int = 1, directory: str | PathLike[str] | None = None) -> tuple[LammpsRecord, ...]:
     """Run a patch from rest by LAMMPS.
 
-    LAMMPS takes forces from absolute positions, so that displacements have an error of 1e-15 of the size of the patch, whatever
-    their own size.
+    LAMMPS computes forces from absolute positions, so displacements have an absolute error of 1e-15 times the size of the
+    patch, however small they are.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        As for `write_lammps_input`; it stays as it is.
+        As for `write_lammps_input`; they are not changed.
     timestep : float
         In ms.
     steps : int
@@ -94,8 +95,8 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     ranks : int
         MPI ranks.
     directory : path-like, optional
-        Folder that keeps the files of the run.  What the same run has left there is used: records that are complete are read,
-        and a run that was stopped goes on from its newest restart file.
+        Folder for the files of the run.  If it holds files of the same run they are used: complete records are read, and a
+        stopped run continues from its newest restart file.
 
     Returns
     -------
@@ -105,9 +106,9 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     Raises
     ------
     ValueError
-        If LAMMPS cannot run this scene or stops, or the folder holds the files of another run.
+        If LAMMPS cannot run this scene, or stops, or if the folder holds the files of another run.
     ImportError
-        If there is no LAMMPS, or no mpiexec for more than one rank.
+        If LAMMPS is not installed, or mpiexec for more than one rank.
     """
     ranks = whole('ranks', ranks)
     if directory is None:
@@ -116,14 +117,16 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
                               directory=made)
     directory = Path(directory)
     directory.mkdir(exist_ok=True)
-    _write(directory, atoms, timestep, steps, drives, damping, records, ranks)
+    _write(directory, atoms, timestep, steps, drives, damping, records)
+    with whole_file(directory / 'submit.sh') as file:
+        file.write(BATCH.format(ranks=ranks, restarts=' '.join(RESTARTS)))
     if not (directory / 'complete').exists():
         _run(directory, ranks)
     return tuple(_record(directory / f'record{n}.dump', atoms, particles, timestep) for n, (particles, _) in enumerate(records))
 
 
-def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
-    """Write the input, or see that what is there is the same."""
+def _write(directory, atoms, timestep, steps, drives, damping, records):
+    """Write the input; refuse a folder whose input differs."""
     with TemporaryDirectory() as made:
         stage = Path(made)
         write_lammps_input(stage, atoms, timestep, steps, drives=drives, damping=damping, records=records,
@@ -135,8 +138,6 @@ def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
                 raise ValueError(f'{directory / name} belongs to another run; name another folder, or remove this one')
         for name in set(names) - set(there):
             shutil.copyfile(stage / name, directory / name)
-    with whole_file(directory / 'submit.sh') as file:
-        file.write(BATCH.format(ranks=ranks, restarts=' '.join(RESTARTS)))
 
 
 def _run(directory, ranks):
@@ -151,11 +152,11 @@ def _run(directory, ranks):
         log = directory / 'log.lammps'
         lines = (log.read_text() if log.exists() else done.stderr + done.stdout).splitlines()
         why = next((line for line in lines if 'ERROR' in line), lines[-1] if lines else f'exit status {done.returncode}')
-        raise ValueError(f'LAMMPS stopped: {why.strip()}; its files are in {directory}, lower the drives or the time step')
+        raise ValueError(f'LAMMPS stopped: {why.strip()}; its files are in {directory}; lower the drives or the time step')
 
 
 def _program(name, package):
-    """Path of a program, in the folder of this Python's scripts, in the search path, or as a wheel has installed it."""
+    """Path of a program: in the folder of this Python's scripts, in the search path, or where a wheel installed it."""
     found = shutil.which(name, path=f'{sysconfig.get_path("scripts")}{pathsep}{environ.get("PATH", "")}')
     try:
         installed = [file.locate() for file in metadata.files(package) or () if file.name == name and file.parent.name == 'bin']
@@ -164,11 +165,12 @@ def _program(name, package):
     for path in (found, *installed):
         if path is not None and Path(str(path)).exists():
             return str(Path(str(path)).resolve())  # mpiexec looks for its helpers beside itself
-    raise ImportError(f"the program {name} is not installed; pip install 'magphonon[peers]', or load it as your cluster says")
+    raise ImportError(f"the program {name} is not installed; pip install 'magphonon[peers]', or load it as the manual of your "
+                      'cluster says')
 
 
 def _record(file, atoms, particles, timestep):
-    """Read a dump; of frames that were written again after a restart the later ones count."""
+    """Read a dump; of a frame that was written twice, before and after a restart, the later one counts."""
     particles = np.arange(len(atoms)) if particles is None else np.atleast_1d(particles)
     ordered, back = np.unique(particles, return_inverse=True)  # LAMMPS sorts by number
     rest = atoms.positions[ordered, :2]

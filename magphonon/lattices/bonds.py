@@ -259,6 +259,27 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     return Bonds(i, j, shift, vectors, n)
 
 
+def bonds_of(atoms: Atoms, bonds: Bonds | Iterable[Any] | None, shells: int, cutoff: float | None) -> Bonds:
+    """The bonds of a structure: given, listed as in `explicit_bonds`, or else found as by `find_bonds`.
+
+    Raises
+    ------
+    ValueError
+        If the bonds belong to a structure of another size or to other positions, or there are none; as the two functions.
+    """
+    if bonds is None:
+        bonds = find_bonds(atoms, shells, cutoff)
+    elif not isinstance(bonds, Bonds):
+        bonds = explicit_bonds(atoms, bonds)
+    if bonds.particles != len(atoms):
+        raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(atoms)}; '
+                         'find them in this structure, or use repeat_bonds')
+    if not len(bonds):
+        raise ValueError(f'no two of the {len(atoms)} particles are bonded, so nothing repels; keep at least one pair of '
+                         'neighbours')
+    return bonds.fitted(atoms)
+
+
 def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
     """The same bonds in a supercell of `atoms`, whatever the order of its particles.
 

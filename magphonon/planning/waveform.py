@@ -16,6 +16,7 @@ If a whole row of particles is driven, the trial runs use a strip one cell wide.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -180,7 +181,8 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
                 f'bonds stretch and rotate by at most {percent(strain)}, so nonlinearity changes the waveform by less than '
                 f'{percent(bound)}']
     if bound * (1 + doubt) > tolerance:
-        effect, evidence[1:] = _perturbed(effect, system, drive, damping, row, clock, tolerance, doubt)
+        correction = partial(relative_correction, system, drive, damping, row)
+        effect, evidence[1:] = _perturbed(effect, system, correction, clock, tolerance, doubt)
         if effect.nonlinear > SLIGHT:
             trials = [_Trial(atoms, drive, row, damping, clock, share) for share in (1, WEAK_AMPLITUDE)]
             effect, evidence[1:] = _tried(trials, exact[:, row], len(atoms), effect.cost, tolerance, doubt)
@@ -238,14 +240,10 @@ def _refined(nonlinearity, tolerance, doubt):
     return found, own_doubt, fine
 
 
-def _perturbed(bounds, system, drive, damping, row, clock, tolerance, doubt):
+def _perturbed(bounds, system, correction, clock, tolerance, doubt):
     """The effect of nonlinearity by perturbation theory, with the bound of the time-step error, and the evidence."""
     (dt, interval, steps), calc = clock, system.calc
-
-    def correction(fine):
-        return relative_correction(system, drive, damping, row, (dt / fine, interval * fine, steps * fine))
-
-    found, own_doubt, fine = _refined(correction, tolerance, doubt)
+    found, own_doubt, fine = _refined(lambda fine: correction((dt / fine, interval * fine, steps * fine)), tolerance, doubt)
     cost = (2 * fine - 1) * steps * (2 * system.K.nnz + len(calc.bonds) * force_cost(calc.dim))
     said = f'nonlinearity: {percent(found)} (by perturbation theory, for {len(system)} particles and {steps * fine} steps)'
     return replace(bounds, nonlinear=found, nonlinear_doubt=own_doubt + NEXT_ORDER * found, cost=cost), [said]

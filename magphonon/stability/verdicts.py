@@ -122,9 +122,7 @@ def _judged(atoms, drives, timestep, supercell, distance, far):
     # whether the softest wave is among those of `frequency_shifts`
     shifted = settled and sparse and far and (not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q)))
     escape = escape_speeds(atoms) if settled and stable and small and alike and not touching else None
-    apart = settled and sparse and calc.dim == 2  # out of the plane
-    magnets = apart and not any(isinstance(law, CENTRAL) for law in laws_of(calc.potential))
-    wave, alone = support_needed(structure) if magnets else (None, None)
+    wave, alone, central = _supports(structure, calc) if settled and sparse and calc.dim == 2 else (None, None, None)
     return Verdict(
         planar=calc.dim == 2,
         model=calc.model,
@@ -145,7 +143,7 @@ def _judged(atoms, drives, timestep, supercell, distance, far):
         timestep=None if timestep is None else positive('timestep', timestep, 'ms'),
         support=wave,
         alone=alone,
-        central=support_needed(structure, magnets=False)[0] if apart else None,
+        central=central,
         amplitude=frequency_shifts(structure).amplitude(LINEAR_ERROR) if stable and shifted else None,
         away=case.away,
         closest=case.closest,
@@ -156,6 +154,13 @@ def _judged(atoms, drives, timestep, supercell, distance, far):
         distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
         supercell=None if supercell is None else _supercell_fault(calc, supercell),
     )
+
+
+def _supports(structure, calc):
+    """Stiffness out of the plane that supports need: for upright magnets, for one of them alone, and for central forces."""
+    magnets = not any(isinstance(law, CENTRAL) for law in laws_of(calc.potential))
+    wave, alone = support_needed(structure) if magnets else (None, None)
+    return wave, alone, support_needed(structure, magnets=False)[0]
 
 
 def _unjudged(finite, size, far):

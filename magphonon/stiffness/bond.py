@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..interactions.pair_laws import PairLaw
+    from ..lattices.bonds import Bonds
 
 MODELS = ('complete', 'conventional')
 
@@ -59,6 +60,44 @@ def bond_stiffness(vectors: NDArray[np.float64], law: PairLaw) -> tuple[NDArray[
     D0 = law.d2phi(r) * nn
     Dstar = law.dphi(r) / r * (np.eye(vectors.shape[1]) - nn)
     return D0, Dstar
+
+
+def displaced(bonds: Bonds, rest: tuple[NDArray[np.float64], ...], moved: NDArray[np.float64],
+              model: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lengths of displaced bonds that enter the law, and the directions along which the force acts, in a model of the forces.
+
+    Parameters
+    ----------
+    bonds : Bonds
+    rest : three ndarrays, shapes (bonds, dim), (bonds,) and (bonds, dim)
+        Vectors R and lengths r0 of the bonds at rest in mm, and their unit vectors n.
+    moved : ndarray, shape (bonds, dim)
+        Relative displacement of the ends of each bond in mm.
+    model : {'complete', 'conventional', 'literal'}
+
+    Returns
+    -------
+    lengths : ndarray, shape (bonds,)
+        In mm.
+    directions : ndarray, shape (bonds, dim)
+        Unit vectors.
+
+    Raises
+    ------
+    ValueError
+        If two bonded particles coincide or have passed through each other.
+    """
+    R, r0, n = rest
+    vectors = R + moved
+    if model == 'conventional':
+        lengths = r0 + np.einsum('bx,bx->b', n, moved)
+    else:
+        lengths = np.sqrt(np.einsum('bx,bx->b', vectors, vectors))
+    if lengths.size and not lengths.min() > 0:
+        b = lengths.argmin()
+        raise ValueError(f'particles {bonds.i[b]} and {bonds.j[b]} coincide or have passed through each other '
+                         f'(distance {lengths[b]:g} mm along their bond); start from smaller displacements')
+    return lengths, vectors / lengths[:, None] if model == 'complete' else n
 
 
 def leaves_the_plane(law: PairLaw, vectors: NDArray[np.float64]) -> TypeGuard[UprightMagnets]:

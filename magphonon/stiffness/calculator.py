@@ -1,4 +1,4 @@
-"""ASE calculator of particles that repel each other and stand on an elastic foundation."""
+"""ASE calculator of particles that repel each other and are tied to an elastic foundation."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scipy import sparse
 from ..errors import finite, one_of
 from ..interactions.bond_laws import checked_potential, law_along
 from ..interactions.upright import UprightMagnets
-from ..lattices.bonds import Bonds, explicit_bonds, find_bonds, image_of, repeat_bonds
-from .bond import MODELS, bond_stiffness, leaves_the_plane, model_stiffness, upright_forces
+from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
+from . import positions
+from .bond import MODELS, bond_stiffness, displaced, leaves_the_plane, model_stiffness, upright_forces
 from .cells import NO_STRESS, carried, same_cell, stress_per_volume
 from .matrices import bloch_matrix, bloch_series, hessian
-from .positions import from_reference, minimum_image, refuse_motion_out_of_the_plane, shortest_period
 from .repulsion import masses_of
 from .restartable import Restartable
 from .scale import warn_of_units
@@ -47,57 +47,56 @@ class MagneticRepulsion(Restartable):
         complete      E = sum_bonds [phi(|R + du|) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
         conventional  E = sum_bonds [phi(r0 + n.du) - phi(r0)] + sum_particles (k u^2 / 2 - h.u)
 
-    Every site may be its own: springs k of its own along each direction, a strength s of its own, by which the energy of the
-    pair i, j is s_i s_j phi, and a kind, its ASE tag, by which phi is chosen.  `law` is the pair law of each bond.
+    Particles may differ: each may have its own spring constants k along each direction, its own strength s (the energy of
+    the pair i, j is s_i s_j phi), and its own kind, given by its ASE tag, which selects phi.  `law` is the pair law of each bond.
 
-    Rest and anchors are two things.  A foundation spring is slack at its anchor; at rest it pulls with -k (rest - anchor),
-    and with the dead load this makes the constant force h = load - k (rest - anchor).  In a perfect lattice both places
-    coincide and h = 0; after `magphonon.relaxed` they differ where a defect or a rim has moved the particles.
+    The rest position of a particle and the anchor of its spring may differ.  A foundation spring is slack at its anchor; at
+    rest it pulls with -k (rest - anchor), which gives with the dead load the constant force h = load - k (rest - anchor).  In a
+    perfect lattice both positions coincide and h = 0; after `magphonon.relaxed` they differ near defects and rims.
 
-    The conventional model freezes the bond directions.  The paper's own words, "only the magnitude is updated",
-    can also mean the force -phi'(|R + du|) n: `model='literal'`.  That force is not conservative, so it has
-    neither energy nor Hessian; it is here to be compared with.
+    The conventional model keeps the bond directions fixed.  The words of the paper, "only the magnitude is updated", can also
+    mean the force -phi'(|R + du|) n: `model='literal'`.  That force is not conservative, so it has neither energy nor
+    Hessian; it serves for comparison only.
 
-    Particles in a structure that is not periodic in all three directions are planar: they must share one z, and
-    neither forces nor foundation act along it.  (Magnets are in truth unstable out of the plane; supports hold them.)
-    A foundation with three components, `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of
-    their supports along z.  Then the repulsion acts along the line between two particles, or as that of
-    `magphonon.interactions.UprightMagnets`.
+    Particles in a structure that is not periodic in all three directions are planar: they must share one z, and no force acts
+    along z.  (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
+    `foundation=[[k, k, kz]]`, lets them move out of the plane: kz is the stiffness of their supports along z.  The repulsion
+    then acts along the line between two particles, or as that of `magphonon.interactions.UprightMagnets`.
 
     Parameters
     ----------
     reference : ase.Atoms
-        The rest configuration: its positions are, modulo periodic images, the origin of displacements; the energy is zero
-        there.  That forces balance in it is not required here, but it is for every linear answer (`magphonon.stiffness.rest`).
+        The rest configuration: displacements are measured from its positions, modulo periodic images, and the energy is zero
+        there.  The forces need not balance there, except for linear results (`magphonon.stiffness.rest`).
     potential : PairLaw, or mapping from pairs of kinds to PairLaw
-        Pair law in mm, mJ; `magphonon.interactions.PairLaw` says how to write your own.  Where particles are of different
-        kinds, a law for each pair of kinds that repel each other, `{(0, 0): one, (0, 1): another}`, in either order.  The kind
-        of a particle is its tag in `reference`, `atoms.get_tags()`; magphonon's patches number their rows from the rim there,
-        `atoms.set_tags` makes kinds of them.
+        Pair law in mm, mJ; `magphonon.interactions.PairLaw` says how to write your own.  For particles of different kinds
+        give a law for each pair of kinds that repel each other, `{(0, 0): one, (0, 1): another}`, in either order.  The kind
+        of a particle is its tag in `reference`, `atoms.get_tags()`.  In patches made by magphonon the tags count the rows from
+        the rim; `atoms.set_tags` replaces them by kinds.
     foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
         Stiffness of the spring between each particle and its anchor, N/mm: one number, one for each particle, for each
         direction, or for both.
     strengths : array_like, shape (particles,), optional
-        Strength s of each particle, by default 1: two of them repel by the law `s_i s_j phi(r)`, as magnets of these
-        moments, relative to those that the law was measured with, do.
+        Strength s of each particle, by default 1: two particles repel by the law `s_i s_j phi(r)`.  For magnets s is the
+        magnetic moment divided by that of the magnets with which the law was measured.
     anchors : array_like, shape (particles, 3), optional
         Where the foundation springs are slack, in mm; the positions of the reference if not given.
     load : array_like, shape (particles, 3), optional
         Dead load: a constant force on each particle in N, such as the weight or the push that holds an oscillator against
-        its magnets.  What acts on a held particle has no effect.
+        its magnets.  A load on a held particle has no effect.
     model : {'complete', 'conventional', 'literal'}
     shells : int
         Number of neighbour shells that interact.
     cutoff : float, optional
         Instead of `shells`: the distance in mm within which particles interact.
     bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
-        Instead of either: the interacting pairs.  Their vectors are taken at the reference.
+        The interacting pairs, instead of `shells` and `cutoff`.  Their vectors are computed at the reference.
 
     Warns
     -----
     UserWarning
-        If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz: most likely numbers in SI
-        without their units.
+        If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz: most likely SI numbers were
+        given without their units.
 
     Raises
     ------
@@ -135,37 +134,20 @@ class MagneticRepulsion(Restartable):
         self.reference.calc = None
         self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
         self.dim = displacement_components(reference, foundation)
-        first = not isinstance(bonds, Bonds)  # what is made of another calculator hands on its bonds
+        first = not isinstance(bonds, Bonds)  # a calculator made from another one receives its Bonds
         reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
         self._reach = reach if bonds is None else f'bonds={len(bonds)}'
-        if bonds is None:
-            bonds = find_bonds(self.reference, shells, cutoff)
-        elif not isinstance(bonds, Bonds):
-            bonds = explicit_bonds(self.reference, bonds)
-        if bonds.particles != len(reference):
-            raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(reference)}; '
-                             'find them in this structure, or use repeat_bonds')
-        if not len(bonds):
-            raise ValueError(f'no two of the {len(reference)} particles are bonded, so nothing repels; keep at least one pair of '
-                             'neighbours')
-        bonds = bonds.fitted(self.reference)
-        height = max(np.ptp(reference.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
-        if self.dim == 2 and height > 1e-9 * bonds.lengths.min():
-            raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
-                             'a structure in space is periodic along three vectors')
-        self.bonds = bonds
+        self.bonds = bonds = bonds_of(self.reference, bonds, shells, cutoff)
         shape = (len(reference), 3)
         self._anchors = self.reference.get_positions() if anchors is None else finite('anchors', anchors, shape).copy()
         self._load = np.zeros(shape) if load is None else finite('load', load, shape).copy()
-        for fixed in self._anchors, self._load, self.reference.positions:  # forces are made of them once
+        for fixed in self._anchors, self._load, self.reference.positions:  # constant forces are computed from them once
             fixed.flags.writeable = False
-        if self.dim == 2 and self.load[:, 2].any():
-            raise ValueError(f'the load pushes particle {np.flatnonzero(self.load[:, 2])[0]} along z, but the structure is '
-                             'planar; give it a direction in the plane')
+        if self.dim == 2:
+            positions.refuse_load_along_z(self._load)
         law = law_along(self._potential, bonds.i, bonds.j, self.reference.get_tags(), self._strengths)
         self._law = law.planar if isinstance(law, UprightMagnets) and self.dim == 2 else law
-        if isinstance(self._law, UprightMagnets) and not height <= 1e-9 * bonds.lengths.min():
-            raise ValueError(f'upright magnets stand on a plane, but z ranges over {height:g} mm; give them one z')
+        positions.refuse_height(self.reference, bonds, self.dim, upright=isinstance(self._law, UprightMagnets))
         refuse_infinite(self._law, bonds)
         super().__init__(foundation=foundation, model=model)
         if first:
@@ -173,20 +155,20 @@ class MagneticRepulsion(Restartable):
 
     @property
     def potential(self) -> Potential:
-        """The pair law, or those of pairs of kinds, as given; others belong to another calculator."""
+        """The pair law, or the laws of the pairs of kinds, as given; read-only: make a new calculator to change it."""
         return self._potential
 
     @property
     def law(self) -> PairLaw:
-        """The pair laws laid along the bonds, for distances whose first axis is that of the bonds.
+        """The pair law of every bond, for arrays of distances whose first axis is that of the bonds.
 
-        `magphonon.interactions.BondLaws`; the one law itself where all bonds have the same and all strengths are 1.
+        A `magphonon.interactions.BondLaws`; or the law itself, if all bonds have the same law and all strengths are 1.
         """
         return self._law
 
     @property
     def strengths(self) -> NDArray[np.float64]:
-        """Strength of each particle, shape (particles,); read-only, as those of another calculator."""
+        """Strength of each particle, shape (particles,); read-only: make a new calculator to change it."""
         return self._strengths
 
     @property
@@ -196,7 +178,7 @@ class MagneticRepulsion(Restartable):
 
     @property
     def load(self) -> NDArray[np.float64]:
-        """Dead load in N, shape (particles, 3); read-only: `about(atoms, load)` makes a calculator with another one."""
+        """Dead load in N, shape (particles, 3); read-only: `about(atoms, load)` makes a calculator with another load."""
         return self._load
 
     @property
@@ -211,12 +193,12 @@ class MagneticRepulsion(Restartable):
 
     @property
     def linear_model(self) -> str:
-        """Model of the stiffness at rest: there the literal forces change as the conventional ones."""
+        """Model of the stiffness at rest, where the literal and the conventional forces have the same derivative."""
         return 'complete' if self.model == 'complete' else 'conventional'
 
     @property
     def layer(self) -> bool:
-        """Whether particles of a plane may move out of it, each on a support of its own."""
+        """Whether the particles of a planar structure may move out of the plane, each on its own support."""
         return self.dim == 3 and not self.reference.pbc.all()
 
     @property
@@ -225,7 +207,7 @@ class MagneticRepulsion(Restartable):
         return self.bonds.vectors[:, : self.dim]
 
     def set(self, **parameters: Any) -> dict[str, Any]:
-        """Change `foundation` or `model`; whatever was computed before is forgotten.
+        """Change `foundation` or `model`; cached results are deleted.
 
         Raises
         ------
@@ -247,17 +229,17 @@ class MagneticRepulsion(Restartable):
         bonds = repeat_bonds(self.bonds, self.reference, supercell)
         image = image_of(self.reference, supercell)
         reference = supercell.copy()
-        reference.set_tags(self.reference.get_tags()[image])  # a kind is a tag, and phonopy knows no tags
+        reference.set_tags(self.reference.get_tags()[image])  # tags are kinds, and phonopy does not keep tags
         return MagneticRepulsion(reference, self.potential, bonds=bonds, load=self.load[image], model=self.model,
                                  foundation=of_sites(self.foundation, image), strengths=self.strengths[image],
                                  anchors=supercell.positions - self.slack[image])
 
     def about(self, atoms: Atoms, load: ArrayLike | None = None, **parameters: Any) -> MagneticRepulsion:
-        """The same calculator with the present positions of `atoms` as its rest; `load` and `parameters` may change, too.
+        """The same calculator with the present positions of `atoms` as its rest, and optionally another load or parameters.
 
-        The pairs of particles stay, their vectors are taken anew; anchors and load stay.  Nothing is required of the forces
-        at the new rest: `magphonon.stiffness.rest.at_rest` looks whether they balance.  The cell may be another one where
-        nothing is anchored (`magphonon.stiffness.cells`).
+        The pairs of particles, the anchors and the load stay; the bond vectors are computed again.  The forces at the new
+        rest need not balance: `magphonon.stiffness.rest.at_rest` checks that.  The cell may differ if nothing is anchored
+        (`magphonon.stiffness.cells`).
         """
         if not same_cell(self, atoms):
             rest, bonds = carried(self, atoms)
@@ -286,7 +268,7 @@ class MagneticRepulsion(Restartable):
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
-        if name == 'hessian':  # it takes long and is no part of a trajectory, so it is never cached
+        if name == 'hessian':  # it is expensive and not part of a trajectory, so it is never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
         if self.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
             raise PropertyNotImplementedError(NO_ENERGY)
@@ -299,7 +281,7 @@ class MagneticRepulsion(Restartable):
         here = self if same_cell(self, self.atoms) else self.about(self.atoms)
         u = here.displacements(self.atoms)
         if self.dim == 2:
-            refuse_motion_out_of_the_plane(here, self.atoms)
+            positions.refuse_motion_out_of_the_plane(here, self.atoms)
         energy, gradient = here._repulsion(u)
         self.results = {'forces': np.zeros((len(u), 3))}
         self.results['forces'][:, : self.dim] = here._forces(u, gradient)
@@ -317,14 +299,14 @@ class MagneticRepulsion(Restartable):
         ValueError
             If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
         """
-        return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
+        return self._minimum_image(positions.from_reference(self, atoms))[:, : self.dim]
 
     def _minimum_image(self, u):
-        return minimum_image(u, self.reference, self._shortest_period)
+        return positions.minimum_image(u, self.reference, self._shortest_period)
 
     @cached_property
     def _shortest_period(self):
-        return shortest_period(self.reference)
+        return positions.shortest_period(self.reference)
 
     @cached_property
     def _rest(self):
@@ -335,7 +317,7 @@ class MagneticRepulsion(Restartable):
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:
-        """How far the foundation springs are stretched at rest: from the anchors to rest in mm, shape (particles, 3)."""
+        """Extension of the foundation springs at rest: vectors from anchor to rest in mm, shape (particles, 3)."""
         return self._minimum_image(self.reference.positions - self.anchors)
 
     @property
@@ -350,20 +332,7 @@ class MagneticRepulsion(Restartable):
 
     def _geometry(self, u):
         """Bond lengths that enter the law, and the directions along which the force acts."""
-        R, r0, n, _ = self._rest
-        du = self.bonds.incidence @ u
-        if self.model == 'conventional':
-            return self._separated(r0 + np.einsum('bx,bx->b', n, du)), n
-        bond = R + du
-        length = self._separated(np.sqrt(np.einsum('bx,bx->b', bond, bond)))
-        return length, bond / length[:, None] if self.model == 'complete' else n
-
-    def _separated(self, length):
-        if length.size and not length.min() > 0:
-            b = length.argmin()
-            raise ValueError(f'particles {self.bonds.i[b]} and {self.bonds.j[b]} coincide or have passed through each other '
-                             f'(distance {length[b]:g} mm along their bond); start from smaller displacements')
-        return length
+        return displaced(self.bonds, self._rest[:3], self.bonds.incidence @ u, self.model)
 
     def _repulsion(self, u):
         """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
@@ -377,7 +346,7 @@ class MagneticRepulsion(Restartable):
         return self.offset - self.bonds.incidence.T @ gradient - self.foundation * u
 
     def _energies(self, u, shared):
-        """Energy of each particle, with half of what each of its bonds has gained since rest."""
+        """Energy of each particle, with half of the energy that each of its bonds has gained since rest."""
         bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
         return bonds + np.einsum('ix,ix->i', 0.5 * self.foundation * u - self.offset, u)
 
@@ -395,12 +364,12 @@ class MagneticRepulsion(Restartable):
 
     def bloch_series(self, along: NDArray[np.float64],
                      model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-        """The same without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
+        """Bloch matrix without foundation to second order in the wavevector k `along`; see `stiffness.bloch_series`."""
         R = (self.bonds.shift @ self.reference.cell.array)[:, : self.dim]
         return bloch_series(self.bonds, self.rest_stiffness(model), R @ along)
 
     def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
-        """Zero, shape (dim, dim): with a finite number of neighbours nothing outgrows the second order in long waves."""
+        """Zero, shape (dim, dim): with finitely many neighbours no term exceeds the second order in long waves."""
         return np.zeros((self.dim, self.dim))
 
     def get_hessian(self, atoms: Atoms, part: str = 'all') -> sparse.csr_array:
@@ -410,12 +379,12 @@ class MagneticRepulsion(Restartable):
         ----------
         atoms : ase.Atoms
         part : {'all', 'D0', 'Dstar', 'foundation'}
-            'all' is their sum in the complete model; the conventional model has no 'Dstar'.
+            'all' is the sum of the three in the complete model; in the conventional model 'Dstar' is zero.
 
         Returns
         -------
         scipy.sparse.csr_array, shape (3 * particles, 3 * particles)
-            In N/mm; ASE's order of components.  Rows along z are empty for planar particles.
+            In N/mm, with the components in ASE's order.  Rows along z are empty for planar particles.
         """
         one_of('part', part, HESSIAN_PARTS)
         if self.model == 'literal':

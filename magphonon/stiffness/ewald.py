@@ -33,6 +33,7 @@ from ase import Atoms
 
 from ..errors import finite, one_of, positive
 from ..interactions.pair_laws import GaussianMixture, InversePower
+from .gaussian_integrals import REACH, WideGaussians, nodes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,10 +44,6 @@ if TYPE_CHECKING:
     from ..interactions.pair_laws import PairLaw
 
 PARTS = ('all', 'D0', 'Dstar')
-REACH = 42.0
-"""Exponent at which both sums are truncated: e^-42 is 6e-19."""
-_X, _W = np.polynomial.legendre.leggauss(16)
-_PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is integrated to round-off, without a power of t
 
 
 def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayLike | None = None, q: ArrayLike | None = None,
@@ -206,7 +203,7 @@ class EwaldSums:
         """Nodes and weights of the integral from eta^2 up, for distances `r`; a steep law peaks late and sharply."""
         shortest = np.min(r, initial=np.inf)
         late = 2 * (self.decay if np.isfinite(self.decay) else self.law.screening * shortest)
-        return _nodes(self.eta2, self.eta2 + (REACH + 20 + late) / shortest**2, late)
+        return nodes(self.eta2, self.eta2 + (REACH + 20 + late) / shortest**2, late)
 
     # --- wide Gaussians, over the reciprocal lattice -----------------------------------------------------------------
 
@@ -219,7 +216,7 @@ class EwaldSums:
 
     def far_scalar(self, p: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Share of the wide Gaussians in `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
-        wide = _Wide(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
+        wide = WideGaussians(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
         return (wide.moment(self.law.gaussians, 0) * np.exp(1j * p @ offset)).sum(axis=1)
 
     def far_energy(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -227,7 +224,7 @@ class EwaldSums:
         p, rho = self.waves(np.zeros((1, self.d)))[0], self.law.gaussians
         phi, gradient = np.empty(len(offsets)), np.empty(offsets.shape)
         for x, these in self._sideways(offsets):
-            wide = _Wide(self, (p**2).sum(axis=1), x @ x)
+            wide = WideGaussians(self, (p**2).sum(axis=1), x @ x)
             phase = np.exp(1j * p @ offsets[these].T)
             waves = wide.moment(rho, 0)[:, None] * phase
             phi[these], gradient[these] = waves.sum(axis=0).real, -(p.T @ waves.imag).T
@@ -240,7 +237,7 @@ class EwaldSums:
         alpha, beta = self.mixture(part)
         total = np.empty((len(p), len(offsets), self.dim, self.dim), dtype=complex)
         for x, these in self._sideways(offsets):
-            wide = _Wide(self, (p**2).sum(axis=-1), x @ x)
+            wide = WideGaussians(self, (p**2).sum(axis=-1), x @ x)
             T = -np.einsum('qG,qGa,qGb->qGab', wide.moment(beta, 0, uniform=False), p, p)
             if alpha:
                 T = T + wide.moment(alpha, 1)[..., None, None] * np.eye(self.dim)
@@ -277,7 +274,7 @@ class EwaldSums:
         def total(f, m):  # of f, which falls like rho t^m towards t = 0
             if np.isfinite(self.decay):
                 return self.eta2 * f(self.eta2) / (self.decay / 2 + m)
-            t, w = _nodes(self.law.screening**2 / 4 / (REACH + 20), self.eta2)
+            t, w = nodes(self.law.screening**2 / 4 / (REACH + 20), self.eta2)
             return w @ f(t)
 
         if part is None:
@@ -326,7 +323,7 @@ class EwaldSums:
         gaussian = (0, 0, 1.0), (1, -1, g / 2), (2, -1, -0.25), (2, -2, g**2 / 8)
         for o, offset in enumerate(offsets):
             x = P @ offset
-            wide = _Wide(self, (G**2).sum(axis=1), x @ x)
+            wide = WideGaussians(self, (G**2).sum(axis=1), x @ x)
             # alpha + beta grad grad, where grad = ip - 2tx and the direction across adds -2t P: order in k, power of t, tensor
             i_G, i_n = 1j * G[:, :, None], -1j * n[:, None]
             terms = [(0, 0, beta, i_G * i_G.swapaxes(1, 2)), (1, 0, beta, _symmetric(i_G * -1j * n)), (2, 0, beta, i_n * i_n.T)]
@@ -347,52 +344,6 @@ class EwaldSums:
 
 def _symmetric(tensor):
     return tensor + tensor.swapaxes(-1, -2)
-
-
-class _Wide:
-    """Integrals over the wide Gaussians, `int f(t) (pi/t)^{d/2}/V exp(-p^2/4t - t x^2) dt` up to eta^2, one for each p^2."""
-
-    def __init__(self, sums, p2, x2):
-        self.sums = sums
-        algebraic = np.isfinite(sums.decay)
-        # p = 0: below t = 1/x^2 the integrand is a power of t and is integrated in closed form, but for the offset across
-        self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
-        self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
-        low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
-        low = (low if algebraic else low + sums.law.screening**2) / 4 / (REACH + 20)
-        if x2 > 0 and algebraic:
-            low = min(low, self.flat * np.exp(-80))
-        power = 2 * sums.decay if algebraic else 0
-        self.t, w = (np.concatenate(both) for both in zip(_nodes(low, self.flat, power), _nodes(self.flat, sums.eta2, power),
-                                                          strict=True))
-        self.w = w * (np.pi / self.t) ** (sums.d / 2) / sums.volume
-        self.gauss = np.exp(-p2[..., None] / (4 * self.t)) * np.exp(-self.t * x2)
-        self.gauss[self.uniform] = np.where(self.t < self.flat, np.expm1(-self.t * x2), np.exp(-self.t * x2))
-
-    def moment(self, f, m, uniform=True):
-        """The integral of a function that falls like rho t^m towards t = 0; without the term p = 0 if not `uniform`."""
-        sums = self.sums
-        result = self.gauss @ (self.w * f(self.t))
-        if not self.uniform.any():
-            return result
-        if not uniform:
-            return np.where(self.uniform, 0.0, result)
-        exponent = (sums.decay - sums.d) / 2 + m
-        # where it is zero, a logarithm of the size, the same for all: energies then count from an arbitrary zero
-        factor = 1 / exponent if abs(exponent) > 1e-12 else np.log(self.flat * sums.volume ** (2 / sums.d))
-        closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume * factor
-        return result + np.where(self.uniform, closed, 0.0)
-
-
-def _nodes(low, high, power: float = 0):
-    """Gauss-Legendre nodes and weights of an integral over t, on panels of equal ratio, narrower for a high power of t."""
-    if low >= high:  # the screening is so strong that there are no wide Gaussians
-        return np.array([high]), np.zeros(1)
-    panels = max(1, int(np.ceil(np.log(high / low) / _PANEL * (1 + power / 32))))
-    half = np.log(high / low) / panels / 2
-    centre = np.log(low) + half * (2 * np.arange(panels) + 1)
-    t = np.exp(centre[:, None] + half * _X)
-    return t.ravel(), (half * _W * t).ravel()
 
 
 def points_within(vectors: NDArray[np.float64], centre: NDArray[np.float64], radius: float) -> NDArray[np.float64]:

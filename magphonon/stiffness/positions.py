@@ -1,4 +1,4 @@
-"""Atoms as a calculator is given them: whether they are the particles of its reference, and stay in its plane."""
+"""Checks of positions: whether atoms match the reference of a calculator and stay in its plane; the minimum image."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
+    from ..lattices.bonds import Bonds
     from .repulsion import Repulsion
 
 OUT_OF_PLANE = 0.1
@@ -17,9 +18,31 @@ OUT_OF_PLANE = 0.1
 ROUND_OFF = 1e-12
 """Fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane."""
 
+FLAT = 1e-9
+"""Largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions."""
+
+
+def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, upright: bool) -> None:
+    """Refuse planar particles (`dim` 2), or `upright` magnets, whose z differ; periodic images count."""
+    height = max(np.ptp(atoms.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
+    if height <= FLAT * bonds.lengths.min():
+        return
+    if dim == 2:
+        raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
+                         'a structure in space is periodic along three vectors')
+    if upright:
+        raise ValueError(f'upright magnets stand on a plane, but z ranges over {height:g} mm; give them one z')
+
+
+def refuse_load_along_z(load: NDArray[np.float64]) -> None:
+    """Refuse a dead load (N, shape (particles, 3)) that pushes a particle of a planar structure along z."""
+    if load[:, 2].any():
+        raise ValueError(f'the load pushes particle {np.flatnonzero(load[:, 2])[0]} along z, but the structure is planar; give '
+                         'it a direction in the plane')
+
 
 def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
-    """Vectors from the reference of a calculator to the positions of `atoms`, whatever the image, in mm, shape (particles, 3).
+    """Vectors from the reference of a calculator to the positions of `atoms` in mm, shape (particles, 3), in any image.
 
     Raises
     ------
@@ -68,7 +91,7 @@ def out_of_plane(atoms: Atoms) -> NDArray[np.bool_]:
 def refuse_motion_out_of_the_plane(calc: Repulsion, atoms: Atoms) -> None:
     """Refuse particles of a planar structure that leave its plane.
 
-    Nothing acts along z: what rattles or heats particles in space would let them drift, and take a third of the heat.
+    No force acts along z: particles that were rattled or heated along z would drift away, with a third of the heat.
     """
     height = abs(atoms.positions[:, 2] - calc.reference.positions[:, 2])
     away, moving = height > OUT_OF_PLANE * calc.bonds.lengths.min(initial=np.inf), out_of_plane(atoms)

@@ -167,16 +167,17 @@ def shown_with_offset(tmp_path, capsys, last):
     return capsys.readouterr().out
 
 
-def test_the_report_says_what_the_intervals_owe_to_the_offset(tmp_path, capsys):
+def test_the_report_says_how_the_offset_enters_the_intervals(tmp_path, capsys):
     wide, narrow = (shown_with_offset(tmp_path, capsys, last) for last in (25, 16))
     for out in (wide, narrow):
-        assert 'The intervals of all rows take in the uncertainty of this zero.' in out
+        assert 'The intervals of all rows include the uncertainty of this zero.' in out
         assert 'does not assume an inverse power' not in out
-    assert 'which assumes one only for the zero of the distances' in wide
-    # over so few distances a zero elsewhere looks like another exponent
+    assert 'which assumes an inverse power only for the zero of the distances' in wide
+    # over so few distances another zero looks like another exponent
     assert 'another zero looks like' not in wide
-    assert 'The farthest distance is less than 3 times the nearest: another zero looks like another exponent' in narrow
-    assert 'the intervals of 95 % with this offset hold the truth less often (docs/coverage.md)' in narrow
+    assert ('The farthest distance is less than 3 times the nearest: in this range another zero looks like another exponent'
+            in narrow)
+    assert 'the intervals of 95 % with this offset contain the truth less often (docs/coverage.md)' in narrow
 
 
 @pytest.mark.parametrize(('n', 'hardly'), [(3, True), (4, True), (15, False)])
@@ -185,7 +186,7 @@ def test_few_points_hardly_test_their_uncertainties(n, hardly, tmp_path, capsys)
     f = repulsion(LAW, r)
     rows = ''.join(f'{x / 1e3!r},{y!r},0.001\n' for x, y in zip(r.tolist(), f.tolist(), strict=True))
     assert main(['fit', write(tmp_path, 'r_m,f_N,sigma_N\n' + rows)]) == 0
-    assert ('So few points hardly test sigma_N, on which the intervals rest' in capsys.readouterr().out) == hardly
+    assert ('So few points hardly test sigma_N, on which the intervals depend' in capsys.readouterr().out) == hardly
 
 
 def test_the_command_takes_numbers_that_somebody_made_up(tmp_path, capsys):

@@ -290,7 +290,7 @@ def test_one_particle_needs_no_lattice(monkeypatch):
         raise AssertionError('a lattice was built for one particle')
 
     for name in ('magphonon.stiffness.matrices.bloch_matrix', 'magphonon.lattices.bonds.find_bonds',
-                 'magphonon.stiffness.calculator.find_bonds', 'magphonon.response.frf.chebyshev_blocks'):
+                 'magphonon.response.frf.chebyshev_blocks'):
         monkeypatch.setattr(name, lattice)
     (wanted,) = scene_plans(scene, 1e-3)
     assert wanted.plan.choice.algorithm == 'its closed form'
