@@ -10,8 +10,8 @@ from functools import cache
 
 from numba import types
 
-from .intrinsics import bits_of, floats, higher, indices, ints, magnitude, order, vectorise
-from .law_pieces import BITS, DEGREE
+from .intrinsics import bits_of, floats, higher, horner, indices, ints, magnitude, order, row, vectorise
+from .law_pieces import DEGREE, SHIFT
 from .machine_code import FLOATS, INTS, caller, compiled, part
 
 PULL = types.float64(INTS, FLOATS, FLOATS, FLOATS, FLOATS, *[types.int64] * 6)
@@ -20,8 +20,8 @@ pull_at = caller(PULL)
 NUMBERS, SIZES, R, G, UNIT, OFFSETS, STRENGTH, SEGMENTS, NEAR, FAR, FACTORS, WHICH, LAW = range(13)
 """Places in the table of addresses.
 
-NUMBERS    q and t
-SIZES      number of slots of a grid, of bonds of a table; number of all bonds that have laws of their own
+NUMBERS    q, t, and the reach of the law
+SIZES      number of slots of a grid, of bonds of a table; number of laws: of kinds, or of all bonds that have their own
 R          rest vectors, (2, kinds) or (2, bonds)
 G          static force over length
 UNIT       1/r0^2, or 1 where a law is given for r0^2 e and judged so
@@ -33,79 +33,89 @@ FACTORS    of bonds that have laws of their own, those of the common one
 WHICH      the pieces of each bond that has laws of its own
 LAW        coefficients of the kinds, (kinds, count), or of each bond, (count, bonds); or the five arrays of `Pieces`
 """
+OUT = 2.0
+"""What a bond out of all pieces has reached; the others 1."""
 
 
-# --- laws: H/e of bond or kind k at e, and what is judged by the reach of the law ---------------------------------------
+# --- laws: for each a function of the kind, called before the loop over its bonds, and one of what that returned: H/e of bond
+# or kind k at e, and what is judged by the reach of the law -----------------------------------------------------------------
+
+
+@part
+def _nothing(given, kind):
+    return 0
 
 
 @cache
 def _polynomial(count):
-    @part
-    def law(given, k, e):
-        c, at = floats(given, LAW), k * count
-        p = c[at + count - 1]
-        for n in range(count - 2, -1, -1):
-            p = p * e + c[at + n]
-        return p, e
+    taken = row(count)
 
-    return law
+    @part
+    def coefficients(given, kind):
+        return taken(floats(given, LAW), kind * count, 1)
+
+    @part
+    def law(given, c, k, e):
+        return horner(c, e), e
+
+    return coefficients, law
 
 
 @cache
 def _common_polynomial(count):
-    polynomial = _polynomial(count)
+    taken = row(count)
 
     @part
-    def law(given, k, e):
-        p, reached = polynomial(given, 0, e)
-        return floats(given, FACTORS)[k] * p, reached
+    def coefficients(given, kind):
+        return taken(floats(given, LAW), 0, 1)
 
-    return law
+    @part
+    def law(given, c, k, e):
+        return floats(given, FACTORS)[k] * horner(c, e), e
+
+    return coefficients, law
 
 
 @cache
 def _own_polynomial(count):
+    taken = row(count)
+
     @part
-    def law(given, k, e):
-        c, bonds = floats(given, LAW), ints(given, SIZES)[1]
-        p = c[(count - 1) * bonds + k]
-        for n in range(count - 2, -1, -1):
-            p = p * e + c[n * bonds + k]
-        return p, e
+    def law(given, c, k, e):
+        return horner(taken(floats(given, LAW), k, ints(given, SIZES)[1]), e), e
 
-    return law
+    return _nothing, law
 
 
-@part
-def _piece(given, k, e):
-    """From the piece in which the length lies, and how far that goes: beyond 1 out of all pieces."""
-    number, place = floats(given, LAW), ints(given, LAW + 1)
-    child, centre, c = ints(given, LAW + 2), floats(given, LAW + 3), floats(given, LAW + 4)
-    low, high, root = number[3 * k + 1], number[3 * k + 2], place[2 * k + 1]
-    w = 1.0 + number[3 * k] * e
-    reached = w / high
-    if not w > low:
-        w, reached = low, 2.0
-    if w > high:
-        w = high
-    n = root + (bits_of(w) >> (52 - BITS)) - place[2 * k]
-    while child[n] >= 0:
-        n = root + child[n] + (1 if w >= centre[n] else 0)
-    x = w - centre[n]
-    p = c[(DEGREE + 1) * n + DEGREE]
-    for m in range(DEGREE - 1, -1, -1):
-        p = p * x + c[(DEGREE + 1) * n + m]
-    return p, reached
+@cache
+def _pieces(own, halved):
+    """From the piece in which the length lies, which is found without a branch where no piece is halved."""
+    taken = row(DEGREE + 1)
 
+    @part
+    def law(given, c, k, e):
+        kind = ints(given, WHICH)[k] if own else k
+        number, place, coefficients = floats(given, LAW), ints(given, LAW + 1), floats(given, LAW + 2)
+        low, high = number[3 * kind + 1], number[3 * kind + 2]
+        w = 1.0 + number[3 * kind] * e
+        v = w if w > low else low
+        v = v if v < high else high
+        n = place[2 * kind + 1] + (bits_of(v) >> SHIFT) - place[2 * kind]
+        middle = magnitude(bits_of(v) >> SHIFT << SHIFT | 1 << (SHIFT - 1))
+        if halved:
+            child, centre = ints(given, LAW + 3), floats(given, LAW + 4)
+            while child[n] >= 0:
+                n = place[2 * kind + 1] + child[n] + (1 if v >= centre[n] else 0)
+            middle = centre[n]
+        p = horner(taken(coefficients, (DEGREE + 1) * n, 1), v - middle)
+        return floats(given, FACTORS)[k] * p if own else p, 1.0 if v == w else OUT
 
-@part
-def _own_piece(given, k, e):
-    p, reached = _piece(given, ints(given, WHICH)[k], e)
-    return floats(given, FACTORS)[k] * p, reached
+    return _nothing, law
 
 
 LAWS = {'polynomial': _polynomial, 'common polynomial': _common_polynomial, 'own polynomial': _own_polynomial,
-        'pieces': lambda count: _piece, 'own pieces': lambda count: _own_piece}
+        'pieces': lambda count: _pieces(False, False), 'halved pieces': lambda count: _pieces(False, True),
+        'own pieces': lambda count: _pieces(True, False), 'own halved pieces': lambda count: _pieces(True, True)}
 
 
 # --- bonds ------------------------------------------------------------------------------------------------------------
@@ -146,31 +156,34 @@ def grid_pull(law, count, own, partial):
     partial : bool
         Whether STRENGTH says which bonds there are.
     """
-    quotient = LAWS[law](count)
+    of_kind, quotient = LAWS[law](count)
 
     @compiled(PULL, f'grid {law} {count}' + ' own' * own + ' partial' * partial)
     def pull(given, ux, uy, bx, by, s, e, first, last, pad, stride):
         vectorise()
-        q, t, length = floats(given, NUMBERS)[0], floats(given, NUMBERS)[1], ints(given, SIZES)[0]
-        kinds = last * length if own else last
+        q, t, reach = floats(given, NUMBERS)[0], floats(given, NUMBERS)[1], floats(given, NUMBERS)[2]
+        length, kinds = ints(given, SIZES)[0], ints(given, SIZES)[1]
         Rx, g, unit, strength, offsets = (floats(given, R), floats(given, G), floats(given, UNIT), floats(given, STRENGTH),
                                           ints(given, OFFSETS))
         strain = 0.0
         for group in range(first, last):
-            offset, to, row, largest = offsets[group], pad + group * stride, group * length, 0
+            offset, to, first_of_group, largest = offsets[group], pad + group * stride, group * length, 0
+            c = of_kind(given, group)
             for i in range(s, e):
                 dx, dy = ux[i + offset] - ux[i], uy[i + offset] - uy[i]
                 if partial:
-                    dx *= strength[row + i]  # a bond that is not strained pulls at nothing
-                    dy *= strength[row + i]
-                k = row + i if own else group
+                    dx *= strength[first_of_group + i]  # a bond that is not strained pulls at nothing
+                    dy *= strength[first_of_group + i]
+                k = first_of_group + i if own else group
                 x = _increment(dx, dy, Rx[k], Rx[kinds + k], q)
                 if own:
                     x *= unit[k]
-                p, reached = quotient(given, k, x)
+                p, reached = quotient(given, c, k, x)
                 bx[i + to], by[i + to] = _force(dx, dy, Rx[k], Rx[kinds + k], t, g[k], x, p)
                 largest = higher(largest, order(reached))
             strain = larger(strain, magnitude(largest) * (1.0 if own else unit[group]))
+            if not strain <= reach:  # another law is needed
+                break
         return strain
 
     return pull
@@ -179,28 +192,52 @@ def grid_pull(law, count, own, partial):
 @cache
 def table_pull(law, count, own):
     """Forces of the bonds of a table on their far ends, and as many places later on their near ends; the largest |e|."""
-    quotient = LAWS[law](count)
+    of_kind, quotient = LAWS[law](count)
 
     @compiled(PULL, f'table {law} {count}' + ' own' * own)
     def pull(given, ux, uy, bx, by, s, e, first, last, pad, stride):
         vectorise()
-        q, t, bonds = floats(given, NUMBERS)[0], floats(given, NUMBERS)[1], ints(given, SIZES)[0]
-        Rx, g, unit = floats(given, R), floats(given, G), floats(given, UNIT)
+        q, t, reach = floats(given, NUMBERS)[0], floats(given, NUMBERS)[1], floats(given, NUMBERS)[2]
+        bonds, Rx, g, unit = ints(given, SIZES)[0], floats(given, R), floats(given, G), floats(given, UNIT)
         segments, near, far = ints(given, SEGMENTS), indices(given, NEAR), indices(given, FAR)
         strain = 0.0
         for n in range(first, last):
             kind, largest = segments[3 * n + 2], 0
+            c = of_kind(given, kind)
             for b in range(segments[3 * n], segments[3 * n + 1]):
                 i, j, k = near[b], far[b], b if own else kind
                 dx, dy = ux[j] - ux[i], uy[j] - uy[i]
                 x = _increment(dx, dy, Rx[b], Rx[bonds + b], q)
                 if own:
                     x *= unit[k]
-                p, reached = quotient(given, k, x)
+                p, reached = quotient(given, c, k, x)
                 fx, fy = _force(dx, dy, Rx[b], Rx[bonds + b], t, g[k], x, p)
                 bx[b], by[b], bx[b + bonds], by[b + bonds] = fx, fy, -fx, -fy
                 largest = higher(largest, order(reached))
             strain = larger(strain, magnitude(largest) * (1.0 if own else unit[kind]))
+            if not strain <= reach:
+                break
+        return strain
+
+    return pull
+
+
+@cache
+def ladder():
+    """Forces of the bonds of a run by the first law that reaches as far as these do; the largest increment as that law judges it.
+
+    Its table of addresses holds the number of laws, and then the function and the table of each.  Few bonds are far, near a
+    source, and most runs take the polynomial of small motion.  As the choice depends on the bonds of a run alone, it is the same
+    for any number of threads.
+    """
+    @compiled(PULL, 'ladder')
+    def pull(given, ux, uy, bx, by, s, e, first, last, pad, stride):
+        strain = 0.0
+        for n in range(1, 1 + 2 * ints(given, 0)[0], 2):
+            law = ints(given, n + 1)
+            strain = pull_at(given[n], (law, ux, uy, bx, by, s, e, first, last, pad, stride))
+            if strain <= floats(law, NUMBERS)[2]:
+                break
         return strain
 
     return pull

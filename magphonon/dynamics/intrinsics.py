@@ -1,6 +1,7 @@
 """Words for compiled functions that numba lacks, or takes long to compile: addresses, bits of numbers, counters of threads."""
 
 import os
+from functools import cache
 
 from llvmlite import ir
 from numba import types
@@ -41,6 +42,40 @@ def past(typing_context, numbers, n):
         return builder.gep(arguments[0], [arguments[1]])
 
     return numbers(numbers, types.intp), code
+
+
+@cache
+def row(count):
+    """The function of `numbers`, n and step that takes `count` of the numbers, the first one at n: a tuple.
+
+    Taken before a loop, they stay in registers, however many there are.  Where they are read within a loop, LLVM proves of the
+    first ones only that nothing in the loop changes them, and does not vectorise a loop with about thirty of them.
+    """
+    taken = types.UniTuple(types.float64, count)
+
+    @intrinsic
+    def row(typing_context, numbers, n, step):
+        def code(context, builder, signature, arguments):
+            start, n, step = arguments
+            places = [builder.add(n, builder.mul(ir.Constant(step.type, k), step)) for k in range(count)]
+            return context.make_tuple(builder, taken, [builder.load(builder.gep(start, [place])) for place in places])
+
+        return taken(FLOATS, types.intp, types.intp), code
+
+    return row
+
+
+@intrinsic
+def horner(typing_context, coefficients, x):
+    """The polynomial with a tuple of coefficients, that of the constant first, at x."""
+
+    def code(context, builder, signature, arguments):
+        *others, value = cgutils.unpack_tuple(builder, arguments[0])
+        for c in reversed(others):
+            value = builder.fadd(builder.fmul(value, arguments[1], flags=('contract',)), c, flags=('contract',))
+        return value
+
+    return types.float64(coefficients, types.float64), code
 
 
 @intrinsic

@@ -5,12 +5,13 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .compiled_bonds import grid_pull, table_pull
+from .bond_increments import RANGES
+from .compiled_bonds import grid_pull, ladder, table_pull
 from .compiled_steps import FAR, advance, grid_move, table_move, write, written
 from .kernels_numpy import Kernel
 from .memory_layout import LINE, aligned_zeros
@@ -31,6 +32,8 @@ CACHE = 2**20
 """Bytes that the levels of a chunk should need at a time, half of a second-level cache of today."""
 SAME_SHAPE = 1e-14
 """Relative difference of coefficients up to which laws differ by a factor only."""
+NEAR = RANGES[1]
+"""Largest increment |e| in a run of slots whose bonds take the polynomial of small motion although others are far."""
 
 
 FEW = 4
@@ -136,14 +139,22 @@ class CompiledKernel(Kernel):
 
     def _pull(self, fitted):
         """The function of the forces of bonds, and what is given to it."""
-        layout, law, bonds = self.layout, self.increments, self._bonds
-        own = layout.own_laws
+        if isinstance(fitted, np.ndarray):
+            return self._by_law(fitted, np.inf)
+        near = self.increments.polynomial(NEAR)
+        laws = [self._by_law(near[0], NEAR)] if near else []
+        laws.append(self._by_law(fitted, 1.0))
+        return ladder(), Addresses(np.array([len(laws)]), *chain(*laws))
+
+    def _by_law(self, fitted, reach):
+        """The same by a single law."""
+        layout, law, bonds, own = self.layout, self.increments, self._bonds, self.layout.own_laws
         of = (_own if own else _shared)(layout, law, fitted, bonds.along)
         strength = None if layout.each else layout.strength
         function = (grid_pull(of.name, of.count, own, strength is not None) if self._grid
                     else table_pull(of.name, of.count, own))
         sizes = np.array([layout.length if self._grid else bonds.listed, of.g.size])
-        return function, Addresses(np.array([law.q, law.t]), sizes, bonds.R, of.g, of.unit, bonds.places, strength,
+        return function, Addresses(np.array([law.q, law.t, reach]), sizes, bonds.R, of.g, of.unit, bonds.places, strength,
                                    bonds.segments, bonds.i, bonds.j, of.factors, of.which, *of.arrays)
 
     def advance(self, state: State, forces: NDArray[np.float64], out: State) -> Found:
@@ -283,7 +294,7 @@ def _shared(layout, law, fitted, along):
     if isinstance(fitted, np.ndarray):
         c = fitted / r0[:, None] ** (2 + 2 * np.arange(fitted.shape[1]))
         return Law('polynomial', c.shape[1], law.g, 1 / r0**2, [c])
-    return Law('pieces', 0, law.g, np.ones(len(r0)), _joined(fitted, r0))  # what is reached is no length here
+    return Law(_name(fitted), 0, law.g, np.ones(len(r0)), _joined(fitted, r0))  # what is reached is no length here
 
 
 def _own(layout, law, fitted, along):
@@ -299,14 +310,18 @@ def _own(layout, law, fitted, along):
     alone, which, strength = law.shapes
     every = len(fitted) == len(alone.r0)  # the pieces are those of all laws at strength 1, or else of the first kind
     factors, which = (strength, which) if every else (law.factors, 0 * which)
-    return Law('own pieces', 0, g, unit, _joined(fitted, np.ones(len(fitted))), along(factors[kind]),
+    return Law('own ' + _name(fitted), 0, g, unit, _joined(fitted, np.ones(len(fitted))), along(factors[kind]),
                along(which[kind].astype(float)).astype(int))
+
+
+def _name(pieces):
+    return 'halved pieces' if any((p.child >= 0).any() for p in pieces) else 'pieces'
 
 
 def _joined(pieces, r0):
     """The pieces of all kinds, one after the other."""
     ends = np.cumsum([0, *(len(p.child) for p in pieces)])
-    numbers = np.array([(p.per_increment / r**2, p.low, p.high) for p, r in zip(pieces, r0, strict=True)])
+    numbers = np.array([(p.per_increment / r**2, p.low, np.nextafter(p.high, 0)) for p, r in zip(pieces, r0, strict=True)])
     places = np.array([(p.first, root) for p, root in zip(pieces, ends, strict=False)])
     c = np.concatenate([p.coefficients / r**2 for p, r in zip(pieces, r0, strict=True)])
-    return numbers, places, np.concatenate([p.child for p in pieces]), np.concatenate([p.centre for p in pieces]), c
+    return numbers, places, c, np.concatenate([p.child for p in pieces]), np.concatenate([p.centre for p in pieces])

@@ -1,9 +1,10 @@
 """The piecewise increment law, from contact to several spacings, a range too wide for a single polynomial.
 
 With the measure of length w, which is `(r/r0)^2 = 1 + e` where the full length counts and `r/r0 = 1 + e/2` where its
-projection does, the quotient `Q(w) = H(e)/e` is cut into polynomials of degree 7.  The first cut is the one that a floating
-number makes itself: each octave of w into 2^BITS equal pieces, found by a shift of the bits of w.  A piece that misses the
-tolerance is halved until it does not, as a knot of a table or the edge of a contact asks for.
+projection does, the quotient `Q(w) = H(e)/e` is cut into polynomials of degree 4.  The first cut is the one that a floating
+number makes itself: each octave of w into 2^BITS equal pieces, found by a shift of the bits of w.  Of a smooth law they are
+all, and vector units look up as many pieces at a time as they hold numbers; a low degree means few numbers to look up.  A piece
+that misses the tolerance is halved until it does not, as the edge of a contact asks for; such a law is searched bond by bond.
 """
 
 from __future__ import annotations
@@ -15,13 +16,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from numpy.typing import ArrayLike, NDArray
 
     from .bond_increments import Increments
 
-BITS = 4
-"""Binary logarithm of the number of pieces per octave."""
-DEGREE = 7
+BITS = 8
+"""Binary logarithm of the number of pieces per octave; all of a law together take 100 kB."""
+SHIFT = 52 - BITS
+"""Bits of w that do not number its piece."""
+DEGREE = 4
 TOLERANCE = 5e-13
 """Largest error of a piece, as a fraction of |Q| there and at rest; the quotient itself has a smaller round-off."""
 NARROWEST = 1e-9
@@ -34,7 +39,7 @@ SMALL = 1 / 16
 cross the edge of the contact."""
 _NODES = chebyshev.chebpts1(DEGREE + 5)
 _FIT = np.linalg.pinv(np.vander(_NODES, DEGREE + 1, increasing=True))
-_CHECKS = np.linspace(-1, 1, 23)
+_CHECKS = np.linspace(-1, 1, 13)
 _GAUSS = tuple((x + shift) / 2 for x, shift in zip(np.polynomial.legendre.leggauss(12), (1, 0), strict=True))
 
 
@@ -47,9 +52,9 @@ class Pieces:
     per_increment : float
         (w - 1)/e.
     low, high : float
-        Between which w may lie.
+        Between which w may lie, from the start of a piece of an octave to the end of one.
     first : int
-        Bits of the octave piece in which `low` lies.
+        Bits of the octave piece that starts at `low`.
     child : ndarray of int, shape (pieces,)
         The lower half of a piece that was halved, the upper one follows it; -1 for others.  Those of the octaves come first.
     centre : ndarray, shape (pieces,)
@@ -69,7 +74,16 @@ class Pieces:
 
 def octave_piece(w: ArrayLike) -> NDArray[np.int_]:
     """The bits of w that number its piece of an octave."""
-    return np.asarray(w, float).view(np.int64) >> (52 - BITS)
+    return np.asarray(w, float).view(np.int64) >> SHIFT
+
+
+def _next_piece(w: ArrayLike) -> Any:
+    """The first piece that does not begin below w."""
+    return -(-np.asarray(w, float).view(np.int64) >> SHIFT)
+
+
+def _start_of(piece: ArrayLike) -> Any:
+    return (np.asarray(piece, np.int64) << SHIFT).view(float)
 
 
 def pieces(increments: Increments, kind: int, shortest: float, longest: float) -> Pieces | None:
@@ -83,7 +97,7 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
     Returns
     -------
     Pieces or None
-        None for a law that needs too many.  Where the law ends before, the pieces do too.
+        None for a law that needs too many.  Where the law ends before, so do the pieces that lie in it as a whole.
     """
     own, r0 = increments.at(kind), increments.r0[kind]
     per_increment, power = (0.5, 1) if increments.model == 'conventional' else (1.0, 2)
@@ -100,11 +114,11 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
             Q[small] = weights @ own.slope(x[:, None] * e[small], r0)
         return Q
 
-    low, high = (_end_of(quotient, end**power) for end in (shortest, longest))
     scale = abs(quotient(np.ones(1)))[0]
-    first, last = int(octave_piece(low)), int(octave_piece(high))
-    edges = (np.arange(first, last + 2, dtype=np.int64) << (52 - BITS)).view(float)
-    a, b = np.clip(edges[:-1], low, high), np.clip(edges[1:], low, high)
+    first = _next_piece(_end_of(quotient, _start_of(octave_piece(shortest**power))))
+    last: Any = octave_piece(_end_of(quotient, _start_of(_next_piece(longest**power))))
+    edges = _start_of(np.arange(first, last + 1))
+    a, b = edges[:-1], edges[1:]
     child, centre, rows = [], [], []
     count = 0
     while len(a):
@@ -121,7 +135,7 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
         centre.append(c)
         rows.append((powers / h ** np.arange(DEGREE + 1)[:, None]).T)
         a, b = (np.stack(pair, axis=1)[rough].ravel() for pair in ((a, c), (c, b)))
-    return Pieces(per_increment, low, high, first, np.concatenate(child), np.concatenate(centre), np.concatenate(rows))
+    return Pieces(per_increment, float(edges[0]), float(edges[-1]), int(first), *map(np.concatenate, (child, centre, rows)))
 
 
 def _end_of(quotient, wanted):

@@ -12,7 +12,7 @@ from magphonon.dynamics import memory_layout
 from magphonon.dynamics.bond_increments import RANGES, TOLERANCE, Increments
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
 from magphonon.dynamics.engine import PIECES, Blocks
-from magphonon.dynamics.law_pieces import octave_piece, pieces
+from magphonon.dynamics.law_pieces import DEGREE, octave_piece, pieces
 from magphonon.dynamics.memory_layout import arrange
 from magphonon.dynamics.verlet import threads_for
 from magphonon.interactions.bond_laws import labels
@@ -309,7 +309,7 @@ def test_pieces_are_the_law_from_contact_to_where_bonds_end(name, model):
     while (piece.child[n] >= 0).any():
         n = np.where(piece.child[n] < 0, n, piece.child[n] + (w >= piece.centre[n]))
     e = (w - 1) / piece.per_increment
-    H = e * sum(piece.coefficients[n, k] * (w - piece.centre[n]) ** k for k in range(8))
+    H = e * sum(piece.coefficients[n, k] * (w - piece.centre[n]) ** k for k in range(DEGREE + 1))
     f, f0 = (-law.potential.dphi(r) for r in (law.length(e, 10.0), 10.0))
     expected = f / law.length(e, 10.0) - f0 / 10.0 if model == 'complete' else (f - f0) / 10.0
     # 1e-12 of the force and of what the stiffness at rest would give; the difference here loses 1e-16 of the force at rest
