@@ -119,6 +119,14 @@ class Cages:
             way = max(way, self.clearance - largest)
         return most if speed * dt * most <= way else max(1, int(way / (speed * dt)))
 
+    def clear(self, u: NDArray[np.float64]) -> bool:
+        """Whether no pair without a bond can meet at the displacements `u` in mm, shape (dim, particles); False for no number.
+
+        This is quickly seen where nobody has moved far since the last survey, as of most blocks of steps of a large motion.
+        """
+        step = u - self._origin.T
+        return bool((np.einsum('xi,xi->i', step, step) <= self._margin_squared).all())
+
     def look(self, u: NDArray[np.float64], time: float, bonded: bool = True) -> None:
         """Raise Diverged if the displacements `u` in mm, shape (particles, dim), are not finite or no cages any more.
 
@@ -167,12 +175,13 @@ class Cages:
         """List the pairs without a bond near the displacements `u`."""
         bonds, atoms = self.calc.bonds, self.calc.reference.copy()
         atoms.positions[:, : self.calc.dim] += u
-        self._origin = u.copy()
+        self._origin = u.copy(order='F')
         try:
             near = pairs_without_bond(bonds, atoms, SURVEYED * self.nearest)
         except ValueError:  # two particles coincide
             self._i = self._j = np.zeros(1, int)
-            self._vectors, self._distance, self._margin = np.zeros((1, self.calc.dim)), np.zeros(1), np.zeros(len(u))
+            self._vectors, self._distance = np.zeros((1, self.calc.dim)), np.zeros(1)
+            self._margin = self._margin_squared = np.zeros(len(u))
             return
         other = self.mobile[near.i] | self.mobile[near.j]
         self._i, self._j, self._vectors = near.i[other], near.j[other], near.vectors[other, : self.calc.dim]
@@ -180,6 +189,7 @@ class Cages:
         self._margin = np.full(len(u), (SURVEYED - 1) / 2 * self.nearest)
         for ends in (self._i, self._j):
             np.minimum.at(self._margin, ends, (self._distance - self.nearest) / 2)
+        self._margin_squared = np.maximum(self._margin, 0) ** 2
 
 
 def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:

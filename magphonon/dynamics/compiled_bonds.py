@@ -223,14 +223,14 @@ def table_pull(law, count, own):
 
 
 @cache
-def ladder():
+def law_in_reach():
     """Forces of the bonds of a run by the first law that reaches as far as these do; the largest increment as that law judges it.
 
     Its table of addresses holds the number of laws, and then the function and the table of each.  Few bonds are far, near a
     source, and most runs take the polynomial of small motion.  As the choice depends on the bonds of a run alone, it is the same
     for any number of threads.
     """
-    @compiled(PULL, 'ladder')
+    @compiled(PULL, 'law in reach')
     def pull(given, ux, uy, bx, by, s, e, first, last, pad, stride):
         strain = 0.0
         for n in range(1, 1 + 2 * ints(given, 0)[0], 2):

@@ -186,8 +186,9 @@ class Blocks:
                 self._fit(self._level + 1)
             self._stale = True
         extent = [ANY_DIRECTION * float(x) for x in extent]
-        if not self.cages.still(extent[0]):
-            u = np.where(self._mobile, self.layout.gather(self._spare[0]).T, self.displacements)  # a held one has any force
+        u = self.layout.gather(self._spare[0])
+        if not self.cages.still(extent[0]) and (self._exact or not self.cages.clear(u)):
+            u = np.where(self._mobile, u.T, self.displacements)  # a held one has any force
             self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare, self._extent = self._spare, self._state, extent
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .bond_increments import RANGES
-from .compiled_bonds import grid_pull, ladder, table_pull
+from .compiled_bonds import grid_pull, law_in_reach, table_pull
 from .compiled_steps import FAR, advance, grid_move, table_move, write, written
 from .kernels_numpy import Kernel
 from .memory_layout import LINE, aligned_zeros
@@ -32,8 +32,9 @@ CACHE = 2**20
 """Bytes that the levels of a chunk should need at a time, half of a second-level cache of today."""
 SAME_SHAPE = 1e-14
 """Relative difference of coefficients up to which laws differ by a factor only."""
-NEAR = RANGES[1]
-"""Largest increment |e| in a run of slots whose bonds take the polynomial of small motion although others are far."""
+REACHES = RANGES[1], RANGES[-1]
+"""Largest increments |e| in a run of slots whose bonds take a polynomial although others need the pieces; to find that they do
+not costs the time of one group of bonds."""
 
 
 FEW = 4
@@ -141,10 +142,9 @@ class CompiledKernel(Kernel):
         """The function of the forces of bonds, and what is given to it."""
         if isinstance(fitted, np.ndarray):
             return self._by_law(fitted, np.inf)
-        near = self.increments.polynomial(NEAR)
-        laws = [self._by_law(near[0], NEAR)] if near else []
-        laws.append(self._by_law(fitted, 1.0))
-        return ladder(), Addresses(np.array([len(laws)]), *chain(*laws))
+        fits = {reach: self.increments.polynomial(reach) for reach in REACHES}
+        laws = [*(self._by_law(fit[0], reach) for reach, fit in fits.items() if fit), self._by_law(fitted, 1.0)]
+        return law_in_reach(), Addresses(np.array([len(laws)]), *chain(*laws))
 
     def _by_law(self, fitted, reach):
         """The same by a single law."""

@@ -117,6 +117,22 @@ def test_nobody_looks_before_two_can_have_met(name, clearance):
     assert cages.steps_between_looks(speed=1.0, largest=clearance * L0, dt=0.01, most=1000) == 100  # a tenth of a spacing
 
 
+def test_where_it_is_clear_at_a_glance_no_pair_without_a_bond_is_near():
+    rng = np.random.default_rng(4)
+    atoms = lattices.hexagon(lattices.triangular(L0, MASS), 4 * L0)
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.0196757)
+    cages, seen = Cages(atoms), {True: [], False: []}
+    assert not cages.still(L0)  # it has surveyed the pairs
+    for size in np.repeat([0.2, 0.3, 0.4], 40):
+        u = np.pad(size * L0 * rng.uniform(-1, 1, (len(atoms), 2)), ((0, 0), (0, 1)))
+        moved = atoms.copy()
+        moved.calc, moved.positions = atoms.calc, atoms.positions + u
+        seen[cages.clear(u[:, :2].T)].append(nearest_without_bond(moved))
+    assert min(seen[True]) >= L0 > min(seen[False])  # the control: pairs are near in some of the others
+    assert len(seen[True]) > 20
+    assert not cages.clear(np.full((2, len(atoms)), np.nan))
+
+
 def test_replicas_that_stand_in_each_other_are_not_judged():
     atoms = Atoms('Nd4', positions=[[0, 0, 0], [L0, 0, 0], [0, 0, 0], [L0, 0, 0]], masses=[MASS] * 4)
     atoms.calc = MagneticRepulsion(atoms, InversePower(b=1e-3, a=1.0), bonds=[(0, 1), (2, 3)])
