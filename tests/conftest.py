@@ -3,9 +3,14 @@
 import tomllib
 from importlib.resources import files
 
+import hypothesis
 import pytest
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
+
+hypothesis.settings.register_profile('everywhere', derandomize=True, database=None, deadline=None,
+                                     suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile('everywhere')  # the same draws in every run, on a busy machine too
 
 PAPER = tomllib.loads(files('magphonon.data').joinpath('reference.toml').read_text(encoding='utf-8'))
 

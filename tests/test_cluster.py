@@ -28,7 +28,7 @@ def test_commands_of_the_page(tmp_path):
     for block in blocks:
         block = re.sub(r'^mpiexec', _program('mpiexec', 'mpich'), block, flags=re.M)  # which looks for its helpers beside itself
         done = subprocess.run([shutil.which('bash'), '-m', '-e', '-c', block], cwd=tmp_path, env=environment, capture_output=True,
-                              text=True, timeout=300)
+                              text=True, timeout=900)
         assert done.returncode == 0, done.stderr
     answers = [xarray.load_dataset(tmp_path / name / 'sweep.nc', engine='h5netcdf') for name in ('map', 'map_dask', 'map_mpi')]
     np.testing.assert_array_equal(answers[1]['bands.X.1'], answers[2]['bands.X.1'])

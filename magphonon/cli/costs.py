@@ -56,6 +56,8 @@ SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
 """Burst: cost of one particle of the row at one time, with its share of the map and its line of text."""
 DRAWN_s = 3.0
 """Uncertainty: time for the lattices drawn at random."""
+CONTAINER = Path('/sys/fs/cgroup')
+"""Where Linux tells what the container of this process may use."""
 
 
 @dataclass(frozen=True)
@@ -234,9 +236,8 @@ def free_memory() -> int:
     with suppress(ValueError, OSError, IndexError):
         line = next(line for line in Path('/proc/meminfo').read_text().splitlines() if line.startswith('MemAvailable'))
         free = [int(line.split()[1]) * 1024]
-    with suppress(ValueError, OSError):  # the limit of a container
-        group = Path('/sys/fs/cgroup')
-        free.append(int((group / 'memory.max').read_text()) - int((group / 'memory.current').read_text()))
+    with suppress(ValueError, OSError, KeyError):
+        free.append(_free_in_container())
     with suppress(ImportError, ValueError, OSError, IndexError):
         import resource
 
@@ -244,3 +245,10 @@ def free_memory() -> int:
         if limit != resource.RLIM_INFINITY:
             free.append(limit - int(Path('/proc/self/statm').read_text().split()[0]) * os.sysconf('SC_PAGE_SIZE'))
     return max(min(free), 0)
+
+
+def _free_in_container():
+    """What the limit of a container leaves; files that the system keeps in memory give way where it is needed."""
+    used = dict(line.split() for line in (CONTAINER / 'memory.stat').read_text().splitlines())
+    files = int(used['active_file']) + int(used['inactive_file'])
+    return int((CONTAINER / 'memory.max').read_text()) - int((CONTAINER / 'memory.current').read_text()) + files

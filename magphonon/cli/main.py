@@ -70,7 +70,7 @@ def _terminal(command):
 def _status(options):
     """Run the command; if it fails, print one message that says why."""
     try:
-        with _termination_unwinds(), _no_silent_overflow():
+        with _termination_unwinds(), _no_silent_overflow(), _no_words_about_fonts():
             find_inputs(options)
             return options.run(options) or 0
     except RuntimeWarning as warning:
@@ -164,6 +164,19 @@ def _no_silent_overflow():
         warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
         warnings.filterwarnings('ignore', message='Glyph .* missing from')  # a title in letters that a picture does not have
         yield
+
+
+@contextmanager
+def _no_words_about_fonts():
+    """Keep to itself what matplotlib says where it lists the fonts for the first time, or cannot write the list in the home."""
+    import logging
+
+    logger, nowhere = logging.getLogger('matplotlib'), logging.NullHandler()
+    logger.addHandler(nowhere)
+    try:
+        yield
+    finally:
+        logger.removeHandler(nowhere)
 
 
 def _options(arguments):

@@ -8,6 +8,7 @@ for each kind by itself, and called through its address; what calls it need not 
 import ctypes
 import hashlib
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from llvmlite import ir
@@ -49,6 +50,10 @@ class _Kept(FunctionCache):
             self.flush()
             return None
 
+    def save_overload(self, sig, data):
+        with suppress(OSError):  # a full disk
+            super().save_overload(sig, data)
+
 
 class Compiled:
     """A compiled function.
@@ -73,7 +78,8 @@ def compiled(signature, name):
     """Compile a function for the signature, or find it in its files, which have the name."""
     def compile_or_find(function):
         code = CFunc(function, normalize_signature(signature), {}, OPTIONS)
-        code._cache = _Kept(function, name)
+        with suppress(RuntimeError):  # numba finds no folder that it may write: each process compiles for itself
+            code._cache = _Kept(function, name)
         code.compile()
         return Compiled(code)
 

@@ -49,7 +49,7 @@ def run(directory, program, *arguments):
         (directory / name).write_text('9 9\nnonsense\n')
     command = shutil.which(program, path=sysconfig.get_path('scripts'))
     done = subprocess.run([command, *arguments], cwd=directory, env=os.environ | {'MPLBACKEND': 'agg'},
-                          capture_output=True, text=True, timeout=100)
+                          capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -62,7 +62,7 @@ def test_the_tab_key_completes_in_a_terminal(script):
                 break
             if not piece:
                 break
-        shell.wait(10)
+        shell.wait(600)
     os.close(master)
     assert b'ran bands prototype' in said
 

@@ -21,7 +21,7 @@ FILES = {'bands.png', 'zone.png', 'bands.csv', 'bands_complete.npz', 'bands_conv
 def command(*arguments, **options):
     """The command in a process of its own, as a shell would start it."""
     return subprocess.run([sys.executable, '-m', 'magphonon', *map(str, arguments)], capture_output=True, text=True,
-                          timeout=60, **options)
+                          timeout=600, **options)
 
 
 @pytest.fixture
@@ -210,7 +210,7 @@ def test_reader_that_has_seen_enough_is_no_error():
     os.close(read)
     with os.fdopen(write, 'w') as pipe:
         done = subprocess.run([sys.executable, '-m', 'magphonon', 'scene', 'prototype'], stdout=pipe, stderr=subprocess.PIPE,
-                              text=True, timeout=60)
+                              text=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, '')
 
 
@@ -233,6 +233,6 @@ def test_every_public_name_is_there_and_listed():
 ])
 def test_import_is_light(statement, absent):
     done = subprocess.run([sys.executable, '-c', f'{statement}\nimport sys\nprint(*sys.modules)'], capture_output=True, text=True,
-                          check=True, timeout=60)
+                          check=True, timeout=600)
     assert 'magphonon' in done.stdout.split()
     assert not set(absent) & set(done.stdout.split())

@@ -41,7 +41,7 @@ def on_a_terminal(columns, *arguments):
     with subprocess.Popen([sys.executable, '-m', 'magphonon', *arguments], stdin=slave, stdout=slave, stderr=slave,
                           env=plain) as process:
         os.close(slave)
-        return read_all(master), process.wait(60)
+        return read_all(master), process.wait(600)
 
 
 def shown_by(arguments, monkeypatch):

@@ -44,6 +44,22 @@ def test_a_damaged_file_of_what_numba_has_compiled_is_written_anew(doubling, kin
     assert [anew.kept, found.kept] == [False, True]
 
 
+@pytest.mark.skipif(not Path('/proc').exists(), reason='a system without a folder in which nobody can write')
+def test_where_no_folder_can_be_written_each_process_compiles_for_itself(monkeypatch):
+    numba = pytest.importorskip('numba')
+    from magphonon.dynamics.machine_code import compiled
+
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', '')
+    monkeypatch.setenv('HOME', '/proc')
+    monkeypatch.delenv('XDG_CACHE_HOME', raising=False)
+    names, signature = {}, numba.types.int64(numba.types.int64)
+    exec(compile('def double(x):\n    return 2 * x\n', '/proc/doubling.py', 'exec'), names)
+    with pytest.raises(RuntimeError, match='no locator available'):  # the control
+        numba.njit(signature, cache=True)(names['double'])
+    made = compiled(signature, 'double')(names['double'])
+    assert (made.call(2), made.kept) == (4, False)
+
+
 def test_a_change_of_any_file_with_compiled_functions_is_noticed(doubling, monkeypatch):
     machine_code = pytest.importorskip('magphonon.dynamics.machine_code', exc_type=ImportError)
     doubling()

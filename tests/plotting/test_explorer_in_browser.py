@@ -60,7 +60,8 @@ MADE = {
 @pytest.fixture(scope='module')
 def browser():
     with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox', '--disable-gpu'])
+        found = driver.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox', '--disable-gpu'],
+                                       timeout=300_000)  # ms
         yield found
         found.close()
 
@@ -70,6 +71,7 @@ def opened(browser, tmp_path, monkeypatch):
     """A function that opens the page of a lattice without a network; faults and requests make the test fail."""
     monkeypatch.setattr(explorer, 'VALUES', FEW)
     context = browser.new_context(viewport={'width': 1100, 'height': 900}, offline=True, reduced_motion='reduce')
+    context.set_default_timeout(300_000)  # ms, far longer than it takes on a busy machine
     faults, requests = [], []
 
     def visit(made):

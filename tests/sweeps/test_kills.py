@@ -101,19 +101,19 @@ def alive(pid):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path('/proc/self/task').exists(), reason='children are looked up in /proc')
+@pytest.mark.skipif(not Path(f'/proc/self/task/{os.getpid()}/children').exists(), reason='a system that does not list children')
 def test_workers_end_with_a_killed_master(tmp_path):
     program = tmp_path / 'program.py'
     program.write_text(MASTER.format(tests=str(TESTS), folder=str(tmp_path), journal=str(tmp_path / 'journal'),
                                      executor='processes(2)').replace('0.02', '5.0'))
     process = subprocess.Popen([sys.executable, str(program)])
-    while len(list(tmp_path.glob('1*_*'))) < 2:  # both compute
+    while process.poll() is None and len(list(tmp_path.glob('1*_*'))) < 2:  # until both compute
         time.sleep(0.02)
     children = [int(pid) for pid in Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split()]
     process.kill()
     process.wait()
     assert len(children) >= 2
-    deadline = time.monotonic() + 20  # far longer than it takes; it is no measure
+    deadline = time.monotonic() + 300  # far longer than it takes; it is no measure
     while any(map(alive, children)) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not any(map(alive, children))
@@ -155,11 +155,11 @@ def test_mpi_with_two_ranks(tmp_path):
     scene.write_text(ready_scene('chain').read_text())
     words = ['sweep', str(scene), '--over', 'law.a=2:5:7', '--ask', 'bands.X.2', '--ask', 'stability.margin']
     lone = [sys.executable, '-m', 'magphonon', *words]
-    subprocess.run([mpiexec, '-n', '2', *lone, '--executor', 'mpi', '-o', str(tmp_path / 'a')], check=True, timeout=120)
+    subprocess.run([mpiexec, '-n', '2', *lone, '--executor', 'mpi', '-o', str(tmp_path / 'a')], check=True, timeout=600)
     subprocess.run([*lone, '--executor', 'here', '-o', str(tmp_path / 'b')], check=True)
     a, b = (xarray.load_dataset(tmp_path / name / 'sweep.nc', engine='h5netcdf') for name in 'ab')
     assert a.identical(b)
     refused = subprocess.run([mpiexec, '-n', '2', *lone[:-1], 'band.X', '--executor', 'mpi', '-o', str(tmp_path / 'c')],
-                             timeout=120, capture_output=True, text=True)
+                             timeout=600, capture_output=True, text=True)
     assert 'is no question' in refused.stderr
     assert refused.returncode == 2
