@@ -56,7 +56,7 @@ def hardly_nearer(shells):
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'without', 'shown_by'), [
     ('DOUBT', 0.0, Bands('square', LAWS['2'], 30.0)),
-    ('DOUBT_AT_EDGE', 0.0, Bands('kagome', LAWS['2'], 16.0, 'K')),
+    ('DOUBT', planner.DOUBT / 3, Bands('square', InversePower(1.0, 1.78), 62.0, 'X')),
     ('FRACTIONS', (0,), Bands('square', LAWS['Yukawa'], 30.0)),
     ('_within_half', hardly_nearer, Bands('chain', LAWS['2'], 8.0)),
 ])
