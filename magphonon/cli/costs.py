@@ -20,6 +20,7 @@ import numpy as np
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
+from ..planning.engines import NUMPY
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
@@ -50,8 +51,6 @@ FACTOR_bytes, FACTOR_s = 17e3, 2e-5
 """Response: cost of one factorisation of the matrix at one frequency, per particle."""
 START_s = 0.3
 """Burst: time to build the patch and to draw the maps."""
-STEP_s = 2e-7
-"""Burst: time of one time step of one particle, without the compiled engine."""
 SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
 """Burst: cost of one particle of the row at one time, with its share of the map and its line of text."""
 DRAWN_s = 3.0
@@ -163,7 +162,7 @@ def burst_cost(scene: Scene) -> Cost:
         frames = plan.duration_s * scene.vibrometer.sampling_rate_Hz
         memory['vibrometer.sampling_rate_Hz'] = SAMPLE_bytes * frames * row
     runs = len(MODELS) * len(plan.carriers_Hz)
-    seconds = PICTURES_s + runs * (START_s + STEP_s * steps * particles + SAMPLE_s * frames * row)
+    seconds = PICTURES_s + runs * (START_s + NUMPY.run(particles, steps) + SAMPLE_s * frames * row)
     return Cost('burst', memory, seconds, 8 * len(plan.carriers_Hz) + 3)
 
 
