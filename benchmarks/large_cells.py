@@ -50,7 +50,7 @@ def least(jobs):
 
 
 def large_cell(side, phonopy=True):
-    """Seconds of each road, and its largest error in units of the highest frequency; the dense matrix is the reference."""
+    """Seconds of each method, and its largest error in units of the highest frequency; the dense matrix is the reference."""
     cell = prototype(side=side, scatter=0.1)
     path = cell.cell.bandpath('GMKG', npoints=WAVEVECTORS, pbc=cell.pbc)
     jobs = {LOWEST: partial(analytic_bands, cell, path, branches=BRANCHES), ALL: partial(analytic_bands, cell, path)}
@@ -76,14 +76,14 @@ def meshes():
 
 
 def draw(rows, file):
-    """Time and error against the number of particles; small cells take the dense road, and differ by nothing."""
+    """Time and error against the number of particles; small cells use the dense method, without a difference."""
     from matplotlib import pyplot as plt
 
     figure, panels = plt.subplots(1, 2, figsize=(8, 3.4), layout='constrained')
     for name, colour, style in ((LOWEST, 'k', 'o-'), (ALL, 'C0', 's--'), (PHONOPY, 'C1', '^:')):
         measured = [(count, seconds[name]) for count, seconds, _ in rows if name in seconds]
         panels[0].loglog(*np.transpose(measured), style, color=colour, label=name)
-        apart = [(count, errors[name]) for count, _, errors in rows if errors.get(name)]  # not where the road is the same
+        apart = [(count, errors[name]) for count, _, errors in rows if errors.get(name)]  # not where the method is the same
         if apart:
             panels[1].loglog(*np.transpose(apart), style, color=colour, label=name)
     panels[0].set_ylabel(f'processor time (s), {WAVEVECTORS} wavevectors')

@@ -1,6 +1,6 @@
-"""What a band diagram costs by each road, and a zone mesh: `pytest benchmarks`, OMP_NUM_THREADS=1 for steady numbers.
+"""Cost of a band diagram by each method, and of a mesh of the zone: `pytest benchmarks`, OMP_NUM_THREADS=1 for steady numbers.
 
-In the group 'bands, 300 points', the number in brackets behind phonopy's median is how many times faster the analytic road is.
+In the group 'bands, 300 points', the number in brackets behind phonopy's median is how many times faster the analytic method is.
 Targets: analytic bands under 2 ms and 100 times faster than phonopy's; the mesh under 0.2 s.
 """
 

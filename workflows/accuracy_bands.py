@@ -144,7 +144,7 @@ def bloch(cell, path, cost, branches=None):
 
 
 def one_magnet(cell, path, panel, quick):
-    """Every road to the bands of a cell of one particle."""
+    """Every method for the bands of a cell of one particle."""
     kpts, L0 = path.kpts, cell.cell.lengths()[0]
     exact = closed_form(cell, kpts, real=np.longdouble)
     candidates = [Candidate('closed form', '', partial(closed_form, cell, kpts), panel),

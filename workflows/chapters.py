@@ -60,7 +60,7 @@ CHAPTERS = (
     Chapter('design', 'beyond', "the paper's prototype, and closed forms of the spacing"),
     Chapter('sites', 'beyond', 'closed forms of chains, the theory written out for small supercells, transfer matrices'),
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),
-    Chapter('two_roads', 'tests', 'the analytic stiffness beside phonopy, which only displaces particles'),
+    Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),
     Chapter('speed_accuracy', 'tests', 'closed forms, higher precision and independent integrators'),
     Chapter('planning', 'tests', 'the exact answers to small questions'),
 )

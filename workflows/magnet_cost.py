@@ -26,8 +26,8 @@ def chart(ring):
     table, checks = [], []
     for r in DISTANCES:
         exact = pair_force(ring, ring, (r, 0, 0), n=240)[0]
-        roads = candidates(ring, r, magpylib)
-        own = measure(roads, error=lambda force, exact=exact: abs(force / exact - 1), repeats=3, patience=0.2)
+        methods = candidates(ring, r, magpylib)
+        own = measure(methods, error=lambda force, exact=exact: abs(force / exact - 1), repeats=3, patience=0.2)
         table += own
         error = {(m.method, m.setting): m.error for m in own}
         at = f'rings {r / u.mm:g} mm apart'
@@ -43,14 +43,14 @@ def chart(ring):
 def candidates(ring, r, magpylib):
     """Roads to the force at the distance `r`; the setting is the number of points or cells."""
     panel, law = f'{r / u.mm:g} mm apart', magnet_law(ring)
-    roads = [Candidate(RIMS, str(n), partial(by_rims, ring, r, n), panel) for n in (8, 12, 16, 24, 32, 48, 96, 160)]
-    roads.append(Candidate(SERIES, str(len(law.series)), lambda cost: repulsion(law, r), panel))
+    methods = [Candidate(RIMS, str(n), partial(by_rims, ring, r, n), panel) for n in (8, 12, 16, 24, 32, 48, 96, 160)]
+    methods.append(Candidate(SERIES, str(len(law.series)), lambda cost: repulsion(law, r), panel))
     if magpylib:
         magnet = partial(magpylib.magnet.CylinderSegment, polarization=(0, 0, ring.remanence / u.T),
                          dimension=(ring.inner / 2 / u.m, ring.outer / 2 / u.m, ring.height / u.m, 0, 360))
-        roads += [Candidate(FIELD, str(n), partial(by_field, magnet(), ring, r, n), panel) for n in (2, 4, 6, 8, 12, 16, 24)]
-        roads += [Candidate(MESH, str(n), partial(by_mesh, magpylib, magnet, r, n), panel) for n in (10, 100, 1000, 4000)]
-    return roads
+        methods += [Candidate(FIELD, str(n), partial(by_field, magnet(), ring, r, n), panel) for n in (2, 4, 6, 8, 12, 16, 24)]
+        methods += [Candidate(MESH, str(n), partial(by_mesh, magpylib, magnet, r, n), panel) for n in (10, 100, 1000, 4000)]
+    return methods
 
 
 def by_rims(ring, r, n, cost):

@@ -22,12 +22,12 @@ def main(out):
     ]
     corners = cell.cell.bandpath('GMK', npoints=3, pbc=cell.pbc)
     phonon = finite_displacements(cell)
-    roads = {
+    methods = {
         'complete': analytic_bands(cell, corners),
         'conventional': analytic_bands(cell, corners, 'conventional'),
         'phonopy': phonopy_bands(phonon, corners),
     }
-    for name, bands in roads.items():
+    for name, bands in methods.items():
         model, tolerance = ('complete', 1e-8) if name == 'phonopy' else (name, 1e-9)
         at_G, at_M, at_K = bands.frequencies_Hz
         checks += pairs(f'prototype cut-off, {name} (Hz)', at_G, 2 * [paper['gamma_Hz']], tolerance, BRANCHES)
@@ -39,7 +39,7 @@ def main(out):
     checks += pairs('prototype M without pillars (Hz)', at_M, paper['M_no_foundation_Hz'], 1e-9, BRANCHES)
     recovered = foundation_recovered(phonon)[0, 0, 0] / per_metre
     checks.append(Check('foundation recovered from phonopy row sums (N/m)', recovered, paper['k_eq'], 1e-8))
-    checks.append(Check('control: phonopy M shear against D0 alone (Hz)', roads['phonopy'].frequencies_Hz[1, 0],
+    checks.append(Check('control: phonopy M shear against D0 alone (Hz)', methods['phonopy'].frequencies_Hz[1, 0],
                         paper['M_conventional_Hz'][0], 0.3, control=True))
 
     path = scene.band_path()

@@ -10,7 +10,7 @@ sys.path.insert(0, str(ROOT))
 from workflows.chapters import CHAPTERS, NAMES  # noqa: E402
 from workflows.parts import run  # noqa: E402
 
-QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'two_roads', 'matter', 'uncertainty')
+QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'phonopy_comparison', 'matter', 'uncertainty')
 """Those that take a second or two each."""
 HEAD = """# Gallery
 

@@ -11,7 +11,7 @@ A, B = 4.5824, 1.6209e-10 * u.N * u.m**4.5824
 PILLAR = 19.675721234 * u.N / u.m
 LATTICES = 'chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc'
 
-# Both roads displace by 1e-5 L0, which leaves 2 to 20 times its square of the law's curvature.
+# Both methods displace by d = 1e-5 L0; the curvature of the law gives a relative error of 2 to 20 times (d/L0)^2.
 FINITE_DIFFERENCE = 1e-8
 """Tolerance in units of the highest frequency, or of the largest force constant."""
 

@@ -29,7 +29,7 @@ def away(magnet, gaps):
     return magnet.contact + np.asarray(gaps) * magnet.width
 
 
-# --- independent roads to the same force ---
+# --- independent methods for the same force ---
 
 
 def sphere_charges(sphere, n):

@@ -180,7 +180,7 @@ def with_bonds(scene, shells):
 
 
 @pytest.mark.parametrize('name', ['fcc', 'steel'])
-def test_other_matter_by_both_roads(name):
+def test_other_matter_by_both_methods(name):
     scene = read_scene(ready_scene(name))
     numerical = phonopy_bands(finite_displacements(scene.atoms(), scene.supercell()), scene.band_path()).omega
     exact = analytic_bands(scene.atoms(), scene.band_path()).omega

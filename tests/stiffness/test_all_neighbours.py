@@ -223,7 +223,7 @@ def test_wrapping_a_particle_changes_nothing():
     assert_allclose(atoms.get_potential_energy(), energy, rtol=1e-13)
 
 
-# --- the other road --------------------------------------------------------------------------------------------------
+# --- the other method --------------------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('lattice', 'supercell', 'points'), [('triangular', (2, 2, 1), 'GM'), ('honeycomb', (3, 3, 1), 'GK'),
                                                               ('chain', (4, 1, 1), 'GX')])

@@ -121,7 +121,7 @@ def test_relaxed_structures_and_their_modes_are_those_of_the_double_loop(seed):
 
 
 @pytest.mark.parametrize('seed', [3, 4])
-def test_bands_of_cells_whose_sites_differ_by_both_roads(seed):
+def test_bands_of_cells_whose_sites_differ_by_both_methods(seed):
     """Waves that fit twice into the cell are the vibrations of twice the cell, which the double loop knows at q = 0 only."""
     drawn = Drawn(seed, cells=1)
     cell = drawn.atoms
@@ -146,7 +146,7 @@ def test_bands_of_cells_whose_sites_differ_by_both_roads(seed):
     assert apart(analytic_bands(cell, path).omega, exact) > 1e-3
 
 
-def test_upright_magnets_of_different_kinds_and_strengths_have_the_same_bands_by_both_roads():
+def test_upright_magnets_of_different_kinds_and_strengths_have_the_same_bands_by_both_methods():
     cell = lattice('honeycomb')
     cell.set_tags([0, 1])
     laws = {pair: UprightMagnets(law) for pair, law in LAWS.items()}

@@ -45,11 +45,11 @@ def test_every_number_of_a_workflow_passes(tmp_path, name):
 @pytest.mark.slow
 @pytest.mark.usefixtures('small')
 def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
-    names = ['chain', 'two_roads']
+    names = ['chain', 'phonopy_comparison']
     assert main([*names, '-o', str(tmp_path)]) == 0
     summary = json.loads((tmp_path / 'summary.json').read_text())
     assert list(summary) == names
-    assert any(row['control'] for row in summary['two_roads'])
+    assert any(row['control'] for row in summary['phonopy_comparison'])
     html, table = (tmp_path / 'report.html').read_text(), capsys.readouterr().out
     drawn = {file.stem for file in tmp_path.glob('*.png')}
     assert html.count('data:image/png;base64,') == len(drawn) > 0

@@ -1,4 +1,4 @@
-"""phonopy against analytic: force constants, D* extracted, the lost foundation, the V-curve of the displacement."""
+"""phonopy compared with the analytic stiffness: force constants, D*, the foundation, and the error by displacement distance."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from .checks import Check, Outcome, save_picture
 
 
 def main(out):
-    """Both roads on the prototype, the control of each, and the error against the displacement distance."""
+    """Both methods on the prototype, a control of each, and the error against the displacement distance."""
     cell = read_scene(ready_scene('prototype')).atoms()
     path = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc)
     phonon = finite_displacements(cell)
@@ -45,7 +45,7 @@ def deviation(phonon, path, exact):
 
 
 def draw(out, d, errors):
-    """Error of phonopy's bands against the displacement distance, with the two laws it follows."""
+    """Error of phonopy's bands against the displacement distance, with its two asymptotes."""
     ax = new_axes()
     ax.loglog(d, errors, 'o', color=COLOURS[0], label='phonopy against analytic')
     ax.loglog(d[-12:], errors[-1] * (d[-12:] / d[-1]) ** 2, '--', color=COLOURS[1], label=r'$(d/L_0)^2$: curvature')

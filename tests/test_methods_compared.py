@@ -1,13 +1,13 @@
-"""Roads that must lead to the same place, on structures drawn over all that the package allows.
+"""All linear methods compared with dense algebra, on structures drawn over all that the package allows.
 
-One-, two- and three-dimensional lattices, oblique ones, several shells, holes, particles out of their places and in other images
-of the cell, mixed masses, kinds and strengths of particles, springs of their own, pillars out of place, constraints, dead loads;
-relaxed, or held where they are by a load.  Each road of the package is compared with dense algebra about the present positions,
-whose stiffness comes from the energy phi(r) of a bond alone (`oracles.Pairs`); and each comparison must fail where the oracle
-drops D*, looks at the anchors instead of the rest, loses one bond, has one mass wrong, or mistakes strengths, kinds or springs of
-one site for those of another.  Every structure is made of one number, its seed.
+The structures are one-, two- and three-dimensional lattices, also oblique ones, with several shells, holes, particles displaced
+or in other images of the cell, mixed masses, kinds and strengths, different foundation springs, displaced anchors, constraints
+and dead loads; they are relaxed, or held in place by a load.  Each method of the package is compared with dense algebra about
+the present positions, whose stiffness comes only from the energy phi(r) of a bond (`oracles.Pairs`).  Each comparison must fail
+if the oracle drops D*, uses the anchors instead of the rest positions, loses one bond, has one wrong mass, or exchanges the
+strengths, kinds or springs of sites.  A structure is determined by one number, its seed.
 
-Thousands of comparisons, and structures of up to 150 particles: `python -m pytest -n 0 -m long tests/test_roads.py`.
+Thousands of comparisons, and structures of up to 150 particles: `python -m pytest -n 0 -m long tests/test_methods_compared.py`.
 """
 
 from collections import defaultdict
@@ -38,15 +38,15 @@ from magphonon.response.normal_modes import natural_frequencies
 pytestmark = pytest.mark.usefixtures('no_impacts')
 
 EXACT = 1e-10
-"""Of the highest squared frequency: round-off of matrices of a hundred rows, times the bonds that cancel in them."""
+"""Tolerance relative to the highest squared frequency: round-off of matrices of a hundred rows, times the bonds that cancel."""
 
 
 def compare(found, expected, scale=0.0):
-    """The largest difference as a share of the largest value, or of what cancels in it."""
+    """The largest difference relative to the largest value, or to the largest term that cancels in it."""
     return np.max(abs(found - expected)) / max(np.max(abs(expected)), scale)
 
 
-# --- the roads: each returns how far the package is off, as a share of what its tolerance refers to ---------------------
+# --- the methods: each returns the error of the package, relative to the quantity that its tolerance refers to ------------
 
 
 def bloch_matrix_against_periodic_lattice(case, truth):
@@ -94,9 +94,9 @@ def response_against_dense_solution(case, truth):
             frequency_response(case.atoms, push, omega, gamma)
         case = case.on_foundation(truth.common - 2 * lowest)
         H = H - 2 * lowest * np.eye(len(H))
-    roads = harmonic_response, lambda *scene: frequency_response(*scene, tolerance=1e-12)
+    methods = harmonic_response, lambda *scene: frequency_response(*scene, tolerance=1e-12)
     exact = np.array([B @ np.linalg.solve(H - (w**2 - 1j * gamma * w) * M, B.T @ push[:, : case.dim].ravel()) for w in omega])
-    return max(compare(road(case.atoms, push, omega, gamma)[..., : case.dim].reshape(3, -1), exact) for road in roads)
+    return max(compare(method(case.atoms, push, omega, gamma)[..., : case.dim].reshape(3, -1), exact) for method in methods)
 
 
 def propagation_against_dense_exponential(case, truth):
@@ -183,7 +183,7 @@ def limit_against_largest_eigenvalue(case, truth):
     return compare(highest_frequency(case.atoms) ** 2, highest, scale)
 
 
-ROADS = {
+METHODS = {
     'bloch': (bloch_matrix_against_periodic_lattice, EXACT),
     # forces over a displacement of 1e-5 bonds: curvature, 20 (1e-5)^2, and round-off, times steep laws
     'phonopy': (force_constants_against_bloch, 2e-8),
@@ -202,7 +202,7 @@ FAMILIES = {
     'structures': (('modes', 'response', 'transient', 'swing', 'support', 'limit'), {'most': 16}, 13),
     'verdicts': (('verdict',), {'most': 3}, 7),
 }
-"""Roads that share structures, how these are drawn, and how many in CI."""
+"""Methods that share structures, how these are drawn, and how many in CI."""
 FAULTS = {
     'D*': lambda truth: replace(truth, model='conventional') if truth.model == 'complete' else None,
     'anchors': lambda truth: replace(truth, x=truth.perfect.positions) if truth.displaced > 1e-3 else None,
@@ -215,9 +215,9 @@ EXCHANGES = {
     'strengths': lambda truth: exchanged(truth, 2),
     'springs': lambda truth: replace(truth, k=truth.k[::-1, ::-1]) if np.ptp(truth.k) else None,
 }
-"""Truths that mistake sites for each other."""
+"""Truths in which properties of sites are exchanged."""
 BLIND = {('support', 'mass'), ('verdict', 'mass')}
-"""Faults that a road cannot see: masses do not matter for buckling."""
+"""Faults that do not change the result: masses do not matter for buckling."""
 
 
 def exchanged(truth, which):
@@ -226,58 +226,58 @@ def exchanged(truth, which):
     return replace(truth, own=tuple(own)) if np.ptp(truth.own[which]) else None
 
 
-def notices(road, case, false, tolerance):
-    """Whether a comparison with a wrong truth is off, or ends in an answer where a refusal was due, or the other way round."""
+def notices(method, case, false, tolerance):
+    """Whether a comparison with a wrong truth fails, or gives a result instead of a refusal, or a refusal instead of a result."""
     try:
-        return road(case, false) > tolerance
+        return method(case, false) > tolerance
     except (ValueError, pytest.fail.Exception):
         return True
 
 
 def follow(family, seeds, control=True, faults=FAULTS, **drawn):
-    """Compare all roads of a family, and with one fault in turn; how many comparisons, and which faults each road noticed."""
-    roads, limits, _ = FAMILIES[family]
+    """Compare all methods of a family, and with one fault in turn; how many comparisons, and which faults each method noticed."""
+    methods, limits, _ = FAMILIES[family]
     compared, noticed = 0, defaultdict(list)
     for seed in seeds:
         case = structure(seed, **limits | drawn)
         faulty = {how: false for how, fault in faults.items() if (false := fault(case.truth))}
         how = list(faulty)[seed % len(faulty)] if faulty else None
-        for name in roads:
-            road, tolerance = ROADS[name]
-            off = road(case, case.truth)
+        for name in methods:
+            method, tolerance = METHODS[name]
+            off = method(case, case.truth)
             assert off < tolerance, f'{name}, seed {seed} of {family}: off by {off:.2g}'
             compared += 1
             if control and how and (name, how) not in BLIND:
-                noticed[name, how].append(notices(road, case, faulty[how], 10 * tolerance))
+                noticed[name, how].append(notices(method, case, faulty[how], 10 * tolerance))
     return compared, noticed
 
 
 @pytest.mark.parametrize('family', FAMILIES)
-def test_all_roads_lead_to_the_same_place_and_faults_lead_elsewhere(family):
-    roads, _, many = FAMILIES[family]
+def test_all_methods_agree_with_dense_algebra_and_faults_are_noticed(family):
+    methods, _, many = FAMILIES[family]
     compared, noticed = follow(family, range(many))
-    assert compared == many * len(roads)
-    assert {name for name, _ in noticed} == set(roads)
+    assert compared == many * len(methods)
+    assert {name for name, _ in noticed} == set(methods)
     # not each time: a bond may be lost between particles that are held, and a lattice that needs no foundation needs none
-    assert not [road for road, seen in noticed.items() if np.mean(seen) < 1 / 3]
+    assert not [method for method, seen in noticed.items() if np.mean(seen) < 1 / 3]
 
 
 @pytest.mark.parametrize('family', FAMILIES)
-def test_sites_of_their_own_and_sites_that_are_mistaken_for_each_other(family):
-    roads, _, many = FAMILIES[family]
+def test_methods_agree_for_unlike_sites_and_exchanged_sites_are_noticed(family):
+    methods, _, many = FAMILIES[family]
     _, noticed = follow(family, range(many // 6 + 1), faults=EXCHANGES, own=True)
-    seen = {name: [saw for (road, _), saws in noticed.items() if road == name for saw in saws] for name in roads}
-    for name in set(roads) - {'support'}:  # an exchange may be a symmetry; many structures need no support, however exchanged
+    seen = {name: [saw for (method, _), saws in noticed.items() if method == name for saw in saws] for name in methods}
+    for name in set(methods) - {'support'}:  # an exchange may be a symmetry; many structures need no support, however exchanged
         assert np.mean(seen[name]) >= 1 / 3
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('family', FAMILIES)
 def test_thousands_of_structures(family):
-    """`python -m pytest -n 0 -m long tests/test_roads.py`: forty times as many, and some of up to 150 particles."""
-    roads, _, many = FAMILIES[family]
+    """`python -m pytest -n 0 -m long tests/test_methods_compared.py`: forty times as many, and some of up to 150 particles."""
+    methods, _, many = FAMILIES[family]
     for own in (False, True):
         compared, _ = follow(family, range(100, 100 + 20 * many), control=False, own=own)
-        assert compared == 20 * many * len(roads)
+        assert compared == 20 * many * len(methods)
     if family in ('structures', 'verdicts'):
         follow(family, range(many), control=False, most=150 if family == 'structures' else 9)
