@@ -41,7 +41,7 @@ def run(options: Namespace) -> None:
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)
-        _draw(save, scene, bands)
+        _draw(save, scene, bands, options.fmax)
         report = '\n'.join([*_frequencies(scene, atoms, bands), '', *_stability(scene, atoms, bands, phonon)])
     print(report)
     print(f'pictures and data are in {options.output}')
@@ -82,7 +82,7 @@ def _write_table(file, bands):
     write_columns(file, names, columns)
 
 
-def _draw(save, scene, bands):
+def _draw(save, scene, bands, highest_Hz):
     from ..bands.zone import PLANAR
     from ..plotting.bands import plot_bands
     from ..plotting.branch_names import name_branches
@@ -94,6 +94,7 @@ def _draw(save, scene, bands):
         plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
     name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
     plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
+    ax.set_ylim(top=highest_Hz)  # before the names, which stand where the branches are seen
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.atoms().pbc) == PLANAR:

@@ -1,4 +1,4 @@
-"""Names of modes and branches: shear, longitudinal, mixed, out of the plane."""
+"""Names of modes and branches: shear or transverse, longitudinal, mixed, out of the plane."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_NAMED = 3
 """Largest number of branches that are named: more leave no room."""
 CLEAR, BESIDE = 0.035, (0.055, 0.09, 0.13)
 """Least distance of a name from all curves, and distances from its own that are tried, in heights of the axes."""
-LETTER = 0.022
+LETTER = 0.019
 """Width of a letter in widths of the axes."""
 TRIED, DRAWN = 150, 600
 """Largest number of wavevectors at which a name is tried, and of points of a curve that it avoids: as fine as a picture shows."""
@@ -32,10 +32,10 @@ def mode_names(bands: Bands) -> NDArray[np.str_]:
     Parameters
     ----------
     bands : Bands
-        With modes (`vectors=True`).  Transverse modes of a lattice in space keep the name 'transverse'.
+        With modes (`vectors=True`).  Transverse modes of a chain and of a lattice in space keep the name 'transverse'.
     """
     names = bands.polarisations.astype(object)
-    if not bands.path.kpts[:, 2].any():
+    if np.linalg.matrix_rank(list(bands.path.special_points.values())) == 2:
         names[names == 'transverse'] = 'shear'
         if bands.vectors is not None and bands.vectors.shape[-1] == 3:
             names[(abs(bands.vectors[..., 2]) ** 2).sum(axis=2) > ALONG_NORMAL] = 'out of the plane'
@@ -43,7 +43,7 @@ def mode_names(bands: Bands) -> NDArray[np.str_]:
 
 
 def name_branches(ax: Axes, bands: Bands) -> None:
-    """Write the name of each branch of a plane beside it where it is farthest from all curves; nothing where there is no room.
+    """Write each name beside one branch that has it, where it is farthest from all curves; nothing where there is no room.
 
     Parameters
     ----------
@@ -53,13 +53,14 @@ def name_branches(ax: Axes, bands: Bands) -> None:
         With modes (`vectors=True`).
     """
     names, x = mode_names(bands), bands.path.get_linear_kpoint_axis()[0]
-    if names.shape[1] > MOST_NAMED or bands.path.kpts[:, 2].any():
+    if names.shape[1] > MOST_NAMED:
         return
+    used = {'mixed', ''}
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     curves = [_thinned(np.array(line.get_data(), float), DRAWN) for line in ax.lines if len(line.get_xdata()) > 2]  # pyright: ignore[reportArgumentType]  no scalar
     for f, of_branch in zip(bands.frequencies_Hz.T, names.T, strict=True):
         long = {name: LETTER * (right - left) * len(name) for name in set(of_branch)}
-        named = [k for k in _thinned(np.flatnonzero((of_branch != 'mixed') & (of_branch != '')), TRIED)
+        named = [k for k in _thinned(np.flatnonzero(~np.isin(of_branch, list(used))), TRIED)
                  if left < x[k] - long[of_branch[k]] / 2 and x[k] + long[of_branch[k]] / 2 < right]
         for away in np.outer(BESIDE, (-1, 1)) * (high - low):
             places = [(min(y - low, high - y, _distance(curves, x[k], long[of_branch[k]], y)), k, y)
@@ -67,6 +68,7 @@ def name_branches(ax: Axes, bands: Bands) -> None:
             room, k, y = max(places, default=(0.0, 0, 0.0))
             if room > CLEAR * (high - low):
                 ax.text(x[k], y, of_branch[k], ha='center', va='center', path_effects=halo(1.5))
+                used.add(of_branch[k])
                 curves.append(np.array([x[k] + np.linspace(-0.5, 0.5) * long[of_branch[k]], np.full(50, y)]))
                 break
 

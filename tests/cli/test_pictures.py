@@ -5,6 +5,8 @@ from types import SimpleNamespace
 import pytest
 from matplotlib.figure import Figure
 
+from magphonon import analytic_bands, read_scene, ready_scene
+from magphonon.cli.bands import _draw
 from magphonon.cli.main import main
 from magphonon.cli.pictures import drawing
 from magphonon.plotting.scales import label_frequencies
@@ -61,6 +63,21 @@ def test_fmax_ends_axes_of_frequencies_and_no_others(tmp_path):
     assert with_frequencies.get_xlim() == (10, 40)
     assert with_frequencies.get_ylim() == (0, 3)
     assert without.get_xlim() == (10, 100)
+
+
+@pytest.mark.parametrize('highest', [80.0, 141.0])
+def test_names_of_branches_stand_within_the_axes_that_end_at_fmax(highest):
+    scene = read_scene(ready_scene('prototype'))
+    atoms, path = scene.atoms(), scene.band_path()
+    found = {model: analytic_bands(atoms, path, model, vectors=True) for model in ('complete', 'conventional')}
+    figures = {}
+    _draw(lambda figure, name: figures.update({name: figure}), scene, found | {'phonopy': found['complete']}, highest)
+    (ax,) = figures['bands'].axes
+    figures['bands'].draw_without_rendering()
+    assert ax.get_ylim() == (0, highest)
+    assert 'shear' in {text.get_text() for text in ax.texts}
+    for text in ax.texts:
+        assert ax.get_window_extent().y0 < text.get_window_extent().y0 < text.get_window_extent().y1 < ax.get_window_extent().y1
 
 
 @pytest.mark.parametrize('highest', [0.0, -5.0, float('nan'), float('inf')])

@@ -9,7 +9,7 @@ from cells import prototype
 from figures import arrows_of, bands_of, drawn, ideal
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from magphonon import MagneticRepulsion, foundation_needed, lattices, units as u
+from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, units as u
 from magphonon.bands.bands import Bands
 from magphonon.plotting import branch_names
 from magphonon.plotting.bands import plot_bands
@@ -136,9 +136,26 @@ def test_no_curve_runs_through_the_name_of_an_unstable_branch(share):
 
 
 def test_modes_of_a_layer_out_of_its_plane_are_named_so():
-    path = SimpleNamespace(kpts=np.array([[0.1, 0, 0]]), cell=Cell(np.eye(3)))
+    def path(periods):  # the same wavevector in a chain, a layer and a crystal
+        points = dict(enumerate(np.eye(3)[:periods]))
+        return SimpleNamespace(kpts=np.array([[0.1, 0, 0]]), cell=Cell(np.eye(3)), special_points=points)
+
     modes = np.eye(3).reshape(1, 3, 1, 3).astype(complex)  # along x, y and z
-    flat = Bands(path, np.array([[3.0, 2.0, 1.0]]), modes)
-    assert mode_names(flat).tolist() == [['longitudinal', 'shear', 'out of the plane']]
-    steep = Bands(SimpleNamespace(kpts=np.array([[0.1, 0, 0.1]]), cell=Cell(np.eye(3))), flat.omega, modes)
-    assert 'out of the plane' not in mode_names(steep)  # of a crystal in space
+    names = [mode_names(Bands(path(periods), np.array([[3.0, 2.0, 1.0]]), modes)).tolist() for periods in (1, 2, 3)]
+    other = [['longitudinal', 'transverse', 'transverse']]
+    assert names == [other, [['longitudinal', 'shear', 'out of the plane']], other]
+
+
+@pytest.mark.parametrize('draw', range(4))
+def test_branches_of_crystals_in_space_are_named_once(draw):
+    rng = np.random.default_rng(draw)
+    lattice = [lattices.fcc, lattices.bcc][draw % 2]
+    cell = lattice(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, rng.uniform(4, 12)), shells=2, foundation=rng.uniform(20, 40))
+    bands = bands_of(cell, {lattices.fcc: 'GXWKGL', lattices.bcc: 'GHNG'}[lattice], vectors=True)
+    ax = plot_bands(bands)
+    name_branches(ax, bands)
+    written = [text.get_text() for text in ax.texts]
+    assert 'transverse' in written
+    assert len(set(written)) == len(written)  # two transverse branches coincide along GX
+    assert set(written) <= {'transverse', 'longitudinal'}  # no shear: there is no plane
