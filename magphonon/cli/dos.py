@@ -124,6 +124,7 @@ def _unfolded(folder, save, lattice, patch, path):
     """Spectral function of a patch along the path, under the bands of the lattice; lines of the report."""
     from .. import units
     from ..bands.bands import analytic_bands
+    from ..plotting.axes import legend_of_set
     from ..plotting.bands import plot_bands
     from ..plotting.density import plot_spectral_function
     from ..response.spectral_density import spectral_function
@@ -133,6 +134,8 @@ def _unfolded(folder, save, lattice, patch, path):
     axes = plot_spectral_function(found, path)
     for model, style in zip(lattice.calc.bloch_models, ('-', '--'), strict=False):
         plot_bands(analytic_bands(lattice, path, model), axes, label=f'lattice, {model}', linestyle=style, linewidth=0.8)
+    axes.get_legend().remove()  # wider than the axes, it would push the colour bar away
+    legend_of_set(axes.figure)  # pyright: ignore[reportArgumentType]  no subfigure
     save(axes.figure, 'spectral')
     return [f'spectral.png: the modes of the patch along {path.path}, resolved to {units.hertz(found.width[0]):.3g} Hz at low '
             'frequencies']

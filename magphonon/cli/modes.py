@@ -181,7 +181,7 @@ def _write_table(file, extent):
 
 def _draw(save, system, found, extent, ranges, drawn):
     """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
-    from ..plotting.axes import letter_panels, panels
+    from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.modes import plot_extents, plot_shape
 
     figure, axes = panels(2, 2)
@@ -191,6 +191,7 @@ def _draw(save, system, found, extent, ranges, drawn):
     for k, ax in zip(drawn, axes.flat[1:], strict=False):
         plot_shape(system.atoms, found.shapes[k], ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz')
     letter_panels(axes.flat[: 1 + len(drawn)])
+    legend_of_set(figure)
     save(figure, 'modes')
 
 

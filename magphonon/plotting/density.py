@@ -20,12 +20,16 @@ if TYPE_CHECKING:
     from ..bands.density import DensityOfStates
     from .results import SpectralFunction
 
+TALL = 6.0
+"""Peaks above this multiple of the ninth decile are cut; a flat branch has a peak that is as high as its bin is narrow."""
 DECADES = 3
 """Range of a spectral function that is shown, in powers of ten below its highest value."""
 
 
 def plot_density(density: DensityOfStates, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Share of all modes per Hz over the frequency, so that a lattice and a patch can be compared; shaded: two standard errors.
+
+    Where a flat branch makes a peak that would hide all else, the axis ends below it and its height is written there.
 
     Parameters
     ----------
@@ -50,11 +54,28 @@ def plot_density(density: DensityOfStates, ax: Axes | None = None, label: str | 
         ax.fill_between(f, share - error, share + error, color=drawn.get_color(), alpha=0.25, linewidth=0)
     at, shares = (np.concatenate(both) for both in zip(*(line.get_data() for line in ax.lines), strict=True))
     lowest = at.min() if at.min() < -NEGLIGIBLE * at.max() else 0
-    ax.set(ylabel='share of all modes per Hz', xlim=(lowest, at.max()), ylim=(0, 1.05 * shares.max()))
+    top = min(1.05 * shares.max(), TALL * np.quantile(shares[shares > 0], 0.9))
+    ax.set(ylabel='share of all modes per Hz', xlim=(lowest, 1.02 * at.max()), ylim=(0, top))
     label_frequencies(ax.xaxis)
+    _write_cut_peaks(ax, top)
     if label is not None:
         legend_above(ax, ncols=2)
     return ax
+
+
+def _write_cut_peaks(ax, top):
+    """Heights of the peaks that end above the axes."""
+    for text in [text for text in ax.texts if text.get_gid() == 'cut']:
+        text.remove()
+    middle = np.mean(ax.get_xlim())
+    cut = [line for line in ax.lines if max(line.get_ydata()) > top]
+    for row, line in enumerate(cut):  # a row of heights for each curve, as peaks may coincide
+        f, share = line.get_data()
+        beyond = np.flatnonzero(share > top)
+        for peak in np.split(beyond, np.flatnonzero(np.diff(beyond) > 1) + 1):
+            at, side = f[peak[share[peak].argmax()]], 1 if f[peak[0]] < middle else -1
+            ax.annotate(f'up to {share[peak].max():.2g}', (at, top), (4 * side, -3 - 11 * row), textcoords='offset points',
+                        gid='cut', va='top', ha='left' if side > 0 else 'right', color=line.get_color())
 
 
 def plot_spectral_function(spectral: SpectralFunction, path: BandPath, ax: Axes | None = None) -> Axes:

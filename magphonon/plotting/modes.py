@@ -143,6 +143,7 @@ def plot_extents(extent: Extent, ax: Axes | None = None, bands: Sequence[tuple[f
     -------
     matplotlib.axes.Axes
     """
+    own = ax is None
     ax = new_axes() if ax is None else ax
     for k, (low, high) in enumerate(bands):
         name = None if k else 'bands of the lattice'
@@ -150,8 +151,9 @@ def plot_extents(extent: Extent, ax: Axes | None = None, bands: Sequence[tuple[f
     dots: dict[str, Any] = {'color': COLOURS[0], 'markersize': 2.5, 'markerfacecolor': 'none'}
     ax.plot(extent.frequencies_Hz, extent.participation, 'o', label='modes', **dots)
     label_frequencies(ax.xaxis)
-    ax.set(ylabel='particles that take part', yscale='log', ylim=(0.8, None))
-    legend_above(ax)
+    ax.set(ylabel='particles that take part', yscale='log', ylim=(0.8, 1.5 * extent.participation.max()))
+    if own:
+        legend_above(ax)
     return ax
 
 

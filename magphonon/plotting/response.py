@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from .results import Response
 
+NATURAL = 'natural frequencies'
 MOST_BARS = 8
 """Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
 
@@ -71,11 +72,12 @@ def plot_response(response: Response, natural: ArrayLike = (), axes: NDArray[np.
     rows = len(axes[0].collections)  # of ticks, one above the other
     low, high = (0, 1) if len(inside) <= MOST_BARS else (0.03 * rows, 0.03 * rows + 0.025)
     named = any(len(ticks.get_segments()) for ticks in axes[0].collections)
-    name = None if named or not label or not len(inside) else 'natural frequencies'  # once: the lines tell of which model
+    name = None if named or not label or not len(inside) else NATURAL  # once: the lines tell of which model
     axes[0].vlines(inside, low, high, transform=axes[0].get_xaxis_transform(), linewidth=0.7, label=name, colors=look['color'],
                    linestyles=look['linestyle'])
     axes[0].set_xlim(f[0], f[-1])
     label_frequencies(axes[1].xaxis)
     if label:
-        legend_above(axes[0])
+        handles = axes[0].get_legend_handles_labels()[0]
+        legend_above(axes[0], handles=sorted(handles, key=lambda handle: handle.get_label() == NATURAL))  # the curves first
     return axes

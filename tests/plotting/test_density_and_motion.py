@@ -7,7 +7,7 @@ from figures import drawn, legend_of
 from motion import patch
 from PIL import Image
 
-from magphonon import MagneticRepulsion, analytic_bands, modes, units as u
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, modes, units as u
 from magphonon.bands import DensityOfStates, band_path, band_ranges, lattice_density
 from magphonon.plotting import (
     animate,
@@ -35,6 +35,18 @@ def test_densities_of_a_lattice_and_a_patch_share_axes():
     k = found.error.argmax()
     at = edges[np.isclose(edges[:, 0], found.frequencies_Hz[k])][:, 1]
     assert np.ptp(at) == pytest.approx(4 * found.error[k] / found.modes * 2 * np.pi * u.Hz, rel=1e-9)
+
+
+def test_peaks_of_flat_branches_are_cut_and_their_heights_written():
+    chain = lattices.chain(1.0, 1.0)
+    chain.calc = MagneticRepulsion(chain, InversePower(1.0, 4.0), foundation=10.0)
+    ax = plot_density(lattice_density(chain, model='conventional'))  # transverse: all at one frequency
+    highest = ax.lines[0].get_ydata().max()
+    assert 5 * ax.get_ylim()[1] < highest
+    assert [text.get_text() for text in ax.texts] == [f'up to {highest:.2g}']
+    control = plot_density(lattice_density(prototype(), steps=24))
+    assert control.get_ylim()[1] > control.lines[0].get_ydata().max()
+    assert not control.texts
 
 
 def test_spectral_function_lies_under_the_bands():
