@@ -1,7 +1,6 @@
 """Bands of the ideal triangular lattice, complete and conventional."""
 
 import numpy as np
-from matplotlib.text import Text
 
 from magphonon import analytic_bands, read_scene, ready_scene, sound_speeds, units
 from magphonon.bands import first_zone, frequency_ratio, zone_map
@@ -90,9 +89,6 @@ def draw_ratios(out, complete, conventional):
         filled = ax.collections[0]
         filled.colorbar.remove()
         filled.set_norm(scale)
-        for text in ax.texts[:]:
-            if type(text) is Text:  # numbers on the contours, which the colour bar tells
-                text.remove()
     letter_panels(axes, BRANCHES)
     axes[1].set_ylabel('')
     figure.colorbar(ScalarMappable(scale, filled.cmap), ax=axes, label=r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$')
@@ -117,7 +113,8 @@ def draw_contours(out, complete, conventional):
         middle, stride = found.q.shape[0] // 2, found.q.shape[0] // ARROWS  # Gamma is in the middle
         some = np.s_[middle % stride::stride, middle % stride::stride]
         v = found.velocity[some][:, :, 0] / np.linalg.norm(found.velocity[some][:, :, 0], axis=-1, keepdims=True)
-        arrows = ax.quiver(*k[:, *some], *np.moveaxis(v, -1, 0), color='w', pivot='mid', angles='xy', scale=20, width=0.008)
+        arrows = ax.quiver(*k[:, *some], *np.moveaxis(v, -1, 0), color='w', edgecolor='k', linewidth=0.4, pivot='mid',
+                           angles='xy', scale=20, width=0.008)
         arrows.set_clip_path(zone)
         half = 1.08 * corners.max(axis=0)
         ax.set(xlabel='$k_x$ (rad/m)', ylabel='$k_y$ (rad/m)', xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect='equal')

@@ -29,13 +29,18 @@ ARROWS = 9  # of group velocity along each reciprocal vector
 ROUND = (1, 2, 5, 10)  # contours at round numbers
 WELL_INSIDE = 0.93
 """Size of the part of the zone in which contours are labelled, relative to the zone."""
+SHADES = 10
+"""Shades of a map of ratios from one contour to the next."""
+BESIDE_AXES = np.radians(40)
+"""Angle by which names of special points are turned about their points, beside the axes of the phases."""
 APART = 0.08
 """Least distance of two labels in widths of the axes."""
 
 
 def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
-    """First Brillouin zone with its irreducible part, the path of a band diagram and its special points.
+    """First Brillouin zone with its irreducible part, the path of a band diagram and its special points, in its upper half.
 
+    Points k and -k have the same frequencies; if the path lies in the lower half of the zone, its reverse is drawn.
     The arrows are the axes of the phases per step xi_1 = k.R_1 and xi_2 = k.R_2: along each the other phase is zero.
 
     Parameters
@@ -64,13 +69,14 @@ def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
     if np.linalg.matrix_rank(list(path.special_points.values())) != 2:
         raise ValueError(f'the zone is drawn for planar lattices, but the special points of the path {path.path} span no plane')
     ax, _ = _zone_axes(ax, path.cell)
-    part = irreducible_zone(path.special_points, path.cell) * units.m
+    special = _upright(path.special_points, path.cell)
+    part = irreducible_zone(special, path.cell) * units.m
     ax.add_collection(PolyCollection([part], facecolor=COLOURS[6], alpha=0.35, linewidth=0))
     _draw_phases(ax, path.cell)
-    names, points = resolve_kpt_path_string(path.path, path.special_points)
+    names, points = resolve_kpt_path_string(path.path, special)
     for stretch in points:
-        ax.plot(*_cartesian(path.cell, stretch).T, color=COLOURS[0], linewidth=1.8, solid_joinstyle='round')
-    _mark_points(ax, path.cell, {name: path.special_points[name] for stretch in names for name in stretch})
+        ax.plot(*_cartesian(path.cell, stretch).T, color=COLOURS[0], linewidth=1.8, solid_joinstyle='round', zorder=5.5)
+    _mark_points(ax, path.cell, {name: special[name] for stretch in names for name in stretch}, turn=BESIDE_AXES)
     return ax
 
 
@@ -171,11 +177,13 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes |
                          'add a foundation')
     ax, zone = _zone_axes(ax, complete.cell)
     levels = MaxNLocator(8, steps=ROUND).tick_values(max(np.nanmin(ratio), 0), np.nanmax(ratio))
-    filled = ax.contourf(*_mesh(complete), ratio, levels=levels, cmap='cividis')
-    filled.set_clip_path(zone)
-    ax.contour(*_mesh(complete), ratio, levels=levels[1:-1], colors='black', linewidths=0.5).set_clip_path(zone)
+    shades = np.linspace(levels[0], levels[-1], SHADES * (len(levels) - 1) + 1)
+    filled = ax.contourf(*_mesh(complete), ratio, levels=shades, cmap='cividis')
+    lines = ax.contour(*_mesh(complete), ratio, levels=levels[1:-1], colors='black', linewidths=0.5)
+    for contours in (filled, lines):
+        contours.set_clip_path(zone)
     label = r'$\omega_\mathrm{complete}/\omega_\mathrm{conventional}$, ' + _branch_name(complete, branch)
-    ax.figure.colorbar(filled, ax=ax, pad=0.03, label=label)
+    ax.figure.colorbar(filled, ax=ax, pad=0.03, label=label, ticks=levels).add_lines(lines)
     handles = _hatch_unstable(ax, complete, branch, zone)
     if handles:
         legend_above(ax, handles=handles)
@@ -196,6 +204,12 @@ def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike)
 
     k = np.array([_cartesian(cell, q) for q in points.values()]) / units.m
     return k[ConvexHull(k).vertices]
+
+
+def _upright(points, cell):
+    """The special points, or their reverse if most lie in the lower half of the zone: k and -k have the same frequencies."""
+    sign = -1.0 if sum(_cartesian(cell, q)[1] for q in points.values()) < 0 else 1.0
+    return {name: sign * np.asarray(q) for name, q in points.items()}
 
 
 def _draw_phases(ax, cell):
@@ -237,17 +251,18 @@ def _mesh(zone_map):
 
 
 def _special_points(cell):
-    return band_path(Atoms(cell=cell, pbc=PLANAR), npoints=0).special_points
+    return _upright(band_path(Atoms(cell=cell, pbc=PLANAR), npoints=0).special_points, cell)
 
 
-def _mark_points(ax, cell, points):
-    """Dots and names at special points, the names pushed away from Gamma."""
+def _mark_points(ax, cell, points, turn=0.0):
+    """Dots and names at special points, the names pushed away from Gamma, turned to the right by the angle `turn`."""
+    right = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])  # multiplied from the left
     for name, q in points.items():
         k = _cartesian(cell, q)
-        away = k / np.linalg.norm(k) if k.any() else np.array([-1, 1]) / np.sqrt(2)
-        ax.plot(*k, 'o', color='black', markersize=4, zorder=5)
+        away = k / np.linalg.norm(k) @ right if k.any() else np.array([-1, -1]) / np.sqrt(2)
+        ax.plot(*k, 'o', color='black', markersize=4, zorder=6)
         ax.annotate(point_name(name), k, xytext=10 * away, textcoords='offset points', ha='center', va='center',
-                    path_effects=halo(2.5), zorder=5)
+                    path_effects=halo(2.5), zorder=6)
 
 
 def _label_apart(ax, contours, zone, taken):
