@@ -41,7 +41,10 @@ def plot_band_ribbons(bands: Bands, spread: Spread, ax: Axes | None = None, labe
     top = np.nanmax(bands.frequencies_Hz + HALF_WIDTH * units.hertz(spread.std))
     ax.set_ylim(top=max(ax.get_ylim()[1], 1.02 * top))
     if label is not None:
-        legend_above(ax)
+        handles, names = ax.get_legend_handles_labels()
+        ribbons = [k for k, name in enumerate(names) if name == RIBBON]  # each after its curve
+        legend_above(ax, ncols=2, handles=[(handles[k], handles[k - 1]) for k in ribbons],
+                     labels=[f'{names[k - 1]}, {RIBBON}' for k in ribbons])
     return ax
 
 

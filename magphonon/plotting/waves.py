@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -74,7 +75,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     Parameters
     ----------
     table : sequence of sequence of Wave
-        One row of panels each; None leaves a panel empty.
+        One row of panels each; of None only the name is written, and that it is too weak.
     names : sequence of str, optional
         Of the panels, row by row.
     carriers_Hz : sequence of float, optional
@@ -88,26 +89,33 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
     """
     figure, axes = panels(len(table), len(table[0]), height=2.3)
     letter_panels(axes, names)
+    shown = np.array([[wave is not None for wave in row] for row in table])
     top, image = max(_top(wave) for row in table for wave in row if wave), None
-    for row, line in zip(axes, table, strict=True):
+    for row, line, carrier in zip_longest(axes, table, carriers_Hz):
         for ax, wave in zip(row, line, strict=True):
             if wave is None:
+                ax.text(0.5, 0.5, 'too weak to be shown', color='0.35', ha='center', va='center', transform=ax.transAxes)
                 ax.set_axis_off()
-            else:
-                image = _draw_map(ax, wave, top)
-    for row, carrier in zip(axes, carriers_Hz, strict=False):
-        for ax in row:
-            ax.axhline(carrier, color='0.3', linestyle=':', linewidth=0.9, label='carrier')
-    _label_outer(axes)
+                continue
+            image = _draw_map(ax, wave, top)
+            if carrier is not None:
+                ax.axhline(carrier, color='0.3', linestyle=':', linewidth=0.9, label='carrier')
+    _label_outer(axes, shown)
     if image is not None:
         figure.colorbar(image, ax=axes, label=POWER, pad=0.02, aspect=30)
     legend_of_set(figure, ncols=4)
     return figure, axes
 
 
-def _label_outer(axes):
-    for ax in axes.flat:
-        ax.label_outer()
+def _label_outer(axes, shown):
+    """Keep the labels of the axes below and left of which no panel is shown."""
+    for (row, column), ax in np.ndenumerate(axes):
+        if shown[row + 1 :, column].any():
+            ax.set_xlabel('')
+            ax.tick_params(labelbottom=False)
+        if shown[row, :column].any():
+            ax.set_ylabel('')
+            ax.tick_params(labelleft=False)
 
 
 def _top(wave):
@@ -191,7 +199,7 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure
     largest = _visible(list(shown.values()))
     for ax, (name, (patch, site, _)) in zip(axes.flat, passages.items(), strict=True):
         dots, power = _draw_crests(ax, patch, shown[name], site, largest)
-    _label_outer(axes)
+    _label_outer(axes, np.ones(axes.shape, bool))
     _bar_of_crests(dots, axes, axis, power, pad=0.02)
     legend_of_set(figure)
     return figure
@@ -249,7 +257,7 @@ def _draw_crests(ax, patch, crests, site, largest=None):
     dots.set_array(crests / units.m / 10.0**power)
     dots.set_clim(*(np.array([-1, 1]) * largest / units.m / 10.0**power))
     ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')
-    ax.plot(*rest[site.driven].T, '-', color=COLOURS[3], marker='^', markersize=4, linewidth=1.2, label='driven')
+    ax.plot(*rest[site.driven].T, '^', color=COLOURS[3], markersize=4, label='driven')
     frame(ax, rest, spacing(patch))
     return dots, power
 

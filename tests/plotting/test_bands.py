@@ -9,8 +9,11 @@ from figures import bands_of, drawn, ideal, legend_of
 from matplotlib.colors import to_hex
 
 from magphonon import lattices
+from magphonon.bands.bands import Bands
+from magphonon.design import Spread
 from magphonon.plotting.axes import COLOURS
 from magphonon.plotting.bands import plot_bands
+from magphonon.plotting.uncertainty import plot_band_ribbons
 
 
 @pytest.fixture(scope='module')
@@ -133,3 +136,13 @@ def test_bands_on_another_path_are_refused():
         with pytest.raises(ValueError, match=r'another path .* than those on the axes; compute both on the same path'):
             plot_bands(other, ax=ax)
     assert len(ax.lines) == 2
+
+
+def test_a_ribbon_shares_the_entry_of_its_curve_in_the_legend():
+    bands = bands_of(prototype(), npoints=30)
+    spread = Spread(('mass',), np.array([[4e-4]]), bands.omega, bands.omega[None] / 2)
+    ax = None
+    for model in ('complete', 'conventional'):
+        ax = plot_band_ribbons(Bands(bands.path, bands.omega), spread, ax, label=model)
+    drawn(ax)
+    assert legend_of(ax) == [rf'{model}, $\pm2\sigma$' for model in ('complete', 'conventional')]

@@ -139,6 +139,10 @@ def test_a_set_of_maps_has_equal_axes_one_legend_and_one_colour_bar(ideal):
     figure.canvas.draw()
     assert len(figure.axes) == 5
     assert len({ax.get_ylim() for ax in axes.flat if ax.axison}) == 1
+    assert [text.get_text() for text in axes[1, 0].texts] == ['too weak to be shown']
+    assert not axes[1, 0].lines
+    assert [bool(ax.get_xlabel()) for ax in axes.flat] == [True, False, False, True]  # also above the one that is not shown
+    assert [bool(ax.get_ylabel()) for ax in axes.flat] == [True, False, False, True]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ['complete', 'conventional', 'carrier', 'ridge']
     assert not any(ax.get_legend() for ax in axes.flat)
     carriers = [next(line for line in ax.lines if line.get_label() == 'carrier').get_ydata()[0] for ax in axes[:, 1]]
