@@ -187,10 +187,13 @@ def draw(values, chart):
     letter_panels(axes)
     titles = 'displacement of the numerical derivative / $L_0$', f'largest displacement after {STEPS} steps / $L_0$'
     for ax, title, (panel, table) in zip(axes, titles, panels_of(chart.measurements).items(), strict=True):
-        for method, (colour, marker, line) in looks_of(table).items():
+        looks = looks_of(table)
+        widths = np.linspace(2.0, 0.8, len(looks))  # each thinner than those below it, as some coincide
+        for (method, (colour, marker, line)), width in zip(looks.items(), widths, strict=True):
             errors = [m.error for m in table if m.method == method]
-            ax.loglog(values[panel], errors, color=colour, marker=marker, linestyle=line, fillstyle='none', label=method)
-        ax.set(xlabel=title, ylim=(1e-17, 10))
+            ax.loglog(values[panel], errors, color=colour, marker=marker, linestyle=line, fillstyle='none', linewidth=width,
+                      markersize=2 * width + 1.5, label=method)
+        ax.set(xlabel=title, ylim=(0.01 * min(m.error for m in chart.measurements), 10))
         ax.legend(loc='lower right')
     axes[0].set_ylabel('error of a frequency / highest frequency')
     axes[1].set_ylabel('departure from the linear response')

@@ -49,10 +49,11 @@ def panels_of(table):
 
 
 def work_precision(chart):
-    """Figure with one pair of axes for each panel, and one legend."""
+    """Figure with one pair of axes for each panel, and one legend, or one below each panel if no method stands in two."""
     tables, looks = panels_of(chart.measurements), looks_of(chart.measurements)
+    apart = sum(len(looks_of(table)) for table in tables.values()) == len(looks)
     columns = len(tables) if len(tables) < 4 else 2
-    figure, axes = panels(-(-len(tables) // columns), columns, width=PAGE_in, height=2.7)
+    figure, axes = panels(-(-len(tables) // columns), columns, width=PAGE_in, height=3.4 if apart else 2.7)
     for ax in axes.flat[len(tables):]:
         ax.remove()
     axes = axes.ravel()[:len(tables)]
@@ -60,10 +61,13 @@ def work_precision(chart):
     spent = [m.seconds for m in chart.measurements if np.isfinite(m.error)]
     errors = [max(m.error, FLOOR) for m in chart.measurements if np.isfinite(m.error)]
     for ax, table in zip(axes, tables.values(), strict=True):
-        plot_work_precision(table, ax, looks)
+        plot_work_precision(table, ax, looks_of(table) if apart else looks)
         ax.set(ylabel=chart.error, xlim=(0.6 * min(spent), 1.7 * max(spent)), ylim=(0.2 * min(errors), 5 * max(errors)))
         ax.label_outer()
-    legend_of_set(figure, ncols=4)
+        if apart:
+            ax.legend(loc='upper center', bbox_to_anchor=(0.5, -0.2), ncols=2)
+    if not apart:
+        legend_of_set(figure, ncols=4)
     return figure
 
 

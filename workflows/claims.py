@@ -174,7 +174,7 @@ def elastic_rim(out):
     for ax, a, b in zip(axes.flat, held, bent, strict=True):
         ax.semilogy(x, abs(a[:, 1]) / units.m * 1e6, '-', color=COLOURS[0], label='rim held')
         ax.semilogy(x, abs(b[:, 1]) / units.m * 1e6, 'o', color=COLOURS[1], fillstyle='none', label='rim on beams of 1/4 inch')
-        ax.set(xlabel='steps along the measured row', ylabel=r'amplitude ($\mu$m)', ylim=(3e-3, 2))
+        ax.set(xlabel='steps along the measured row', ylabel='amplitude (µm)', ylim=(3e-3, 2))
         ax.label_outer()
     legend_of_set(figure)
     return [Reported('rim on beams: how far static repulsion bends them (mm), beside the spacing', sag / units.mm, 10),

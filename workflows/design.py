@@ -72,13 +72,14 @@ def draw(out, scene, found, soft, held, verge):
     stiff = reference()['prototype']['k_eq']
     letter_panels(axes, [f'prototype: $a$ = {scene.law.a:.2f}, $k$ = {stiff:.1f} N/m', f'$a$ = {SOFT}, $k$ = {WEAK:g} N/m'])
     spacings = np.linspace(*SPACINGS_m, 60) * units.m
-    for ax, case, k, answer in zip(axes, (scene, soft), (stiff, WEAK), (found, held), strict=True):
+    aside = ((-6, -12), 'right'), ((8, 8), 'left')  # where no curve runs
+    for ax, case, k, answer, (place, side) in zip(axes, (scene, soft), (stiff, WEAK), (found, held), aside, strict=True):
         for model, line, colour in (('complete', '-', COLOURS[0]), ('conventional', '--', COLOURS[1])):
             f = [shear(case, L, k * units.N / units.m, model) for L in spacings]
             ax.plot(spacings / units.mm, f, line, color=colour, label=model)
         wanted = answer.value / HERTZ
         ax.plot(answer.spacing / units.mm, wanted, 'o', color='k', markersize=5, label='found for the wanted frequency')
-        ax.annotate(f'{wanted:.3g} Hz', (answer.spacing / units.mm, wanted), (8, 8), textcoords='offset points')
+        ax.annotate(f'{wanted:.3g} Hz', (answer.spacing / units.mm, wanted), place, textcoords='offset points', ha=side)
         ax.set(xlabel='spacing $L_0$ (mm)', xlim=np.array(SPACINGS_m) * 1e3, ylim=(0, 170))
     axes[1].axvspan(SPACINGS_m[0] * 1e3, verge * 1e3, zorder=0, **UNSTABLE)
     axes[1].text(SPACINGS_m[0] * 1e3 + 0.4, 12, 'buckles', bbox={'facecolor': 'w', 'linewidth': 0, 'pad': 1.5})

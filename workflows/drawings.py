@@ -30,7 +30,7 @@ def draw_oscillator(ax, atoms, named=True):
     ax.plot(0.45 * np.cos(arc), 0.45 * np.sin(arc), color='0.2', linewidth=0.8)
     ax.text(0.55 * np.cos(theta0 / 2), -0.55 * np.sin(theta0 / 2), r'$\theta_0$', ha='left', va='center')
     ax.text(0.06, -0.6, '$L_0$')
-    ax.text(0.06, -0.36, 'free')
+    ax.text(-0.16, 0, 'free', ha='right', va='center')
     ax.text(0.12, -1.02, 'fixed', va='center')
     ax.text(0.08, 0.45, 'static forces', color=COLOURS[1], va='top')
     ax.set_ylim(-1.15, 0.62)

@@ -144,7 +144,7 @@ def picture(out):
         ax.plot(x, np.sqrt(trap**2 - drop), style, color=COLOURS[1], label=rf'out of it, $\Omega_z = {trap:.2f}$')
     label_path(ax, path)
     ax.set(ylim=(0, None), ylabel=r'$\omega$ ($\sqrt{Q^2/4\pi\epsilon_0 m a^3}$)')
-    for name, place in (('longitudinal', (0.2, 0.4)), ('shear', (0.16, 0.06))):
+    for name, place in (('longitudinal', (0.27, 0.4)), ('shear', (0.16, 0.06))):
         ax.text(*place, name, transform=ax.transAxes)
     legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'layers.png',

@@ -152,7 +152,7 @@ def draw_law(out, ring, law, L0, paper):
     lower.xaxis.set_minor_formatter(NullFormatter())
     lower.xaxis.set_major_formatter(ScalarFormatter())
     lower.set_xticks([7, 8, 10, 12, 15, 20, 30, 40])
-    upper.legend(loc='lower left')
+    upper.legend(loc='lower left', frameon=True, framealpha=1, edgecolor='none')  # over the line at 10 mm
     low, high = (f(fitted_exponent(law, *window) for window in WINDOWS) for f in (min, max))
     return save_picture(figure, out / 'magnet_law.png', (
         'Fig. S3 of the paper: (a) force between the rings, computed from the printed shape and grade, and (b) the exponent '

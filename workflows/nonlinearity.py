@@ -201,7 +201,7 @@ def draw_waves(out, harmonic, slow):
     strain.plot(x, 1e6 * e, color=COLOURS[0], label='time domain')
     strain.plot(x, 1e6 * forms, '--', color=COLOURS[1], label='closed form')
     strain.set(xlabel='place $x/L_0$', ylabel='slow strain ($10^{-6}$)', xlim=(-384, 384))
-    for speed, text, y in ((np.sqrt(2), 'burst', 3.5), (2, 'free wave', -3), (-2, 'free wave', -1.2)):
+    for speed, text, y in ((np.sqrt(2), 'burst', 3.5), (2, 'free wave', -3), (-2, 'free wave', -1.7)):
         strain.text(speed * FLIGHT - 20, y, text, ha='right' if speed > 0 else 'left')
     for ax in axes:
         legend_above(ax, ncols=2)

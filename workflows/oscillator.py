@@ -80,7 +80,8 @@ def draw(out, critical):
         ax.text(3, height, name, color=colour)
     ax.text(73.5, 225, 'horizontally\nunstable', ha='center', va='center', bbox={'facecolor': 'w', 'linewidth': 0})
     ax.set(xlabel=r'angle $\theta_0$ (deg)', ylabel=r'natural frequency $\omega$ (rad/s)', xlim=(0, 90), ylim=(0, 400))
-    legend_above(ax, ncols=2)
+    for handle in legend_above(ax, ncols=2).legend_handles:
+        handle.set_color('k')  # the colours stand for directions
     return save_picture(figure, out / 'oscillator.png',
                         'Fig. 1 of the paper: the oscillator, drawn at 30 degrees, and its natural frequencies. D* lowers all '
                         'but the vertical one at 90 degrees; above 56.79 degrees the horizontal motion is unstable, which D0 '
