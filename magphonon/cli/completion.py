@@ -39,7 +39,7 @@ def run(options: Namespace) -> None:
 
     parser, names = whole_parser(), ' '.join(ready_scenes())
     completed = {'scene': SCENE, 'name': READY, 'output': shtab.DIRECTORY, 'files': shtab.DIRECTORY}
-    completed |= dict.fromkeys(('table', 'file', 'geometry', 'style'), shtab.FILE)
+    completed |= dict.fromkeys(('table', 'file', 'geometry', 'style', 'page'), shtab.FILE)
     [commands] = [action for action in parser._actions if isinstance(action, _SubParsersAction)]
     for command in commands._choices_actions:  # zsh shows them, and descriptions are too long for it
         commands.choices[command.dest].description = command.help

@@ -23,7 +23,7 @@ MARK = b'<meta name="generator" content="magphonon explore">'
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument('-o', '--output', metavar='FILE.html', help='the page (default: SCENE-explore.html)')
+    parser.add_argument('-o', '--output', dest='page', metavar='FILE.html', help='the page (default: SCENE-explore.html)')
 
 
 def run(options: Namespace) -> None:
@@ -32,7 +32,7 @@ def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from ..stability.borders import border_over_exponents, border_over_spacings
 
-    file = Path(options.output or f'{default_folder(options)}.html')
+    file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
     _refuse_foreign(file)
     scene = read_scene(options.scene)
     _refuse_unknown(scene)

@@ -32,7 +32,7 @@ CASES = {
     'ban': {'bands'}, '': set(COMMANDS), 'bands pro': {'prototype'}, 'bands mi': {'mine.toml', 'minutes'},
     'scene proto': {'prototype'}, 'scene mi': set(), 'spectrum s': {'scan.csv', 'script.sh'}, 'spectrum scan.csv rin': {'rings'},
     'bands chain -o m': {'minutes'}, 'bands chain --out': {'--output'}, 'burst --engine l': {'lammps'},
-    'fit ridges.csv --bands rin': {'rings'},
+    'explore chain -o mi': {'mine.toml', 'minutes'}, 'fit ridges.csv --bands rin': {'rings'},
     'scene ': set(ready_scenes()), 'completion z': {'zsh'}}
 
 

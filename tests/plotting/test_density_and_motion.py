@@ -43,7 +43,9 @@ def test_peaks_of_flat_branches_are_cut_and_their_heights_written():
     ax = plot_density(lattice_density(chain, model='conventional'))  # transverse: all at one frequency
     highest = ax.lines[0].get_ydata().max()
     assert 5 * ax.get_ylim()[1] < highest
-    assert [text.get_text() for text in ax.texts] == [f'up to {highest:.2g}']
+    written = [text.get_text() for text in ax.texts]
+    assert f'up to {highest:.2g}' in written
+    assert all(float(text.removeprefix('up to ')) > ax.get_ylim()[1] for text in written)
     control = plot_density(lattice_density(prototype(), steps=24))
     assert control.get_ylim()[1] > control.lines[0].get_ydata().max()
     assert not control.texts
