@@ -3,7 +3,8 @@
 The paper's magnets on a triangular patch with a held rim, undriven, through `DrivenVerlet.run` with an observer every
 ten steps: ASE's loop with a plain standard calculator, magphonon's three engines, and LAMMPS where it is installed.
 All run in turns, the least of several rounds counts.  The error is that of the displacements after 100 steps, by the
-largest one; the reference is the NumPy kernel with the law itself instead of polynomials.
+largest one; the reference is the NumPy kernel with the law itself instead of polynomials.  Before that, what one core may do at
+best, and where the time of a compiled step goes.
 
 Targets on one core: compiled blocks on a patch 10 times as fast as LAMMPS from 10 000 particles on and 5 times at 1000,
 NumPy blocks twice from 10 000 on; on any topology compiled twice from 10 000 on; compiled at 1000 particles 50 times as
@@ -12,12 +13,13 @@ fast as ASE's loop with the plain calculator.
 
 import sys
 from contextlib import ExitStack
-from time import perf_counter
+from time import perf_counter, thread_time
 
 import numpy as np
 from ase.calculators.calculator import Calculator, all_changes
 from ase.md.verlet import VelocityVerlet
 from lammps_steps import STYLES, lammps_stepper
+from step_parts import print_parts
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.dynamics.bond_increments import RANGES
@@ -166,7 +168,7 @@ def measure(title, make, n, engines):
 
 
 def roofline():
-    """Bandwidth of memory and rate of multiply-adds of one core."""
+    """Print bandwidth of memory and rate of multiply-adds of one core; operations per second."""
     from numba import njit
 
     from magphonon.dynamics.intrinsics import vectorise
@@ -186,21 +188,32 @@ def roofline():
     multiply_add(x, 1)
     copy, fma = [], []
     for _ in range(ROUNDS):
-        start = perf_counter()
+        start = thread_time()
         b[:] = a
-        middle = perf_counter()
+        middle = thread_time()
         multiply_add(x, 3000)
         copy.append(middle - start)
-        fma.append(perf_counter() - middle)
+        fma.append(thread_time() - middle)
     bandwidth, rate = 2 * a.nbytes / min(copy) / 1e9, 2 * 64 * 3000 * 1024 / min(fma) / 1e9
     # a step reads and writes u and v and reads d^2 and the push; its 3 bonds take 44 operations each, the motion 20
     print(f'roofline: {bandwidth:.0f} GB/s and {rate:.0f} GFLOP/s of one core allow a particle-step in '
           f'{80 / bandwidth:.1f} ns (from memory) and {152 / rate:.1f} ns (in registers)')
+    return 1e9 * rate
+
+
+def running(n, every):
+    """Compiled blocks of a patch on one thread, after some steps, with an observer."""
+    dyn = DrivenVerlet(moving(*patch(n)), DT, engine='compiled', threads=1)
+    dyn.attach(lambda: None, every)
+    dyn.run(100)
+    return dyn
 
 
 if __name__ == '__main__':
     sizes = [round(float(count) ** 0.5) for count in sys.argv[1:]] or SIZES
-    roofline()
+    rate = roofline()
+    for n in (n for n in sizes if n >= 100):
+        print_parts(lambda every, n=n: running(n, every), rate)
     for n in sizes:
         measure('patch', patch, n, ('ase', 'numpy', 'compiled'))
         if n * n >= 1000:
