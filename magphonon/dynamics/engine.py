@@ -176,8 +176,6 @@ class Blocks:
         """
         times = self.dt * np.arange(first, first + steps + 1)
         forces = self._external(times)
-        if not self.current:
-            self._read()
         while True:
             strain, *extent = self._try(forces)
             if strain <= self._reach or self._exact:
@@ -219,6 +217,11 @@ class Blocks:
     def current(self) -> bool:
         """Whether the atoms are as `write` left them; observers may change them."""
         return self._kernel.written(*self._arrays())
+
+    def follow(self) -> None:
+        """Take the state from the atoms if somebody has changed them."""
+        if not self.current:
+            self._read()
 
     def write(self) -> None:
         """Put the state into the atoms, rounded to positions."""

@@ -32,7 +32,7 @@ CACHE = 2**20
 """Bytes that the levels of a chunk should need at a time, half of a second-level cache of today."""
 SAME_SHAPE = 1e-14
 """Relative difference of coefficients up to which laws differ by a factor only."""
-REACHES = RANGES[1], RANGES[-1]
+REACHES = RANGES[2], RANGES[-1]
 """Largest increments |e| in a run of slots whose bonds take a polynomial although others need the pieces; to find that they do
 not costs the time of one group of bonds."""
 

@@ -46,6 +46,8 @@ COMPILING_PAYS = 5e7
 """Number of particle-steps above which the compiled kernel saves the second that it takes to load."""
 BLOCK = 32
 """Largest number of steps between two checks whether particles have collided or left."""
+SHOWN = 8 * BLOCK
+"""Largest number of steps after which the atoms follow blocks, for who iterates."""
 
 
 class DrivenVerlet(VelocityVerlet):
@@ -186,7 +188,7 @@ class DrivenVerlet(VelocityVerlet):
             self.atoms.set_momenta(momenta)
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
-        """The iterator of ASE's `irun`, which yields at the end of each block of steps."""
+        """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most."""
         self._prepare(steps)
         run = super().irun(steps) if self.engine == 'ase' else self._irun_blocks(steps)
         good = self._good_state() if self.engine == 'ase' else None
@@ -201,8 +203,6 @@ class DrivenVerlet(VelocityVerlet):
                 self.nsteps, self.atoms.arrays['positions'][:], self.atoms.arrays['momenta'][:] = good
                 for recorder in self.recorders:
                     recorder.forget_after(self.get_time())
-            else:
-                self._blocks.write()
             error.atoms, error.last_good = self.atoms, self.get_time()
             raise
 
@@ -213,21 +213,28 @@ class DrivenVerlet(VelocityVerlet):
             self.call_observers()
         yield self.nsteps == self.max_steps
         while self.nsteps < self.max_steps:
-            steps = self._steps_to_next_look()
-            self._blocks.advance(self.nsteps, steps)
-            self._blocks.write()
-            self.engine = self._blocks.engine
-            self.nsteps += steps
+            self._advance_to(self._next_stop())
             self.log()
             self.call_observers()
             yield self.nsteps == self.max_steps
 
-    def _steps_to_next_look(self):
+    def _advance_to(self, stop):
+        """Move on to the step `stop` by blocks, each of which ends with a look whether the bonds hold; then the atoms follow."""
+        self._blocks.follow()
+        try:
+            while self.nsteps < stop:
+                steps = min(self._blocks.steps_to_next_look(BLOCK), stop - self.nsteps)
+                self._blocks.advance(self.nsteps, steps)
+                self.nsteps += steps
+        finally:
+            self._blocks.write()
+            self.engine = self._blocks.engine
+
+    def _next_stop(self):
         intervals = [interval for _, interval, *_ in self.observers]
         periods = [*self._stops, *(k for k in intervals if k > 0)]
         instants = [self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
-        most = self._blocks.steps_to_next_look(BLOCK)
-        return min([most] + [k - self.nsteps % k for k in periods] + [k - self.nsteps for k in instants])
+        return min([self.nsteps + SHOWN, *instants] + [self.nsteps + k - self.nsteps % k for k in periods])
 
     def _prepare(self, steps):
         """Choose the engine and refuse an unstable step; again only if something has changed."""

@@ -171,3 +171,29 @@ def test_an_impossible_damping_is_refused_as_at_the_start(damping):
     with pytest.raises(ValueError, match='damping') as later:
         moved.dyn.damping = damping
     assert str(first.value) == str(later.value)
+
+
+@pytest.mark.parametrize('blocks', [1, 3])
+def test_atoms_are_where_blocks_are_after_an_interrupt_between_two_looks(blocks, monkeypatch):
+    moved = Moved(np.random.default_rng(blocks), 'numpy')
+    steps, advance = [], Blocks.advance
+
+    def interrupted(self, first, count):
+        if len(steps) == blocks:
+            raise KeyboardInterrupt
+        advance(self, first, count)
+        steps.append(count)
+
+    monkeypatch.setattr(Blocks, 'advance', interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        moved.dyn.run(200)  # nobody observes: looks at the bonds are all that ends a block
+    monkeypatch.undo()
+    assert moved.dyn.nsteps == sum(steps)
+    whole = Moved(np.random.default_rng(blocks), 'numpy')
+    whole.dyn.run(sum(steps))
+    assert np.array_equal(moved.atoms.positions, whole.atoms.positions)
+    # the control: they have moved on
+    assert abs(moved.atoms.positions - Moved(np.random.default_rng(blocks), 'numpy').atoms.positions).max() > 0.1
+    moved.dyn.run(200 - sum(steps))
+    whole.dyn.run(200 - sum(steps))
+    assert abs(moved.dyn.displacements - whole.dyn.displacements).max() < EXACT * abs(whole.dyn.displacements).max()
