@@ -80,7 +80,7 @@ def _undetermined(found):
     from ..design.dispersion_fits import DETERMINED
 
     open_ = [name for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
-    if not open_:
+    if not open_ or not found.fits['complete'].follows:
         return []
     more = ('the other branch too (a force along the row drives longitudinal waves, one across it shear)'
             if len(set(found.fits['complete'].branches)) == 1 else 'more frequencies of both branches')
@@ -97,7 +97,7 @@ def _entries(found):
     from ..design.dispersion_fits import DETERMINED
 
     fit, scene = found.fits['complete'], found.fitted()
-    if (fit.sigma > DETERMINED).any():
+    if (fit.sigma > DETERMINED).any() or not fit.follows:
         return []
     R = fit.covariance / np.outer(fit.sigma, fit.sigma)
     pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
@@ -112,6 +112,8 @@ def _verdict(found):
     """Which model the data want, in words."""
     from ..scenes.band_fits import TELLS
 
+    if not found.better.follows:
+        return _nothing_follows(found)
     sigmas = found.evidence
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
@@ -128,15 +130,31 @@ def _verdict(found):
     return [*lines, *_scattered(found)]
 
 
-def _scattered(found):
-    """What to think of points that scatter about the better model by more than their uncertainties say."""
+def _nothing_follows(found):
+    """What to say where both models leave the ridges."""
+    fits = found.fits
+    return [f'No model follows these ridges: the points scatter about D0 + D* by {fits["complete"].scatter:.2g} of their '
+            f'uncertainties, and about D0 alone by {fits["conventional"].scatter:.2g}. The parameters above mean nothing, and '
+            'these data are no evidence for D* or against it. The largest part comes from the ridge '
+            f'"{_worst(found)}": take it out of the table if it may be that of several waves or of another branch. A point '
+            'source sends several waves along a row: keep its transverse ridges, or drive a row of sources. Otherwise mass, '
+            'spacing or the number of shells of the scene may be wrong.']
+
+
+def _worst(found):
+    """The name of the ridge that the better model leaves farthest."""
     import numpy as np
 
-    fit, points = found.better, found.points
+    points, residuals = found.points, found.better.residuals
+    return points.names[max(range(len(points.names)), key=lambda k: np.sum(residuals[points.ridge == k] ** 2))]
+
+
+def _scattered(found):
+    """What to think of points that scatter about the better model by more than their uncertainties say."""
+    fit = found.better
     if fit.scatter == 1:
         return []
-    worst = max(range(len(points.names)), key=lambda k: np.sum(fit.residuals[points.ridge == k] ** 2))
     return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
-            f'enlarged, and the evidence is lowered, by this factor. Most of it comes from the ridge "{points.names[worst]}". It '
+            f'enlarged, and the evidence is lowered, by this factor. Most of it comes from the ridge "{_worst(found)}". It '
             'may be that of several waves, of an oblique wave or of another branch (take it out of the table), or mass, spacing '
             'or the number of shells of the scene are others.']

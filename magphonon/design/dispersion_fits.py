@@ -39,12 +39,18 @@ MOST_FACTOR = 10.0
 not determined: without static forces, the complete model wants none of them and an infinite exponent."""
 FITS = 0.01
 """Probability of so large a chi2 below which the points scatter about a model by more than their uncertainties say."""
+FOLLOWS = 1.5
+"""Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
+have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""
 BLIND = 1e-10
 """Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
 FAINT = 1e-5
 """Part of a direction in which such an eigenvector counts: the root of BLIND."""
 PASSES = 4
 """Repetitions with the uncertainties and branches of the fit before; they settle with the second."""
+SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
+"""Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
+each parameter up to which these go, and how many of the assignments found are fitted."""
 MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
 """Branch, counted from the lowest, of a motion in a lattice of one particle that moves in the plane."""
 
@@ -102,6 +108,11 @@ class DispersionFit:
     def scatter(self) -> float:
         """Scatter of the points in their uncertainties, by which intervals are enlarged; 1 where chance explains it."""
         return float(np.sqrt(self.chi2 / self.freedom)) if self.chance < FITS else 1.0
+
+    @property
+    def follows(self) -> bool:
+        """Whether the model follows the points, so that its parameters mean something."""
+        return self.scatter <= FOLLOWS
 
     @property
     def sigma(self) -> NDArray[np.float64]:
@@ -164,24 +175,29 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     def cell(*x):
         return build(dict(zip(names, np.exp(x).tolist(), strict=True)))
 
-    def with_branches(branches):
-        return _settled(cell, names, points, model, lambda _: branches)
+    def with_branches(branches, start):
+        return _settled(cell, names, points, model, lambda _: branches, start)
 
-    fit = _settled(cell, names, points, model, lambda atoms: _nearest_branches(atoms, points, model))
+    fit = _settled(cell, names, points, model, lambda atoms: _nearest_branches(atoms, points, model), np.zeros(len(names)))
     count = bloch_modes(cell(*np.zeros(len(names)))[0], points.q[:1], model)[0].shape[1]
-    while fit.chance < FITS:  # perhaps for a ridge that is taken for one of another branch
-        nearer = min(map(with_branches, _neighbouring(fit.branches, points, count)), key=lambda other: other.chi2, default=fit)
+    told = _told(points, count)
+    if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
+        others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]
+        fit = min(fit, *others, key=lambda other: other.chi2)
+    while fit.chance < FITS:
+        tries = [with_branches(other, np.log(fit.factors)) for other in _neighbouring(fit.branches, count, told)]
+        nearer = min(tries, key=lambda other: other.chi2, default=fit)
         if nearer.chi2 >= fit.chi2:
             break
         fit = nearer
     return fit
 
 
-def _settled(cell, names, points, model, branches_in):
+def _settled(cell, names, points, model, branches_in, start):
     """The fit with the branches that `branches_in` tells of the atoms, repeated until they and the uncertainties settle."""
     from scipy.optimize import least_squares
 
-    x, n, before = np.zeros(len(names)), np.arange(len(points)), None
+    x, n, before = start, np.arange(len(points)), None
     for _ in range(PASSES):
         atoms, _ = cell(*x)
         branches = branches_in(atoms)
@@ -208,29 +224,47 @@ def _settled(cell, names, points, model, branches_in):
     return DispersionFit(model, names, np.exp(x), J.T @ J, branches, residuals(x))
 
 
-def _neighbouring(branches, points, count):
+def _assignments(cell, parameters, points, model):
+    """Branches that are nearest to the ridges somewhere in a wide range of parameters, and logarithms of these, best first.
+
+    A fit from afar stays in the first assignment that it meets.  Near the parameters of a good fit its branches are the nearest
+    ones, and keep the order of the frequencies; so a net over the range finds them, without trying all combinations.
+    """
+    from scipy.stats.qmc import Sobol
+
+    found = {}
+    for x in (2 * Sobol(parameters, scramble=False).random_base2(SCOUTS) - 1) * np.log(SCOUTED):
+        off = _off_branches(cell(*x)[0], points, model, points.omega)
+        branches = tuple(off.argmin(axis=1).tolist())
+        found[branches] = min(found.get(branches, (np.inf, ())), (off.min(axis=1).sum(), tuple(x)))
+    return [(branches, np.array(x)) for branches, (_, x) in sorted(found.items(), key=lambda item: item[1])[:TRIED]]
+
+
+def _neighbouring(branches, count, told):
     """The same branches but for one ridge, which is taken for the next above or below where its motion does not tell."""
-    for k, motion in enumerate(points.motions):
-        if motion not in MOTION_BRANCH or count != len(MOTION_BRANCH):
-            for other in (branches[k] - 1, branches[k] + 1):
-                if 0 <= other < count:
-                    yield (*branches[:k], other, *branches[k + 1 :])
+    for k in (k for k in range(len(branches)) if not told[k]):
+        for other in (branches[k] - 1, branches[k] + 1):
+            if 0 <= other < count:
+                yield (*branches[:k], other, *branches[k + 1 :])
+
+
+def _told(points, count):
+    """Whether the motion of each ridge tells its branch."""
+    return [count == len(MOTION_BRANCH) and motion in MOTION_BRANCH for motion in points.motions]
 
 
 def _nearest_branches(atoms, points, model):
     """The branch of each ridge: that of its motion or, where the motion does not tell, the nearest."""
-    omega = bloch_modes(atoms, points.q, model)[0]
-    found = []
-    for k, motion in enumerate(points.motions):
-        here = points.ridge == k
-        if motion in MOTION_BRANCH and omega.shape[1] == len(MOTION_BRANCH):
-            found.append(MOTION_BRANCH[motion])
-        elif here.any():
-            off = (omega[here] - points.omega[here, None]) / points.sigma_omega[here, None]
-            found.append(int((off**2).sum(axis=0).argmin()))
-        else:
-            found.append(0)
-    return tuple(found)
+    return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
+
+
+def _off_branches(atoms, points, model, unit):
+    """Sum of the squared distances of each ridge from each branch, in this unit of each point; infinite for another motion's."""
+    off = ((bloch_modes(atoms, points.q, model)[0] - points.omega[:, None]) / unit[:, None]) ** 2
+    found = np.array([off[points.ridge == k].sum(axis=0) for k in range(len(points.motions))])
+    for k in np.flatnonzero(_told(points, off.shape[1])):
+        found[k, 1 - MOTION_BRANCH[points.motions[k]]] = np.inf
+    return found
 
 
 def _uncertainty(atoms, points, modes, model):

@@ -62,7 +62,8 @@ class BandFits:
 
         Without D* the static forces vanish while the stiffness stays free: for an inverse power that is one parameter less, and
         by Wilks' theorem the difference is a chi2 of one degree of freedom if the smaller model holds.  Where the points scatter
-        more than their uncertainties say, it is counted in that scatter.
+        more than their uncertainties say, it is counted in that scatter.  Where not even the better model follows the points
+        (`DispersionFit.follows`) it means nothing.
         """
         difference = self.fits['conventional'].chi2 - self.fits['complete'].chi2
         return float(np.sign(difference) * np.sqrt(abs(difference)) / self.better.scatter)

@@ -4,6 +4,9 @@ from .branches import (
     branch as branch,
     compare as compare,
 )
+from .oblique import (
+    oblique_waves as oblique_waves,
+)
 from .ridge_tables import (
     RidgePoints as RidgePoints,
     read_ridges as read_ridges,

@@ -102,7 +102,7 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
             for wave in found:
                 if wave.ridge:
                     r, on = wave.ridge, '; '.join(map(' '.join, wave.agrees_with)) or 'none'
-                    columns = r.xi, r.sigma_xi, units.hertz(r.omega), units.hertz(r.sigma_omega), r.power / units.m**2
+                    columns = r.xi, wave.sigma_xi, units.hertz(r.omega), units.hertz(r.sigma_omega), r.power / units.m**2
                     refuse_overflow(path, {f'the ridge of {name}, {wave.motion} motion,': columns})
                     q = r.xi[:, None] / (2 * np.pi) * wave.wavevector
                     for point, at in zip(np.transpose(columns).tolist(), q.tolist(), strict=True):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units
 from .branches import Branch, branch, compare
+from .oblique import LOBE_bins, blur
 from .rows import row_of
 from .spectrum import LEAST_POWER, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
 from .wave_source import across_and_along, polarisations, wavevector
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ase import Atoms
+    from numpy.typing import NDArray
 
     from .branches import Misfit
     from .rows import Row
@@ -51,6 +53,9 @@ class Wave:
         That of xi = 2 pi, in fractions of the reciprocal vectors.
     ridge : Ridge or None
         None if no wave rises above the background, because it decays or was not driven.
+    blur : ndarray, shape (points,), optional
+        How far its wavenumbers may be off in rad, as oblique waves from a point source blend with it (`magphonon.waves.oblique`);
+        None for a row of sources.
     """
 
     motion: str
@@ -58,11 +63,25 @@ class Wave:
     branches: dict[tuple[str, str], Branch]
     wavevector: np.ndarray
     ridge: Ridge | None
+    blur: np.ndarray | None = None
+
+    @property
+    def sigma_xi(self) -> NDArray[np.float64]:
+        """Standard uncertainty of the wavenumbers of the ridge in rad, its blur included, shape (points,)."""
+        return np.zeros(0) if self.ridge is None else np.hypot(self.ridge.sigma_xi, 0 if self.blur is None else self.blur)
+
+    @property
+    def blurred(self) -> int:
+        """Number of ridge points that are more uncertain by oblique waves than by all else."""
+        return 0 if self.ridge is None or self.blur is None else int((self.blur > self.ridge.sigma_xi).sum())
 
     @property
     def misfits(self) -> dict[tuple[str, str], Misfit]:
         """Distance of the ridge from each branch, a dict of Misfit; empty without a ridge."""
-        return {name: compare(self.ridge, branch) for name, branch in self.branches.items()} if self.ridge else {}
+        if self.ridge is None:
+            return {}
+        ridge = replace(self.ridge, sigma_xi=self.sigma_xi)
+        return {name: compare(ridge, branch) for name, branch in self.branches.items()}
 
     @property
     def agrees_with(self) -> tuple[tuple[str, str], ...]:
@@ -96,7 +115,7 @@ def waves(row: Displacements, cell: Atoms, source: str) -> list[Wave]:
         If the row is at rest, or the record too short.
     """
     motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
-    return _analysed(motions, row.dt, None, cell, wavevector(cell, source))
+    return _analysed(motions, row.dt, None, cell, wavevector(cell, source), source)
 
 
 def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None = None) -> list[Wave]:
@@ -140,7 +159,7 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     row = _begun_at_the_source(scan, row_of(scan.places, cell)) if row is None else row
     q = row.wavevector(cell, source)
     motions = {name: u[:, row.order] for name, u in _components(scan, across_and_along(cell, q)).items()}
-    return _analysed(motions, scan.dt, row.steps, cell, q)
+    return _analysed(motions, scan.dt, row.steps, cell, q, source)
 
 
 def _components(scan, directions):
@@ -163,7 +182,7 @@ def _begun_at_the_source(scan, row):
     return row if forward >= backward else row.reversed
 
 
-def _analysed(motions, dt, steps, cell, q):
+def _analysed(motions, dt, steps, cell, q, source):
     """The waves of each of the `motions`, shape (frames, points) by name, of which the wavevector at xi = 2 pi is q."""
     largest = {name: abs(without_drift(u)).max() for name, u in motions.items()}
     moving = [name for name in motions if largest[name] > REST_FRACTION * max(largest.values())]
@@ -172,8 +191,14 @@ def _analysed(motions, dt, steps, cell, q):
     strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
     least = LEAST_POWER * maps[strongest_first[0]].peak
     branches = {(model, name): branch(cell, q, mode, model) for model in MODELS for name, mode in BRANCHES.items()}
-    return [Wave(name, maps[name], branches, q, _ridge_of(maps[name]))
-            for name in strongest_first if maps[name].peak > least]
+    found = [Wave(name, maps[name], branches, q, _ridge_of(maps[name])) for name in strongest_first if maps[name].peak > least]
+    return [_blurred(wave, cell) if source == 'point' and wave.ridge else wave for wave in found]
+
+
+def _blurred(wave, cell):
+    """The wave of a point source, with what oblique waves of either model do to its ridge."""
+    r, lobe = wave.ridge, LOBE_bins * wave.ridge.bin_xi
+    return replace(wave, blur=np.max([blur(cell, wave.wavevector, r.xi, r.omega, lobe, model) for model in MODELS], axis=0))
 
 
 def _ridge_of(spectrum):
@@ -203,7 +228,7 @@ def report(records: Mapping[str, Sequence[Wave]]) -> str:
             dB = 10 * np.log10(wave.spectrum.peak / strongest)
             bins = [misfit.bins for misfit in wave.misfits.values()]
             if wave.ridge:
-                bins.append(np.median(wave.ridge.sigma_xi) / wave.ridge.bin_xi)
+                bins.append(np.median(wave.sigma_xi) / wave.ridge.bin_xi)
             cells = [f'{distance:.2f}' for distance in bins] or 5 * ['-']
             rows.append((record, wave.motion, f'{dB:.1f} dB', str(len(wave.ridge.xi) if wave.ridge else 0), *cells))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -242,6 +267,13 @@ def _doubts(records):
     waves, lines = [wave for found in records.values() for wave in found], []
     if any(wave.ridge is None for wave in waves):
         lines += ['', 'No ridge found (0 points): the wave is evanescent, below the noise, or a backward wave.']
+    beside = [f'{wave.blurred} of {len(wave.sigma_xi)} points of {record}, {wave.motion} motion'
+              for record, found in records.items() for wave in found if wave.blurred]
+    if beside:
+        lines += ['', 'A point source also sends oblique waves, of which only the energy runs along the row. One within two bins',
+                  'of a ridge makes one peak with it, and the ridge is as uncertain as both are apart: more than by all else for',
+                  f'{"; ".join(beside)}.',
+                  'A row of sources sends one wave, which tells the branch better.']
     far = [misfit.bins > FAR_bins for wave in waves for misfit in wave.misfits.values()]
     if far and all(far):
         lines += ['', f'No ridge comes within {FAR_bins} bins of a branch: are times in seconds, and row and lattice those of '
