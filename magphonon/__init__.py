@@ -4,7 +4,8 @@ import lazy_loader
 
 __version__ = '0.1.0'
 
-# The names of the stub beside it, which type checkers read; to read it here would take a third of the time of this import.
+# The names repeat those of the stub file __init__.pyi, which type checkers read: reading it here would add a third to the import
+# time.
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'bands', 'cli', 'design', 'dynamics', 'interactions', 'lattices', 'planning', 'plotting', 'response', 'scenes',
     'stability', 'stiffness', 'sweeps', 'units', 'waves',

@@ -1,4 +1,4 @@
-"""Checks at the border: each error says what is wrong, with which value, and how to mend it."""
+"""Checks of input values: each error says what is wrong, with which value, and how to correct it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST = 2**53
-"""Largest count; floating-point numbers no longer distinguish larger ones."""
+"""Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""
 LONGEST = 200
 """Largest number of characters of a value that a message shows."""
 
 
 def shown(value: object) -> str:
-    """`repr(value)` for a message, cut where it is long."""
+    """`repr(value)` for a message, shortened to LONGEST characters."""
     try:
         text = repr(value.item() if isinstance(value, np.generic) else value)
     except ValueError:  # Python does not print whole numbers of more than 4300 digits

@@ -1,4 +1,4 @@
-"""Writing files whole: under a temporary name first, renamed when complete."""
+"""Writing of files that appear only when complete: under a temporary name first, which is then changed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 try:
     import fcntl
-except ImportError:  # a system without them: what killed processes leave is not collected, nor do two commands wait
+except ImportError:
+    # a system without file locks: files of killed processes are not removed, and two commands do not wait for each other
     fcntl = None
 
 
@@ -36,18 +37,18 @@ def room_for(path: str | PathLike[str]) -> Iterator[None]:
 
 
 def lock(file: Any, wait: bool = False) -> bool:
-    """Take the lock of an open file or directory, which is free again when it is closed or its process ends in any way.
+    """Lock an open file or directory; the lock ends when the file is closed or its process ends in any way.
 
     Parameters
     ----------
     file : int or file object
     wait : bool
-        Until another process frees it.
+        Whether to wait until another process releases the lock.
 
     Returns
     -------
     bool
-        Whether it was taken: not if another one holds it, nor where the file system knows no locks.
+        True if the lock was obtained; False if another process holds it, or if the file system has no locks.
     """
     if fcntl is None:
         return False
@@ -59,7 +60,7 @@ def lock(file: Any, wait: bool = False) -> bool:
 
 
 def still_there(file: Any, path: str | PathLike[str]) -> bool:
-    """Whether the open `file` is what `path` names: another process may have taken it for a leftover before it was locked."""
+    """Whether the open `file` is the file at `path`: another process may have removed it before it was locked."""
     try:
         return os.path.samestat(os.fstat(file), os.stat(path))
     except FileNotFoundError:
@@ -70,13 +71,13 @@ def still_there(file: Any, path: str | PathLike[str]) -> bool:
 def whole_file(path: str | PathLike[str], mode: str = 'w') -> Iterator[Any]:
     """Open `path` for writing so that it appears only when it is complete.
 
-    What a killed process left of the same file is removed; it lies beside it as `.NAME.PID.partial`, and whoever writes it
-    holds its lock.
+    The incomplete file is `.NAME.PID.partial` in the same directory, locked by the process that writes it.  Such files of
+    killed processes are removed.
 
     Raises
     ------
     OSError
-        If the directory does not exist or cannot be written, or the disk is full; nothing is left behind.
+        If the directory does not exist or cannot be written, or the disk is full; no incomplete file remains.
     """
     path = Path(path)
     partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
@@ -106,8 +107,8 @@ def _open_locked(partial, mode):
 
 
 def _collect(path):
-    """Remove what killed processes left of the file `path`."""
-    with suppress(OSError):  # whatever is wrong with the directory is said where the file is opened
+    """Remove incomplete files that killed processes left of the file `path`."""
+    with suppress(OSError):  # an error of the directory is reported when the file is opened
         for left in path.parent.iterdir():
             if re.fullmatch(rf'\.{re.escape(path.name)}\.\d+\.partial', left.name) and left.is_file() and not left.is_symlink():
                 with open(left, 'rb') as file:
@@ -116,15 +117,15 @@ def _collect(path):
 
 
 def refuse_overflow(path: str | PathLike[str], arrays: Mapping[str, Any], missing: Collection[str] = ()) -> None:
-    """Raise FloatingPointError if results hold NaN or infinity, which nobody should take for an answer.
+    """Raise FloatingPointError if results hold NaN or infinity, which must not be written as results.
 
     Parameters
     ----------
     path : path-like
-        Where they are about to be written.
+        File to which they are about to be written.
     arrays : dict of str to array_like
     missing : collection of str
-        Those in which NaN stands for no value, such as a group velocity at Gamma.
+        Names of arrays in which NaN means that there is no value, such as a group velocity at Gamma.
     """
     for name, values in arrays.items():
         values = np.asarray(values)
@@ -155,14 +156,14 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
     path : path-like
     arrays : dict of str to array_like
     units : dict of str to tuple of str
-        Of each array its unit, then the names of its axes; kept in the entry `units`, in JSON.
+        For each array its unit and the names of its axes; saved as JSON in the entry `units`.
     missing : collection of str
-        Arrays that may hold NaN, for no value.
+        Names of arrays in which NaN means that there is no value.
 
     Raises
     ------
     FloatingPointError
-        If another one holds NaN or infinity.
+        If another array holds NaN or infinity.
     """
     refuse_overflow(path, arrays, missing)
     told = json.dumps({name: {'unit': units[name][0], 'axes': units[name][1:]} for name in arrays})
@@ -178,19 +179,18 @@ def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple
     ----------
     path : path-like
     kind : str
-        What it holds, such as 'bands'.
+        What the file holds, such as 'bands'.
     units, missing
         As for `save_arrays`.
     optional : collection of str
-        Arrays that need not be there.
+        Names of arrays that the file need not hold.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it is truncated or holds something else: an array is missing, has other axes, or holds numbers in other units or
-        none.
+        If it is truncated or holds something else: an array is missing, has other axes or other units, or has no numbers.
     """
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
@@ -213,12 +213,12 @@ def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple
 
 
 def not_saved(path: str | PathLike[str], kind: str, fault: str) -> ValueError:
-    """The error of a file that is none of `kind`."""
+    """The error for a file that does not hold results of this `kind`."""
     return ValueError(f'{path} is no complete file of {kind} ({fault}); compute them again and save()')
 
 
 def _wrong_unit(told, units, arrays):
-    for name in arrays if told is not None else ():  # files of earlier versions tell none
+    for name in arrays if told is not None else ():  # files of earlier versions hold no units
         entry = told.get(name)
         unit = entry.get('unit') if isinstance(entry, dict) else None
         if unit != units[name][0]:
@@ -233,7 +233,7 @@ def _wrong_shape(units, arrays):
         if array.ndim != len(axes) and not ('...' in axes and array.ndim >= len(axes) - 1):
             return f'{name} has {array.ndim} axes'
         for axis, length in zip(axes, array.shape, strict=False):
-            if axis == '...':  # from here on, nothing is known of them
+            if axis == '...':  # the remaining axes are not checked
                 break
             first, known = lengths.setdefault(axis, (name, length))
             if known != length and axis not in ('dim', 'vectors'):  # 2 or 3, in a file of a lattice in the plane
@@ -256,11 +256,11 @@ class Saved:
     Parameters
     ----------
     kind : str
-        What a file holds, for its errors: `class Spectrum(Saved, kind='spectra')`.
+        What a file holds, for error messages: `class Spectrum(Saved, kind='spectra')`.
     units : dict of str to tuple of str
-        Of each field its unit ('' for none), then the names of its axes; '...' stands for any number of them.
+        For each field its unit ('' if it has none) and the names of its axes; '...' means any number of further axes.
     missing : tuple of str
-        Fields in which NaN stands for no value; it is an error in the others, and infinity everywhere.
+        Fields in which NaN means that there is no value.  NaN in other fields and infinity in any field are errors.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -272,7 +272,7 @@ class Saved:
         cls._kind, cls._units, cls._missing = kind, units, missing
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON.
+        """Write to a .npz file, whole or not at all; its entry `units` holds the unit and axes of each array, in JSON.
 
         Raises
         ------
@@ -297,7 +297,7 @@ class Saved:
 
 
 def _restored(array, kind):
-    """The number or the tuple that numpy has made an array of, or the array."""
+    """The number or tuple that numpy saved as an array, or the array itself."""
     if array.ndim == 0:
         return array.item()
     return tuple(array.tolist()) if 'tuple' in str(kind) else array

@@ -1,4 +1,4 @@
-"""What was probably meant by a word that is not in a list: for misspelt keys, kinds and commands."""
+"""Suggestions for misspelt keys, kinds and commands: the entry of a list that was probably meant."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def nearest(word: object, choices: Iterable[Any], likeness: float = 0.6) -> str | None:
-    """The choice that was probably meant, or None: one that begins with `word`, as 'b_N_m_a' with 'b', or one much like it.
+    """The choice that was probably meant, or None: one that begins with `word` ('b_N_m_a' for 'b'), or a similar one.
 
     Parameters
     ----------
@@ -29,6 +29,6 @@ def nearest(word: object, choices: Iterable[Any], likeness: float = 0.6) -> str 
 
 
 def did_you_mean(word: object, choices: Iterable[Any], otherwise: str = '') -> str:
-    """The end of a message: "; did you mean 'bands'?" or, where no choice is near, "; " and what `otherwise` says."""
+    """The end of a message: "; did you mean 'bands'?" or, if no choice is similar, "; " and `otherwise`."""
     near = nearest(word, choices)
     return f'; did you mean {near!r}?' if near else f'; {otherwise}' if otherwise else ''

@@ -1,4 +1,4 @@
-"""Reading text that people wrote: of bounded size, with or without a byte order mark, and from files only."""
+"""Reading of text files written by users: of limited size, with or without a byte order mark, and from regular files only."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ def text_of(path: str | PathLike[str], most: int) -> str:
     ----------
     path : path-like
     most : int
-        Bytes beyond which it cannot be what it should be.
+        Largest number of bytes; a larger file is refused.
 
     Raises
     ------
     OSError
         If there is no such file, or it cannot be read.
     ValueError
-        If it is no regular file, such as a pipe or a device, which may never end; too large; or no text in UTF-8.
+        If it is not a regular file (a pipe or a device may never end), is too large, or is not text in UTF-8.
     """
     refuse_endless(path, most)
     return Path(path).read_text(encoding='utf-8-sig')
 
 
 def table_text(path: str | PathLike[str], most: int) -> str:
-    """`text_of` a table, which is refused with a hint how to save it where it is no text."""
+    """The text of a table as by `text_of`; the error for a file that is not text says how to save it."""
     try:
         return text_of(path, most)
     except UnicodeDecodeError:
@@ -47,7 +47,7 @@ def refuse_endless(path: str | PathLike[str], most: int) -> None:
     if not str(path):
         raise ValueError("'' names no file")
     if '\0' in str(path):
-        raise ValueError(f'{str(path)!r} is no name of a file, as it holds the character 0')
+        raise ValueError(f'{str(path)!r} is not a valid file name, because it contains the character 0')
     found = os.stat(path)
     if os.path.isdir(path):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))

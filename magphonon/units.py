@@ -1,7 +1,7 @@
-"""Millimetre, gram, millisecond: the units inside magphonon, in the manner of `ase.units`.
+"""Millimetre, gram, millisecond: the units inside magphonon, used like those of `ase.units`.
 
-With them 1 g mm/ms^2 = 1 N and 1 N mm = 1 mJ, so that a lattice of magnets has numbers near one and no
-formula carries a factor.  Multiply on the way in, divide on the way out::
+With them 1 g mm/ms^2 = 1 N and 1 N mm = 1 mJ, so the numbers of a lattice of magnets are near one and no
+formula needs a conversion factor.  Multiply inputs by units, divide results by them::
 
     spacing = 10 * mm            law = InversePower(b=1.6209e-10 * N * m**4.5824, a=4.5824)
     frequency / Hz               stiffness / (N / m)
@@ -37,7 +37,7 @@ def hertz(omega: Any) -> Any:
 
 
 class InHertz:
-    """What every result with angular frequencies `omega` has: the same frequencies in Hz."""
+    """Base of all results with angular frequencies `omega`: the same frequencies in Hz."""
 
     omega: Any
 

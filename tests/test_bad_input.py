@@ -175,7 +175,7 @@ CASES = {
     # bonds
     'shells zero': (lambda: find_bonds(magnets(), shells=0), '0', 'shells must be a whole number of at least 1'),
     'shells text': (lambda: find_bonds(magnets(), shells='two'), "'two'", 'shells must be a whole number'),
-    'shells too many': (lambda: find_bonds(magnets(), shells=9), '9', 'ask for fewer'),
+    'shells too many': (lambda: find_bonds(magnets(), shells=9), '9', 'lower the number'),
     'cutoff NaN': (lambda: find_bonds(magnets(), cutoff=NAN), 'nan', 'cutoff must be a positive number in mm'),
     'cutoff short': (lambda: find_bonds(magnets(), cutoff=0.25), '0.25 mm', 'increase it'),
     'cutoff on a shell': (lambda: find_bonds(lattices.square(1, 1), cutoff=2**0.5), '1.41421', 'move it between two shells'),

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BondLaws:
-    """A pair law of its own for each bond: `strength * law(r)`.
+    """The pair laws of bonds that differ: `strength * law(r)` for each bond.
 
     Its methods take distances whose first axis is that of the bonds.
 
@@ -81,7 +81,7 @@ def laid(laws: tuple[PairLaw, ...], which: NDArray[np.intp], strength: NDArray[n
 
 
 def taken(law: PairLaw, bonds: Any) -> PairLaw:
-    """The law of some of the bonds, chosen by their indices or by a mask; that of a single bond if `bonds` is one number."""
+    """The law of some of the bonds, chosen by their indices or by a mask; the law of a single bond if `bonds` is one number."""
     if isinstance(law, UprightMagnets):
         return UprightMagnets(taken(law.planar, bonds))
     return laid(law.laws, law.which[bonds], law.strength[bonds]) if isinstance(law, BondLaws) else law
@@ -157,8 +157,9 @@ def law_along(potential: Potential, i: NDArray[np.intp], j: NDArray[np.intp], ki
     upright = [law.planar for law in laws_of(potential) if isinstance(law, UprightMagnets)]
     if upright:
         if len(upright) < len(laws_of(potential)):
-            raise ValueError('some laws of the potential are those of UprightMagnets and some are not; out of the plane a magnet '
-                             'and a particle without a moment would be neither: make all of them UprightMagnets, or none')
+            raise ValueError('some laws of the potential are those of UprightMagnets and some are not, but the law out of the '
+                             'plane between a magnet and a particle without a moment is unknown: make all of them '
+                             'UprightMagnets, or none')
         bare = dict(zip(potential, upright, strict=True)) if isinstance(potential, Mapping) else upright[0]
         return UprightMagnets(law_along(bare, i, j, kinds, strengths))
     strength = strengths[i] * strengths[j]

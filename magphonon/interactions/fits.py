@@ -1,8 +1,8 @@
 """The law of repulsion from measured forces: an inverse power, or a smooth curve where no power holds.
 
-The strength b and the exponent a of `f = b r^-a` are correlated to within a hair of one when the data lie far from r = 1;
-what they say together, the force and its slope at a working spacing r0, is known much better.  So the fit's own
-parameters are f(r0) and a, and the covariance of anything else follows from theirs.
+The correlation of the strength b and the exponent a of `f = b r^-a` is very close to one when the data are far from r = 1,
+while the force and its slope at a working spacing r0 are known much better.  Therefore the parameters of the fit are f(r0)
+and a, and all other covariances follow from theirs.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 COVERED = 0.95
 """Probability with which an interval contains the true value."""
 NORMAL = 1.959964
-"""Half width of that interval in standard deviations of a normal distribution."""
+"""Half width of this interval for a normal distribution, in standard deviations."""
 LEAST_EXPONENT = 0.01
 """Smallest exponent of a fit: a force that falls more slowly than r^-0.01 is constant on the scale of a lattice."""
 FINEST = 1e-6
-"""Relative uncertainty that every force has at least: no balance does better.  Without it, the intervals of forces that were
-computed, not measured, would be those of round-off."""
+"""Smallest relative uncertainty of a force; no balance is more accurate.  Without this limit, forces that were computed instead
+of measured would have intervals as small as round-off."""
 MOST_EXPONENT = 80.0
-"""Largest exponent of a fit: a force that falls faster is that of a wall or an outlier, and b in N m^a is soon out of range."""
+"""Largest exponent of a fit: a force that falls faster belongs to a wall or an outlier, and b in N m^a soon overflows."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Fit:
     Attributes
     ----------
     law : InversePower or Tabulated
-        In true distances, which are the measured ones less `offset`.
+        As a function of true distances: the measured ones minus `offset`.
     name : str
     spacing : float
         The working spacing r0 in mm, a true distance.
@@ -53,18 +53,19 @@ class Fit:
     covariance : ndarray, shape (2, 2)
         Covariance of the two parameters above.
     half_width : ndarray, shape (2,)
-        Half the width of their intervals of 95 %.  With few points and unknown noise that is more than 1.96 standard
+        Half the width of their intervals of 95 %.  With few points and unknown noise this is more than 1.96 standard
         uncertainties.
     exponent, exponent_sigma : float
         Local exponent -d ln f/d ln r at r0, and its standard uncertainty.
     residuals : ndarray, shape (n,)
-        Measured less fitted force, N.
+        Measured minus fitted force, N.
     chi2 : float
-        Sum of squared residuals over their uncertainties, about `freedom` if the law holds; NaN where none were given.
+        Sum of the squared residuals divided by their variances, about `freedom` if the law holds; NaN without given
+        uncertainties.
     freedom : float
-        Points less parameters.
+        Number of points minus number of parameters.
     offset, offset_sigma, offset_half_width : float
-        Zero of the distance scale in mm, its standard uncertainty, and half the width of its interval of 95 %; 0 where it was
+        Zero of the distance scale in mm, its standard uncertainty, and half the width of its interval of 95 %; 0 if it was
         not fitted.
     """
 
@@ -110,7 +111,7 @@ class Fit:
     def touching(self) -> Fit:
         """The fit with the inverse power that has its force and slope at the spacing, and their uncertainties.
 
-        For a lattice whose neighbours stand at that spacing the two laws are the same.
+        For a lattice whose neighbours are at that spacing both laws give the same results.
         """
         f, slope = self.at_spacing
         a = -self.spacing * slope / f
@@ -127,13 +128,13 @@ def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offs
     spacing : float
         Working spacing in mm.
     space : {'force', 'log'}
-        Residuals in force, right for a constant uncertainty of the force; or in log force, for a constant relative one.
+        Residuals in force, for a constant uncertainty of the force; or in log force, for a constant relative uncertainty.
         With uncertainties given, both are weighted by them.
     offset : bool
         Fit the zero c of the distance scale too.
     contact : float
-        Distance of the centres at contact in mm, down to which the offset must not move a measurement; 0 for particles
-        that are points.
+        Distance of the centres at contact in mm; an offset that moves a measurement closer than contact is refused.  Use 0
+        for point particles.
 
     Returns
     -------
@@ -176,7 +177,8 @@ def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offs
     bounds = ([-np.inf, -np.inf, -np.inf][:2 + offset], [np.inf, np.inf, most][:2 + offset])
     y, sigma = (f, forces.sigma) if space == 'force' else (np.log(f), None if forces.sigma is None else forces.sigma / f)
     try:
-        with np.errstate(over='ignore'):  # a step too far, which is taken back or ends in a residual that is not finite
+        # too long a step overflows; it is rejected, or the fit fails because a residual is not finite
+        with np.errstate(over='ignore'):
             p, covariance = curve_fit(model, r, y, [ln_f, -exponent, 0.0][:2 + offset], sigma, absolute_sigma=sigma is not None,
                                       bounds=bounds, method='trf', jac=jacobian, x_scale='jac', xtol=1e-12)
         relative = jacobian(r, *p) / (model(r, *p)[:, None] if space == 'force' else 1.0)
@@ -191,7 +193,7 @@ def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offs
         raise ValueError(f'the forces do not fall with the distance (a = {p[1]:.3g}); are the columns exchanged, or is all of it '
                          'noise?')
     if p[1] > MOST_EXPONENT:
-        raise ValueError(f'the forces fall as r^-{p[1]:.3g}, and no repulsion does that; look for an outlier')
+        raise ValueError(f'the forces fall as r^-{p[1]:.3g}, but no repulsion falls so steeply or so slowly; look for an outlier')
     if offset and most - p[2] < 1e-6 * r[0]:
         raise at_contact(r[0], contact)
     return _power_fit(forces, spacing, space, p, covariance, y - model(r, *p), sigma)
@@ -219,13 +221,13 @@ def _power_fit(forces, spacing, space, p, covariance, residuals, sigma):
 def at_contact(first: float, contact: float) -> ValueError:
     """The error of an offset that moves the first distance down to contact, both in mm."""
     return ValueError(f'the fit of the offset moves the first distance, {first / u.m:g} m, down to contact at '
-                      f'{contact / u.m:g} m: what bends this law is not the zero of the distances; leave --offset out')
+                      f'{contact / u.m:g} m: the zero of the distances is not what bends this law; leave --offset out')
 
 
 def scene_entry(fit: Fit) -> str:
-    """The table [law] of a scene file, TOML in SI units with all digits: b makes sense only with the a beside it.
+    """The table [law] of a scene file, TOML in SI units with all digits: b is meaningful only together with a.
 
-    An inverse power comes with the table [uncertainty], in which b, a and their correlation make sense only together.
+    An inverse power comes with the table [uncertainty], in which b, a and their correlation are meaningful only together.
 
     Examples
     --------
@@ -241,7 +243,7 @@ def scene_entry(fit: Fit) -> str:
     if fit.offset:
         lines.append(f'# distances are those measured less {fit.offset / u.m:.4g} +- {fit.offset_half_width / u.m:.2g} m')
     if isinstance(fit.law, InversePower):
-        lines += ['# all digits: b makes sense only with the a beside it', 'kind = "inverse_power"',
+        lines += ['# all digits: b is meaningful only together with a', 'kind = "inverse_power"',
                   f'b_N_m_a = {fit.law.b / (u.N * u.m**fit.law.a)!r}', f'a = {fit.law.a!r}']
     else:
         table: Any = fit.law  # the other law of a fit is a table
@@ -255,15 +257,15 @@ def scene_entry(fit: Fit) -> str:
 
 
 def enough(r: NDArray[np.float64], least: int, what: str) -> None:
-    """Raise ValueError unless there are at least so many points for `what`."""
+    """Raise ValueError unless there are at least `least` points for `what`."""
     if len(r) < least:
-        raise ValueError(f'{what} takes at least {least} points, not {len(r)}; measure more')
+        raise ValueError(f'{what} needs at least {least} points, not {len(r)}; measure more')
 
 
 def curvature(forces: Forces) -> float:
-    """Change of the local exponent with ln r over its uncertainty: beyond some 3 in size, no inverse power holds.
+    """Change of the local exponent with ln r divided by its uncertainty; beyond about 3 in size, no inverse power holds.
 
-    From the quadratic term of log f over log r.  Its sign is that of the change: negative when the exponent falls.
+    It is computed from the quadratic term of log f as a function of log r, and negative if the exponent falls.
 
     Examples
     --------

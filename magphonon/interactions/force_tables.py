@@ -1,4 +1,4 @@
-"""Measured forces of repulsion: points (r, f), perhaps with uncertainties, and the tables that hold them."""
+"""Measured forces of repulsion: points (r, f), with or without uncertainties, and the tables that hold them."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ MOST_BYTES = 100 * MEGABYTE
 LARGEST_CLOSEST_PAIR = 1.0 * u.m
 """Largest distance of the closest pair in a column r_m; if it is larger, the column almost surely holds mm or um."""
 FORCES_N = 1e-30, 1e12
-"""Range of forces; outside it a unit or an exponent is wrong, and squares and powers soon overflow."""
+"""Allowed range of forces in N; outside it a unit or an exponent is wrong, and squares and powers soon overflow."""
 DISTANCES_m = 1e-12, 1e6
-"""Range of distances, for the same reason."""
+"""Allowed range of distances in m, for the same reason."""
 REACH = 1.2
 """Factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement."""
 
@@ -51,7 +51,7 @@ class Forces:
     Raises
     ------
     ValueError
-        For anything else; the message counts the points from 1.
+        If an array breaks these conditions; the message counts the points from 1.
     """
 
     r: np.ndarray
@@ -66,14 +66,14 @@ class Forces:
             values = finite(name, column, np.shape(self.r))
             if not (values > 0).all():
                 k = int(np.argmin(values > 0))
-                mend = {'distance': 'distances are those of the centres', 'sigma': 'leave the column out where it is not known',
+                mend = {'distance': 'distances are those of the centres', 'sigma': 'leave the column out if it is not known',
                         'force': 'repulsion is positive: turn the sign, or, if this is noise, drop this point and all '
                                  'farther ones'}[name]
                 raise ValueError(f'{name} {k + 1} is {values[k] / getattr(u, unit):g} {unit}; {mend}')
         steps = np.diff(self.r)
         if not (steps > 0).all():
             k = int(np.argmin(steps > 0))
-            what = 'stands there twice; average its forces' if steps[k] == 0 else 'comes after a larger one; sort the points'
+            what = 'occurs twice; average its forces' if steps[k] == 0 else 'comes after a larger one; sort the points'
             raise ValueError(f'distance {k + 2} ({self.r[k + 1] / u.m:g} m) {what}')
 
     def check_reach(self, spacing: float) -> None:
@@ -94,12 +94,12 @@ class Forces:
         raise ValueError(f'{message}; measure there')
 
     def binned(self, most: int) -> tuple[Forces, NDArray[Any]]:
-        """Averages over at most `most` intervals of equal width in ln r, and how many points each of them holds.
+        """Averages over at most `most` intervals of equal width in ln r, and the number of points in each.
 
         Returns
         -------
         Forces, ndarray of shape (bins,)
-            The forces themselves, each once, where there are no more than `most`.
+            If there are at most `most` points, the forces themselves, each counted once.
         """
         if len(self.r) <= most:
             return self, np.ones(len(self.r))
@@ -114,8 +114,8 @@ class Forces:
 def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     """Forces from a table of text with a header such as r_m,f_N or r_mm,f_mN,sigma_mN.
 
-    Columns stand apart by commas, semicolons, tabs or spaces; lines that begin with # are comments, of which the header may
-    be one.
+    Columns are separated by commas, semicolons, tabs or spaces.  Lines that begin with # are comments; the header may be
+    one of them.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     Raises
     ------
     OSError, ValueError
-        If it cannot be read, or is no such table; the message says what and where.
+        If the file cannot be read, or is not such a table; the message says what is wrong and where.
 
     Examples
     --------
@@ -195,8 +195,8 @@ def _cells(line):
 
 
 def _numbers(line):
-    """The numbers of a line, or none where one of its cells is no finite number."""
-    for cells in (line.split(','), _cells(line)):  # the first takes a third of the time, and most tables are of its kind
+    """The numbers of a line, or None if one of its cells is not a finite number."""
+    for cells in (line.split(','), _cells(line)):  # most tables have commas, and splitting at commas takes a third of the time
         try:
             row = [float(cell) for cell in cells]
         except ValueError:
@@ -216,7 +216,7 @@ def _units(line):
 
 
 def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:
-    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): an invented measurement, to try a fit on.
+    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): a synthetic measurement, to test a fit.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Which law to take from measured forces: an inverse power or a smooth curve, judged at the working spacing."""
+"""The choice of a law for measured forces: an inverse power or a smooth curve, compared at the working spacing."""
 
 from dataclasses import dataclass, replace
 
@@ -10,14 +10,14 @@ from .offsets import Offset, fit_offset
 from .smooth_laws import UNLIKELY, explained, fit_spline
 
 LARGEST_BEND = 3.0
-"""Change of the exponent, in standard uncertainties, above which an inverse power is called wrong."""
+"""Change of the exponent, in standard uncertainties, above which an inverse power is rejected."""
 RARELY = 0.5
 """Probability of `LawChoice.notices_twice` below which the report says that the given uncertainties are hardly tested."""
 
 
 @dataclass(frozen=True)
 class LawChoice:
-    """Laws fitted to the same forces and what they say of each other.
+    """Laws fitted to the same forces, and their comparison.
 
     Attributes
     ----------
@@ -25,10 +25,10 @@ class LawChoice:
         'force' and 'log', inverse powers by least squares in force and in log force; with four points or more also 'curve'
         and 'touch', the smooth curve and the inverse power that touches it at the spacing.
     bend : float
-        Of `magphonon.interactions.fits.curvature`; NaN with three points.
+        Value of `magphonon.interactions.fits.curvature`; NaN with three points.
     apart : tuple of str
-        The inverse powers whose force, slope or exponent lies farther from that of the curve, or of each other, than the
-        intervals of both allow.
+        The inverse powers whose force, slope or exponent differs from that of the curve, or of each other, by more than
+        both intervals allow.
     """
 
     fits: dict[str, Fit]
@@ -37,12 +37,12 @@ class LawChoice:
 
     @property
     def is_power(self) -> bool:
-        """Whether the data leave an inverse power possible."""
+        """Whether the data are compatible with an inverse power."""
         return not (abs(self.bend) > LARGEST_BEND or self.apart)
 
     @property
     def advised(self) -> str:
-        """Name of the fit to take: it follows the points at the spacing, and its interval holds the truth of any smooth law."""
+        """Name of the fit to use: the one that follows the points at the spacing, with an interval valid for any smooth law."""
         return 'force' if 'curve' not in self.fits else 'touch' if self.is_power else 'curve'
 
     @property
@@ -53,13 +53,13 @@ class LawChoice:
 
     @property
     def notices_twice(self) -> float:
-        """Probability that chi2 shows given uncertainties of half the true size; NaN where none were given."""
+        """Probability that chi2 reveals given uncertainties of half the true size; NaN without given uncertainties."""
         from scipy.stats import chi2
 
         tested = self.fits['curve' if 'curve' in self.fits else 'force']
         if np.isnan(tested.chi2):
             return np.nan
-        limit = max(chi2.isf(UNLIKELY, tested.freedom), tested.freedom)  # of `explained`
+        limit = max(chi2.isf(UNLIKELY, tested.freedom), tested.freedom)  # as in `explained`
         return float(chi2.sf(limit / 2**2, tested.freedom))
 
 
@@ -84,7 +84,7 @@ def fit_laws(forces: Forces, spacing: float, offset: bool = False, contact: floa
     Raises
     ------
     ValueError
-        As `fit_inverse_power` and `fit_spline`.
+        As for `fit_inverse_power` and `fit_spline`.
 
     Examples
     --------
@@ -118,10 +118,11 @@ def _intervals(fit):
 
 
 def _with_offset(fit: Fit, zero: Offset):
-    """The fit with what the uncertainty of the zero of the distances adds to that of force, slope and exponent.
+    """The fit with its uncertainties enlarged by that of the zero of the distances.
 
-    At the true distance r0 the force is that measured at r0 + c, so that f, f' and -r0 f'/f change with c by f', f'' and
-    f'/f: those of an inverse power, as c too is that of an inverse power.  The fit is one given c, so that the variances add.
+    At the true distance r0 the force is that measured at r0 + c, so the derivatives of f, f' and -r0 f'/f with respect to
+    c are f', f'' and f'/f, of an inverse power, because c is also determined by an inverse power.  The fit holds for a given c,
+    therefore the variances add.
     """
     f, slope = fit.at_spacing
     by_offset = np.array([slope, slope**2 / f - slope / fit.spacing])  # f'' = f'^2/f - f'/r

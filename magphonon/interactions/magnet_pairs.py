@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from .magnets import Cuboid, Ring
 
 CLEARANCE = 0.1
-"""Smallest gap between two prisms, as a fraction of their width, for which the law is computed; closer, the kink at contact
-spoils the series."""
+"""Smallest gap between two prisms, as a fraction of their width, for which the law is computed; closer to contact the
+series converges too slowly."""
 FAR_GAP = 4.0
-"""Gap in widths above which energies are summed over faces, because the sum over edges cancels in proportion to r^3."""
+"""Gap in widths above which energies are summed over faces, because the sum over edges loses accuracy by cancellation in
+proportion to r^3."""
 TOLERANCE = 1e-13
 """Relative accuracy of the energy: size of the last term of its series, and accuracy of the sum over edges."""
 LONG_SERIES_TOLERANCE = 1e-10
@@ -61,7 +62,7 @@ def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
 
 
 def _face(points, normals, n):
-    """Points all over a face, `n` on each ray from its centre to a point on its rim, and their areas."""
+    """Points over a whole face, `n` on each ray from its centre to a point of its rim, and their areas."""
     node, weight = np.polynomial.legendre.leggauss(n)
     ray = (node + 1) / 2
     return (ray[:, None, None] * points).reshape(-1, 2), np.outer(ray * weight / 2, np.sum(points * normals, axis=1)).ravel()
@@ -102,8 +103,8 @@ def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n
     offset = finite('offset', offset, (3,))
     between = abs(offset[2]) - (first.height + second.height) / 2
     if not (between > 0 or _side_by_side(first, second, offset[:2])):
-        raise ValueError(f'{first!r} and {second!r}, displaced by {offset.tolist()} mm, touch or overlap, and then have no such '
-                         f'force; move their centres apart, by more than {first.height / 2 + second.height / 2:g} mm along '
+        raise ValueError(f'{first!r} and {second!r}, displaced by {offset.tolist()} mm, touch or overlap, where the force is not '
+                         f'defined; move their centres apart, by more than {first.height / 2 + second.height / 2:g} mm along '
                          'the magnetisation or until they are clear of each other across it')
     (points, normals), (others, outward) = first.rim(n), second.rim(n)
     d = others + np.asarray(offset)[:2] - points[:, None]
@@ -124,10 +125,10 @@ def _charge_coupling(first, second):
 
 
 def _rim_points(gap):
-    """How many points on a circle, or on each edge, leave an error below TOLERANCE, for a gap in widths of the magnets.
+    """Number of points on a circle, or on each edge, for an error below TOLERANCE; `gap` in widths of the magnets.
 
-    The nearest singularity of the integrand lies where the rims would meet, off the real rim by about the gap over half
-    the width; the error falls exponentially with it.
+    The nearest singularity of the integrand is where the rims would meet; its distance from the real rim is about the gap
+    divided by half the width, and the error falls exponentially with it.
     """
     return int(np.ceil(8 - np.log(TOLERANCE) / np.arcsinh(2 * gap)))
 
@@ -138,9 +139,9 @@ class MagnetLaw:
 
         phi = strength r^-3 P(t),   t = (nearest/r)^2
 
-    With the mirror planes of these magnets the energy has no other powers of r, so that one polynomial P serves from
-    `nearest` to infinity, where P = 1.  For the prototype 32 terms keep ten digits of the force and, but for seven at
-    `nearest`, of its slope; a table of 400 points (`Tabulated`) keeps nine of the one and six of the other.
+    With the mirror planes of these magnets the energy has no other powers of r, so one polynomial P describes it from
+    `nearest` to infinity, where P = 1.  For the prototype 32 terms give ten digits of the force and of its slope (seven of
+    the slope at `nearest`); a table of 400 points (`Tabulated`) gives nine digits of the force and six of the slope.
 
     Attributes
     ----------
@@ -163,7 +164,7 @@ class MagnetLaw:
 
     @cached_property
     def _factors(self):
-        """P, and what takes its place in the force and in its slope: r d/dr = -2 t d/dt."""
+        """P, and the factors that replace it in the force and in its slope: r d/dr = -2 t d/dt."""
         P, t = Chebyshev(self.series, [0, 1]), Chebyshev([0.5, 0.5], [0, 1])
         force = 3 * P + 2 * t * P.deriv()
         return P, force, 4 * force + 2 * t * force.deriv()
@@ -204,7 +205,7 @@ class SphereLaw(InversePower):
 
 
 def _apart(r, nearest):
-    """The distances, none of them below `nearest`."""
+    """Return the distances; refuse those below `nearest`."""
     if not np.all(np.real(r) >= nearest):
         raise ValueError(f'two such magnets {np.min(np.real(r)):g} mm apart are too close: their law starts at {nearest:g} mm; '
                          'give them more room')
@@ -226,7 +227,7 @@ def magnet_law(magnet: Ring | Cuboid | Sphere) -> MagnetLaw | SphereLaw:
     Raises
     ------
     ValueError
-        For rods so slender that the series does not settle, from some 30 diameters on.
+        For rods longer than about 30 diameters, for which the series does not converge.
 
     Examples
     --------
@@ -253,12 +254,12 @@ def _series(magnet, nearest):
         r = nearest / np.sqrt((x + 1) / 2)
         return np.array([pair_energy(magnet, d) for d in r]) * r**3 / _strength(magnet)
 
-    for degree in (31, 63, 127, 255):  # long rods need the most: their faces see each other as single poles
+    for degree in (31, 63, 127, 255):  # long rods need most terms, because their faces act as single poles
         series = chebinterpolate(P, degree)
         if abs(series[-3:]).max() < (TOLERANCE if degree < 127 else LONG_SERIES_TOLERANCE) * abs(series).max():
             return series
-    raise ValueError(f'the law of {magnet} takes more than {degree} terms; such slender rods act as single poles: '
-                     'take an inverse power with a = 2')
+    raise ValueError(f'the law of {magnet} needs more than {degree} terms; such slender rods act as single poles: '
+                     'use an inverse power with a = 2')
 
 
 def calibrated(magnet: Cuboid | Ring | Sphere, r: Any, f: float) -> Cuboid | Ring | Sphere:

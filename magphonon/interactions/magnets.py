@@ -1,22 +1,22 @@
 """Repulsion of equal magnets side by side, from shape and remanence.
 
 A magnet of the uniform magnetisation M = Br/mu0 normal to the plane carries the magnetic charges +M and -M per area
-on its two end faces, and nothing else.  The energy of two such magnets is a sum over pairs of faces a distance z apart
+on its two end faces, and no other charges.  The energy of two such magnets is a sum over pairs of faces a distance z apart
 in height, each
 
     U = +- mu0 M M'/(4 pi) integral dA dA' g        g = 1/s,  s = sqrt(d^2 + z^2)
 
-with the distance d in the plane.  Gauss's theorem, once for either face, leaves the rims,
+with the distance d in the plane.  Gauss's theorem, applied once to each face, leaves integrals over the rims,
 
     U = -+ mu0 M M'/(4 pi) integral dl dl' n.n' G   laplacian(G) = G_dd + G_d/d = g
 
 and G = s - |z| log(s + |z|).  As faces do not overlap, any harmonic function of d may be added to G: it integrates to zero.
-For two magnets at one height the sum over faces is, with s = sqrt(d^2 + h^2) and free of cancellation,
+For two magnets at one height the sum over faces is, with s = sqrt(d^2 + h^2) and without cancellation of large terms,
 
     G = 2 (h asinh(h/d) - h^2/(s + d))
 
-Rims of any prism are summed by rules that converge exponentially with their points: equidistant ones round a circle,
-Gauss's along an edge.  A sphere is, outside itself, exactly a point dipole.
+Integrals over rims use rules that converge exponentially with the number of points: equidistant points on a circle,
+Gauss's points on an edge.  Outside a sphere its field is exactly that of a point dipole.
 """
 
 from __future__ import annotations
@@ -93,17 +93,17 @@ class Ring:
 
     @property
     def contact(self) -> float:
-        """Distance of the centres of two that touch, mm."""
+        """Distance of the centres of two magnets that touch, mm."""
         return self.outer
 
     @property
     def width(self) -> float:
-        """Across the line that joins the centres, mm."""
+        """Size across the line that joins the centres, mm."""
         return self.outer
 
     @property
     def volume(self) -> float:
-        """In mm^3."""
+        """Volume in mm^3."""
         return np.pi * (self.outer**2 - self.inner**2) / 4 * self.height
 
     def rim(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -119,8 +119,9 @@ class Ring:
 class Cuboid:
     """Cuboid magnetised along its height; `length` lies along the line that joins two of them.
 
-    A law of distance holds for two that face each other squarely.  Their forces are not quite central: two cubes of 5 mm
-    10 mm apart resist a sideways displacement by 4 % less than the -f/r of a law, plates of 4 x 10 mm by 40 % less.
+    The law of distance holds for two cuboids whose faces are parallel and opposite.  Their forces are not exactly central: for
+    two cubes of 5 mm at 10 mm the stiffness against sideways displacement is 4 % smaller than the -f/r of the law, for plates
+    of 4 x 10 mm 40 % smaller.
 
     Attributes
     ----------
@@ -148,12 +149,12 @@ class Cuboid:
 
     @property
     def contact(self) -> float:
-        """Distance of the centres of two that touch, mm."""
+        """Distance of the centres of two magnets that touch, mm."""
         return self.length
 
     @property
     def volume(self) -> float:
-        """In mm^3."""
+        """Volume in mm^3."""
         return self.length * self.width * self.height
 
     def rim(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -188,12 +189,12 @@ class Sphere:
 
     @property
     def contact(self) -> float:
-        """Distance of the centres of two that touch, mm."""
+        """Distance of the centres of two magnets that touch, mm."""
         return self.diameter
 
     @property
     def volume(self) -> float:
-        """In mm^3."""
+        """Volume in mm^3."""
         return np.pi * self.diameter**3 / 6
 
 

@@ -1,10 +1,10 @@
-"""The zero of measured distances, from the bend that it gives an inverse power.
+"""The zero of measured distances, found from the curvature that an offset c adds to an inverse power.
 
     f = b (r - c)^-a
 
-Nothing but the inverse power tells where the zero is: the shape of a law that is none moves c, and c with its uncertainty
-holds only as far as an inverse power does.  The noise is that of `magphonon.interactions.smooth_laws`: where it is not
-given, an average over how large it is and how it grows with the force.
+The zero is determined only by the assumption of an inverse power: if the law has another shape, c is shifted, and c and its
+uncertainty are not valid.  The noise is that of `magphonon.interactions.smooth_laws`: if it is not given, the result is an
+average over its size and its growth with the force.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ if TYPE_CHECKING:
     from .force_tables import Forces
 
 WIDE = 3.0
-"""Ratio of the farthest to the nearest distance from which on the intervals hold the truth as often as they say, with a noise
-of 3 % (docs/coverage.md).  Over a smaller range, another zero looks like another exponent, and its uncertainty is so large
-that what changes with it does not change in proportion."""
+"""Smallest ratio of the farthest to the nearest distance for which the intervals contain the true value as often as stated, with
+a noise of 3 % (docs/coverage.md).  Over a smaller range, another zero looks like another exponent, and its uncertainty is so
+large that linear propagation of errors fails."""
 NEAR = 1e-3
-"""Steps of c smaller than this share of its uncertainty end the search."""
+"""The search ends when a step of c is smaller than this fraction of its uncertainty."""
 MOST_STEPS = 50
+"""Largest number of steps of the search."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,8 @@ def fit_offset(forces: Forces, spacing: float, start: float, contact: float = 0.
     Returns
     -------
     Offset
-        Where the given uncertainties do not explain how the points scatter about the inverse power, its uncertainty is
-        enlarged by the root of chi2/freedom.
+        If the given uncertainties do not explain the scatter of the points about the inverse power, the uncertainty is
+        enlarged by the square root of chi2/freedom.
 
     Raises
     ------
@@ -66,7 +67,7 @@ def fit_offset(forces: Forces, spacing: float, start: float, contact: float = 0.
     c = start
     for _ in range(MOST_STEPS):
         true = points.r - c
-        # ln f = ln f0 - a ln((r - c)/r0), which a change of c by dc moves by a dc/(r - c)
+        # ln f = ln f0 - a ln((r - c)/r0) changes by a dc/(r - c) if c changes by dc
         x = np.log(true / spacing)
         design = np.stack([np.ones_like(x), x, 1 / true], axis=1)
         p, hessian, probability, sigma = average_fits(points, counts, design, quadratic(x, points, counts), bends=None)

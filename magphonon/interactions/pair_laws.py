@@ -1,6 +1,6 @@
 """Pair laws of repulsion: `phi(r)`, its slope `dphi` and its curvature `d2phi`.
 
-`PairLaw` says what a law is and how to write your own.  The force with which two particles repel each other is
+`PairLaw` defines a law and says how to write your own.  The force with which two particles repel each other is
 `f(r) = -phi'(r)`.  (The paper writes `f = phi_r`; with the usual sign of an energy it is the negative slope, and the bond
 stiffness is `phi'' nn + (phi'/r)(I - nn)`.)
 """
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class PairLaw(Protocol):
     """A pair law: the energy of two particles as a function of their distance, with its slope and its curvature.
 
-    Every object with these three methods is a law; nothing has to be inherited or registered.  A law of your own::
+    Every object with these three methods is a law; no base class or registration is needed.  A law of your own::
 
         @dataclass(frozen=True)
         class Exponential:
@@ -42,16 +42,16 @@ class PairLaw(Protocol):
 
         atoms.calc = MagneticRepulsion(atoms, Exponential(5.0, 3.0), shells=3)
 
-    What is asked of the methods:
+    Requirements on the methods:
 
     - They take an array of distances in mm of any shape and return an array of that shape, element by element.
     - A law repels where `dphi < 0`.  Only differences of `phi` matter, so its zero may be anywhere.
-    - They also take complex distances, whose imaginary part they carry along as every formula in r does: some derivatives
-      are complex steps.  Compare real parts, `np.real(r) < 5`, where a formula changes.
+    - They also accept complex distances, because some derivatives are computed by complex steps.  Any analytic formula in r
+      does so.  In a law by parts compare real parts, `np.real(r) < 5`.
     - Where the law is not known, such as beyond the ends of a table, they raise ValueError.
-    - The law does not change: make it a frozen dataclass, then calculators can be copied, compared and pickled.
+    - The law is immutable: make it a frozen dataclass, so that calculators can be copied, compared and pickled.
 
-    A law that is `GaussianMixture` besides can be summed over all neighbours of an infinite lattice.
+    A law that is also a `GaussianMixture` can be summed over all neighbours of an infinite lattice.
     """
 
     def phi(self, r: Any) -> Any:
@@ -333,7 +333,7 @@ def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:
     """
     f, slope = abs(potential.dphi(r)), abs(potential.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
-    around = potential.d2phi((r + radius * CIRCLE).T).T.copy()  # laws along bonds want these first
+    around = potential.d2phi((r + radius * CIRCLE).T).T.copy()  # the first axis of a law along bonds is that of the bonds
     return tuple(n * (around * CIRCLE**-n).mean(axis=0).real / radius**n for n in (1, 2))
 
 

@@ -1,4 +1,4 @@
-"""Pair laws as dictionaries of numbers, for files, and back: the laws of this package by their names."""
+"""Conversion of pair laws to dictionaries of numbers, for files, and back; the laws of this package are saved by name."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 KNOWN = InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw, UprightMagnets
 LAWS: dict[str, Any] = {law.__name__: law for law in KNOWN}
-"""The laws that a file can name."""
+"""Laws that can be saved by name."""
 
 
 def potential_to_dict(potential: Potential) -> dict[str, Any]:
-    """A law, or the laws of pairs of kinds, for files."""
+    """A law, or the laws of pairs of kinds, as a dictionary for files."""
     if isinstance(potential, Mapping):
         return {'pairs': [{'kinds': list(kinds)} | law_to_dict(law) for kinds, law in potential.items()]}
     return law_to_dict(potential)
@@ -43,7 +43,7 @@ def potential_from_dict(saved: dict[str, Any]) -> Potential:
 
 
 def law_to_dict(law: PairLaw) -> dict[str, Any]:
-    """The name of a law and its parameters in mm, mJ; of a law that is not of this package, its name and its text alone."""
+    """The name of a law and its parameters in mm, mJ; for a law that is not of this package, only its name and its `repr`."""
     if LAWS.get(type(law).__name__) is not type(law):
         return {'law': type(law).__qualname__, 'text': repr(law)}
     parameters = {field.name: getattr(law, field.name) for field in fields(law) if field.init}  # pyright: ignore[reportArgumentType]  all are dataclasses
@@ -57,7 +57,7 @@ def law_from_dict(saved: dict[str, Any]) -> PairLaw:
     Raises
     ------
     ValueError
-        For a law that is not of this package, whose formula no file can tell.
+        For a law that is not of this package, because its formula is not in the file.
     """
     parameters = dict(saved)
     name = parameters.pop('law')

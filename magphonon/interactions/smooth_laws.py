@@ -1,21 +1,21 @@
-"""A smooth law through measured forces that need not be an inverse power, with intervals that hold the truth.
+"""A smooth law through measured forces that need not be an inverse power, with intervals that contain the true value.
 
-The law is an inverse power and a smooth departure from it,
+The law is an inverse power times a smooth correction,
 
     ln f = ln f0 - a ln(r/r0) + w(ln r),     <w(x) w(x')> = tau^2 exp(-(x - x')^2/2)
 
-where w is a Gaussian process: the exponent changes by about tau where the distance changes by a factor e.  Nothing is
-known beforehand about f0 and a.  A force that falls on a curve of another shape bends w, so that the misfit of an inverse
-power is a part of the uncertainty.  How much the law bends (tau) is not known, nor, without `sigma_N`, how large the noise
-is (s) and at which force c it begins to grow,
+where w is a Gaussian process: the exponent changes by about tau where the distance changes by a factor e.  The prior of f0 and a
+is uniform.  If the force does not follow an inverse power, w differs from zero, so the deviation from an inverse power is part of
+the uncertainty.  The size tau of the deviation is unknown.  Without `sigma_N` the size s of the noise is unknown too, and the
+force c at which it begins to grow,
 
     sigma = s (f + c)
 
-with c large for the resolution of a load cell alone, c = 0 for errors of the distance alone; these two and both together
-are equally likely beforehand.  So the answer is an average over all of these, each with its probability by the data.  That
-average is a mixture of normal distributions, and the interval of 95 % is taken from it.  Few points say too much about c by
-chance: what they say about it counts as a square root, and what they say about s is one half of a degree of freedom less.
-How often the intervals hold the truth is in docs/coverage.md.
+with c large for the resolution of a load cell alone, c = 0 for errors of the distance alone; these two cases and
+their combination have equal prior probabilities.  The result is an average over all these values, weighted with their posterior
+probabilities.  This average is a mixture of normal distributions, which gives the interval of 95 %.  With few points the
+likelihood of c varies too strongly by chance: its square root is used, and half a degree of freedom is subtracted for s.
+docs/coverage.md says how often the intervals contain the true value.
 """
 
 from __future__ import annotations
@@ -37,22 +37,24 @@ if TYPE_CHECKING:
 BENDS = 0.5, 1.0, 2.0, 4.0
 """Values of tau: from an inverse power within the noise to the tail of a screened force (4, at 5 screening lengths)."""
 CROSSINGS = np.array([0.75, 0.5, 0.25])
-"""Values of c between none and all: from the smallest force (0) to the largest (1), in the logarithm."""
+"""Values of c between the limits, on a logarithmic scale from the smallest force (0) to the largest (1)."""
 PRIOR = np.array([len(CROSSINGS), *np.ones_like(CROSSINGS), len(CROSSINGS)]) / (3 * len(CROSSINGS))
 """Prior probabilities of c = infinity, of the values of c above, and of c = 0: a third for each kind of noise."""
 SCALES = np.exp(np.arange(-1.0, 3.3, 0.3))
 """Values of s, in units of the residual of a quadratic through the logarithms; with two degrees of freedom the tail is long."""
 NODES = 12
+"""Number of nodes of the spline that represents w."""
 MOST_POINTS = 500
-"""More points than this are averaged in intervals of ln r, whose width matters by a part in 1e5 of the force."""
+"""Largest number of points that are not averaged.  More points are averaged in intervals of ln r, which changes the force by
+a relative 1e-5."""
 ROUND_OFF = 1e-6
-"""Degrees of freedom that are left at least: where a curve passes through all points, round-off decides the sign of the rest."""
+"""Smallest number of degrees of freedom: if a curve passes through all points, the remainder is round-off of either sign."""
 UNLIKELY = 0.01
-"""Probability of a chi2 below which the given uncertainties are too small, and are enlarged."""
+"""Probability of chi2 below which the given uncertainties are judged too small and are enlarged."""
 
 
 def fit_spline(forces: Forces, spacing: float) -> Fit:
-    """Smooth law through the data: an inverse power and a smooth departure, as a cubic spline of `log f` over `log r`.
+    """Smooth law through the data: an inverse power with a smooth correction, as a cubic spline of `log f` over `log r`.
 
     Parameters
     ----------
@@ -63,14 +65,14 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     Returns
     -------
     Fit
-        Its law is a `Tabulated` through the nodes of the spline.  Its covariance and intervals take in that no inverse
-        power may hold.  Where the given uncertainties explain the scatter with a probability below UNLIKELY only, both
-        are enlarged by the root of chi2/freedom.
+        Its law is a `Tabulated` through the nodes of the spline.  Its covariance and intervals do not assume an
+        inverse power.  If the given uncertainties explain the scatter only with a probability below UNLIKELY, both are
+        enlarged by the square root of chi2/freedom.
 
     Raises
     ------
     ValueError
-        If the points are fewer than 4, the spacing lies far outside them, or the curve does not fall everywhere.
+        If there are fewer than 4 points, the spacing is far outside them, or the curve does not fall everywhere.
 
     Examples
     --------
@@ -92,7 +94,8 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     nodes = np.linspace(min(ends[0], 0.0), max(ends[1], 0.0), NODES)
     departures, sizes = np.linalg.svd(np.exp(-(np.subtract.outer(nodes, nodes) ** 2) / 2))[:2]
     many = sizes > 1e-9 * sizes[0]
-    values = np.column_stack([np.ones(NODES), nodes, departures[:, many] * np.sqrt(sizes[many])])  # of ln f at the nodes
+    # contributions to ln f at the nodes
+    values = np.column_stack([np.ones(NODES), nodes, departures[:, many] * np.sqrt(sizes[many])])
     basis = CubicSpline(nodes, values)
     design, at = basis(x), np.stack([basis(0.0), basis(0.0, 1)])
 
@@ -101,14 +104,14 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
     mean = probability @ p
     fitted = np.exp(design @ mean)
     r = spacing * np.exp(nodes)
-    r[[0, -1]] = min(spacing, forces.r[0]), max(spacing, forces.r[-1])  # the logarithm and back loses the last digit
+    r[[0, -1]] = min(spacing, forces.r[0]), max(spacing, forces.r[-1])  # taking the logarithm and back changes the last digit
     law = Tabulated(r, np.exp(values @ mean))
     if (np.diff(law.f) >= 0).any():
         raise ValueError('the curve through the points does not fall everywhere; look for an outlier, and drop the far points '
                          'that are noise')
 
     force, a = np.exp(p @ at[0]), -p @ at[1]
-    within = at @ np.linalg.inv(hessian) @ at.T  # of ln f and d ln f/d ln r, in each part of the mixture
+    within = at @ np.linalg.inv(hessian) @ at.T  # covariance of ln f and d ln f/d ln r, in each part of the mixture
     turn = np.zeros((len(p), 2, 2))
     turn[:, 0, 0], turn[:, 1, 0], turn[:, 1, 1] = force, -a * force / spacing, force / spacing
     within_f = turn @ within @ turn.transpose(0, 2, 1)
@@ -132,7 +135,7 @@ def fit_spline(forces: Forces, spacing: float) -> Fit:
 
 
 def quadratic(x, points, counts):
-    """Forces of a parabola through the logarithms, shape (n,): where the search starts, and the size of the noise."""
+    """Forces of a parabola fitted to the logarithms, shape (n,): start of the search, and estimate of the noise."""
     weights = np.sqrt(counts * points.f) if points.sigma is None else points.f / points.sigma
     return np.exp(np.polyval(np.polyfit(x, np.log(points.f), min(2, len(x) - 3), w=weights), x))
 
@@ -144,7 +147,7 @@ def average_fits(points, counts, design, start, bends):
     ----------
     points : Forces
     counts : ndarray, shape (n,)
-        How many measurements each point is the average of.
+        Number of measurements that each point averages.
     design : ndarray, shape (n, k)
     start : ndarray, shape (n,)
         Forces from which the search starts, N.
@@ -167,7 +170,7 @@ def average_fits(points, counts, design, start, bends):
     kinds = range(len(CROSSINGS) + 2)
     kind, scale, bend = (np.array(column) for column in zip(*product(kinds, SCALES, bends), strict=True))
     smooth = start
-    for _ in range(2):  # the noise grows with the smooth force, not with the measured one, which is low where the noise is
+    for _ in range(2):  # the noise depends on the smooth force; the measured force is itself noisy
         shape = _noises(smooth)[kind] / np.sqrt(counts)
         left = (points.f - start) / shape
         freedom = max(len(start) - 3, 1)
@@ -181,14 +184,14 @@ def average_fits(points, counts, design, start, bends):
 
 
 def _noises(f):
-    """How the noise may grow with the force: constant, f + c, and f, each of geometric mean 1, shape (kinds, n)."""
+    """Possible growths of the noise with the force: constant, f + c, and f, each of geometric mean 1, shape (kinds, n)."""
     sums = [f + f.min() ** (1 - q) * f.max() ** q for q in CROSSINGS]
     shapes = np.stack([np.ones_like(f), *sums, f])
     return shapes / np.exp(np.log(shapes).mean(axis=1, keepdims=True))
 
 
 def _fitted(f, sigma, bend, design, start, free, prior: Any = 1.0):
-    """Gauss-Newton least squares with the prior of the parameters from `free` on, for all `sigma` (fits, n), `bend`."""
+    """Gauss-Newton least squares with the prior of the parameters from `free` on, for all `sigma` (fits, n) and `bend`."""
     sigma = np.maximum(sigma, FINEST * f)
     k = design.shape[1]
     precision = np.append(np.zeros(free), np.ones(k - free)) / bend[:, None] ** 2
@@ -200,8 +203,8 @@ def _fitted(f, sigma, bend, design, start, free, prior: Any = 1.0):
         hessian = ((model / sigma) ** 2 @ products).reshape(-1, k, k) + precision[:, :, None] * np.eye(k)
         step = np.linalg.solve(hessian, (((f - model) * model / sigma**2) @ design - precision * p)[:, :, None])[:, :, 0]
         change = abs(step @ design.T).max(axis=1)
-        p = p + step * np.minimum(1, 0.5 / np.maximum(change, 0.5))[:, None]  # ln f moves by 1/2 at most
-        if change.max() < 1e-6:  # Gauss and Newton gain digits fast: what is left is far below the noise
+        p = p + step * np.minimum(1, 0.5 / np.maximum(change, 0.5))[:, None]  # ln f changes by 1/2 at most
+        if change.max() < 1e-6:  # Gauss-Newton steps converge fast: the remaining error is far below the noise
             break
     evidence = (-np.sum(((f - np.exp(p @ design.T)) / sigma) ** 2, axis=1) / 2 - np.sum(np.log(sigma), axis=1)
                 - np.sum(precision * p**2, axis=1) / 2
@@ -223,7 +226,7 @@ def half_width(probability, off, sigma) -> float:
 
 
 def explained(chi2: float, freedom: float) -> bool:
-    """Whether chance makes a chi2 as large as this; one below its freedom it does, however few points there are.
+    """Whether chance explains a chi2 as large as this; always true for a chi2 below its degrees of freedom.
 
     Examples
     --------

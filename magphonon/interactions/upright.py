@@ -1,7 +1,7 @@
-"""Magnets that stand upright on a plane: the stiffness of a pair out of the plane.
+"""Stiffness out of the plane of a pair of magnets whose axes are normal to the plane.
 
-The magnets of a lattice stand normal to its plane, and supports keep them from turning.  If they are round, the energy U of a
-pair depends on the distance rho in the plane and on the difference z of heights.  Outside the magnets U obeys Laplace's
+The axes of the magnets of a lattice are normal to its plane, and supports keep them from turning.  If they are round, the energy
+U of a pair depends on the distance rho in the plane and on the difference z of heights.  Outside the magnets U obeys Laplace's
 equation, therefore
 
     U_zz = -(phi'' + phi'/rho) = g(rho)    at z = 0,  where U = phi(rho)
@@ -29,10 +29,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class UprightMagnets:
-    """The pair law of magnets that stand upright on a plane; in the plane it is `planar`.
+    """The pair law of magnets with axes normal to a plane; for motion in the plane it is `planar`.
 
-    It makes a difference only if the particles move out of the plane (`MagneticRepulsion` with `foundation=[[k, k, kz]]`).  A law
-    that is not wrapped in it is that of a force along the line that joins two particles, as between charges or grains of dust.
+    It differs from `planar` only if the particles move out of the plane (`MagneticRepulsion` with `foundation=[[k, k, kz]]`).  A
+    law that is not wrapped in it is that of a force along the line that joins two particles, as between charges or grains of
+    dust.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
-"""Bonds: which particles repel each other, each pair once, also across the border of a periodic cell.
+"""Bonds: the pairs of particles that repel each other, each pair once, also across the border of a periodic cell.
 
-One list serves the calculator, the Hessian and the bands.  A bond runs from particle i to the image of
+The calculator, the Hessian and the bands use the same list.  A bond runs from particle i to the image of
 particle j in the cell `shift`; with the incidence matrix C(q), whose row for a bond holds -1 at i and
 e^{2 pi i q.shift} at j,
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 ON_SHELL = 1e-6
-"""A cutoff nearer to a shell than this fraction of itself falls on it: displacements of finite differences would cross it."""
+"""Smallest relative distance of a cutoff from a shell; displacements of finite differences would cross a closer one."""
 
 
 @dataclass(frozen=True)
@@ -74,12 +74,12 @@ class Bonds:
     def distinct_shifts(self) -> tuple[NDArray[np.int_], NDArray[np.intp]]:
         """The shifts without repetition, shape (shifts, 3), and which of them belongs to each bond, shape (bonds,).
 
-        The thousands of bonds of a large cell of a planar lattice have five shifts.
+        A large cell of a planar lattice has thousands of bonds, but only five different shifts.
         """
         return np.unique(self.shift, axis=0, return_inverse=True)
 
     def at(self, atoms: Atoms) -> Bonds:
-        """The same pairs of particles with the vectors that they have in `atoms`, in whatever periodic image these stand."""
+        """The same pairs of particles with the vectors that they have in `atoms`; the particles may be in any periodic image."""
         vectors = atoms.positions[self.j] + self.shift @ atoms.cell.array - atoms.positions[self.i]
         if np.array_equal(vectors, self.vectors):
             return self
@@ -98,7 +98,7 @@ class Bonds:
         found = self.at(atoms)
         changed = np.linalg.norm(found.vectors - self.vectors, axis=1)
         for b in np.flatnonzero(changed > self.lengths / 2)[:1]:
-            raise ValueError(f'the bond of the particles {self.i[b]} and {self.j[b]} was made {self.lengths[b]:g} mm long, but '
+            raise ValueError(f'the bond of the particles {self.i[b]} and {self.j[b]} has the length {self.lengths[b]:g} mm, but '
                              f'they are {found.lengths[b]:g} mm apart in the reference: it belongs to another structure; find '
                              'bonds in this one, or give the pairs as (i, j)')
         return found
@@ -127,13 +127,13 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     Parameters
     ----------
     atoms : ase.Atoms
-        The rest configuration; its periodic directions are honoured.
+        The rest configuration; bonds cross its periodic borders.
     shells : int
         Number of neighbour shells; ignored when `cutoff` is given.  A shell is a group of distances that follow each other
-        within `SHELL_WIDTH`, so that rounded lattice constants and coordinates keep their bonds.  Distances between two
-        particles that FixAtoms holds do not count as long as anything is free: they never change.  What is held may stand
-        closer together than the first shell, or at one place, as the fixed magnets of the paper's oscillator do; such pairs are
-        left out.
+        within `SHELL_WIDTH`, so that rounded lattice constants and coordinates keep their bonds.  Distances
+        between two particles held by FixAtoms never change, so they are ignored if any particle is free.  Held particles may be
+        closer together than the first shell, or even coincide, as do fixed magnets of the paper's oscillator; such pairs get
+        no bond.
     cutoff : float, optional
         Distance in mm.
 
@@ -144,15 +144,15 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     Raises
     ------
     ValueError
-        If particles coincide, none lies within reach, or the cutoff falls on a shell of neighbours, where the
-        smallest displacement would make and break bonds and corrupt every finite difference.  If the shells cannot be told
-        apart: the next one follows so closely that rounding may have split one shell in two, or positions scatter.
+        If particles coincide, no two are within reach, or the cutoff equals the distance of a shell of neighbours, because the
+        smallest displacement would then make and break bonds and spoil finite differences.  If the shells cannot be
+        distinguished: two are so close that rounding may have split one shell, or the positions are irregular.
 
     Examples
     --------
     >>> from magphonon import find_bonds, lattices
     >>> cell = lattices.triangular(10.0, 1.0)
-    >>> len(find_bonds(cell)), len(find_bonds(cell, shells=2))  # three bonds to a particle, then six
+    >>> len(find_bonds(cell)), len(find_bonds(cell, shells=2))  # three bonds per particle, then six
     (3, 6)
     """
     if cutoff is None:
@@ -185,12 +185,13 @@ def bonds_within(atoms: Atoms, cutoff: float) -> Bonds:
 
 
 def _bonds(atoms, i, j, shift, lengths, cutoff):
-    """The pairs in order, each from its lower end, with their vectors."""
+    """The pairs in order of their particles, each starting at the particle with the lower index, with their vectors."""
     _refuse_coincident(i, j, lengths, cutoff)
     backwards = i > j
     i, j = np.where(backwards, j, i), np.where(backwards, i, j)
     shift[backwards] *= -1
-    order = np.lexsort((*shift.T[::-1], j, i) if atoms.pbc.any() else (j, i))  # whatever order the tree found them in
+    # the order in which the tree finds them is arbitrary
+    order = np.lexsort((*shift.T[::-1], j, i) if atoms.pbc.any() else (j, i))
     i, j, shift = i[order], j[order], shift[order]
     vectors = atoms.positions[j]
     if atoms.pbc.any():
@@ -265,7 +266,8 @@ def bonds_of(atoms: Atoms, bonds: Bonds | Iterable[Any] | None, shells: int, cut
     Raises
     ------
     ValueError
-        If the bonds belong to a structure of another size or to other positions, or there are none; as the two functions.
+        If the bonds belong to a structure of another size or to other positions, or there are none; and as for these two
+        functions.
     """
     if bonds is None:
         bonds = find_bonds(atoms, shells, cutoff)
@@ -320,7 +322,7 @@ def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
 
 
 def image_of(atoms: Atoms, supercell: Atoms) -> NDArray[np.int_]:
-    """The particle of the periodic cell `atoms` of which each particle of a supercell is an image, shape (particles,).
+    """For each particle of a supercell, the particle of the periodic cell `atoms` whose image it is, shape (particles,).
 
     Raises
     ------
@@ -331,7 +333,7 @@ def image_of(atoms: Atoms, supercell: Atoms) -> NDArray[np.int_]:
 
 
 def _site_of(points, atoms):
-    """The particle of `atoms` of which an image stands at each of the points."""
+    """For each point, the particle of `atoms` that has an image there."""
     from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 
     inverse = np.linalg.inv(atoms.cell.array)

@@ -15,7 +15,7 @@ from ..errors import positive
 
 SYMBOL = 'Nd'
 OSCILLATOR_BONDS = ((0, 3), (1, 3), (2, 3))
-"""The bonds of `oscillator`, between its fixed magnets and the free one; the calculator finds them by itself."""
+"""The bonds of `oscillator` between its fixed magnets and the free one; the calculator also finds them without this list."""
 
 
 def chain(spacing: float, mass: float) -> Atoms:
@@ -125,8 +125,8 @@ def _cell(spacing, mass, a1, a2, positions, pbc=(1, 1, 0)):
 def oscillator(theta0: float, spacing: float, mass: float) -> Atoms:
     """One free magnet on three fixed ones: the paper's single-particle oscillator (Sec. III, Fig. 1).
 
-    The free particle, the paper's number 4, rests at the origin.  One fixed magnet stands `spacing` below it, two
-    stand at the angle `theta0` below the horizontal on its left and right.  The three push it upwards; an external
+    The free particle, number 4 in the paper, is at the origin.  One fixed magnet is at the distance `spacing` below it, two
+    are at the angle `theta0` below the horizontal on its left and right.  The three push it upwards; an external
     force must balance them: `MagneticRepulsion(atoms, law).balanced([3])`.
 
     Parameters

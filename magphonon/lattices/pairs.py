@@ -16,10 +16,10 @@ PIECE = 2**16
 
 
 def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:
-    """All pairs i, j, shift, distance within `cutoff`, each once; the particles may stand in any periodic cell.
+    """All pairs i, j, shift, distance within `cutoff`, each once; the particles may be in any periodic cell.
 
-    A k-d tree over the images near the cell: ASE 3.29's neighbour list puts all particles of a flat structure without
-    periodic borders into one bin and asks for the square of their number in memory.
+    They are found by a k-d tree over the images near the cell.  The neighbour list of ASE 3.29 is not used, because it puts all
+    particles of a flat finite structure into one bin, which needs memory for the square of their number.
     """
     from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 
@@ -30,7 +30,7 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
     if not len(periods):
         i, j = cKDTree(atoms.positions).query_pairs(cutoff, output_type='ndarray').T
         return i, j, np.zeros((len(i), 3), dtype=int), distances_between(atoms.positions, i, j)
-    if np.linalg.matrix_rank(periods) < len(periods):  # of no vectors NumPy before 2.4.5 knows no rank
+    if np.linalg.matrix_rank(periods) < len(periods):  # NumPy before 2.4.5 has no rank of an empty list
         raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
                          'set its cell, or its pbc to False')
     inverse = np.linalg.pinv(periods)
@@ -38,7 +38,7 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
     fraction = atoms.positions @ inverse - home
     points = atoms.positions - home @ periods
 
-    # Shift zero and half of the others; the other half would find every pair again, from its far end.
+    # Shift zero and half of the others: the other half would find every pair again, from its other end.
     reach = cutoff * np.linalg.norm(inverse, axis=0)
     shifts = np.array(list(product(*(range(-k, k + 1) for k in np.floor(reach + 1).astype(int)))), dtype=int)
     shifts = shifts[len(shifts) // 2 :]

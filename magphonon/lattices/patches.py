@@ -1,4 +1,4 @@
-"""Finite patches and endless ribbons cut out of a lattice, with a held rim."""
+"""Finite patches and infinite ribbons cut out of a lattice, with a held rim."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def parallelogram(cell: Atoms, n1: int, n2: int) -> Atoms:
     """Patch of `n1 x n2` cells of a planar lattice, its rim held fixed.
 
     Every patch is centred on the origin, carries the tag `RIM` on the particles that lack a nearest neighbour,
-    and holds them with ASE's FixAtoms: inside the rim each particle has its full shell and is in equilibrium.
+    and holds them with ASE's FixAtoms: inside the rim each particle has all its nearest neighbours and is in equilibrium.
     Deleting the constraint leaves a free edge, which the static forces push outwards.  The array 'site' numbers
     the particles on the parallelogram from which the patch was cut.
 
@@ -94,9 +94,9 @@ def half_hexagon(cell: Atoms, side: float) -> Atoms:
 
 
 def ribbon(cell: Atoms, rows: int) -> Atoms:
-    """Ribbon of `rows` cells across a planar lattice, endless along its first lattice vector, with a rim as in `parallelogram`.
+    """Ribbon of `rows` cells across a planar lattice, periodic along its first lattice vector, with a rim as in `parallelogram`.
 
-    Deleting the constraint, or the part of it on one side, leaves a free edge.  The tag stays and tells where the edges are.
+    Deleting the constraint, or the part of it on one side, leaves a free edge.  The tags remain and mark the edges.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _cut(cell, radius, beyond):
 def _patch(cell, n1, n2, beyond):
     shell = find_bonds(_planar(cell))
     corner = cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
-    # as ase.Atoms.repeat, which puts the cells in their places one by one and would take most of the time
+    # as ase.Atoms.repeat, which places the cells one by one and would take most of the time
     cells = np.stack(np.divmod(np.arange(n1 * n2), n2), axis=1) @ cell.cell.array[:2]
     places = (cell.positions[None] + cells[:, None]).reshape(-1, 3) - corner
     inside = np.flatnonzero(beyond(*places[:, :2].T) <= 1e-9 * shell.lengths[0])  # a particle on the border belongs to the patch

@@ -1,4 +1,4 @@
-"""Shells of neighbours: which distances are one, where positions are rounded, and where the last shell that is wanted ends."""
+"""Shells of neighbours: which distances belong to one shell despite rounded positions, and where the last wanted shell ends."""
 
 from __future__ import annotations
 
@@ -19,33 +19,34 @@ if TYPE_CHECKING:
     """Particles i and j, the cell of j and the distance of each pair."""
 
 SHELL_WIDTH = 1e-4
-"""Distances that follow each other within this fraction belong to one shell of neighbours.
+"""Largest relative difference of successive distances that belong to one shell of neighbours.
 
-People write lattice constants with three or more digits (8.66 for 5 sqrt(3) moves a distance by 2e-5) and files with eight
-decimals; of the usual lattices, two of the first hundred shells are never closer than 1e-3, two of the first thousand 1e-4.
+Lattice constants are often written with three or more digits (8.66 for 5 sqrt(3) changes a distance by 2e-5), files with eight
+decimals.  In the usual lattices the relative distance of two of the first hundred shells is at least 1e-3, of the first thousand
+1e-4.
 """
 EXACT = 1e-9
 """Relative difference of two distances below which they are equal up to the round-off of the positions, without rounding."""
 CLEAR = 4.0
 """Smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions."""
 CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
-"""Two shells may be one that rounding split if their gap is narrow and a gap beside it is `CONTRAST` times wider.
+"""Two shells may be one that rounding split if their relative gap is narrow and a neighbouring gap is `CONTRAST` times wider.
 
-Narrow is `CLOSE` after the last shell wanted, where neighbours would be lost, and `ROUNDED` between the shells before it, where
-only their number is in doubt; crystals differ more (the two first distances in cobalt and magnesium by 3e-3).  In the usual
-lattices, where shells crowd at large distances, the ratio stays below 20 over the first three thousand shells.
+A gap is narrow below `CLOSE` after the last wanted shell, where neighbours would be lost, and below `ROUNDED` between the shells
+before it, where only their number is in doubt.  Gaps in crystals are wider (3e-3 between the first two distances in cobalt and
+magnesium).  In the usual lattices the ratio of neighbouring gaps stays below 20 over the first three thousand shells.
 """
 DECIMALS = range(2, 8)
-"""Numbers of decimals with which positions are written on purpose; fewer are whole numbers of millimetres or their tenths."""
+"""Numbers of decimals of positions that are taken as rounded; positions with fewer decimals are exact multiples of 0.1 mm."""
 UNITS = 2.0
 """Difference of two distances, in units of the last decimal of positions that have few decimals, below which rounding may have
 split one shell: two ends and a lattice vector are each off by half a unit."""
 SCATTER = 0.1
-"""Relative gap to the next distance below which particles without a bond show that the positions scatter."""
+"""Relative gap to the next distance below which particles without a bond show that the positions are irregular."""
 
 
 def _held(atoms):
-    """Which particles FixAtoms holds, shape (particles,); none of them if it holds all."""
+    """Mask of the particles that FixAtoms holds, shape (particles,); all False if it holds every particle."""
     held = np.zeros(len(atoms), bool)
     for constraint in atoms.constraints:
         if isinstance(constraint, FixAtoms):
@@ -54,7 +55,7 @@ def _held(atoms):
 
 
 def in_shells(atoms, i, j, shift, lengths):
-    """The pairs without those of two held particles that are shorter or longer than every pair with a free one."""
+    """The pairs, except those of two held particles at distances shorter or longer than any pair with a free particle."""
     held = _held(atoms)
     if not held.any():
         return i, j, shift, lengths
@@ -76,7 +77,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
         held = _held(atoms)
         distances = np.unique(lengths[~(held[i] & held[j])] if held.any() else lengths)
         gaps = np.diff(distances) / distances[1:]
-        last = np.flatnonzero(gaps > SHELL_WIDTH)  # of each shell that another one follows
+        last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
         if len(last) > shells or (complete and len(last) == shells):
             _refuse_unclear_shells(atoms, distances, gaps, last, shells)
@@ -86,12 +87,12 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
         if complete:
             if len(last) + 1 == shells:
                 return in_shells(atoms, *pairs), reach
-            raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} asked for; ask for fewer')
-        reach = 1.5 * reach + 1e-6 * extent  # the sum: where particle 0 coincides with another, the reach starts from zero
+            raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} wanted; lower the number')
+        reach = 1.5 * reach + 1e-6 * extent  # the second term: if particle 0 coincides with another one, the reach starts at zero
 
 
 def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
-    """Refuse to end at a shell that rounding may have split, or to count shells that are no clearer than the rounding.
+    """Refuse a last shell that rounding may have split, or shells whose gaps are no wider than the rounding.
 
     Parameters
     ----------
@@ -99,14 +100,14 @@ def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
     distances : ndarray, shape (n,)
         Different distances in ascending order.
     gaps : ndarray, shape (n - 1,)
-        Between them, over the longer one.
+        Relative gaps between them, divided by the longer distance.
     last : ndarray of int
-        The last distance of each shell that another one follows.
+        Index of the last distance of each shell except the outermost.
     shells : int
-        The number of shells that were asked for.
+        The number of shells wanted.
     """
     end = last[shells - 1]
-    between = np.concatenate([[1.0], gaps[last[: shells + 1]]])  # before the first shell there is nothing
+    between = np.concatenate([[1.0], gaps[last[: shells + 1]]])  # no gap before the first shell
     beside = np.maximum(between[:-1], np.append(between[2:], 0)[: len(between) - 1])[:shells]
     between = between[1 : shells + 1]
     narrow = np.append(np.full(shells - 1, ROUNDED), CLOSE)
@@ -124,7 +125,7 @@ def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
 
 
 def _last_decimal(atoms: Atoms) -> float:
-    """The unit in mm of the last decimal with which the positions are written; zero if they have all their digits."""
+    """The unit in mm of the last decimal of rounded positions; zero for positions with all digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
     for unit in 10.0 ** -np.array(DECIMALS):
         if (abs(numbers - unit * np.rint(numbers / unit)) <= EXACT * np.maximum(abs(numbers), unit)).all():
@@ -133,7 +134,7 @@ def _last_decimal(atoms: Atoms) -> float:
 
 
 def _widest_gap(atoms, last):
-    """A cutoff in the widest gap between the distances up to `2 * last` (mm), where true shells most likely part."""
+    """A cutoff in the widest gap between the distances up to `2 * last` (mm), which most likely separates true shells."""
     distances = np.append(distances_within(atoms, 2 * last), 2 * last)
     gap = np.argmax(np.diff(np.log(distances)))
     return distances[gap : gap + 2].mean()
@@ -146,6 +147,6 @@ def refuse_scatter(atoms: Atoms, bonds: Bonds) -> None:
     following = 2 * bonds.cutoff - last  # the cutoff is midway
     if len(alone) and following < (1 + SCATTER) * last:
         raise ValueError(f'the shells of neighbours end at {last:.6g} mm, the next distance is {following:.6g} mm, and '
-                         f'{len(alone)} particles such as {alone[0]} have no bond: the positions scatter, so that every distance '
-                         'is a shell of its own; give a cutoff= between true shells '
+                         f'{len(alone)} particles such as {alone[0]} have no bond: the positions are irregular, so that each '
+                         'distance is a shell by itself; give a cutoff= between true shells '
                          f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')

@@ -35,10 +35,10 @@ PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 class AllNeighbours(Restartable):
     """Repulsion of all particles of an infinite lattice, whatever their distance, with foundation springs.
 
-    The counterpart of `MagneticRepulsion` for periodic cells and laws that reach far, with the sums of
-    `magphonon.stiffness.ewald`: bands, speeds of sound and phonopy's finite displacements take either calculator.  The energy
-    is that of one cell, not relative to anything; where the sum over all neighbours diverges (r^-s with s <= d in d
-    dimensions, such as Coulomb's) it includes a uniform neutralising background; where s = d its zero is arbitrary.
+    It replaces `MagneticRepulsion` for periodic cells and long-range laws, with the sums of `magphonon.stiffness.ewald`: bands,
+    speeds of sound and phonopy's finite displacements work with both calculators.  The energy is the absolute energy of one
+    cell.  If the sum over all neighbours diverges (r^-s with s <= d in d dimensions, such as Coulomb's), it includes a uniform
+    neutralising background; for s = d its zero is arbitrary.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ class AllNeighbours(Restartable):
     potential : GaussianMixture
         InversePower with a > 1, Yukawa, or another law with a Gaussian expansion.
     foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
-        Stiffness of the spring between each particle and its rest position, N/mm; with three components particles of a plane
-        move out of it too.
+        Stiffness of the spring between each particle and its rest position, N/mm; with three components the particles of a
+        plane can also move out of it.
     strengths : array_like, shape (particles,), optional
-        Strength s of each particle, by default 1: two of them repel by `s_i s_j phi(r)`.
+        Strength s of each particle, by default 1: two particles repel by `s_i s_j phi(r)`.
     split : float
-        Where the sums are divided between lattice and reciprocal lattice; the results do not depend on it.
+        Parameter that divides the sums between lattice and reciprocal lattice; the results do not depend on it.
 
     Warns
     -----
@@ -91,7 +91,7 @@ class AllNeighbours(Restartable):
             raise ValueError(f'the force r^-{potential.decay + 1:g} has no energy r^-s with s = a - 1 > 0 to sum over all '
                              'neighbours; choose a > 1, or a number of shells')
         if not reference.pbc.any():
-            raise ValueError('the structure is not periodic and its neighbours are not infinitely many; use MagneticRepulsion')
+            raise ValueError('the structure is not periodic so its neighbours are not infinitely many; use MagneticRepulsion')
         super().__init__()
         self.reference = reference.copy()
         self.reference.calc = None
@@ -110,7 +110,7 @@ class AllNeighbours(Restartable):
 
     @property
     def potential(self) -> GaussianMixture:
-        """The pair law; another one belongs to another calculator."""
+        """The pair law; read-only: make a new calculator to change it."""
         return self._potential
 
     @property
@@ -130,12 +130,12 @@ class AllNeighbours(Restartable):
 
     @property
     def layer(self) -> bool:
-        """Whether particles of a plane may move out of it, each on a support of its own."""
+        """Whether the particles of a planar structure may move out of the plane, each on its own support."""
         return self.dim == 3 and not self.reference.pbc.all()
 
     @property
     def bloch_models(self) -> tuple[str, ...]:
-        """Models of which there is a Bloch matrix: in Coulomb crystals in space the sums of D0 and D* diverge each by itself."""
+        """Models that have a Bloch matrix; in three-dimensional Coulomb crystals the separate sums of D0 and D* diverge."""
         return MODELS if self.sums.splits else MODELS[:1]
 
     @property
@@ -177,7 +177,7 @@ class AllNeighbours(Restartable):
         if self.dim == 2:
             refuse_motion_out_of_the_plane(self, self.atoms)
         flat = self.atoms.copy()
-        flat.positions[:, self.dim :] = self.reference.positions[:, self.dim :]  # nothing acts along z, whatever the split
+        flat.positions[:, self.dim :] = self.reference.positions[:, self.dim :]  # no force acts along z
         bonds = bonds_within(flat, self.sums.radius)
         x = bonds.vectors[:, : self.dim]
         s = self.strengths
@@ -206,7 +206,7 @@ class AllNeighbours(Restartable):
         return strength[:, None, None] * self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
 
     def _weighted(self, T):
-        """Far stiffness of the particles i and j with their strengths, shape (..., particles * particles, dim, dim)."""
+        """Far stiffness between particles i and j times their strengths, shape (..., particles * particles, dim, dim)."""
         return np.outer(self.strengths, self.strengths).reshape(-1, 1, 1) * T
 
     def _assembled(self, T, onsite):
@@ -223,7 +223,7 @@ class AllNeighbours(Restartable):
     def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Bloch matrix with the foundation, as `stiffness.bloch_matrix`: shape (wavevectors, particles * dim, particles * dim).
 
-        At k = 0 itself the lattice moves with its background.
+        At k = 0 the lattice moves together with its neutralising background.
         """
         part = PART[one_of('model', model, MODELS)]
         D = bloch_matrix(self.bonds, self._near(part), q, self.foundation)
@@ -235,7 +235,7 @@ class AllNeighbours(Restartable):
 
     def bloch_series(self, along: NDArray[np.float64],
                      model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-        """Bloch matrix to second order in k `along`, as `stiffness.bloch_series`, without what `singular` tells."""
+        """Bloch matrix to second order in k `along`, as `stiffness.bloch_series`, without the terms given by `singular`."""
         part, x = PART[one_of('model', model, MODELS)], self.bonds.vectors[:, : self.dim]
         near = bloch_series(self.bonds, self._near(part), x @ along)
         onsite = self._far_onsite(part)
@@ -243,7 +243,7 @@ class AllNeighbours(Restartable):
         return tuple(near[k] + self._assembled(far[k], onsite * (k == 0))[0] for k in range(3))
 
     def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
-        """The part of the Bloch matrix that outgrows k^2 in long waves; see `EwaldSums.singular`."""
+        """The part of the Bloch matrix that exceeds k^2 in long waves; see `EwaldSums.singular`."""
         return self.sums.singular(along, PART[one_of('model', model, MODELS)])
 
     def onsite(self, part: str = 'all') -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
-"""Stiffness of one bond, D0 + D* (Eq. 4), against stretching and rotation, and the two models.
+"""Stiffness of one bond against stretching and rotation, D0 + D* (Eq. 4), in the complete and the conventional model.
 
-Out of the plane a flat lattice has no D0.  What is left is D*, phi'/r for a force along the bond, or that of upright magnets.
+For motion out of its plane a flat lattice has only D*: phi'/r for a force along the bond, or that of upright magnets.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def bond_stiffness(vectors: NDArray[np.float64], law: PairLaw) -> tuple[NDArray[
     vectors : ndarray, shape (bonds, dim)
         Bond vectors in mm.
     law : PairLaw
-        The one of all bonds, or laid along them (`magphonon.interactions.BondLaws`), as `calc.law`.
+        One law for all bonds, or the laws of the bonds (`magphonon.interactions.BondLaws`), as `calc.law`.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def leaves_the_plane(law: PairLaw, vectors: NDArray[np.float64]) -> TypeGuard[Up
 
 
 def refuse_upright(vectors: NDArray[np.float64], law: PairLaw, what: str) -> None:
-    """Refuse upright magnets that leave the plane, for `what` knows the bonds as forces along the line between two particles."""
+    """Refuse upright magnets that leave the plane, because `what` supposes forces along the line between two particles."""
     if leaves_the_plane(law, vectors):
         raise ValueError(f'{what} of UprightMagnets that move out of the plane are not known; take the motion in the plane, '
                          'atoms.calc = atoms.calc.in_plane()')

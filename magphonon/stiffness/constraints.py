@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TILT = 1e-12
-"""Relative component of a direction that is round-off, as after a rotation in the plane or about the normal."""
+"""Relative component of a direction below which it is round-off, as after a rotation in the plane or about the normal."""
 HELD = 1e-12
-"""Relative component of a blocked force that is left by the round-off of its direction."""
+"""Relative component of a blocked force below which it is round-off of the direction."""
 
 
 def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[np.float64]]:
-    """The freedom that the constraints leave in the plane.
+    """The directions that the constraints leave free in the plane.
 
     Returns
     -------
@@ -30,7 +30,7 @@ def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[
     guided : ndarray of int
         Particles that FixedLine or FixedPlane guides.
     barred : ndarray, shape (guided, 2, 2)
-        Projector on the direction barred to each of them.
+        For each of them, projector on the direction that is blocked.
 
     Raises
     ------
@@ -41,14 +41,15 @@ def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[
     barred = {}
     for constraint in atoms.constraints:
         if type(constraint) not in (FixAtoms, FixedLine, FixedPlane):
-            raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are known, not {constraint!r}')
+            raise ValueError(f'only FixAtoms, FixedLine and FixedPlane are supported, not {constraint!r}')
         if isinstance(constraint, FixAtoms):
             mobile[constraint.index] = False
             continue
         if getattr(atoms.calc, 'dim', 2) == 3:
-            raise ValueError(f'{constraint!r} guides a particle of a lattice in three dimensions; there only FixAtoms is known')
+            raise ValueError(f'{constraint!r} guides a particle of a lattice in three dimensions, where only FixAtoms is '
+                             'supported')
         d = np.where(abs(constraint.dir) > TILT, constraint.dir, 0.0)
-        if not d[:2].any():  # it bars nothing in the plane, or all of it
+        if not d[:2].any():  # it blocks no direction in the plane, or all of them
             if isinstance(constraint, FixedLine):
                 mobile[constraint.index] = False
             continue
@@ -67,8 +68,8 @@ def free_directions(atoms: Atoms) -> sparse.csr_array:
     Returns
     -------
     scipy.sparse.csr_array, shape (particles * dim, free)
-        One direction of one particle in each column.  What constraints of another kind than FixAtoms, FixedLine and
-        FixedPlane hold is taken as free.
+        One direction of one particle in each column.  Directions held by constraints other than FixAtoms, FixedLine
+        and FixedPlane count as free.
     """
     dim = atoms.calc.dim
     if not atoms.constraints:
@@ -81,14 +82,14 @@ def free_directions(atoms: Atoms) -> sparse.csr_array:
     blocks = np.zeros((len(atoms), dim, dim))
     blocks[mobile] = np.eye(dim)
     for particle, projector in zip(guided, barred, strict=True):
-        along = np.linalg.eigh(projector)[1][:, 0]  # what is not barred
+        along = np.linalg.eigh(projector)[1][:, 0]  # the direction that is not blocked
         blocks[particle] = [[along[0], 0], [along[1], 0]]
     free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(len(atoms)), np.arange(len(atoms) + 1))))
     return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
 
 def free_motion(atoms: Atoms) -> sparse.csr_array:
-    """The `free_directions`, if all constraints are known and something is free.
+    """The `free_directions`, if all constraints are supported and at least one direction is free.
 
     Raises
     ------
@@ -103,14 +104,14 @@ def free_motion(atoms: Atoms) -> sparse.csr_array:
 
 
 def refuse_held(forces: NDArray[Any], atoms: Atoms, what: str) -> None:
-    """Refuse forces on particles, shape (particles, 3), if FixAtoms, FixedLine and FixedPlane leave nothing of them.
+    """Refuse forces on particles, shape (particles, 3), that FixAtoms, FixedLine and FixedPlane block completely.
 
-    What they hold takes up its share of a force in silence, as the rim does; only a push without any effect is a mistake.
+    A force that is blocked in part is accepted, such as a push on the rim too; only one without any effect is a mistake.
 
     Raises
     ------
     ValueError
-        That names `what` pushes, and the particles.
+        The message names `what` pushes, and the particles.
     """
     left = np.array(forces)
     for constraint in atoms.constraints:

@@ -1,6 +1,6 @@
 """Defects and disorder: vacancies, substitutions, interstitials, and sites with random scatter.
 
-Each function takes atoms with their MagneticRepulsion and returns new atoms with a calculator of their own.  The bonds are those
+Each function takes atoms with their MagneticRepulsion and returns new atoms with a new calculator.  The bonds are those
 of the perfect structure, except at the particles that were removed or added.  The result is in general not at rest: relax it
 first with `magphonon.relaxed`.
 """
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 LARGEST_SCATTER = 0.2
 """Largest relative standard deviation: with it, fewer than one of 3 million sites is expected to become negative."""
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'
-"""The quantities that scatter, in the order of the random numbers of a site.  Each has a number of its own, so that the scatter
-of one does not depend on whether another one scatters, too."""
+"""The quantities that scatter, in the order of the random numbers of a site.  Each uses its own random number, so the scatter of
+one does not depend on whether another one scatters too."""
 
 
 def without(atoms: Atoms, particles: ArrayLike) -> Atoms:
@@ -69,7 +69,7 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
                       kind: int | None = None) -> Atoms:
     """The structure with one more particle, which repels all others within the cutoff of the bonds.
 
-    Bonds that have no cutoff, as those of a relaxed structure, are taken to reach as far as the longest of them.
+    If the bonds have no cutoff, as in a relaxed structure, the length of the longest one is used.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
     Raises
     ------
     ValueError
-        If nothing is within reach, or another particle stands there.
+        If no particle is within reach, or another particle is at the same place.
     """
     calc = repulsion_of(atoms)
     place = np.append(finite('place', place), atoms.positions[0, 2:])[:3]
@@ -113,7 +113,7 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
 
 @dataclass(frozen=True)
 class Scatter:
-    """Standard deviations of what scatters from site to site, normally distributed and independent.
+    """Standard deviations of the properties of sites, which scatter independently with normal distributions.
 
     Attributes
     ----------

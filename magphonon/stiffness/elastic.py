@@ -7,14 +7,14 @@ measure V (length, area or volume) gives
     moduli, clamped   C_ijkl    = 1/V d2E/d eta_ij d eta_kl = 1/V sum (phi'' - g)/r^2 R_i R_j R_k R_l
 
 The particles of a basis follow the strain by -Phi^-1 Lambda, with Lambda = d2E/du d eta and the Hessian Phi of the cell, and
-soften it: C -> C - Lambda^T Phi^-1 Lambda/V.  Three tensors have to be told apart as soon as there is static stress:
+soften it: C -> C - Lambda^T Phi^-1 Lambda/V.  Under static stress three tensors must be distinguished:
 
     C        the curvature of the energy in the Lagrangian strain
-    B        how the stress answers to a small strain, d sigma_ij = B_ijkl d epsilon_kl (Birch, Wallace):
+    B        the change of the stress with a small strain, d sigma_ij = B_ijkl d epsilon_kl (Birch, Wallace):
              B = C + (sigma_ik d_jl + sigma_il d_jk + sigma_jk d_il + sigma_jl d_ik - 2 sigma_ij d_kl)/2
-    A(n)     what carries sound along n, rho c^2 u = A u:  A_ik = C_ijkl n_j n_l + (n.sigma.n) d_ik
+    A(n)     the matrix for sound along n, rho c^2 u = A u:  A_ik = C_ijkl n_j n_l + (n.sigma.n) d_ik
 
-Under a pressure alone A_ik is also B_ijkl n_j n_l.  D. C. Wallace, Thermodynamics of Crystals (1972), chapter 2.
+Under hydrostatic pressure A_ik is also B_ijkl n_j n_l.  D. C. Wallace, Thermodynamics of Crystals (1972), chapter 2.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from .calculator import MagneticRepulsion
 
 FLOPPY = 1e-12
-"""Fraction of the largest stiffness below which an internal motion counts as one without stiffness, which follows no strain."""
+"""Fraction of the largest stiffness below which an internal motion has no stiffness and is taken as independent of strain."""
 ISOTROPIC = 1e-6
-"""Difference of two directions, as a fraction of the largest modulus, that round-off explains: finite strains of an infinite
-lattice leave 2e-11."""
+"""Difference between directions, as a fraction of the largest modulus, that counts as zero; the finite strains of an infinite
+lattice give differences of 2e-11."""
 STRAIN = 4e-3
 """Step of the finite strains of an infinite lattice: with nine points the truncation error, about STRAIN^8, equals round-off."""
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -164,10 +164,10 @@ class Moduli(Saved, kind='elastic moduli', units={
 
 
 def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
-    """Stress of the bonds at the present positions, whether the forces balance there or not.
+    """Stress of the bonds at the present positions, whether or not the forces balance there.
 
     It is the same stress as `atoms.get_stress()`, but in the plane as a force per length, without the height of the cell.  It is
-    also available on a foundation, whose forces it does not contain.
+    also available with a foundation, whose forces it does not include.
 
     Parameters
     ----------
@@ -226,8 +226,8 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     Raises
     ------
     ValueError
-        If nothing is periodic, the forces of the bonds do not balance by themselves, or repulsion reaches so far that it needs a
-        neutralising background.
+        If nothing is periodic, the forces of the bonds do not balance by themselves, or the repulsion has such a long range that
+        it needs a neutralising background.
 
     Examples
     --------
@@ -250,8 +250,8 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
         refuse_upright(calc.bond_vectors, calc.law, 'moduli')
         slopes = _of_bonds(calc)
     elif calc.singular(along).any():
-        raise ValueError('repulsion reaches so far that it needs a uniform background to be summed over all neighbours, and the '
-                         'lattice no moduli of its own; take a law that falls faster, or a number of shells')
+        raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '
+                         'moduli of its own; use a law that falls faster, or a number of shells')
     else:
         slopes = _by_finite_strain(calc)
     stress, clamped, Lambda = slopes
@@ -262,7 +262,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
 
 def _refuse_patches(atoms):
     if not atoms.pbc.any():
-        raise ValueError('the structure is not periodic and has no stress or moduli; take the unit cell of which it was made')
+        raise ValueError('the structure is not periodic and has no stress or moduli; use the unit cell from which it was made')
 
 
 def _along_periods(atoms, dim):
@@ -274,7 +274,7 @@ def _along_periods(atoms, dim):
 def _of_bonds(calc: MagneticRepulsion) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """First and second strain derivative of the energy in mJ, and Lambda in N, shape (particles * dim, dim, dim).
 
-    Lambda holds at rest only, where the terms with the forces on a particle cancel.
+    Lambda is valid only at rest, where the terms with the forces on a particle cancel.
     """
     bonds, R, dim = calc.bonds, calc.bond_vectors, calc.dim
     S = R @ _along_periods(calc.reference, dim)
@@ -325,7 +325,7 @@ def _strained(calc, eta):
 
 
 def _following(Phi, Lambda):
-    """The decrease of the clamped moduli because the particles of a basis follow the strain, in mJ."""
+    """The decrease of the clamped moduli, in mJ, because the particles of a basis relax under strain."""
     dim = Lambda.shape[1]
     internal = np.linalg.svd(np.tile(np.eye(dim), (len(Phi) // dim, 1)))[0][:, dim:]
     push = internal.T @ Lambda.reshape(len(Phi), -1)

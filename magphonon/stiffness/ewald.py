@@ -8,8 +8,8 @@ formula in the d periodic directions, of volume V, with p = G - k and x the offs
 
     sum_R e^{ik.R} exp(-t |R + r|^2) = (pi/t)^{d/2}/V exp(-t x^2) sum_G e^{ip.r} exp(-p^2/4t)
 
-Both sums converge like a Gaussian whatever s.  (Done in closed form the integrals over t are the incomplete gamma
-functions of the usual Ewald sum; done by quadrature they also allow offsets across a chain, and every rho.)
+Both sums converge like a Gaussian whatever s.  (The integrals over t are evaluated
+by quadrature, `magphonon.stiffness.gaussian_integrals`.)
 
 The stiffness of a bond is a mixture of the same Gaussians and their second derivatives, `int [alpha + beta grad grad]
 exp(-t r^2) dt`.  With W = int_0^t t rho dt, from 1/r^2 = int_0^inf exp(-t r^2) dt in the n(x)n of D*,
@@ -18,7 +18,7 @@ exp(-t r^2) dt`.  With W = int_0^t t rho dt, from 1/r^2 = int_0^inf exp(-t r^2) 
     D*         alpha = W/t - 2 t rho   beta = W/(2 t^2)
 
 Where the sum over all neighbours diverges (r^-s in d <= s dimensions), a uniform background neutralises it: the term
-p = 0 is continued analytically, and left out at k = 0.
+p = 0 is continued analytically, and omitted at k = 0.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayL
     q : array_like, shape (d,), optional
         In fractions of the reciprocal vectors.
     split : float
-        Where the two sums are divided, 1 where they converge equally fast; the result does not depend on it.
+        Parameter that divides the two sums; with 1 they converge equally fast.  The result does not depend on it.
 
     Returns
     -------
@@ -72,8 +72,8 @@ def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayL
     Raises
     ------
     ValueError
-        For an exponent that is not positive, or equals d in a uniform sum: no background makes that one finite.
-        For vectors that span no lattice.
+        For an exponent that is not positive, or equals d in a uniform sum, which no background makes finite.
+        For vectors that are not linearly independent.
 
     Examples
     --------
@@ -165,7 +165,7 @@ class EwaldSums:
 
     @property
     def splits(self) -> bool:
-        """Whether the sums of D0 and of D* converge each by itself, not only together."""
+        """Whether the sums of D0 and D* converge separately, and not only their total."""
         return self.decay + 2 > self.d
 
     def mixture(self, part: str) -> tuple[Callable[..., Any] | None, Callable[..., Any]]:
@@ -177,21 +177,21 @@ class EwaldSums:
             'D0': (lambda t: 2 * t * rho(t) - W(t) / t, lambda t: rho(t) - W(t) / (2 * t**2)),
         }[one_of('part', part, PARTS)]
         if part != 'all' and not self.splits:
-            raise ValueError(f'with all neighbours of a law r^-{self.decay:g} in {self.d} dimensions D0 and D* diverge, '
-                             'each by itself; only their sum converges; choose the complete model, or a number of shells')
+            raise ValueError(f'with all neighbours of a law r^-{self.decay:g} in {self.d} dimensions D0 and D* diverge '
+                             'separately, and only their sum converges; choose the complete model, or a number of shells')
         return alpha, beta
 
     # --- narrow Gaussians, over the lattice --------------------------------------------------------------------------
 
     def near_energy(self, r: Any) -> NDArray[np.float64]:
-        """Share of the narrow Gaussians in phi and in phi'/r at the distances `r` in mm, shape (2, distances)."""
+        """Contribution of the narrow Gaussians to phi and in phi'/r at the distances `r` in mm, shape (2, distances)."""
         t, w = self._narrow(r)
         onto = (w * self.law.gaussians(t))[:, None] * np.stack([np.ones_like(t), -2 * t], axis=1)
         few = np.array_split(r, max(1, len(r) // 4096))  # large supercells have many bonds
         return np.concatenate([np.exp(-np.multiply.outer(part**2, t)) @ onto for part in few]).T
 
     def near_stiffness(self, x: NDArray[np.float64], part: str = 'all') -> NDArray[np.float64]:
-        """Share of the narrow Gaussians in the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
+        """Contribution of the narrow Gaussians to the stiffness of bonds with the vectors `x`, shape (bonds, dim, dim)."""
         t, w = self._narrow(np.linalg.norm(x, axis=1))
         alpha, beta = (f(t) * w if f else 0 * w for f in self.mixture(part))
         gauss = np.exp(-np.multiply.outer((x**2).sum(axis=1), t))
@@ -200,7 +200,7 @@ class EwaldSums:
         return onto_I[:, None, None] * np.eye(x.shape[1]) + onto_xx[:, None, None] * xx
 
     def _narrow(self, r):
-        """Nodes and weights of the integral from eta^2 up, for distances `r`; a steep law peaks late and sharply."""
+        """Nodes and weights of the integral from eta^2 up, for distances `r`; a steep law has a sharp peak at large t."""
         shortest = np.min(r, initial=np.inf)
         late = 2 * (self.decay if np.isfinite(self.decay) else self.law.screening * shortest)
         return nodes(self.eta2, self.eta2 + (REACH + 20 + late) / shortest**2, late)
@@ -208,19 +208,19 @@ class EwaldSums:
     # --- wide Gaussians, over the reciprocal lattice -----------------------------------------------------------------
 
     def waves(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The vectors p = G - k that matter for each of the wavevectors `q`, shape (wavevectors, G, dim), in rad/mm."""
+        """The vectors p = G - k that contribute for each of the wavevectors `q`, shape (wavevectors, G, dim), in rad/mm."""
         reciprocal = 2 * np.pi * np.linalg.pinv(self.periods).T
         k = (q - np.round(q)) @ reciprocal
         reach = 2 * np.sqrt(self.eta2 * REACH) + np.linalg.norm(k, axis=1).max(initial=0)
         return points_within(reciprocal, np.zeros(self.dim), reach) - k[:, None]
 
     def far_scalar(self, p: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Share of the wide Gaussians in `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
+        """Contribution of the wide Gaussians to `sum_R phi(R + offset) e^{ik.R}`, shape (wavevectors,)."""
         wide = WideGaussians(self, (p**2).sum(axis=-1), offset @ self.across @ offset)
         return (wide.moment(self.law.gaussians, 0) * np.exp(1j * p @ offset)).sum(axis=1)
 
     def far_energy(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Share of the wide Gaussians in `sum_R phi(R + offset)` and its gradient, shapes (offsets,) and (offsets, dim)."""
+        """Contribution of the wide Gaussians to `sum_R phi(R + offset)` and its gradient, shapes (offsets,), (offsets, dim)."""
         p, rho = self.waves(np.zeros((1, self.d)))[0], self.law.gaussians
         phi, gradient = np.empty(len(offsets)), np.empty(offsets.shape)
         for x, these in self._sideways(offsets):
@@ -233,7 +233,7 @@ class EwaldSums:
         return phi, gradient
 
     def far_stiffness(self, p: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
-        """Share of the wide Gaussians in `sum_R K(R + offset) e^{ik.R}`, shape (wavevectors, offsets, dim, dim)."""
+        """Contribution of the wide Gaussians to `sum_R K(R + offset) e^{ik.R}`, shape (wavevectors, offsets, dim, dim)."""
         alpha, beta = self.mixture(part)
         total = np.empty((len(p), len(offsets), self.dim, self.dim), dtype=complex)
         for x, these in self._sideways(offsets):
@@ -249,7 +249,7 @@ class EwaldSums:
         return total
 
     def _sideways(self, offsets):
-        """The different offsets across the lattice, and where each occurs; only zero, unless a chain has breadth."""
+        """The different offsets across the lattice, and where each occurs; not zero only in chains of some breadth."""
         x, which = np.unique((offsets @ self.across / self.radius).round(14), axis=0, return_inverse=True)
         return [(self.radius * x[k], np.flatnonzero(which.ravel() == k)) for k in range(len(x))]
 
@@ -270,8 +270,8 @@ class EwaldSums:
         return total - itself * self.wide_at_zero()
 
     def wide_at_zero(self, part: str | None = None) -> float:
-        """Share of the wide Gaussians in phi(0), the energy of a particle with itself, or in the factor of I of its stiffness."""
-        def total(f, m):  # of f, which falls like rho t^m towards t = 0
+        """Contribution of the wide Gaussians to the energy phi(0) of a particle with itself, or to its stiffness."""
+        def total(f, m):  # integral of f, which behaves as rho t^m near t = 0
             if np.isfinite(self.decay):
                 return self.eta2 * f(self.eta2) / (self.decay / 2 + m)
             t, w = nodes(self.law.screening**2 / 4 / (REACH + 20), self.eta2)
@@ -283,10 +283,10 @@ class EwaldSums:
         return (total(alpha, 1) if alpha else 0.0) - 2 * total(lambda t: t * beta(t), 1)
 
     def singular(self, along: NDArray[np.float64], part: str = 'all') -> NDArray[np.float64]:
-        """Signs of the stiffness that outgrows k^2 in long waves, where the law decays no faster than r^-d.
+        """Signs of the stiffness that exceeds k^2 in long waves, if the law decays no faster than r^-d.
 
-        There D(k) begins with |k|^(s-d+2) times a tensor with the signs of this one: towards its eigenvectors a speed of
-        sound is infinite.
+        There D(k) begins with |k|^(s-d+2) times a tensor with the signs of this one: for polarisations
+        along its eigenvectors the speed of sound is infinite.
 
         Parameters
         ----------
@@ -308,12 +308,12 @@ class EwaldSums:
     def far_series(self, along: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
         """Far stiffness to second order in the wavevector k `along`, with the phase of each particle, e^{ik.(R + offset)}.
 
-        Terms that outgrow k^2 (see `singular`) are left out.
+        Terms that exceed k^2 (see `singular`) are omitted.
 
         Returns
         -------
         ndarray of complex, shape (3, offsets, dim, dim)
-            In the orders 1, k and k^2.
+            The terms of order 1, k and k^2.
         """
         alpha, beta = self.mixture(part)
         G = self.waves(np.zeros((1, self.d)))[0]

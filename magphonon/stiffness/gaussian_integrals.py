@@ -30,7 +30,7 @@ class WideGaussians:
     def __init__(self, sums: EwaldSums, p2: NDArray[np.float64], x2: Any) -> None:
         self.sums = sums
         algebraic = np.isfinite(sums.decay)
-        # p = 0: below t = 1/x^2 the integrand is a power of t and is integrated in closed form, but for the offset across
+        # p = 0: below t = 1/x^2 the integrand without the offset across is a power of t, integrated in closed form
         self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
         self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
         low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
@@ -45,7 +45,7 @@ class WideGaussians:
         self.gauss[self.uniform] = np.where(self.t < self.flat, np.expm1(-self.t * x2), np.exp(-self.t * x2))
 
     def moment(self, f: Callable[..., Any], m: int, uniform: bool = True) -> NDArray[np.float64]:
-        """The integral of a function that falls like rho t^m towards t = 0; without the term p = 0 if not `uniform`."""
+        """The integral of a function that behaves as rho t^m near t = 0; without the term p = 0 if not `uniform`."""
         sums = self.sums
         result = self.gauss @ (self.w * f(self.t))
         if not self.uniform.any():
@@ -53,7 +53,7 @@ class WideGaussians:
         if not uniform:
             return np.where(self.uniform, 0.0, result)
         exponent = (sums.decay - sums.d) / 2 + m
-        # where it is zero, a logarithm of the size, the same for all: energies then count from an arbitrary zero
+        # an exponent of zero gives a logarithm of the size, equal for all particles: the zero of the energy is then arbitrary
         factor = 1 / exponent if abs(exponent) > 1e-12 else np.log(self.flat * sums.volume ** (2 / sums.d))
         closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume * factor
         return result + np.where(self.uniform, closed, 0.0)

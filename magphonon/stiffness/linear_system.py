@@ -30,13 +30,13 @@ from .rest import at_rest, nearest_rest, placed
 class LinearSystem:
     """The linear equations of motion of a structure about a rest.
 
-    Every linear tool begins with `LinearSystem.of(atoms)`, and takes such a system in place of the atoms: who asks several
-    questions about one structure makes it once.
+    Every linear tool begins with `LinearSystem.of(atoms)`, and accepts such a system in place of the atoms: make it once for
+    several questions about one structure.
 
     Attributes
     ----------
     atoms : ase.Atoms
-        A copy of the structure at this rest, whose calculator counts displacements from there.
+        A copy of the structure at this rest, from which its calculator measures displacements.
     masses : ndarray, shape (particles,)
         In g.
     free : scipy.sparse.csr_array, shape (particles * dim, free)
@@ -48,7 +48,7 @@ class LinearSystem:
     >>> from magphonon.stiffness import LinearSystem
     >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
     >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
-    >>> system = LinearSystem.of(patch)  # made once, for several questions
+    >>> system = LinearSystem.of(patch)  # computed once, for several questions
     >>> len(modes(system).omega)
     38
     """
@@ -59,24 +59,24 @@ class LinearSystem:
 
     @classmethod
     def of(cls, atoms: 'Atoms | LinearSystem') -> 'LinearSystem':
-        """About the present positions, where the forces must balance; a system is returned as it is.
+        """The system about the present positions, where the forces must balance; a system is returned unchanged.
 
         Raises
         ------
         ValueError
-            As `magphonon.stiffness.rest.at_rest`: for another calculator, a constraint other than FixAtoms, FixedLine and
+            As for `magphonon.stiffness.rest.at_rest`: for another calculator, a constraint other than FixAtoms, FixedLine and
             FixedPlane, or if the forces do not balance.
         """
         return atoms if isinstance(atoms, LinearSystem) else cls.about(at_rest(atoms), atoms)
 
     @classmethod
     def nearest(cls, atoms: 'Atoms | LinearSystem') -> 'LinearSystem':
-        """About the rest that belongs to a moving structure, `magphonon.stiffness.rest.nearest_rest`; forces need not balance."""
+        """The system about the rest of a moving structure, `magphonon.stiffness.rest.nearest_rest`; forces need not balance."""
         return atoms if isinstance(atoms, LinearSystem) else cls.about(nearest_rest(atoms)[0], atoms)
 
     @classmethod
     def about(cls, calc: MagneticRepulsion, atoms: Atoms) -> Self:
-        """About the reference of `calc`, whether or not the forces balance there."""
+        """The system about the reference of `calc`, whether or not the forces balance there."""
         atoms = placed(atoms, calc)
         return cls(atoms, masses_of(atoms), free_directions(atoms))
 
@@ -95,7 +95,7 @@ class LinearSystem:
 
     @cached_property
     def hessian(self) -> sparse.csr_array:
-        """Hessian H of all particles in N/mm, of the model whose stiffness the forces have at rest."""
+        """Hessian H of all particles in N/mm, of the calculator's `linear_model`."""
         return self.calc.rest_hessian(self.calc.linear_model)
 
     @cached_property
@@ -105,7 +105,7 @@ class LinearSystem:
 
     @cached_property
     def shapes(self) -> sparse.csr_array:
-        """Displacements S of a unit of each coordinate y, in g^-1/2, shape (particles * dim, free); forces enter as `S^T f`."""
+        """Displacements S for unit coordinates y, in g^-1/2, shape (particles * dim, free); forces enter as `S^T f`."""
         return sparse.csr_array(sparse.diags_array(1 / np.sqrt(np.repeat(self.masses, self.dim))) @ self.free)
 
     @cached_property
@@ -115,16 +115,16 @@ class LinearSystem:
 
     @cached_property
     def stable(self) -> bool:
-        """Whether no mode grows: no squared frequency is negative, but for the round-off of one that is zero."""
+        """Whether no mode grows: no squared frequency is negative, apart from round-off."""
         return none_negative(self.K)
 
     def moving(self) -> Self:
-        """The same system, if something is free.
+        """The same system, if at least one direction is free.
 
         Raises
         ------
         ValueError
-            Otherwise: what cannot move has no modes and no response.
+            Otherwise: a structure that cannot move has no modes and no response.
         """
         if not self.free.shape[1]:
             raise ValueError('the constraints hold every particle; free one')

@@ -1,4 +1,4 @@
-"""Eigenvalues of a stiffness matrix, or of squared frequencies: the lowest ones, which decide on stability; those in a gap."""
+"""Eigenvalues of a stiffness matrix, or squared frequencies: the lowest ones, which decide on stability, and those in a gap."""
 
 from __future__ import annotations
 
@@ -17,29 +17,31 @@ if TYPE_CHECKING:
 DENSE = 200
 """Largest size of a matrix that is diagonalised completely."""
 INVERSE = 800
-"""Size of a real matrix above which an inverse finds the lowest eigenvalues sooner than LAPACK; of a complex one, which takes
-LAPACK four times as long, half of it.  Both needed the same time for 8 of them, if complex, at 240 (neighbours in the plane), 400
-(three shells of them), 460 (fcc) and 750 (five shells); if real, at 600 (neighbours in the plane) and 1500 (fcc)."""
+"""Size of a real matrix above which an inverse finds the lowest eigenvalues sooner than LAPACK; half of it for a complex matrix,
+for which LAPACK takes four times as long.  For 8 eigenvalues both methods took the same time at the following sizes.  Complex
+matrices: 240 (nearest neighbours in the plane), 400 (three shells), 460 (fcc), 750 (five shells); real matrices: 600 (nearest
+neighbours in the plane), 1500 (fcc)."""
 FEW = 20
-"""One in so many eigenvalues, at most, is found sooner so.  Both needed the same time for one in 14 at the size 600 and for one
-in 20 at 860."""
+"""Smallest ratio of the matrix size to the number of wanted eigenvalues for which the inverse is faster.  Both methods took the
+same time at the ratio 14 for size 600 and at 20 for size 860."""
 RESTARTS = 50
-"""Number of restarts after which Lanczos iterations are given up, as in flat bands of hundreds of twins; they seldom take ten."""
+"""Number of restarts after which Lanczos iterations are given up, as for hundreds of degenerate eigenvalues in flat bands;
+usually fewer than ten suffice."""
 FEW_RESTARTS = 10
-"""The same for one eigenvalue, for which a shift closer to it is the remedy; it takes three where nothing crowds."""
+"""The same for a single eigenvalue, for which a closer shift helps; three restarts suffice unless eigenvalues are crowded."""
 ROUGH = 1e-3
 """Accuracy of the first estimate of the lowest eigenvalue, as a fraction of its distance from the first shift."""
 EDGE = 1e-6
-"""Share of a range of eigenvalues next to its ends that does not belong to it."""
+"""Fraction of a range of eigenvalues at each end that is excluded from it."""
 ROUND_OFF = 1e-12
 """Fraction of the highest eigenvalue below which an eigenvalue is zero."""
 CERTAIN = 1e-10
-"""Fraction of the highest eigenvalue to which the lowest few are proven to be the lowest.  Of 1200 counts at drawn shifts, as
-near as 1e-12 to an eigenvalue, none was wrong by round-off."""
+"""Accuracy, as a fraction of the highest eigenvalue, to which the lowest few are proven to be the lowest.  Of 1200 counts at
+random shifts, as near as 1e-12 to an eigenvalue, none was wrong by round-off."""
 BELOW = 0.2
 """Distance of a shift from the lowest eigenvalue of a neighbouring matrix, as a fraction of the range of its lowest few."""
 SHIFT = 1e-4
-"""Least distance of a shift from such an estimate, or from the lowest of Gershgorin's discs, as a fraction of the largest
+"""Smallest distance of a shift from such an estimate, or from the lowest of Gershgorin's discs, as a fraction of the largest
 eigenvalue."""
 
 
@@ -53,7 +55,7 @@ def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]
     Returns
     -------
     lowest, highest : float
-        Of a large matrix `highest` is an upper bound; both are zero where nothing is free.
+        For a large matrix `highest` is an upper bound; both are zero for a matrix of size zero.
     mode : ndarray, shape (n,)
         Eigenvector of the lowest one, of norm one.
     """
@@ -74,7 +76,8 @@ def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]
                                                   tol=tolerance)
             return float(values[0]), highest, vectors[:, 0]
         except sparse.linalg.ArpackNoConvergence:
-            # Eigenvalues crowd here, as in a flat band.  From closer below they stand apart; and next to them is near enough.
+            # Eigenvalues are crowded here, as in a flat band.  A closer shift separates them, and its distance is accurate
+            # enough.
             shift, inverse, distance = _closer(D, shift, inverse, highest)
             tolerance = ROUGH if distance <= ROUND_OFF * highest else 0.0
 
@@ -83,9 +86,9 @@ def lowest_eigenpairs(D: sparse.csr_array, count: int,
                       near: NDArray[np.float64] | None = None) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """The lowest eigenvalues of a symmetric or Hermitian sparse matrix, and their eigenvectors.
 
-    Lanczos iterations on an inverse find them, but may miss twins of a degenerate eigenvalue.  Sylvester's law of inertia tells
-    whether they did: below any number there are as many eigenvalues as D minus this number has negative pivots.  Where some
-    are missed, and where it is quicker, the matrix is diagonalised by LAPACK.
+    Lanczos iterations on an inverse find them, but may miss copies of a degenerate eigenvalue.  Sylvester's law of inertia
+    detects this: the number of eigenvalues below a value equals the number of negative pivots of D minus this value.  If some
+    are missed, or if it is faster, the matrix is diagonalised by LAPACK.
 
     Parameters
     ----------
@@ -93,7 +96,7 @@ def lowest_eigenpairs(D: sparse.csr_array, count: int,
     count : int
         From 1 to n.
     near : ndarray, optional
-        The same eigenvalues of a matrix much like D, such as that of a neighbouring wavevector, as a first estimate.
+        The same eigenvalues of a similar matrix, such as that of a neighbouring wavevector, as a first estimate.
 
     Returns
     -------
@@ -120,39 +123,40 @@ def inverse_pays(size: int, count: int, real: bool) -> bool:
 
 def _inverse_close_below(D, highest):
     """`inverse_below` with a shift close below the lowest eigenvalue."""
-    # Lanczos iterations on D itself stop short or do not end where stiffnesses differ by 1e4, as near the lowest eigenvalue
-    # others crowd.  Those on an inverse end.  The first shift lies below all discs of Gershgorin, the second close below the
-    # first estimate, which is not below the eigenvalue.
+    # Lanczos iterations on D itself fail if stiffnesses differ by 1e4, because eigenvalues are crowded near the lowest one.
+    # Those on an inverse converge.  The first shift is below all discs of Gershgorin, the second close below the first
+    # estimate, which is not below the eigenvalue.
     least = float((2 * D.diagonal().real - abs(D).sum(axis=1)).min())
     return _closer(D, *inverse_below(D, least, SHIFT * highest), highest)[:2]
 
 
 def _closer(D, far, inverse, highest):
-    """A shift a thousand times closer below the lowest eigenvalue than `far`, the inverse there, and how close it is."""
+    """A shift below the lowest eigenvalue, a thousand times closer than `far`, with the inverse there and its distance."""
     near = sparse.linalg.eigsh(D, k=1, sigma=far, OPinv=inverse, v0=_start(D.shape[0]), tol=ROUGH, return_eigenvectors=False)[0]
     distance = max(ROUGH * (near - far), ROUND_OFF * highest)
     return *inverse_below(D, near, distance), distance
 
 
 def _start(size):
-    """A start of Lanczos iterations, the same every time."""
+    """A start vector for Lanczos iterations, always the same."""
     return np.random.default_rng(0).normal(size=size)
 
 
 def _by_lanczos(D, count, shift, inverse):
-    """Eigenvalues next above a shift below all of them, ascending, and their eigenvectors; None if the iterations do not end."""
+    """Lowest eigenvalues, by a shift below all of them, ascending, with their eigenvectors; None without convergence."""
     try:
         _, vectors = sparse.linalg.eigsh(D, k=count, sigma=shift, OPinv=inverse, v0=_start(D.shape[0]), maxiter=RESTARTS)
     except sparse.linalg.ArpackNoConvergence:
         return None
-    # SciPy's iterations for complex matrices do not know that D is Hermitian: the vectors of twins come out oblique.
+    # SciPy's iterations for complex matrices do not use that D is Hermitian: eigenvectors of equal eigenvalues are not
+    # orthogonal.
     basis = np.linalg.qr(vectors)[0]
     values, turn = np.linalg.eigh(basis.conj().T @ (D @ basis))
     return values, basis @ turn
 
 
 def _none_missed(D, values, vectors, error):
-    """Whether these are eigenvalues, and all of them below the last one, but for those that it exceeds by less than an error."""
+    """Whether these are eigenvalues, and all that are below the last one by more than an error."""
     residuals = np.linalg.norm(D @ vectors - vectors * values, axis=0)
     below = values[-1] - error
     return residuals.max() <= error and count_below(D, below) == (values < below).sum()
@@ -161,7 +165,7 @@ def _none_missed(D, values, vectors, error):
 def inverse_below(D: sparse.csr_array, near: float, below: float) -> tuple[float, LinearOperator]:
     """A shift below all eigenvalues of a symmetric sparse matrix, and the inverse of D - shift.
 
-    The shift is `near - below`, or farther down.  That it is below them the signs of the pivots prove.
+    The shift is `near - below`, or lower; the signs of the pivots prove that it is below all eigenvalues.
     """
     while (factors := _positive_factors(D, below - near)) is None:
         below *= 4
@@ -169,7 +173,7 @@ def inverse_below(D: sparse.csr_array, near: float, below: float) -> tuple[float
 
 
 def none_negative(D: sparse.csr_array) -> bool:
-    """Whether a symmetric sparse matrix has no negative eigenvalue, but for round-off: proven by one factorisation."""
+    """Whether a symmetric sparse matrix has no negative eigenvalue, apart from round-off; one factorisation proves it."""
     highest = float(abs(D).sum(axis=1).max(initial=0.0))
     return not highest or _positive_factors(D, ROUND_OFF * highest) is not None
 
@@ -177,13 +181,13 @@ def none_negative(D: sparse.csr_array) -> bool:
 def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """All eigenvalues of a symmetric sparse matrix between two numbers, and their eigenvectors.
 
-    Two factorisations count them, by the signs of pivots; those nearest to the middle are then found with the inverse there.
+    Two factorisations count them by the signs of pivots; Lanczos iterations with an inverse at the middle then find them.
 
     Parameters
     ----------
     D : sparse array, shape (n, n)
     low, high : float
-        Eigenvalues that lie on them, within EDGE of the range, are outside: those of waves at the edge of a gap are no others.
+        Ends of the range.  Eigenvalues at an end, within EDGE of the range, are excluded: they belong to waves at the gap edge.
 
     Returns
     -------
@@ -194,10 +198,11 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
     Raises
     ------
     ArithmeticError
-        If others are found than were counted.
+        If the eigenvalues found do not match the count.
     """
     size, span = D.shape[0], high - low
-    low, high, middle = low + EDGE * span, high - EDGE * span, low + (0.5 + EDGE / 10) * span  # on which none lies
+    # so that no eigenvalue is at the middle
+    low, high, middle = low + EDGE * span, high - EDGE * span, low + (0.5 + EDGE / 10) * span
     if size > DENSE:
         count = count_below(D, high) - count_below(D, low)
         if not count:
@@ -207,8 +212,8 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
             values, vectors = sparse.linalg.eigsh(D, k=count, sigma=middle, OPinv=inverse, v0=_start(size))
             order = np.argsort(values)
             if not ((low <= values) & (values <= high)).all():
-                raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but others are found; '
-                                      'move the ends of the range')
+                raise ArithmeticError(f'{count} eigenvalues were counted between {low:g} and {high:g}, but those found do not '
+                                      'match; move the ends of the range')
             return values[order], vectors[:, order]
     values, vectors = np.linalg.eigh(D.toarray())
     within = (low <= values) & (values <= high)
@@ -218,7 +223,7 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
 def count_below(D: sparse.csr_array, value: float) -> int:
     """Number of eigenvalues of a symmetric or Hermitian sparse matrix below a number.
 
-    It is that of the negative pivots of D - value (Sylvester).  An eigenvalue that is the number, to round-off, counts as above.
+    It equals the number of negative pivots of D - value (Sylvester).  An eigenvalue equal to it within round-off counts as above.
     """
     highest = float(abs(D).sum(axis=1).max(initial=0.0))
     while True:
@@ -238,7 +243,7 @@ def _factors(D, shift):
 
 
 def _positive_factors(D: sparse.csr_array, shift: float) -> SuperLU | None:
-    """Factors of D + shift if all its eigenvalues are positive, as the pivots prove, whose signs are theirs; otherwise None."""
+    """Factors of D + shift if all its eigenvalues are positive, which the signs of the pivots prove; otherwise None."""
     try:
         factors = _factors(D, shift)
     except RuntimeError:  # a pivot is zero

@@ -1,9 +1,9 @@
 """Stiffness including the static forces: `D = D0 + D*` per bond, the Hessian and the Bloch matrix.
 
-    D0 = phi'' n(x)n                  what a conventional model keeps, with frozen directions
-    D* = (phi'/r) (I - n(x)n)         what the static repulsion adds (phi' < 0: it softens)
+    D0 = phi'' n(x)n                  the conventional model, with fixed directions of the bonds
+    D* = (phi'/r) (I - n(x)n)         the effect of the static repulsion (phi' < 0: it softens)
 
-Everything here takes arrays: bonds, their stiffness, wavevectors.  A matrix acts on displacements ordered
+All functions take arrays: bonds, their stiffness, wavevectors.  A matrix acts on displacements ordered
 particle by particle, `dim` components each (2 in the plane, 3 in space).
 """
 
@@ -37,7 +37,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     foundation : float or ndarray, shape (particles, dim)
         Stiffness k of the spring that ties each particle to its anchor, in N/mm.
     q : three numbers
-        Of a periodic structure, the wavevector in fractions of the reciprocal vectors.
+        Wavevector in fractions of the reciprocal vectors, for a periodic structure.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     """
     b, dim, _ = K.shape
     incidence = bonds.incidence_at(q) if np.any(q) else bonds.incidence
-    if not np.any(np.mod(2 * np.asarray(q), 1)):  # all phases are signs
+    if not np.any(np.mod(2 * np.asarray(q), 1)):  # all phase factors are +1 or -1
         incidence = incidence.real
     C = sparse.kron(incidence, sparse.eye_array(dim), format='csr')
     D = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
@@ -55,7 +55,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
 
 
 def condense(H: sparse.csr_array, free: NDArray[np.bool_]) -> sparse.csr_array:
-    """Hessian of the free particles alone, the others held at rest.
+    """Hessian of the free particles, with the others held at rest.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _scatter(bonds, K, phase, onsite):
     """Sum over bonds of `-K phase` between i and j with its adjoint between j and i, and of `onsite K` on i and j."""
     n, dim = bonds.particles, K.shape[1]
     pair = bonds.i * n + bonds.j
-    order = np.argsort(pair, kind='stable')  # bonds of the same two particles follow each other
+    order = np.argsort(pair, kind='stable')  # bonds of the same two particles become neighbours in the list
     i, j, K = bonds.i[order], bonds.j[order], K[order]
     first = np.flatnonzero(np.diff(pair[order], prepend=-1))
     coupling = np.add.reduceat(phase.T[order, :, None, None] * K[:, None], first, axis=0)

@@ -109,7 +109,7 @@ def test_a_film_is_no_scene(tmp_path):
 def test_character_zero(tmp_path):
     (tmp_path / 'my.toml').write_text(PROTOTYPE.partition('[law]')[0] + '[law]\nkind = "table"\nfile = "a\\u0000b"\nshells = 1\n')
     assert refusal(tmp_path / 'my.toml').startswith("law.file must be the name of a file in quotes, not 'a\\x00b'")
-    with pytest.raises(ValueError, match='holds the character 0'):
+    with pytest.raises(ValueError, match='contains the character 0'):
         read_scene('a\0b')
 
 
@@ -155,7 +155,7 @@ def test_refusals_name_the_keys(command, changes, scene, words, scene_file, tmp_
 
 
 @pytest.mark.parametrize(('table', 'words'), [
-    ('r_m,f_N\n0.008,0.3\n0.009,0.2\n', 'an inverse power takes at least 3 points, not 2; measure more'),
+    ('r_m,f_N\n0.008,0.3\n0.009,0.2\n', 'an inverse power needs at least 3 points, not 2; measure more'),
     ('r_m,f_N\n0.008,0.3e300\n0.009,0.2e300\n0.01,0.1e300\n', 'force 1 is 3e+299 N, and must lie between 1e-30 and 1e+12 N'),
     ('r_m,f_N,sigma_N\n0.008,0.3,1e-300\n0.009,0.2,1\n0.01,0.1,1\n', 'sigma 1 is 1e-300 N, and must lie between'),
     ('r_m,f_N\n1e-300,0.3\n0.009,0.2\n0.01,0.1\n', 'distance 1 is 1e-300 m, and must lie between 1e-12 and 1e+06 m'),

@@ -78,7 +78,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     ([], "begins with ''; its header must be r_m,f_N"),
     (['distance,force', *GOOD], "begins with 'distance,force'; its header must be r_m,f_N or r_m,f_N,sigma_N"),
     (['\x89PNG\r', 'x'], 'its header must be'),
-    (['r_m,f_N', *GOOD[:2]], 'an inverse power takes at least 3 points, not 2; measure more'),
+    (['r_m,f_N', *GOOD[:2]], 'an inverse power needs at least 3 points, not 2; measure more'),
     (['r_m,f_N', *GOOD, '0.02'], "line 10: '0.02' is not 2 numbers"),
     (['r_m,f_N', *GOOD, '0.02,nan'], "line 10: '0.02,nan' is not 2 numbers"),
     (['r_m,f_N', *GOOD, '0.02,much'], "line 10: '0.02,much' is not 2 numbers"),
@@ -86,7 +86,7 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['r_m,f_N', *GOOD, '0.02,-0.1'], 'force 9 is -0.1 N; repulsion is positive'),
     (['r_m,f_N', '0,1', *GOOD], 'distance 1 is 0 m; distances are those of the centres'),
     (['r_m,f_N', '-0.001,1', *GOOD], 'distance 1 is -0.001 m'),
-    (['r_m,f_N', *GOOD, GOOD[-1]], 'distance 9 (0.0115 m) stands there twice; average its forces'),
+    (['r_m,f_N', *GOOD, GOOD[-1]], 'distance 9 (0.0115 m) occurs twice; average its forces'),
     (['r_m,f_N', *GOOD, GOOD[0]], 'distance 9 (0.008 m) comes after a larger one; sort the points'),
     (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], 'sigma 1 is 0 N; leave the column out'),
     (['r_m,f_N', '0.005,2', *GOOD], 'distance 1 is 0.005 m, below contact at 0.00635 m; give distances of the centres, not gaps'),
@@ -149,7 +149,7 @@ def test_an_offset_never_moves_a_magnet_below_contact(tmp_path, capsys):
     rows = ''.join(f'{r / 1e3!r},{f!r}\n' for r, f in zip(forces.r.tolist(), forces.f.tolist(), strict=True))
     file = write(tmp_path, 'r_m,f_N\n' + rows)
     assert main(['fit', file, '--spacing', '0.012', '--contact', '0.008', '--offset', '-o', str(tmp_path / 'out')]) == 2
-    assert 'down to contact at 0.008 m: what bends this law is not the zero of the distances' in capsys.readouterr().err
+    assert 'down to contact at 0.008 m: the zero of the distances is not what bends this law' in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
     free = fit_inverse_power(without_sigma(forces), 12.0, offset=True)
     assert free.offset > 0.5  # control: without contact the fit goes there

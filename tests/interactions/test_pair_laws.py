@@ -146,7 +146,7 @@ def test_mixtures_of_gaussians(law):
 
 def test_the_law_in_the_documentation_works_as_written():
     """The example for users in PairLaw: a law, and bands that follow from it."""
-    example = dedent(PairLaw.__doc__.split('own::')[1].split('What is asked')[0]).strip()
+    example = dedent(PairLaw.__doc__.split('own::')[1].split('Requirements on')[0]).strip()
     atoms = triangular(10.0, 0.5)
     names = {'np': np, 'dataclass': dataclass, 'MagneticRepulsion': MagneticRepulsion, 'atoms': atoms}
     exec(example, names)

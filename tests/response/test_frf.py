@@ -111,7 +111,7 @@ def test_in_three_dimensions_particles_are_held_and_lines_refused():
     np.testing.assert_allclose(u[0], force[0] / (k - 0.7 * 0.4**2 + 0.7j * 0.1 * 0.4), rtol=1e-12)
     assert not u[1:].any()
     atoms.set_constraint(FixedLine(0, (0, 0, 1)))
-    with pytest.raises(ValueError, match='three dimensions; there only FixAtoms'):
+    with pytest.raises(ValueError, match='three dimensions, where only FixAtoms'):
         harmonic_response(atoms, force, [0.4], 0.1)
     # ASE's own loop respects the line; its time step is judged as if there were none
     dyn = DrivenVerlet(atoms, 0.01, [Constant([0], (1, 2, 3), 1e-3)])
@@ -125,7 +125,7 @@ def test_in_three_dimensions_particles_are_held_and_lines_refused():
     ({'omega': [np.inf]}, r'omega\[0\] is inf'),
     ({'damping': -1.0}, 'damping must be a zero or positive number in 1/ms, not -1.0'),
     ({'damping': [1.0, 2.0]}, r'one number or one for each of the 4 particles, not \(2,\)'),
-    ({'atoms': free_magnet(0.0, FixCom())}, 'only FixAtoms, FixedLine and FixedPlane are known'),
+    ({'atoms': free_magnet(0.0, FixCom())}, 'only FixAtoms, FixedLine and FixedPlane are supported'),
 ])
 def test_impossible_requests_are_refused(change, message):
     with pytest.raises(ValueError, match=message):

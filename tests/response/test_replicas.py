@@ -110,7 +110,7 @@ def test_other_cells_constraints_and_calculators_are_refused():
     replicas([patch(), patch(stretched=1.1)])  # nothing repeats
     held = patch()
     held.set_constraint(FixCom())
-    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are known'):
+    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are supported'):
         replicas([held])
     lattice = lattices.square(L0, 1.0)
     lattice.calc = AllNeighbours(lattice, InversePower(b=3e3, a=4.6), foundation=2.0)

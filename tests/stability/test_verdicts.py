@@ -269,5 +269,5 @@ def test_constraints_of_which_nobody_knows_what_they_hold_are_refused():
     patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
     patch.calc = MagneticRepulsion(patch, InversePower(b=3e3, a=4.6), foundation=0.5)
     patch.set_constraint([*patch.constraints, FixBondLength(17, 18)])
-    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are known'):
+    with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are supported'):
         verdict(patch)

@@ -157,13 +157,13 @@ def test_strain_filter_of_a_crystal_and_a_chain():
 def test_what_does_not_follow_a_cell_is_refused():
     anchored, loaded, frozen, free = ({'foundation': 0.02}, {'load': [[0.1, 0, 0]]}, {'model': 'conventional'}, {})
     for options, words in ((anchored, 'to which the particles are anchored'), (loaded, 'where neither foundation nor load'),
-                           (frozen, 'freezes the directions'), (free, None)):
+                           (frozen, 'fixes the directions'), (free, None)):
         atoms = lattice('triangular')
         atoms.calc = MagneticRepulsion(atoms, LAW, **options)
         if words is None:
             atoms.get_stress()
         else:
-            with pytest.raises(PropertyNotImplementedError, match='the stress on a cell is that of its bonds'):
+            with pytest.raises(PropertyNotImplementedError, match='the stress on a cell is defined by its bonds'):
                 atoms.get_stress()
         atoms = deformed(atoms, 0)
         if words:
@@ -176,7 +176,7 @@ def test_what_does_not_follow_a_cell_is_refused():
 def test_repulsion_without_a_pressure_and_a_height_that_changes():
     atoms = lattice('triangular')
     atoms.calc = MagneticRepulsion(atoms, LAW)
-    with pytest.raises(ValueError, match=r'no neighbours any more.*scalar_pressure='):
+    with pytest.raises(ValueError, match=r'no longer neighbours.*scalar_pressure='):
         relax(FrechetCellFilter(atoms, mask=PLANE), 1e-9)
     atoms = lattice('triangular')
     atoms.calc = MagneticRepulsion(atoms, LAW)

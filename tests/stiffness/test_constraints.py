@@ -56,7 +56,7 @@ def test_free_directions_span_what_the_constraints_allow(seed):
     ([FixedLine(2, (1, 0, 1))], 'out of the plane, or one that is guided already'),
     ([FixedPlane(2, (0, 1, 0.5))], 'out of the plane, or one that is guided already'),
     ([FixedLine([2, 3], (1, 0, 0)), FixedPlane([3, 4], (0, 1, 0))], 'out of the plane, or one that is guided already'),
-    ([FixBondLength(0, 1)], 'only FixAtoms, FixedLine and FixedPlane are known'),
+    ([FixBondLength(0, 1)], 'only FixAtoms, FixedLine and FixedPlane are supported'),
     ([FixAtoms(range(9))], 'hold every particle'),
 ])
 def test_other_constraints_are_refused(constraints, message):
@@ -70,7 +70,7 @@ def test_in_space_particles_are_held_or_free():
     crystal.set_constraint(FixAtoms([3]))
     assert free_directions(crystal).shape == (24, 21)
     crystal.set_constraint(FixedLine(3, (1, 0, 0)))
-    with pytest.raises(ValueError, match='in three dimensions; there only FixAtoms is known'):
+    with pytest.raises(ValueError, match='in three dimensions, where only FixAtoms is supported'):
         freedom(crystal)
 
 
