@@ -205,7 +205,7 @@ def scattered(scatter):
 def test_measured_positions_that_scatter_are_refused(scatter, shells):
     """Each distance is then a shell of its own: one shell would be a single bond."""
     patch, moved = scattered(scatter)
-    with pytest.raises(ValueError, match=r'positions scatter|shells of neighbours are not clear') as refusal:
+    with pytest.raises(ValueError, match=r'positions are irregular|shells of neighbours are not clear') as refusal:
         find_bonds(moved, shells=shells)
     advised = float(re.search(r'\(([\d.]+) mm lies', str(refusal.value)).group(1))
     assert as_set(find_bonds(moved, cutoff=advised)) == as_set(find_bonds(patch))
