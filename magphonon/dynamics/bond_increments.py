@@ -38,6 +38,9 @@ RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
 """Largest increments |e| of the fitted polynomials; beyond the last one the law itself is evaluated."""
 NEAR = 1e-3
 """Largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits."""
+ROUND_OFF = 64 * np.finfo(float).eps
+"""Of a difference of forces, as a fraction of stiffness and static force.  An integral that is farther off has missed a jump of
+the slope, which a knot of a table makes."""
 MOST_COEFFICIENTS = 40
 ALIKE = 1e-14
 """Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""
@@ -119,16 +122,20 @@ class Increments:
             return -(r0**2 / (2 * r**2)) * (self._along(self.potential.d2phi, r) - self._along(self.potential.dphi, r) / r)
         return -self._along(self.potential.d2phi, r) * (r0 / (2 * r) if self.model == 'literal' else 0.5)
 
-    def exact(self, e: NDArray[np.float64], r0: ArrayLike) -> NDArray[np.float64]:
-        """H(e) from the law itself, N/mm: the integral of the slope where the difference would cancel."""
+    def exact(self, e: NDArray[np.float64], r0: ArrayLike, near: float = NEAR) -> NDArray[np.float64]:
+        """H(e) from the law itself, N/mm: for increments less than `near` the integral of the slope, unless the slope jumps."""
         r = self.length(e, r0)
-        near = abs(e) < NEAR
         divisor = r if self.model == 'complete' else r0
-        H: Any = -self._along(self.potential.dphi, r) / divisor + self._along(self.potential.dphi, r0) / r0
-        if near.any():
-            few = self.at(np.nonzero(near)[-1]) if isinstance(self.potential, BondLaws) else self
-            e, r0 = e[near], np.broadcast_to(r0, e.shape)[near]
-            H[near] = e * sum(w * few.slope(x * e, r0) for x, w in zip(NODES, WEIGHTS, strict=True))
+        there, rest = (-self._along(self.potential.dphi, x) / y for x, y in ((r, divisor), (r0, r0)))
+        H: Any = there - rest
+        small = abs(e) < near
+        if small.any():
+            few = self.at(np.nonzero(small)[-1]) if isinstance(self.potential, BondLaws) else self
+            e, r0, rest = e[small], *(np.broadcast_to(x, e.shape)[small] for x in (r0, rest))
+            slopes = np.array([few.slope(x * e, r0) for x in NODES])
+            mean = WEIGHTS @ slopes
+            rounding = ROUND_OFF * (abs(slopes).max(axis=0) + abs(rest))
+            H[small] = np.where(abs(e * mean - H[small]) <= rounding, e * mean, H[small])
         return H
 
     def alike(self, e: NDArray[np.float64]) -> bool:

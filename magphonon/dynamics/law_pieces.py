@@ -40,7 +40,6 @@ cross the edge of the contact."""
 _NODES = chebyshev.chebpts1(DEGREE + 5)
 _FIT = np.linalg.pinv(np.vander(_NODES, DEGREE + 1, increasing=True))
 _CHECKS = np.linspace(-1, 1, 13)
-_GAUSS = tuple((x + shift) / 2 for x, shift in zip(np.polynomial.legendre.leggauss(12), (1, 0), strict=True))
 
 
 @dataclass(frozen=True)
@@ -107,14 +106,11 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
 
     def quotient(w):
         e = (w - 1) / per_increment
-        small = abs(e) < near
-        Q = own.exact(np.where(small, 1.0, e), r0) / np.where(small, 1.0, e) if not small.all() else np.zeros_like(e)
-        if small.any():
-            x, weights = _GAUSS
-            Q[small] = weights @ own.slope(x[:, None] * e[small], r0)
-        return Q
+        e = np.where(e == 0, np.finfo(float).tiny, e)
+        return own.exact(e, r0, near) / e
 
     scale = abs(quotient(np.ones(1)))[0]
+    round_off = 2 * np.finfo(float).eps * per_increment * (scale + abs(own.static / r0))  # of forces, for the difference in Q
     first = _next_piece(_end_of(quotient, _start_of(octave_piece(shortest**power))))
     last: Any = octave_piece(_end_of(quotient, _start_of(_next_piece(longest**power))))
     edges = _start_of(np.arange(first, last + 1))
@@ -126,8 +122,9 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
         powers = _FIT @ quotient(c + h * _NODES[:, None])
         checks = quotient(c + h * _CHECKS[:, None])
         with np.errstate(invalid='ignore'):  # of a law that is zero there, as far as numbers go
-            error = abs(np.vander(_CHECKS, DEGREE + 1, increasing=True) @ powers - checks) / (abs(checks) + scale)
-        rough = (error.max(axis=0) > TOLERANCE) & (2 * h > NARROWEST)
+            error = abs(np.vander(_CHECKS, DEGREE + 1, increasing=True) @ powers - checks)
+            allowed = TOLERANCE * (abs(checks) + scale) + round_off / abs(c - 1)
+        rough = (error > allowed).any(axis=0) & (2 * h > NARROWEST)
         count += len(a)
         if count > MOST or not np.isfinite(powers).all():
             return None
