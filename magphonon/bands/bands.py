@@ -217,8 +217,8 @@ def path_of(atoms: Atoms, path: BandPath) -> BandPath:
         raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
     if not isinstance(path, BandPath):
         raise ValueError(f'the path must be a BandPath, not {type(path).__name__}; get one from atoms.cell.bandpath(...)')
-    periodic = np.ix_(atoms.pbc, atoms.pbc)
-    ours, theirs = ((cell.array @ cell.array.T)[periodic] for cell in (atoms.cell, path.cell))
+    periods = atoms.cell.array[atoms.pbc], path.cell.array[atoms.pbc]
+    ours, theirs = (vectors @ vectors.T for vectors in periods)
     if abs(ours - theirs).max(initial=0) > 1e-9 * abs(ours).max(initial=0):
         own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
         raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the '

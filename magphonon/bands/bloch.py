@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ..errors import finite, whole
 from ..stiffness.constraints import free_motion
-from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
+from ..stiffness.lowest import hermitian_eigenvalues, inverse_pays, lowest_eigenpairs
 from ..stiffness.matrices import hessian, mass_weighted, signed_root
 from ..stiffness.rest import settled
 
@@ -47,7 +47,7 @@ def cell_at_rest(atoms: Atoms) -> tuple[Repulsion, NDArray[np.float64]]:
         the forces on what is free do not balance (`magphonon.stiffness.rest`).
     """
     calc: Any = settled(atoms).calc
-    return calc, free_motion(atoms).toarray()
+    return calc, free_motion(atoms).toarray() if atoms.constraints else np.eye(len(atoms) * calc.dim)
 
 
 def cell_of_free_particles(atoms: Atoms, what: str) -> Repulsion:
@@ -129,10 +129,10 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete', vectors: bo
 def _by_lapack(calc, free, masses, q, model, vectors):
     """All squared frequencies of batches of wavevectors, shape (batch, modes), and the columns of modes or None."""
     parts = in_batches(q, calc)
-    for part in tqdm(parts, desc='wavevectors', delay=2, disable=None if len(parts) > 1 else True, leave=False):
+    for part in tqdm(parts, desc='wavevectors', delay=2, disable=None, leave=False) if len(parts) > 1 else parts:
         D = condensed(mass_weighted(calc.bloch_matrix(part, model), masses), free)
         if not vectors:
-            yield np.linalg.eigvalsh(D), None
+            yield hermitian_eigenvalues(D), None
             continue
         squares, columns = _diagonalised(D)
         yield squares, columns if columns.shape[1] == len(free) else free @ columns
@@ -172,4 +172,5 @@ def _wavevectors(q):
 def in_batches(q: NDArray[np.float64], calc: Repulsion) -> list[NDArray[np.float64]]:
     """The wavevectors in parts for which the largest array, matrices or blocks of all bonds, takes BATCH_BYTES or little more."""
     numbers = max((len(calc.reference) * calc.dim) ** 2, len(calc.bonds) * calc.dim**2)
-    return np.array_split(q, max(1, min(len(q), -(-len(q) * numbers * 16 // BATCH_BYTES))))  # no part is empty
+    parts = min(len(q), -(-len(q) * numbers * 16 // BATCH_BYTES))  # no part is empty
+    return np.array_split(q, parts) if parts > 1 else [q]

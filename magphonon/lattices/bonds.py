@@ -78,6 +78,12 @@ class Bonds:
         """
         return np.unique(self.shift, axis=0, return_inverse=True)
 
+    @cached_property
+    def distinct_pairs(self) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.intp]]:
+        """The pairs i, j without repetition, shape (pairs,) each, and which of them belongs to each bond, shape (bonds,)."""
+        pair, own = np.unique(self.i * self.particles + self.j, return_inverse=True)
+        return *divmod(pair, self.particles), own
+
     def at(self, atoms: Atoms) -> Bonds:
         """The same pairs of particles with the vectors that they have in `atoms`; the particles may be in any periodic image."""
         vectors = atoms.positions[self.j] + self.shift @ atoms.cell.array - atoms.positions[self.i]

@@ -85,10 +85,9 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
     ndarray of complex, shape (wavevectors, particles * dim, particles * dim)
         In N/mm.  The displacement of the cell `shift` carries the phase e^{2 pi i q.shift}.
     """
-    D = _scatter(bonds, K, _phase(bonds, q), onsite=1.0)
-    onsite = np.arange(D.shape[1])
-    D[:, onsite, onsite] += each_spring(foundation, bonds.particles, K.shape[1])
-    return D
+    own, x = _onsite(bonds, K), np.arange(K.shape[1])
+    own[:, x, x] += foundation
+    return _hermitian(bonds, _fourier_sum(_by_shift(bonds, K), _phase(bonds, q)), own[..., None])
 
 
 def bloch_gradient(bonds: Bonds, K: NDArray[np.float64], q: ArrayLike, cell: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -106,9 +105,8 @@ def bloch_gradient(bonds: Bonds, K: NDArray[np.float64], q: ArrayLike, cell: NDA
     ndarray of complex, shape (dim, wavevectors, particles * dim, particles * dim)
         In N.
     """
-    R = bonds.shift @ cell
-    phase = _phase(bonds, q)
-    return np.array([_scatter(bonds, K, 1j * R[:, axis] * phase, onsite=0.0) for axis in range(K.shape[1])])
+    shifts, sums, phase = bonds.distinct_shifts[0], _by_shift(bonds, K), _phase(bonds, q)
+    return np.array([_hermitian(bonds, _fourier_sum(sums * R, 1j * phase), 0.0) for R in (shifts @ cell).T[: K.shape[1]]])
 
 
 def bloch_series(bonds: Bonds, K: NDArray[np.float64],
@@ -127,38 +125,69 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
     A, B, C : ndarray of complex, shape (particles * dim, particles * dim)
         In N/mm, N and N mm.
     """
-    orders = (np.ones_like(R), 1.0), (1j * R, 0.0), (-(R**2) / 2, 0.0)
-    return tuple(_scatter(bonds, K, phase[None], onsite)[0] for phase, onsite in orders)
+    i, _, pair = bonds.distinct_pairs
+    powers = np.stack([_sums(R[:, None, None] ** m * K, pair, len(i)) for m in range(3)], axis=-1)
+    coupling, own = powers * [1, 1j, -1 / 2], _onsite(bonds, K)[..., None] * [1, 0, 0]  # e^{ikR} = 1 + ikR - (kR)^2/2
+    A, B, C = _hermitian(bonds, coupling, own)
+    return A, B, C
 
 
 def _phase(bonds, q):
-    """Phase e^{2 pi i q.shift} of each bond, shape (wavevectors, bonds)."""
-    shifts, own = bonds.distinct_shifts
-    return np.exp(2j * np.pi * (q @ shifts.T))[:, own]
+    """Phases e^{2 pi i q.shift} of the distinct shifts, shape (shifts, wavevectors)."""
+    return np.exp(2j * np.pi * (bonds.distinct_shifts[0] @ np.transpose(q)))
 
 
-def _scatter(bonds, K, phase, onsite):
-    """Sum over bonds of `-K phase` between i and j with its adjoint between j and i, and of `onsite K` on i and j."""
-    n, dim = bonds.particles, K.shape[1]
-    pair = bonds.i * n + bonds.j
-    order = np.argsort(pair, kind='stable')  # bonds of the same two particles become neighbours in the list
-    i, j, K = bonds.i[order], bonds.j[order], K[order]
-    first = np.flatnonzero(np.diff(pair[order], prepend=-1))
-    coupling = np.add.reduceat(phase.T[order, :, None, None] * K[:, None], first, axis=0)
-    own = np.zeros((n, dim, dim))
-    np.add.at(own, i, onsite * K)
-    np.add.at(own, j, onsite * K)
-    D = np.zeros((len(phase), n, dim, n, dim), dtype=complex)
-    D[:, i[first], :, j[first]] -= coupling
-    D[:, j[first], :, i[first]] -= coupling.conj()
-    D[:, np.arange(n), :, np.arange(n)] += own[:, None]
-    return D.reshape(len(phase), n * dim, n * dim)
+def _sums(K, group, groups):
+    """Sum of the stiffness of the bonds in each group, shape (groups, dim, dim)."""
+    size = K[0].size
+    component = group[:, None] * size + np.arange(size)
+    return np.bincount(component.ravel(), K.ravel(), groups * size).reshape(groups, *K.shape[1:])
+
+
+def _onsite(bonds, K):
+    """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
+    return _sums(np.concatenate([K, K]), np.concatenate([bonds.i, bonds.j]), bonds.particles)
+
+
+def _by_shift(bonds, K):
+    """Stiffness between two particles, summed over their bonds of the same shift, shape (pairs, dim, dim, shifts)."""
+    (shifts, shift), (i, _, pair) = bonds.distinct_shifts, bonds.distinct_pairs
+    sums = _sums(K, pair * len(shifts) + shift, len(i) * len(shifts))
+    return sums.reshape(len(i), len(shifts), *K.shape[1:]).transpose(0, 2, 3, 1)
+
+
+def _fourier_sum(sums, phase):
+    """Sum over the shifts of `sums phase`, shape (pairs, dim, dim, wavevectors)."""
+    parts = sums.reshape(-1, len(phase)) @ phase.view(float)  # with complex phases NumPy would copy the sums to complex numbers
+    return parts.view(complex).reshape(*sums.shape[:3], -1)
+
+
+def _hermitian(bonds, coupling, own):
+    """Matrices of `-coupling` between i and j, of its adjoint between j and i, and of `own` on each particle.
+
+    Parameters
+    ----------
+    coupling : ndarray, shape (pairs, dim, dim, any)
+    own : float or ndarray, shape (particles, dim, dim, any)
+
+    Returns
+    -------
+    ndarray of complex, shape (any, particles * dim, particles * dim)
+    """
+    n, dim, each = bonds.particles, coupling.shape[1], np.arange(bonds.particles)
+    i, j, _ = bonds.distinct_pairs
+    D = np.zeros((coupling.shape[-1], n, dim, n, dim), dtype=complex)
+    block = D.transpose(1, 3, 2, 4, 0)
+    block[i, j] = -coupling
+    block[j, i] -= coupling.conj()
+    block[each, each] += own
+    return D.reshape(-1, n * dim, n * dim)
 
 
 def mass_weighted(D: NDArray[Any], masses: NDArray[np.float64]) -> NDArray[Any]:
     """`M^-1/2 D M^-1/2` with one mass (g) per particle; the last two axes of `D` are matrix axes."""
-    root = np.repeat(np.sqrt(masses), D.shape[-1] // len(masses))
-    return D / (root[:, None] * root)
+    root = np.repeat(1 / np.sqrt(masses), D.shape[-1] // len(masses))
+    return D * (root[:, None] * root)
 
 
 def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:

@@ -141,14 +141,14 @@ def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
         If there is none, it is AllNeighbours, or a mass is not a positive number.
     """
     calc: Any = atoms.calc
-    if not isinstance(calc, Repulsion):
-        raise ValueError(f'the atoms carry {calc!r} as calculator; '
-                         'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
-    if not calc.pairwise:
+    if not getattr(calc, 'pairwise', False):
+        if not isinstance(calc, Repulsion):
+            raise ValueError(f'the atoms carry {calc!r} as calculator; '
+                             'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
         raise ValueError(f'this needs the stiffness of each bond, which {type(calc).__name__} does not know; '
                          'attach atoms.calc = MagneticRepulsion(atoms, potential, ...) with a number of shells')
     masses_of(atoms)
-    return atoms.calc  # pyright: ignore[reportReturnType]  what is pairwise is a MagneticRepulsion or like one
+    return calc  # pyright: ignore[reportReturnType]  what is pairwise is a MagneticRepulsion or like one
 
 
 def masses_of(atoms: Atoms) -> NDArray[np.float64]:

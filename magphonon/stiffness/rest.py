@@ -53,27 +53,33 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDA
     u : ndarray, shape (particles, dim)
         Displacements from the reference in mm, at which particles are held still; none by default.
     """
-    bonds = calc.bonds
-    R = calc.bond_vectors + (bonds.incidence @ u if np.ndim(u) else 0.0)
-    law = calc.law
-    if leaves_the_plane(law, R):
-        pull = -upright_forces(R, law)[1]
-    else:
-        r = np.linalg.norm(R, axis=1)
-        pull = -(law.dphi(r) / r)[:, None] * R
-    total = calc.spring_forces - calc.foundation * u
-    size = abs(calc.spring_forces).max(axis=1) + abs(total).max(axis=1)
-    for end, sign in ((bonds.j, 1), (bonds.i, -1)):
-        total += sign * np.stack([np.bincount(end, x, bonds.particles) for x in pull.T], axis=1)
-        size += np.bincount(end, np.linalg.norm(pull, axis=1), bonds.particles)
-    size = np.repeat(size[:, None], calc.dim, axis=1)
+    bonds, springs = calc.bonds, calc.spring_forces
+    total = springs - calc.foundation * u
+    size = (abs(springs).max(axis=1) + abs(total).max(axis=1))[:, None]
+    if (bonds.i != bonds.j).any():  # its own images push a particle from both sides alike
+        push_on_j = _repulsion(calc, u)
+        strength = np.linalg.norm(push_on_j, axis=1)
+        for end, sign in ((bonds.j, 1), (bonds.i, -1)):
+            total += sign * np.array([np.bincount(end, x, bonds.particles) for x in push_on_j.T]).T
+            size += np.bincount(end, strength, bonds.particles)[:, None]
     total[abs(total) <= ROUND_OFF * size] = 0
     for given in (calc.load, push) if np.ndim(push) else (calc.load,):
+        if not given.any():
+            continue
         given = components(given, calc.dim)
         size = np.where(total, size, 0) + abs(given).max(axis=1, keepdims=True)  # what is in balance already cancels nothing
         total = total + given
         total[abs(total) <= ROUND_OFF * size] = 0
     return total
+
+
+def _repulsion(calc, u):
+    """Force of each bond on its particle j at the displacements u, in N, shape (bonds, dim)."""
+    R, law = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0), calc.law
+    if leaves_the_plane(law, R):
+        return -upright_forces(R, law)[1]
+    r = np.linalg.norm(R, axis=1)
+    return -(law.dphi(r) / r)[:, None] * R
 
 
 def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
@@ -144,10 +150,11 @@ def at_rest(atoms: Atoms) -> MagneticRepulsion:
     calc: Any = atoms.calc
     freedom(atoms)
     u = calc.displacements(atoms)
-    left = unbalanced(atoms, u)
+    moved = u.any()
+    left = unbalanced(atoms, u if moved else 0.0)
     if left.any():
         _refuse(atoms, u, left)
-    return calc.about(atoms) if u.any() else calc
+    return calc.about(atoms) if moved else calc
 
 
 def settled(atoms: Atoms) -> Atoms:
@@ -155,7 +162,7 @@ def settled(atoms: Atoms) -> Atoms:
 
     Of a cell with AllNeighbours, which knows one rest only, the atoms as they are, if they stand there and the forces balance.
     """
-    if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
+    if not getattr(atoms.calc, 'pairwise', True) and isinstance(atoms.calc, Repulsion):
         _refuse_unsettled_sums(atoms)
         return atoms
     calc = at_rest(atoms)

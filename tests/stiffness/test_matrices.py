@@ -6,6 +6,7 @@ from oracles import LATTICES, LAWS, Energy, displaced, in_plane, lattice, length
 from scipy import sparse
 
 from magphonon import MagneticRepulsion
+from magphonon.lattices import Bonds
 from magphonon.stiffness import bond_stiffness
 from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.matrices import bloch_gradient, bloch_matrix, bloch_series, condense, hessian, mass_weighted
@@ -153,6 +154,37 @@ def test_series_of_the_bloch_matrix(name):
         errors.append(abs(D - (A + k * B + k**2 * C)).max())
     assert errors[0] > 1e-11 * abs(A).max()  # well above round-off, or the ratio would say nothing
     assert errors[0] / errors[1] == pytest.approx(2**order, rel=0.05)
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_matrices_of_bonds_drawn_either_way_round(seed):
+    rng = np.random.default_rng(seed)
+    n, dim, count = rng.integers(1, 6), 2 + seed % 2, 40  # several bonds join the same two, from either end
+    i, j, shift = rng.integers(n, size=count), rng.integers(n, size=count), rng.integers(-2, 3, (count, 3))
+    K, springs, q, cell = (rng.normal(size=shape) for shape in ((count, dim, dim), (n, dim), (7, 3), (3, 3)))
+    K, along = K + K.swapaxes(1, 2), rng.normal(size=count)
+    bonds = Bonds(i, j, shift, np.zeros((count, 3)), n)
+
+    def summed(factor, own=0.0, of=range(count)):
+        D = np.zeros((n, dim, n, dim), dtype=complex)
+        for b in of:
+            D[i[b], :, i[b]] += own * K[b]
+            D[j[b], :, j[b]] += own * K[b]
+            D[i[b], :, j[b]] -= factor[b] * K[b]
+            D[j[b], :, i[b]] -= np.conj(factor[b]) * K[b]
+        return D.reshape(n * dim, n * dim)
+
+    tolerance = 1e-15 * count * abs(K).max()  # of sums of as many terms
+    phase, R = np.exp(2j * np.pi * q @ shift.T), shift @ cell
+    D, gradient = bloch_matrix(bonds, K, q, springs), bloch_gradient(bonds, K, q, cell)
+    for k, factor in enumerate(phase):
+        expected = summed(factor, 1.0) + np.diag(springs.ravel())
+        assert abs(D[k] - expected).max() < tolerance
+        assert abs(summed(factor, 1.0, range(1, count)) - expected).max() > 1e3 * tolerance  # the control: without a bond
+        for axis in range(dim):
+            assert abs(gradient[axis, k] - summed(1j * R[:, axis] * factor)).max() < tolerance * abs(R).max()
+    for term, factor, own in zip(bloch_series(bonds, K, along), (along**0, 1j * along, -(along**2) / 2), (1, 0, 0), strict=True):
+        assert abs(term - summed(factor, own)).max() < tolerance * (1 + abs(along).max() ** 2)
 
 
 def test_condensed_is_the_block_of_the_free_particles():

@@ -32,3 +32,22 @@ def test_a_cell_that_was_relaxed_has_the_bands_of_its_rest():
     perfect.calc = MagneticRepulsion(perfect, LAW)
     expected = analytic_bands(perfect, path).omega
     assert_allclose(analytic_bands(rest, path).omega, expected, atol=1e-7 * expected.max())
+
+
+def test_what_becomes_of_a_cell_of_one_magnet_is_noticed():
+    cell = lattices.triangular(10.0, 0.7)
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=0.1)
+    path = cell.cell.bandpath('GMKG', npoints=5, pbc=cell.pbc)
+    squares = analytic_bands(cell, path).omega ** 2
+    cell.calc.set(foundation=0.3)
+    assert_allclose(analytic_bands(cell, path).omega ** 2, squares + 0.2 / 0.7, rtol=1e-14)
+    cell.set_masses([1.4])
+    assert_allclose(analytic_bands(cell, path).omega ** 2, (squares + 0.2 / 0.7) / 2, rtol=1e-14)
+    cell.positions += [0.01, 0.0, 0.0]  # its images push it from both sides alike, but its pillar pulls
+    with pytest.raises(ValueError, match='not at rest'):
+        analytic_bands(cell, path)
+    cell.calc.set(foundation=0.0)
+    assert_allclose(analytic_bands(cell, path).omega ** 2, (squares - 0.1 / 0.7) / 2, atol=1e-14 * squares.max())
+    cell.calc = cell.calc.about(cell, load=[[0.01, 0.0, 0.0]])
+    with pytest.raises(ValueError, match='not at rest'):
+        analytic_bands(cell, path)
