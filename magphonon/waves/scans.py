@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
+from .gaps import filled
 from .spectrum import ROUND_OFF, without_drift
 from .vibrometer import JITTER, MOTIONS_m
 
@@ -20,6 +21,9 @@ LEAST_TIME = 0.9
 """Part of the longest record that a point must have, to be used."""
 STRONG = 1e-2
 """Power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)."""
+NOISY = 3.0
+"""Largest error of an interpolated sample, in the noise of a measured one, if that is more than RESAMPLED of the motion: one sample
+of fifty that is so uncertain adds a fifth to the power of the noise."""
 RESAMPLED = 1e-2
 """Largest error of a spline between samples, as a fraction of the motion; it is (omega h)^4/384 for the step h, so that this asks
 for 4.5 samples to a period."""
@@ -117,13 +121,7 @@ def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> 
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}
     points = _alive(points, notes)
     times = _equal_times(path, points.values())
-    rows, resampled = zip(*(_at(times, point) for point in points.values()), strict=True)
-    motions = {part: np.stack([row[part] for row in rows], axis=1) for part in rows[0]}
-    if any(resampled):
-        step = max(np.diff(point.times).max() for point, did in zip(points.values(), resampled, strict=True) if did)
-        _refuse_coarse(path, times, motions, step)
-        notes.append(f'{sum(resampled)} of {len(points)} points were not sampled at equal times: resampled by a cubic spline to '
-                     f'steps of {(times[1] - times[0]) / units.s:.4g} s')
+    points, motions = _without_gaps(path, times, points, notes)
     if velocities:
         motions = {part: integrated(v, times[1] - times[0]) for part, v in motions.items()}
         notes.append('velocities were integrated over time, in the frequency domain')
@@ -203,15 +201,61 @@ def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:
     return first + dt * np.arange(frames)
 
 
+def _without_gaps(path, times, points: Mapping[str, Samples], notes: list[str]):
+    """The points at these times, without those that lack too much, and their motions by component, (frames, points)."""
+    found = {name: _at(times, point) for name, point in points.items()}
+    bad = [name for name, one in found.items() if one.error > 1]
+    if len(bad) == len(points):
+        raise ValueError(f'{path}: all of its points lack so many samples that interpolation is no better than the noise; export '
+                         'the record without gaps, or sample faster')
+    if bad:
+        notes.append(f'left out, as they lack more samples than the others tell: points {_listed(bad)}')
+    found = {name: one for name, one in found.items() if name not in bad}
+    some = next(iter(found.values())).motions
+    motions = {part: np.stack([one.motions[part] for one in found.values()], axis=1) for part in some}
+    if lacking := [one for one in found.values() if one.missing]:
+        worst = max(one.error * one.allowed for one in lacking)
+        notes.append(f'{sum(one.missing for one in lacking)} missing samples of {len(lacking)} points are interpolated within '
+                     f'the band of the motion, with an error of up to {100 * worst:.2g} % of the largest')
+    if splined := [name for name, one in found.items() if one.splined]:
+        _refuse_coarse(path, times, motions, max(np.diff(points[name].times).max() for name in splined))
+        notes.append(f'{len(splined)} of {len(found)} points were not sampled at equal times: resampled by a cubic spline to '
+                     f'steps of {(times[1] - times[0]) / units.s:.4g} s')
+    return {name: points[name] for name in found}, motions
+
+
+@dataclass(frozen=True)
+class _AtTimes:
+    """Motions of a point at equal times; how many samples are filled in, their error in units of the largest `allowed` one."""
+
+    motions: dict[str, np.ndarray]
+    missing: int = 0
+    error: float = 0.0
+    allowed: float = 0.0
+    splined: bool = False
+
+
 def _at(times, point):
-    """The motions of a point at these times, and whether they are interpolated."""
+    """The motions of a point at these times: measured, filled in between, or resampled."""
     from scipy.interpolate import CubicSpline
 
     dt = times[1] - times[0]
     k = np.clip(np.searchsorted(point.times, times - dt / 2), 0, len(point.times) - 1)
-    if abs(point.times[k] - times).max() <= JITTER * dt:
-        return {part: values[k] for part, values in point.motions.items()}, False
-    return {part: CubicSpline(point.times, values)(times) for part, values in point.motions.items()}, True
+    there = abs(point.times[k] - times) <= JITTER * dt
+    if there.all():
+        return _AtTimes({part: values[k] for part, values in point.motions.items()})
+    guess = {part: CubicSpline(point.times, values)(times) for part, values in point.motions.items()}
+    place = (point.times - times[0]) / dt
+    if abs(place - np.rint(place)).max() > 2 * JITTER:  # no gaps, but other times
+        return _AtTimes(guess, splined=True)
+    largest, motions, error, allowed = max(abs(u).max() for u in point.motions.values()), {}, 0.0, 0.0
+    for part, values in guess.items():
+        values[there] = point.motions[part][k[there]]
+        motions[part], own, noise = filled(values, np.flatnonzero(~there))
+        limit = max(RESAMPLED * largest, NOISY * noise)
+        if own / limit >= error:
+            error, allowed = own / limit, limit / largest
+    return _AtTimes(motions, int((~there).sum()), error, allowed)
 
 
 def _refuse_coarse(path, times, motions, step):
