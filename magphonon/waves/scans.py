@@ -22,8 +22,8 @@ LEAST_TIME = 0.9
 STRONG = 1e-2
 """Power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)."""
 NOISY = 3.0
-"""Largest error of an interpolated sample, in the noise of a measured one, if that is more than RESAMPLED of the motion: one sample
-of fifty that is so uncertain adds a fifth to the power of the noise."""
+"""Largest error of an interpolated sample, in the noise of a measured one, if that is more than RESAMPLED of the motion: one
+sample of fifty that is so uncertain adds a fifth to the power of the noise."""
 RESAMPLED = 1e-2
 """Largest error of a spline between samples, as a fraction of the motion; it is (omega h)^4/384 for the step h, so that this asks
 for 4.5 samples to a period."""
