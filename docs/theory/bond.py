@@ -3,7 +3,9 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-INK, FORCE, GHOST = '#000000', '#D55E00', '0.75'
+from magphonon.plotting.axes import COLOURS
+
+INK, FORCE, GHOST = COLOURS[2], COLOURS[1], '0.75'
 
 
 def particles(ax, places, colour):

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
-from magphonon.plotting.axes import UNSTABLE
+from magphonon.plotting.axes import COLOURS, UNSTABLE
 
 LAW = InversePower(1e4 * u.N * u.m**4, 4.0)
 
@@ -20,7 +20,7 @@ figure, (left, right) = plt.subplots(1, 2, figsize=(8.5, 3.3), layout='constrain
 atoms = lattices.oscillator(30 * u.deg, 1.0, 1.0)
 places = atoms.positions[:, :2]
 for i, j in lattices.OSCILLATOR_BONDS:
-    left.plot(*places[[i, j]].T, color='#0072B2', linewidth=2)
+    left.plot(*places[[i, j]].T, color=COLOURS[0], linewidth=2)
 left.plot(*places[:3].T, 's', color='0.4', markersize=12, label='fixed')
 left.plot(*places[3:].T, 'o', color='k', markersize=12, label='free')
 left.plot([places[3, 0], places[3, 0] - 1.1], [places[3, 1]] * 2, ':', color='0.6')
@@ -33,10 +33,10 @@ left.axis('off')
 degrees = np.linspace(0, 90, 91)
 for model, line in (('complete', '-'), ('conventional', '--')):
     across, along = np.array([stiffness(angle, model) for angle in degrees]).T
-    right.plot(degrees, along, line, color='#0072B2', label=f'vertical, {model}')
-    right.plot(degrees, across, line, color='#D55E00', label=f'horizontal, {model}')
+    right.plot(degrees, along, line, color=COLOURS[0], label=f'vertical, {model}')
+    right.plot(degrees, across, line, color=COLOURS[1], label=f'horizontal, {model}')
 right.axvspan(56.789, 90, **UNSTABLE)
 right.axhline(0, color='k', linewidth=0.6)
-right.set(xlabel=r'$\theta_0$ (degrees)', ylabel='stiffness (kN/m)', xlim=(0, 90))
+right.set(xlabel=r'$\theta_0$ (degrees)', ylabel='stiffness (kN/m)', xlim=(0, 90), ylim=(-40, 175))
 right.set_xticks([0, 30, 45, 56.8, 90])
 right.legend(fontsize=8, frameon=False)

@@ -5,8 +5,9 @@ import numpy as np
 
 from magphonon import lattices
 from magphonon.lattices import find_bonds
+from magphonon.plotting.axes import COLOURS
 
-STRETCHED, TURNED, STILL = '#0072B2', '#D55E00', '0.8'
+STRETCHED, TURNED, STILL = COLOURS[0], COLOURS[1], '0.8'
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout='constrained', width_ratios=[1.2, 1])
 

@@ -44,10 +44,12 @@ print(f'moved by up to {rest.shift:.2f} mm; force left: {rest.after:.1e} N')
 
 import matplotlib.pyplot as plt
 
+from magphonon.plotting.axes import COLOURS
+
 figure, ax = plt.subplots(figsize=(5, 4.2), layout='constrained')
 moved = rest.atoms.positions - holed.positions
 ax.plot(*rest.atoms.positions[:, :2].T, 'o', color='0.7', markersize=5)
-ax.quiver(*holed.positions[:, :2].T, *5 * moved[:, :2].T, angles='xy', scale_units='xy', scale=1, color='#D55E00')
+ax.quiver(*holed.positions[:, :2].T, *5 * moved[:, :2].T, angles='xy', scale_units='xy', scale=1, color=COLOURS[1])
 ax.set(aspect='equal', xlabel='x (mm)', ylabel='y (mm)', title='displacements, five times enlarged')
 
 # %%
@@ -71,7 +73,7 @@ for k in order:
 
 figure, ax = plt.subplots(figsize=(6, 3), layout='constrained')
 ax.plot(whole.frequencies_Hz, participation(whole), '.', color='0.7', label='perfect')
-ax.plot(local.frequencies_Hz, share, '.', color='#0072B2', label='one magnet missing')
+ax.plot(local.frequencies_Hz, share, '.', color=COLOURS[0], label='one magnet missing')
 ax.set(xlabel='frequency (Hz)', ylabel='participation ratio')
 ax.legend(frameon=False)
 
@@ -83,5 +85,5 @@ k = order[0]
 figure, ax = plt.subplots(figsize=(5, 4.2), layout='constrained')
 ax.plot(*rest.atoms.positions[:, :2].T, 'o', color='0.7', markersize=5)
 arrows = local.shapes[k] / abs(local.shapes[k]).max() * 8
-ax.quiver(*rest.atoms.positions[:, :2].T, *arrows[:, :2].T, angles='xy', scale_units='xy', scale=1, color='#0072B2')
+ax.quiver(*rest.atoms.positions[:, :2].T, *arrows[:, :2].T, angles='xy', scale_units='xy', scale=1, color=COLOURS[0])
 ax.set(aspect='equal', xlabel='x (mm)', ylabel='y (mm)', title=f'{local.frequencies_Hz[k]:.2f} Hz')
