@@ -55,8 +55,10 @@ def run(options: Namespace) -> None:
             report += _of_lattice(save, scene, lattice)
         if patch is not None:
             report += _of_patch(folder, save, lattice, patch, options.animate)
+        drawn = any(folder.glob('*.png'))
     print('\n'.join(report))
-    print(f'pictures and data are in {options.output}')
+    print(f'pictures and data are in {options.output}' if drawn else 'no pictures: modes are drawn of planar lattices that have '
+          f'a number of shells, motion in the plane and at most {MOST_BRANCHES} branches')
 
 
 def cost(scene: Scene) -> Cost:

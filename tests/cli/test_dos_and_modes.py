@@ -99,6 +99,16 @@ def test_a_scene_without_a_patch_and_one_out_of_a_file(tmp_path, capsys):
     assert 'patch: 50 free directions' in capsys.readouterr().out
 
 
+def test_modes_of_a_chain_are_named_and_it_says_that_none_is_drawn(tmp_path, capsys):
+    assert main(['modes', 'chain', '-o', str(tmp_path / 'out')]) == 0
+    told = capsys.readouterr().out
+    assert 'transverse' in told
+    assert 'shear' not in told
+    assert 'no pictures' in told
+    assert not list((tmp_path / 'out').glob('*.png'))
+
+
+
 @pytest.mark.slow
 def test_a_local_mode_is_named(prototype, tmp_path, capsys, monkeypatch):
     cell = lattices.triangular(L0, MASS)
