@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 BAD = {'facecolor': '0.93', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0.0}
 
+WIDE = 30.0
+"""Answers that are positive, the largest more than this multiple of the smallest, are drawn on a logarithmic scale."""
+
 
 def plot_sweep(answers: Dataset, name: str, ax: Axes | None = None) -> Axes:
     """Draw one answer of a sweep: over one axis as a line, over two as a map; further axes at their first value.
@@ -57,10 +60,12 @@ def _draw_line(values: DataArray, ax: Axes) -> None:
     ax.set(xlabel=_label(x), ylabel=_label(values), xlim=sorted(edges[[0, -1]]))
     if _in_equal_factors(x.to_numpy()):
         ax.set_xscale('log')
+    if _is_wide(y):
+        ax.set_yscale('log')
 
 
 def _draw_map(values: DataArray, ax: Axes) -> None:
-    from matplotlib.colors import ListedColormap
+    from matplotlib.colors import ListedColormap, LogNorm
 
     y, x = (values[axis] for axis in values.dims)
     table = np.ma.masked_invalid(values.to_numpy())
@@ -68,7 +73,7 @@ def _draw_map(values: DataArray, ax: Axes) -> None:
     bad = np.ma.masked_array(np.zeros(table.shape), ~np.ma.getmaskarray(table))
     ax.pcolor(*mesh, bad, cmap=ListedColormap([BAD['facecolor']]), hatch=BAD['hatch'], edgecolor=BAD['edgecolor'], linewidth=0)
     if table.count():
-        shades = ax.pcolormesh(*mesh, table, cmap='cividis')
+        shades = ax.pcolormesh(*mesh, table, cmap='cividis', norm=LogNorm() if _is_wide(table.compressed()) else None)
         ax.figure.colorbar(shades, ax=ax, label=_label(values))
         if table.min() < 0 < table.max() and min(table.shape) > 1:
             ax.contour(x, y, table, levels=[0], colors='white', linewidths=1.2)
@@ -81,6 +86,11 @@ def _draw_map(values: DataArray, ax: Axes) -> None:
 def _label(array: DataArray) -> str:
     unit = array.attrs.get('units', '')
     return f'{array.name} ({unit})' if unit not in ('', '1') else str(array.name)
+
+
+def _is_wide(values: np.ndarray) -> bool:
+    low, high = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=0)
+    return bool(0 < WIDE * low < high)
 
 
 def _in_equal_factors(values: np.ndarray) -> bool:

@@ -251,3 +251,13 @@ def test_bad_points_are_hatched():
     ax = plot_sweep(found.isel(y=2), 'value')
     assert len([patch for patch in ax.patches if patch.get_hatch()]) == 1
     assert ax.get_xscale() == 'log'
+
+
+@pytest.mark.parametrize(('largest', 'scale'), [(1.9e3, 'log'), (100.0, 'linear')])
+def test_answers_over_decades_are_drawn_on_a_logarithmic_scale(largest, scale):
+    table = np.geomspace(20.0, largest, 6).reshape(3, 2)
+    table[1, 0] = np.nan
+    answers = xarray.Dataset({'f': (('y', 'x'), table)}, coords={'x': [1.0, 2.0], 'y': [1.0, 2.0, 3.0]})
+    assert plot_sweep(answers.isel(x=1), 'f').get_yscale() == scale
+    ax = plot_sweep(answers, 'f')
+    assert type(ax.collections[-1].norm).__name__ == {'log': 'LogNorm', 'linear': 'Normalize'}[scale]
