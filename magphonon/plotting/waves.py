@@ -64,7 +64,7 @@ def plot_wave(wave: Wave, ax: Axes | None = None) -> Axes:
     ax = new_axes() if ax is None else ax
     image = _draw_map(ax, wave, _top(wave))
     ax.figure.colorbar(image, ax=ax, label=POWER)
-    legend_above(ax, title=f'{wave.motion} motion')
+    legend_above(ax, ncols=2, title=f'{wave.motion} motion')  # no wider than the axes, beside which is the bar
     return ax
 
 
