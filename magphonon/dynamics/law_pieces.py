@@ -96,7 +96,8 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
     Returns
     -------
     Pieces or None
-        None for a law that needs too many.  Where the law ends before, so do the pieces that lie in it as a whole.
+        None for a law that needs too many, or that ends in the piece next to rest.  Where the law ends before, so do the pieces
+        that lie in it as a whole.
     """
     own, r0 = increments.at(kind), increments.r0[kind]
     per_increment, power = (0.5, 1) if increments.model == 'conventional' else (1.0, 2)
@@ -113,6 +114,8 @@ def pieces(increments: Increments, kind: int, shortest: float, longest: float) -
     round_off = 2 * np.finfo(float).eps * per_increment * (scale + abs(own.static / r0))  # of forces, for the difference in Q
     first = _next_piece(_end_of(quotient, _start_of(octave_piece(shortest**power))))
     last: Any = octave_piece(_end_of(quotient, _start_of(_next_piece(longest**power))))
+    if not first <= octave_piece(1.0) < last:
+        return None
     edges = _start_of(np.arange(first, last + 1))
     a, b = edges[:-1], edges[1:]
     child, centre, rows = [], [], []
