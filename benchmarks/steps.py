@@ -134,12 +134,17 @@ def lammps(stack, atoms, displacements, foundation):
 
 def compare(title, candidates, count):
     """Run the candidates in turns and print a line for each; `candidates` is name -> (seconds(steps), error)."""
+    def seconds(work, steps):  # of this thread, which other users of the machine do not lengthen
+        start = thread_time()
+        work(steps)
+        return thread_time() - start
+
     best, steps = {}, {}
-    for name, (seconds, _) in candidates.items():
-        steps[name] = 10 * max(1, round(SECONDS / (10 * seconds(20) / 20 + 1e-9)))
+    for name, (work, _) in candidates.items():
+        steps[name] = 10 * max(1, round(SECONDS / (10 * seconds(work, 20) / 20 + 1e-9)))
     for _ in range(ROUNDS):
-        for name, (seconds, _) in candidates.items():
-            best[name] = min(best.get(name, np.inf), seconds(steps[name]) / steps[name])
+        for name, (work, _) in candidates.items():
+            best[name] = min(best.get(name, np.inf), seconds(work, steps[name]) / steps[name])
     fastest = min((t for name, t in best.items() if name.startswith('LAMMPS')), default=np.nan)
     for name, (_, error) in candidates.items():
         print(f'{title:10s} {count:8d}  {name:22s} {best[name] / count * 1e9:9.2f} ns  {fastest / best[name]:7.2f} x LAMMPS'

@@ -132,9 +132,8 @@ class Cages:
 
         Without `bonded` the lengths of the bonds are not looked at, as somebody else has done that.
         """
-        lost = np.flatnonzero(~np.isfinite(u).all(axis=1))
-        if len(lost):
-            raise Diverged(lost[0], time, 'has no finite position')
+        if not np.isfinite(u).all():
+            raise Diverged(np.flatnonzero(~np.isfinite(u).all(axis=1))[0], time, 'has no finite position')
         if self.still(np.sqrt(np.einsum('ix,ix->i', u, u).max(initial=0.0))):
             return
         if bonded:
@@ -154,18 +153,18 @@ class Cages:
 
     def _look_at_others(self, u, time):
         """A pair d apart at the survey can be nearer than `nearest` only if an end has moved by (d - nearest)/2 since."""
-        moved = np.linalg.norm(u - self._origin, axis=1)
+        step = u - self._origin
+        moved = np.sqrt(np.einsum('ix,ix->i', step, step))
         if moved.max() >= (SURVEYED - 1) / 2 * self.nearest:
             self._survey(u)
             moved = np.zeros(len(u))
             distance, i, j = self._distance, self._i, self._j
         else:
-            far = moved > self._margin
-            if not far.any():
+            far = np.flatnonzero(moved > self._margin)
+            if not len(far):
                 return
-            pairs = far[self._i] | far[self._j]
+            pairs = np.concatenate([self._pairs_of[s:e] for s, e in zip(self._first[far], self._first[far + 1], strict=True)])
             i, j = self._i[pairs], self._j[pairs]
-            step = u - self._origin
             distance = np.linalg.norm(self._vectors[pairs] + step[j] - step[i], axis=1)
         for b in np.flatnonzero(distance < self.nearest)[:1]:
             raise Diverged(i[b], time, f'is {distance[b]:g} mm from {j[b]}, with which it has no bond, nearer than the '
@@ -182,6 +181,7 @@ class Cages:
             self._i = self._j = np.zeros(1, int)
             self._vectors, self._distance = np.zeros((1, self.calc.dim)), np.zeros(1)
             self._margin = self._margin_squared = np.zeros(len(u))
+            self._pairs_of, self._first = np.zeros(len(u), int), np.arange(len(u) + 1)
             return
         other = self.mobile[near.i] | self.mobile[near.j]
         self._i, self._j, self._vectors = near.i[other], near.j[other], near.vectors[other, : self.calc.dim]
@@ -190,6 +190,9 @@ class Cages:
         for ends in (self._i, self._j):
             np.minimum.at(self._margin, ends, (self._distance - self.nearest) / 2)
         self._margin_squared = np.maximum(self._margin, 0) ** 2
+        ends = np.concatenate([self._i, self._j])
+        by_end = np.argsort(ends, kind='stable')
+        self._pairs_of, self._first = by_end % max(len(self._i), 1), np.searchsorted(ends[by_end], np.arange(len(u) + 1))
 
 
 def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:
