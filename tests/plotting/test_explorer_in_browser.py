@@ -245,6 +245,10 @@ def test_an_unstable_mode_grows_and_a_stopped_one_rests(opened):
     np.testing.assert_array_equal(displacements(page)[2], still)
 
 
+def test_the_lowest_branch_of_a_chain_is_called_transverse(opened):
+    assert 'At X, D* lowers the transverse branch from' in opened(MADE['chain by a table']).inner_text('#dstar')
+
+
 def test_keys_choose_modes_and_a_button_leads_back_to_the_scene(opened):
     page = opened(MADE['triangular'])
     assert page.is_disabled('#reset')

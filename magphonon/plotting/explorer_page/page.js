@@ -5,6 +5,7 @@ const data = JSON.parse(document.getElementById('data').textContent);
 const element = id => document.getElementById(id);
 const NAMES = Object.keys(data.sliders);
 const KEYS = {spacing: 'spacing_m', exponent: 'exponent', foundation: 'foundation_N_per_m'};
+const TRANSVERSE = data.periods === 1 ? 'transverse' : 'shear';
 const HIGHEST_SHOWN_Hz = 1.5;  // frequency at which the highest mode moves on the screen
 
 const NO_EXPONENT = `<p class="why">There is no slider for the exponent, because the law of this scene is no inverse power
@@ -97,7 +98,7 @@ function effectOfDstar() {
   const {at, name} = data.path.point;
   const [complete, conventional] = [view.bands.complete[at][0], view.bands.conventional[at][0]];
   const mode = modeOf(data, view.state, 'complete', data.path.q[at], 0);
-  const branch = motionName(mode, data.path.q[at]) === 'shear' ? 'shear branch' : 'lowest branch';
+  const branch = motionName(mode, data.path.q[at]) === TRANSVERSE ? `${TRANSVERSE} branch` : 'lowest branch';
   return {name, complete, conventional, branch, ratio: complete / conventional};
 }
 
@@ -120,7 +121,7 @@ function growth(frequency) {
   return `grows e-fold in ${time_s < 1 ? `${written(1000 * time_s)}\u202fms` : `${written(time_s)}\u202fs`}`;
 }
 
-/** 'shear' or 'longitudinal' where nine tenths of the energy move across or along the wavevector. */
+/** The name of a motion of which nine tenths of the energy move across or along the wavevector. */
 function motionName(mode, q) {
   const k = wavevector(data, q), length = Math.hypot(...k);
   if (length < 1e-12) return '';
@@ -130,7 +131,7 @@ function motionName(mode, q) {
     along += data.masses_kg[j] * (part[0] ** 2 + part[1] ** 2);
     all += data.masses_kg[j] * (ux[0] ** 2 + ux[1] ** 2 + uy[0] ** 2 + uy[1] ** 2);
   });
-  return along > 0.9 * all ? 'longitudinal' : along < 0.1 * all ? 'shear' : 'mixed';
+  return along > 0.9 * all ? 'longitudinal' : along < 0.1 * all ? TRANSVERSE : 'mixed';
 }
 
 function showMode() {
