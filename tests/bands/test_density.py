@@ -157,6 +157,7 @@ def test_the_tetrahedra_of_a_large_mesh_are_not_kept():
     """Three of four corners belong to each branch at each wavevector; once all six of them were kept, twice."""
     atoms, steps = lattice('fcc'), 36
     atoms.calc = MagneticRepulsion(atoms, LAWS['magnets'], foundation=0.3)
+    lattice_density(atoms, steps=4)  # imports what it needs
     tracemalloc.start()
     lattice_density(atoms, np.linspace(0.1, 3, 100), steps=steps)
     peak = tracemalloc.get_traced_memory()[1]
