@@ -80,8 +80,8 @@ def scanned(seed, folder, source='point'):
 
 @pytest.mark.slow
 def test_uncertainties_of_ridges_from_a_point_cover_the_branch(tmp_path):
-    """Sixteen drawn lattices, patches, carriers, directions of the force and noises."""
-    found = [one for seed in range(16) for one in scanned(seed, tmp_path)]
+    """Twenty-four drawn lattices, patches, carriers, directions of the force and noises."""
+    found = [one for seed in range(24) for one in scanned(seed, tmp_path)]
     scores, without = (np.concatenate(found[k::2]) for k in (0, 1))
     print(f'\n{len(scores)} points: coverage {np.mean(scores < NORMAL):.3f}, by all else {np.mean(without < NORMAL):.3f}')
     assert len(scores) > 200
