@@ -204,6 +204,20 @@ def displacement_table(rng, particles):
     return table_text(['time_s', 'particle', 'u_x_m', 'u_y_m'], rows, rng)
 
 
+def ridge_table(rng):
+    """A table of ridges for `fit --bands`, mutated: few or many, of the prototype or of other frequencies and wavenumbers."""
+    ridges, points = rng.choice([1, 2, 2, 4, 100]), rng.choice([1, 3, 8])
+    scale_xi, scale_Hz = rng.choice([1, 1, 1, 1, 5, 1e-3]), rng.choice([1, 1, 1, 1, 10, 1e-3, 1e3])
+    header = ['record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'q1', 'q2']
+    rows = []
+    for ridge in range(ridges):
+        for k in range(points):
+            xi = scale_xi * (0.5 + 2 * k / points)
+            rows.append([f'{ridge}', ('transverse', 'longitudinal', 'x')[ridge % 3], f'{xi:.6g}', rng.choice(['0.01', '0']),
+                         f'{scale_Hz * (30 + 15 * xi + 5 * (ridge % 3)):.6g}', '0.05', '0', f'{xi / 6.2831853:.6g}'])
+    return table_text(header, rows, rng)
+
+
 def table_text(header, rows, rng):
     """The table in bytes, after none, one or two changes."""
     for _ in range(rng.choice([0, 1, 1, 2])):

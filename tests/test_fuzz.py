@@ -46,7 +46,7 @@ def cheap(monkeypatch, request):
     monkeypatch.setattr(uncertainty, 'SAMPLES', 20)
 
 
-def verdict(command, files, folder, output=True):
+def verdict(command, files, folder, output=True, between=()):
     """The judge's verdict on a command that reads files of these contents, a dict of name to bytes, the scene last."""
     desk = Path(folder) / 'desk'
     shutil.rmtree(desk, ignore_errors=True)
@@ -54,7 +54,7 @@ def verdict(command, files, folder, output=True):
     for name, content in files.items():
         (desk / name).write_bytes(content)
     inputs, out = [desk / name for name in files], desk / 'out'
-    arguments = [command, *map(str, inputs)]
+    arguments = [command, *map(str, inputs[:-1]), *between, str(inputs[-1])]
     if output and command not in ('check', 'design'):
         arguments += ['-o', str(out)]
     if command == 'plan':
@@ -89,6 +89,12 @@ def table_verdict(seed, row, folder):
     return verdict('spectrum', files, folder)
 
 
+def ridges_verdict(seed, folder):
+    rng = random.Random(f'ridges {seed}')  # noqa: S311, nothing secret
+    output = seed % 8 == 0  # pictures take long
+    return verdict('fit', {'ridges.csv': fuzzing.ridge_table(rng), 'my.toml': small_patch()}, folder, output, between=['--bands'])
+
+
 def small_patch():
     return ready_scene('prototype').read_bytes().replace(b'side_m = 0.3 ', b'side_m = 0.1 ')
 
@@ -118,6 +124,18 @@ def test_mutated_scenes(command, tmp_path):
 
 def test_mutated_tables(tmp_path, row):
     assert faults({seed: table_verdict(seed, row, tmp_path) for seed in range(25)}) == {}
+
+
+@pytest.mark.slow
+def test_mutated_ridges(tmp_path):
+    verdicts = {seed: ridges_verdict(seed, tmp_path) for seed in range(16)}
+    assert faults(verdicts) == {}
+    assert {found.status for found in verdicts.values()} == {0, 2}  # otherwise nothing was fitted, or nothing refused
+
+
+@pytest.mark.long
+def test_many_mutated_ridges(tmp_path):
+    assert faults({seed: ridges_verdict(seed, tmp_path) for seed in range(16, 1000)}) == {}
 
 
 @pytest.mark.long

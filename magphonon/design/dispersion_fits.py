@@ -51,6 +51,8 @@ PASSES = 4
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
 """Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
 each parameter up to which these go, and how many of the assignments found are fitted."""
+ROUNDS, FARTHEST = 6, 3
+"""How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
 MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
 """Branch, counted from the lowest, of a motion in a lattice of one particle that moves in the plane."""
 
@@ -184,8 +186,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
         others = [with_branches(*other) for other in _assignments(cell, len(names), points, model)]
         fit = min(fit, *others, key=lambda other: other.chi2)
-    while fit.chance < FITS:
-        tries = [with_branches(other, np.log(fit.factors)) for other in _neighbouring(fit.branches, count, told)]
+    for _ in range(ROUNDS * (fit.chance < FITS)):
+        tries = [with_branches(other, np.log(fit.factors)) for other in _neighbouring(fit, points, count, told)]
         nearer = min(tries, key=lambda other: other.chi2, default=fit)
         if nearer.chi2 >= fit.chi2:
             break
@@ -240,9 +242,10 @@ def _assignments(cell, parameters, points, model):
     return [(branches, np.array(x)) for branches, (_, x) in sorted(found.items(), key=lambda item: item[1])[:TRIED]]
 
 
-def _neighbouring(branches, count, told):
-    """The same branches but for one ridge, which is taken for the next above or below where its motion does not tell."""
-    for k in (k for k in range(len(branches)) if not told[k]):
+def _neighbouring(fit, points, count, told):
+    """The branches of a fit, but the next above or below for one of the ridges that it leaves farthest and no motion tells."""
+    off, branches = np.bincount(points.ridge, fit.residuals**2, len(told)), fit.branches
+    for k in [k for k in np.argsort(-off).tolist() if not told[k]][:FARTHEST]:
         for other in (branches[k] - 1, branches[k] + 1):
             if 0 <= other < count:
                 yield (*branches[:k], other, *branches[k + 1 :])

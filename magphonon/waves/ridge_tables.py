@@ -26,6 +26,8 @@ NEEDED = ('xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'q1', 
 APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of
 gravity lies up to half a line from its own."""
+RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
+"""Frequencies, and the largest component of a wavevector, of a table; others are in another unit."""
 MOST_BYTES = 100 * MEGABYTE
 
 
@@ -151,9 +153,7 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
     each = list(dict.fromkeys(ridges))
     columns = {name: np.array([_number(path, n, row, name) for (n, _), row in zip(rows[1:], table, strict=True)])
                for name in NUMBERS if name in header}
-    for name in ('xi_rad', 'frequency_Hz', 'sigma_frequency_Hz'):
-        for k in np.flatnonzero(columns[name] <= 0)[:1]:
-            raise ValueError(f'line {rows[k + 1][0]} of {path}: {name} must be positive, not {columns[name][k]:g}')
+    _refuse_impossible(path, columns, [number for number, _ in rows[1:]])
     n = len(table)
     q = np.stack([columns['q1'], columns['q2'], columns.get('q3', np.zeros(n))], axis=1)
     to_omega = 2 * np.pi * units.Hz
@@ -161,6 +161,22 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
                        np.array([each.index(one) for one in ridges]), q, columns['xi_rad'], columns['sigma_xi_rad'],
                        columns['frequency_Hz'] * to_omega, columns['sigma_frequency_Hz'] * to_omega,
                        columns.get('power_m2', np.ones(n)), columns.get('bin_Hz', np.zeros(n)) * to_omega)
+
+
+def _refuse_impossible(path, columns, lines):
+    """Raise ValueError for what no measured wave has; `lines` are the numbers of the lines."""
+    for name, least, most in (('xi_rad', 1e-9, 2 * np.pi), ('frequency_Hz', *RANGE_Hz), ('sigma_frequency_Hz', *RANGE_Hz)):
+        values = columns[name]
+        for k in np.flatnonzero((values < least) | (values > most))[:1]:
+            what = 'positive' if values[k] <= 0 else f'between {least:.3g} and {most:.3g}, in the unit of its name'
+            raise ValueError(f'line {lines[k]} of {path}: {name} must be {what}, not {values[k]:g}')
+    for k in np.flatnonzero((columns['sigma_xi_rad'] < 0) | (columns['sigma_xi_rad'] > 2 * np.pi))[:1]:
+        raise ValueError(f'line {lines[k]} of {path}: sigma_xi_rad must lie between 0 and 2 pi, not '
+                         f'{columns["sigma_xi_rad"][k]:g}')
+    for name in ('q1', 'q2', 'q3'):
+        for k in np.flatnonzero(abs(columns.get(name, np.zeros(0))) > MOST_q)[:1]:
+            raise ValueError(f'line {lines[k]} of {path}: {name} is {columns[name][k]:g}; wavevectors are fractions of the '
+                             f'reciprocal vectors, of a size up to {MOST_q:g}')
 
 
 def _number(path, line, row, name):
