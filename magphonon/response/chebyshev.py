@@ -98,6 +98,7 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
     Yields
     ------
     ndarray, shape (BLOCK, rows, ...)
+        One array for all blocks, which the next one overwrites: the operating system would clear the pages of each new one.
 
     Raises
     ------
@@ -107,9 +108,9 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
     X2 = twice_scaled(K, interval)
     length = np.linalg.norm(s, axis=0)
     before, now = X2 @ s / 2, s  # T_{-1} = T_1
+    block = np.empty((BLOCK, *s[rows].shape), dtype=s.dtype)
     with tqdm(total=terms, desc='products', delay=2, disable=None, leave=False) as progress:
         while True:
-            block = np.empty((BLOCK, *s[rows].shape), dtype=s.dtype)
             for k in range(BLOCK):
                 block[k] = now[rows]
                 after = X2 @ now

@@ -133,5 +133,7 @@ class LinearSystem:
     def rows(self, particles: NDArray[np.int_]) -> tuple[NDArray[np.int_], sparse.csr_array]:
         """The free directions of some particles, and the part of `shapes` that belongs to both."""
         own = self.shapes[(particles[:, None] * self.dim + np.arange(self.dim)).ravel()]
-        rows = np.unique(own.indices)
+        wanted = np.zeros(self.free.shape[1], bool)  # np.unique takes a hundred times as long
+        wanted[own.indices] = True
+        rows = np.flatnonzero(wanted)
         return rows, own[:, rows]
