@@ -23,7 +23,7 @@ wavevectors = st.tuples(fractions, fractions)
 few = settings(max_examples=40, deadline=None)
 
 # Drawn laws may be so soft or stiff that the package asks whether units were forgotten.
-pytestmark = pytest.mark.filterwarnings('ignore:.*multiply those in SI by their units:UserWarning')
+pytestmark = pytest.mark.filterwarnings('ignore:.*multiply SI values by their units:UserWarning')
 
 # Round-off: of squared frequencies against the highest, of forces against that of a bond.
 EXACT = 1e-12

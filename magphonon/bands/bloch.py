@@ -24,39 +24,39 @@ if TYPE_CHECKING:
     from ..stiffness.repulsion import Repulsion
 
 BATCH_BYTES = 2**22
-"""Of the largest array of the wavevectors that are treated at a time: the whole of a large zone need not fit in memory, and what
-fits in the processor's cache takes two thirds of the time, in a mesh of the honeycomb."""
+"""Size in bytes of the largest array of the wavevectors that are treated at a time.  A large zone then need not fit in memory,
+and arrays that fit in the processor's cache take two thirds of the time (measured with a mesh of the honeycomb)."""
 DIVIDE = 400
-"""Largest size of complex matrices whose eigenvectors NumPy's algorithm, divide and conquer, finds as soon as SciPy's, relatively
-robust representations: at 800 it takes 1.3 times as long, at 1200 2.5 times."""
+"""Largest size of complex matrices for which NumPy's algorithm for eigenvectors (divide and conquer) is as fast as SciPy's
+(relatively robust representations); at 800 it takes 1.3 times as long, at 1200 2.5 times."""
 
 
 def cell_at_rest(atoms: Atoms) -> tuple[Repulsion, NDArray[np.float64]]:
-    """The calculator of a cell, at rest, and what its constraints leave free.
+    """The calculator of a cell, at rest, and the directions that its constraints leave free.
 
     Returns
     -------
     calc : MagneticRepulsion or AllNeighbours
     free : ndarray, shape (particles * dim, free)
-        Orthonormal directions P, each of one particle; held particles, such as the walls of a channel, have none.
+        Orthonormal directions P, each of one particle; held particles, such as the walls of a channel, have no such direction.
 
     Raises
     ------
     ValueError
         If there is no such calculator, the constraints are others than FixAtoms, FixedLine and FixedPlane or hold everything, or
-        the forces on what is free do not balance (`magphonon.stiffness.rest`).
+        the forces along free directions do not balance (`magphonon.stiffness.rest`).
     """
     calc: Any = settled(atoms).calc
     return calc, free_motion(atoms).toarray() if atoms.constraints else np.eye(len(atoms) * calc.dim)
 
 
 def cell_of_free_particles(atoms: Atoms, what: str) -> Repulsion:
-    """The calculator of a cell, at rest, all of whose particles move, as `what` supposes.
+    """The calculator of a cell, at rest, all of whose particles are free, as `what` supposes.
 
     Raises
     ------
     ValueError
-        As `cell_at_rest`; also if the cell holds a constraint.
+        As for `cell_at_rest`; also if the cell holds a constraint.
     """
     if atoms.constraints:
         raise ValueError(f'the cell holds the constraint {atoms.constraints[0]}, but {what} of free particles; '
@@ -65,7 +65,7 @@ def cell_of_free_particles(atoms: Atoms, what: str) -> Repulsion:
 
 
 def condensed(D: NDArray[Any], free: NDArray[np.float64]) -> NDArray[Any]:
-    """`P^T D P`: matrices of the free directions P alone, shape (..., free, free); what is held stays at rest."""
+    """`P^T D P`: matrices of the free directions P, shape (..., free, free), while held particles stay at rest."""
     return D if free.shape[0] == free.shape[1] else free.T @ D @ free
 
 
@@ -86,8 +86,8 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete', vectors: bo
     vectors : bool
         Compute the modes too.
     branches : int, optional
-        The lowest ones only, which cells of hundreds of particles find without being diagonalised
-        (`magphonon.stiffness.lowest_eigenpairs`); all of them if not given.
+        Number of lowest branches to compute, in cells of hundreds of particles without a full diagonalisation
+        (`magphonon.stiffness.lowest_eigenpairs`); all branches if not given.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def _diagonalised(D):
 
 
 def _lowest_by_inverse(calc, free, masses, q, model, count, vectors):
-    """The same of the lowest modes alone, for one wavevector after the other; each answer is the first estimate of the next."""
+    """The same for the lowest modes, one wavevector after the other; each result is the first estimate of the next."""
     S = sparse.diags_array(1 / np.sqrt(np.repeat(masses, calc.dim))) @ sparse.csr_array(free)
     K, squares = calc.rest_stiffness(model), None
     for at in tqdm(q, desc='wavevectors', delay=2, disable=None, leave=False):

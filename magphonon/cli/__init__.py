@@ -1,1 +1,1 @@
-"""The command `magphonon`: `main` reads the command line, each command has a module of its name."""
+"""The command `magphonon`: `main` reads the command line; each subcommand is the module of the same name."""

@@ -8,9 +8,9 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
 STDIN = '-'
-"""Takes the place of a scene that comes through a pipe."""
+"""Argument for a scene that is read from a pipe."""
 FOLDER = 'SCENE-COMMAND'
-"""Stands for the directory that is taken if none is named."""
+"""Placeholder for the default directory, which is named after scene and command."""
 
 
 def add_scene(parser: ArgumentParser, needs: str = '') -> None:
@@ -20,9 +20,9 @@ def add_scene(parser: ArgumentParser, needs: str = '') -> None:
 
 
 def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
-    """Add the option -o DIR; without a `default` the command decides what its absence means."""
+    """Add the option -o DIR; without a `default` the command itself handles its absence."""
     parser.add_argument('-o', '--output', metavar='DIR', default=default,
-                        help='directory for the results, made if it is not there (default: SCENE-COMMAND, such as '
+                        help='directory for the results, created if it does not exist (default: SCENE-COMMAND, such as '
                              f'prototype-{parser.prog.split()[-1]})')
 
 

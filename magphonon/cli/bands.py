@@ -94,7 +94,7 @@ def _draw(save, scene, bands, highest_Hz):
         plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
     name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
     plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
-    ax.set_ylim(top=highest_Hz)  # before the names, which stand where the branches are seen
+    ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
     if tuple(scene.atoms().pbc) == PLANAR:
@@ -175,7 +175,7 @@ def _moduli(atoms):
 
     try:
         return [f'with the foundation removed: {elastic_moduli(atoms)}']
-    except ValueError:  # such as repulsion that reaches without bound
+    except ValueError:  # such as a law that needs a neutralising background
         return []
 
 

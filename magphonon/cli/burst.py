@@ -26,7 +26,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--files', metavar='DIR', help="directory that keeps LAMMPS's files, a folder with submit.sh for each "
                                                        'burst; a burst that was run in it, here or on a cluster, is read and not '
                                                        'run again')
-    parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: idle cores that pay)')
+    parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
     parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
 
 
@@ -67,20 +67,20 @@ def run(options: Namespace) -> None:
 
 
 def _engine(options):
-    """What takes the time steps of a burst in a model: a function from both to keywords of `send`."""
+    """The engine of a burst in a model: a function of the name of the burst and the model that returns keywords for `send`."""
     from pathlib import Path
 
     from ..errors import whole
 
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
-        raise ValueError('--ranks and --files are those of LAMMPS; add --engine lammps')
+        raise ValueError('--ranks and --files apply to LAMMPS only; add --engine lammps')
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
     threads = None if options.threads is None else whole('--threads', options.threads)
     if options.files is not None:
         Path(options.files).mkdir(parents=True, exist_ok=True)
 
     def of(name, model):
-        if options.engine != 'lammps' or model != 'complete':  # LAMMPS knows no other model
+        if options.engine != 'lammps' or model != 'complete':  # LAMMPS has no other model
             return {'threads': threads}
         return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name)}
 
@@ -146,7 +146,7 @@ def _animate(folder, name, passages):
 
 
 def _amplitudes(cell, largest, loud):
-    """The largest displacement of each burst and, if `loud`, a warning where it is beyond the linear range."""
+    """The largest displacement of each burst and, if `loud`, a warning if it is beyond the linear range."""
     from .. import units
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR

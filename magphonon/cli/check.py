@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 HELP = 'check a scene before it runs: equilibrium, stability, time step, supports, linear range, supercell, cost'
 JUDGED = 20_000
-"""Largest number of particles of a patch that is judged by itself.  This takes about ten seconds at this size, and the time grows
-with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
+"""Largest number of particles of a patch that is judged separately.  This takes about ten seconds at this size, and the time
+grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -73,7 +73,7 @@ def run(options: Namespace) -> int:
 
 
 def _large(patch, perfect):
-    """What the terminal shows for a patch that is not judged by itself.
+    """What the terminal shows for a patch that is too large to be judged separately.
 
     The free particles of a perfect patch have all their neighbours, so that its Hessian is a block of that of the lattice, in
     the plane, out of it and at every spacing.  Its eigenvalues lie between the lowest and the highest one of the lattice
@@ -82,9 +82,9 @@ def _large(patch, perfect):
     from .. import units
     from ..dynamics.timestep import highest_frequency
 
-    many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged by itself. '
+    many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged separately. '
     if perfect:
-        return (many + 'Every particle inside its rim has all of its neighbours, so what is said of the lattice is enough for '
+        return (many + 'Every particle inside its rim has all of its neighbours, so the results for the lattice are valid for '
                 'the patch: foundation, spacing, supports, time steps, and impacts away from the rim. The fixed rim may make it '
                 'stable even where the lattice buckles. The linear amplitude is that of waves far from the rim.')
     return (many + f'Time steps up to {2 / highest_frequency(patch) / units.s:.4g} s are stable (2/omega_max). Its spacing, its '

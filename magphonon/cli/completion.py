@@ -18,7 +18,7 @@ _magphonon_ready() {{ compgen -W "{names}" -- "$1"; }}''',
     'zsh': '''_magphonon_scene_files() {{ _alternative "ready:ready scene:({names})" "files:scene file:_files -g '*.toml'" }}
 _magphonon_ready() {{ _alternative "ready:ready scene:({names})" }}''',
 }
-"""What completes scenes, by shell; for names that hold 'file' shtab has bash write a slash behind a directory."""
+"""Shell functions that complete scenes.  Their names contain 'file', so that shtab makes bash append a slash to a directory."""
 SHELLS = tuple(FUNCTIONS)
 SCENE, READY = (dict.fromkeys(SHELLS, name) for name in ('_magphonon_scene_files', '_magphonon_ready'))
 
@@ -41,7 +41,7 @@ def run(options: Namespace) -> None:
     completed = {'scene': SCENE, 'name': READY, 'output': shtab.DIRECTORY, 'files': shtab.DIRECTORY}
     completed |= dict.fromkeys(('table', 'file', 'geometry', 'style', 'page'), shtab.FILE)
     [commands] = [action for action in parser._actions if isinstance(action, _SubParsersAction)]
-    for command in commands._choices_actions:  # zsh shows them, and descriptions are too long for it
+    for command in commands._choices_actions:  # zsh shows descriptions, and these are too long
         commands.choices[command.dest].description = command.help
     for action in [action for command in commands.choices.values() for action in command._actions]:
         if action.dest in completed:

@@ -1,9 +1,9 @@
 """The cost of a command, estimated before it starts: memory, time, number of files, and the key that the memory grows with.
 
 The estimates count the largest arrays and the innermost loops.  The constants below are fitted to the peak resident memory and
-the processor time of the commands on one core, at two to four sizes each (`tests/cli/test_costs.py` lists them).  A constant
-that was counted and not measured says so.  This is accurate enough to tell a typing error, such as 1e12 points, from work that
-only takes long.
+the processor time of the commands on one core, at two to four sizes each (`tests/cli/test_costs.py` lists them).  Constants
+marked "counted" were not measured.  The estimates are accurate enough to distinguish a typing error, such as 1e12 points, from
+work that only takes long.
 
 Names end in the unit, bytes or seconds.
 """
@@ -56,7 +56,7 @@ SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
 DRAWN_s = 3.0
 """Uncertainty: time for the lattices drawn at random."""
 CONTAINER = Path('/sys/fs/cgroup')
-"""Where Linux tells what the container of this process may use."""
+"""Directory in which Linux shows the limits of the container of this process."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,8 @@ def uncertainty_cost(scene: Scene) -> Cost:
 
 def burst_cost(scene: Scene) -> Cost:
     """Cost of `magphonon burst`; without a patch, which the command refuses, the cost of its start."""
-    from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP_FRACTION  # with time steps, which no other command needs
+    # here, because the import includes time steps, which other commands do not need
+    from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP_FRACTION
 
     if scene.patch is None:
         return Cost('burst', {'burst.duration_s': PICTURES_bytes}, PICTURES_s, 0)
@@ -229,7 +230,7 @@ def too_much(scene: Scene, cost: Cost, free: float) -> str:
 
 def free_memory() -> int:
     """Number of bytes that this process may still allocate: what the system has left, within the limits of the process."""
-    free = [8 * GIGABYTE]  # where the system does not tell
+    free = [8 * GIGABYTE]  # if the system does not say how much is free
     with suppress(ValueError, OSError, AttributeError):
         free = [os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE')]
     with suppress(ValueError, OSError, IndexError):
@@ -247,7 +248,7 @@ def free_memory() -> int:
 
 
 def _free_in_container():
-    """What the limit of a container leaves; files that the system keeps in memory give way where it is needed."""
+    """Memory that the limit of a container leaves; cached files count as free, because the system drops them on demand."""
     used = dict(line.split() for line in (CONTAINER / 'memory.stat').read_text().splitlines())
     files = int(used['active_file']) + int(used['inactive_file'])
     return int((CONTAINER / 'memory.max').read_text()) - int((CONTAINER / 'memory.current').read_text()) + files

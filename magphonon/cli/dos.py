@@ -59,7 +59,7 @@ def run(options: Namespace) -> None:
 
 
 def cost(scene: Scene) -> Cost:
-    """Estimate of what the command takes."""
+    """Estimated cost of the command."""
     from .costs import Cost, PICTURES_bytes, PICTURES_s, particles_of, size_key
 
     particles = particles_of(scene)
@@ -134,7 +134,7 @@ def _unfolded(folder, save, lattice, patch, path):
     axes = plot_spectral_function(found, path)
     for model, style in zip(lattice.calc.bloch_models, ('-', '--'), strict=False):
         plot_bands(analytic_bands(lattice, path, model), axes, label=f'lattice, {model}', linestyle=style, linewidth=0.8)
-    axes.get_legend().remove()  # wider than the axes, it would push the colour bar away
+    axes.get_legend().remove()  # it is wider than the axes and would displace the colour bar
     legend_of_set(axes.figure)  # pyright: ignore[reportArgumentType]  no subfigure
     save(axes.figure, 'spectral')
     return [f'spectral.png: the modes of the patch along {path.path}, resolved to {units.hertz(found.width[0]):.3g} Hz at low '

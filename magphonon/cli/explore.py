@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 HELP = 'a page with sliders for spacing, exponent and foundation that move the bands, for a browser'
 MARK = b'<meta name="generator" content="magphonon explore">'
-"""What an earlier page has near its beginning; another file is not replaced."""
+"""Text near the beginning of every such page; a file without it is not replaced."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def run(options: Namespace) -> None:
 
 
 def _refuse_foreign(file):
-    """Refuse a name that is no page, or that belongs to something else."""
+    """Refuse a name that does not end in .html, or a file that is not such a page."""
     if file.suffix.lower() not in ('.html', '.htm'):
         raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
     if file.is_dir():
@@ -68,20 +68,20 @@ def _refuse_foreign(file):
 
 
 def _refuse_unknown(scene: Scene) -> None:
-    """Refuse what the page cannot compute: it knows planar lattices of particles with a few shells of neighbours."""
+    """Refuse scenes that the page cannot compute: only planar lattices with a few shells of neighbours are possible."""
     from ..scenes.lattices import ALL
 
     if scene.single:
         raise ValueError('the oscillator is one particle without bands; "magphonon frf" is for it')
     if scene.lattice.kind == 'file':
         raise ValueError('lattice.kind = "file": the positions of a file need not stay in balance when spacing or exponent '
-                         'change; the explorer takes a lattice by its name, such as kind = "triangular"')
+                         'change; the explorer needs a lattice given by its name, such as kind = "triangular"')
     if scene.law.shells == ALL:
-        raise ValueError(f'law.shells = "{ALL}": the explorer knows a number of shells of neighbours, not the sums over all of '
-                         'them; write shells = 3, or take "magphonon bands"')
+        raise ValueError(f'law.shells = "{ALL}": the explorer can use a number of shells of neighbours, but not the sums over '
+                         'all of them; write shells = 3, or use "magphonon bands"')
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
-        raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or take '
+        raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or use '
                          '"magphonon bands"')
     if scene.cell().pbc.all():
-        raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, and the explorer draws planar ones; take '
+        raise ValueError(f'lattice.kind = "{scene.lattice.kind}" is a lattice in space, but the explorer draws planar ones; use '
                          '"magphonon bands"')

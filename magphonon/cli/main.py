@@ -1,8 +1,8 @@
 """The command `magphonon`: it runs the subcommands on scene files and prints ready scenes to start from.
 
-Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for a mistake in the command,
-the scene or the place of the results (one message, nothing written), 3 when all is done but the report on the terminal could
-not be shown, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
+Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for an error in the command,
+the scene or the directory of the results (one message, nothing written), 3 when the results are written but the report could not
+be shown on the terminal, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ COMMANDS = ('bands', 'burst', 'check', 'completion', 'design', 'dos', 'explore',
 """The commands; each is a module of `magphonon.cli`."""
 SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
-"""Words of the field for which a command has another name."""
+"""Common terms and the names of the commands that they mean."""
 VERBATIM = ('completion', 'design', 'scene')
-"""The commands that print what is to be copied into a file, which is not wrapped on a terminal."""
+"""The commands whose output is to be copied into a file, and is therefore not wrapped on a terminal."""
 COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
 """The commands that need a table of the same name in the scene."""
 
@@ -40,9 +40,9 @@ COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command with `arguments` (by default those of the shell) and return its exit status."""
     _open_streams()
-    os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever the shell asks of matplotlib
+    os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever backend the shell sets for matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
-    kept = StringIO()  # what goes to a file or a pipe is written when all is done
+    kept = StringIO()  # output to a file or a pipe is written at the end
     shown = _terminal(options.command) if sys.stdout.isatty() else kept
     with redirect_stdout(shown):
         status = _status(options)
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shown.flush()
         sys.stdout.write(kept.getvalue())
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader, `head` for one, has seen enough
+    except BrokenPipeError:  # the reader of the pipe, such as `head`, has finished
         _forget_output()
     except OSError as error:
         _forget_output()
@@ -84,7 +84,7 @@ def _status(options):
     except ValueError as error:
         return _refusal(error)
     except OSError as error:
-        told = error.filename is None or error.errno is None  # by the package itself, with more words
+        told = error.filename is None or error.errno is None  # raised by the package itself, with a full message
         return _refusal(error if told else f'{error.filename} cannot be opened ({error.strerror})')
     except Terminated as ended:
         _tell(ended.words)
@@ -105,7 +105,7 @@ def _tell(words):
         from .terminal import wrapped
 
         text = wrapped(text)
-    with suppress(OSError):  # a full disk behind `2>`: the exit status still tells it
+    with suppress(OSError):  # a full disk behind `2>`: the exit status still reports the error
         print(text, file=sys.stderr, flush=True)
 
 
@@ -124,7 +124,7 @@ def _open_streams():
     for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  as long as the process
-    if hasattr(sys.stdout, 'reconfigure'):  # not where a test catches it
+    if hasattr(sys.stdout, 'reconfigure'):  # streams replaced by tests lack it
         sys.stdout.reconfigure(errors='backslashreplace')  # pyright: ignore[reportAttributeAccessIssue]  which hasattr asks for
 
 
@@ -145,7 +145,7 @@ def _termination_unwinds():
     def unwind(number, _):
         raise Terminated(number)
 
-    if current_thread() is not main_thread():  # only there may signals be handled
+    if current_thread() is not main_thread():  # signals can only be handled in the main thread
         yield
         return
     known = [getattr(signal, name) for name in ('SIGTERM', 'SIGHUP') if hasattr(signal, name)]
@@ -162,13 +162,13 @@ def _no_silent_overflow():
     """Turn an overflow, a division by zero or a NaN in a formula of the package into an error that ends the command."""
     with warnings.catch_warnings():
         warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
-        warnings.filterwarnings('ignore', message='Glyph .* missing from')  # a title in letters that a picture does not have
+        warnings.filterwarnings('ignore', message='Glyph .* missing from')  # letters of a title that the font lacks
         yield
 
 
 @contextmanager
 def _no_words_about_fonts():
-    """Keep to itself what matplotlib says where it lists the fonts for the first time, or cannot write the list in the home."""
+    """Suppress the messages of matplotlib when it first lists the fonts, or cannot save this list in the home directory."""
     import logging
 
     logger, nowhere = logging.getLogger('matplotlib'), logging.NullHandler()

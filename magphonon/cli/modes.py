@@ -1,4 +1,4 @@
-"""`magphonon modes SCENE`: modes of the lattice at special points, and of the patch, the local ones named."""
+"""`magphonon modes SCENE`: modes of the lattice at special points, and modes of the patch with a list of local ones."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SHOWN = 3
 MOST_BRANCHES = 6
 """Largest number of branches of a lattice whose modes are drawn at each special point."""
 OUTSIDE = 1e-4
-"""Distance of a local mode from the bands, as a fraction of the highest frequency: between points of the mesh they may be
-wider."""
+"""Distance of a local mode from the bands, as a fraction of the highest frequency: the bands may be wider between
+points of the mesh."""
 
 SHAPES_bytes, SHAPES_s = 40, 3e-10
 """Cost of all modes of a structure with their shapes, divided by the square and the cube of its free directions."""
@@ -62,7 +62,7 @@ def run(options: Namespace) -> None:
 
 
 def cost(scene: Scene) -> Cost:
-    """Estimate of what the command takes."""
+    """Estimated cost of the command."""
     from .costs import Cost, FACTOR_bytes, FACTOR_s, PICTURES_bytes, PICTURES_s, particles_of, size_key
 
     size = 2 * particles_of(scene)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
-    """Add the options of pictures; `frequencies` says whether some have an axis of frequencies."""
+    """Add the options of pictures, with --fmax if some have a frequency axis (`frequencies`)."""
     group = parser.add_argument_group('pictures')
     group.add_argument('--pdf', action='store_true', help='write each picture as PDF too')
     group.add_argument('--title', metavar='TEXT', help="title of the pictures (default: the scene's); '' for none")
@@ -25,26 +25,26 @@ def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
 
 @contextmanager
 def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Callable[[FigureBase, str], None]]:
-    """Draw in the style for print, and save as the options ask.
+    """Draw in the style for print, and save as set by the options.
 
     Parameters
     ----------
     options : argparse.Namespace
-        With those of `add_pictures`.
+        Including those of `add_pictures`.
     folder : pathlib.Path
     title : str
-        Of all pictures, unless the options have one.
+        Title of all pictures, unless the options set one.
 
     Yields
     ------
     callable
-        It saves a figure in the folder under a name without ending.
+        Function that saves a figure in the folder, by a name without file ending.
 
     Raises
     ------
     ValueError
-        At once if the style sheet holds anything else or the highest frequency is not positive; when a picture is saved whose
-        frequencies begin above it, or whose title matplotlib cannot draw.
+        At once if the file is not a style sheet or the highest frequency is not positive; on saving a picture whose frequencies
+        begin above it, or whose title matplotlib cannot draw.
     OSError
         At once if the style sheet cannot be read.
     """
@@ -69,7 +69,7 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
                 figure.savefig(folder / f'{name}.{ending}')
         except ValueError as error:
             why = str(error).strip().splitlines()[-1]
-            raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title, in which a formula stands between '
+            raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title: a formula must be between '
                              'two $ signs') from None
 
     with print_style(*([] if options.style is None else [options.style])):

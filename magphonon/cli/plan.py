@@ -17,7 +17,7 @@ LEAST_TOLERANCE = 1e-7
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [bands], [frf] or [burst]')
     parser.add_argument('--tolerance', metavar='X', type=float, default=1e-3,
-                        help='relative error allowed in what the scene asks for (default: 1e-3)')
+                        help='allowed relative error of the wanted results (default: 1e-3)')
     parser.add_argument('--run', dest='answer', action='store_true', help='run the recommended method')
     add_output(parser, default=None)
 

@@ -22,5 +22,5 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Run the workflows and return 0 if all numbers pass, 1 otherwise."""
-    workflows = import_module('magphonon.workflows.__main__')  # they stand above this room: beside the package in the sources
+    workflows = import_module('magphonon.workflows.__main__')  # in the sources the workflows are beside the package
     return workflows.main([*options.names, *(['--quick'] if options.quick else []), '-o', options.output])

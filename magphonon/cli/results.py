@@ -1,12 +1,12 @@
-"""Folders of results: each belongs to one scene, says where it came from, and changes as a whole or not at all.
+"""Folders of results: each belongs to one scene, records its origin, and changes as a whole or not at all.
 
-A command writes into a hidden directory within the folder.  When all is there, its files take their places together:
+A command writes into a hidden directory within the folder.  When its files are complete, they are moved together:
 
 1. the files of the same command's earlier run are set aside, `provenance.json` first;
 2. the new ones are moved in, `provenance.json` last: a folder without it is not complete.
 
-If a step fails, what was there before is put back.  If the process is killed meanwhile, the next command finishes the move.
-Commands that write into the same folder at once do so one after the other.
+If a step fails, the earlier files are restored.  If the process is killed meanwhile, the next command finishes the move.
+Commands that use the same folder at the same time wait for each other.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 PROVENANCE, SCENE = 'provenance.json', 'scene.toml'
 PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib')
-"""Their versions are kept with the results."""
+"""Packages whose versions are recorded with the results."""
 READY, ASIDE = '.ready', '.aside'
-"""In the hidden directory: the list of what is to go, written when all files are complete; the files that were replaced."""
+"""In the hidden directory: the list of files to remove, written when all new files are complete; the files that were replaced."""
 
 
 @contextmanager
@@ -68,8 +68,8 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
     OSError
         At once if `output` is no directory, or cannot be made or written.
     ValueError
-        If the folder holds results of another scene or table, or a file of the same name that is no result of this command.
-        Nothing has changed and nothing is left behind, whatever goes wrong.
+        If the folder holds results of another scene or table, or a file of the same name that is not a result of this command.
+        After any error the folder is unchanged.
     """
     folder = Path(options.output)
     missing = [path for path in (folder, *folder.parents) if not os.path.isdir(path)]
@@ -85,7 +85,7 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
                 _move_in(stage, folder, origin, copies)
     except OSError as error:
         if error.errno != ENOSPC or (error.filename and folder not in Path(error.filename).parents):
-            raise  # such as a full disk elsewhere, where a long record is kept
+            raise  # such as a full disk that holds a long record elsewhere
         raise OSError(f'no space left for results in {folder}, nothing was written; make room or choose another place') from None
     finally:
         for made in missing:
@@ -95,8 +95,8 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
 
 
 def _make(folder, missing):
-    """Make the folder and its parents, of which the `missing` ones are not there, the innermost first."""
-    if os.path.lexists(folder) and not os.path.isdir(folder):  # unlike Path.is_dir, it says no to a name that is too long
+    """Make the folder and its parents; the `missing` ones do not exist yet, the innermost first."""
+    if os.path.lexists(folder) and not os.path.isdir(folder):  # unlike Path.is_dir, it returns False for a name that is too long
         raise NotADirectoryError(f'{folder} is a file; name a directory for the results')
     try:
         for path in reversed(missing):
@@ -111,7 +111,7 @@ def _hidden(folder):
     try:
         while True:
             stage = Path(tempfile.mkdtemp(prefix='.partial-', dir=folder))
-            with suppress(FileNotFoundError):  # another command may take it for a leftover before it is locked
+            with suppress(FileNotFoundError):  # another command may remove it before it is locked
                 handle = os.open(stage, os.O_RDONLY)
                 lock(handle, wait=True)
                 if still_there(handle, stage):
@@ -129,7 +129,7 @@ def _hidden(folder):
 
 @contextmanager
 def _alone(folder):
-    """No other command changes the folder meanwhile, and what killed ones left there is finished or removed."""
+    """Keep other commands from changing the folder, and finish or remove the work of killed ones."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         lock(handle, wait=True)
@@ -141,7 +141,7 @@ def _alone(folder):
 
 
 def _collect(stage, folder):
-    """Finish or remove what another process has left, if it lives no more."""
+    """Finish or remove the work of another process, if that process has ended."""
     try:
         handle = os.open(stage, os.O_RDONLY)
     except OSError:
@@ -158,8 +158,8 @@ def _collect(stage, folder):
 class _Origin:
     """Where the results of one command come from.
 
-    A scene is the same as long as the tables that it had before are the same: what was computed from them still holds when
-    another table is added.
+    A scene counts as the same if all its earlier tables are unchanged: results computed from them remain valid when another
+    table is added.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ class _Origin:
     def refuse_mixture(self, known):
         """Raise ValueError if the folder, whose provenance is `known`, holds results of another scene or table.
 
-        A scene that was edited but kept its title may replace the results of its own command, where no other has any.
+        An edited scene with the same title may replace the results of its own command, if there are no results of others.
         """
         there = known.get('scene')
         edited = there is not None and self.scene is not None and there['title'] == self.scene.title
@@ -202,13 +202,14 @@ class _Origin:
                                  'name another directory with -o, or remove this one')
 
     def copy_scene(self, stage):
-        """Put a copy of the scene beside its results, with the tables that lie beside it; the names of all."""
+        """Copy the scene, and the tables in its directory, to its results; return the names of all copies."""
         if self.source is None:
             return []
         (stage / SCENE).write_bytes(self.source.content)
         tables = tomllib.loads(self.source.text)
         beside = [tables[name]['file'] for name in ('law', 'lattice') if 'file' in tables[name]]
-        copied = [name for name in dict.fromkeys(beside) if Path(name).name == name]  # elsewhere: the copy still names it
+        # a table elsewhere is not copied: the scene still names it
+        copied = [name for name in dict.fromkeys(beside) if Path(name).name == name]
         for name in copied:
             shutil.copyfile(self.source.folder / name, stage / name)
         return [SCENE, *copied]
@@ -235,7 +236,7 @@ def _provenance(folder):
 
 
 def _tells_origin(known):
-    """Whether something has the form of a provenance."""
+    """Whether an object has the form of a provenance."""
     if not isinstance(known, dict) or not isinstance(known.get('results'), dict):
         return False
     scene = known.get('scene')
@@ -245,7 +246,7 @@ def _tells_origin(known):
 
 
 def _move_in(stage, folder, origin, copies):
-    """Check that nothing foreign is in the way, and move the files into their places."""
+    """Check that no file of another origin would be replaced, and move the new files in."""
     known = _provenance(folder)
     origin.refuse_mixture(known)
     new = sorted(file.name for file in stage.iterdir())
@@ -263,7 +264,7 @@ def _move_in(stage, folder, origin, copies):
 
 
 def _refuse_foreign(new, there, known, name):
-    """Raise ValueError if what is in the place of a new file is no earlier result of the command `name`."""
+    """Raise ValueError if a new file would replace a file that is not an earlier result of the command `name`."""
     owner = next((other for other, part in known['results'].items() if there.name in part['files']), None)
     if not os.path.lexists(there):
         return
@@ -299,7 +300,7 @@ def _replace(stage, folder, gone, new):
 
 
 def _finish(stage, folder):
-    """Finish the move of a process that was killed in its midst."""
+    """Finish the move of a process that was killed during it."""
     for name in json.loads((stage / READY).read_text(encoding='utf-8')):
         (folder / name).unlink(missing_ok=True)
     new = sorted(file.name for file in stage.iterdir() if file.name not in (READY, ASIDE, PROVENANCE))

@@ -1,7 +1,7 @@
 """`magphonon spectrum SCAN SCENE`: a measured scan of a row of points, its map and ridges over the bands of a scene.
 
-The scan is a table of text or a universal file.  Its points may have numbers of their own, and some may be missing or dead; units
-and components go by the names of the columns.  Of the scene only the lattice, its law and its foundation are needed.
+The scan is a table of text or a universal file.  Its points may have any numbers, and some may be missing or dead; the
+names of the columns give units and components.  Of the scene only the lattice, its law and its foundation are needed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def run(options: Namespace) -> None:
     with results(options, scene, options.table) as folder, drawing(options, folder, scene.title) as save:
         notes, found = _analysed(options, scene)
         name = Path(options.table).stem
-        own = f'spectrum_{name}'  # beside the results of `burst`, and of other scans
+        own = f'spectrum_{name}'  # distinct from results of `burst` and of other scans
         for wave in found:
             wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
             save(plot_wave(wave).figure, f'{own}_{wave.motion}')
@@ -60,7 +60,7 @@ def run(options: Namespace) -> None:
 
 
 def _analysed(options, scene):
-    """What was done to the scan, in words, and its waves."""
+    """Lines about the processing of the scan, and its waves."""
     from pathlib import Path
 
     import numpy as np

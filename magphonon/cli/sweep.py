@@ -1,6 +1,6 @@
-"""`magphonon sweep SCENE --over KEY=FROM:TO:COUNT --ask QUESTION`: maps of what is asked over keys of a scene.
+"""`magphonon sweep SCENE --over KEY=FROM:TO:COUNT --ask QUESTION`: maps of a quantity over keys of a scene.
 
-A sweep that was killed goes on where it stopped when the same command is given again: DIR holds its journal until it is done.
+A sweep that was killed continues where it stopped when the same command is given again: DIR holds its journal until it is done.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def check(scene: Scene) -> None:
         raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
                          f"use '{ALL}', the sum over all neighbours")
     with warnings.catch_warnings():
-        warnings.filterwarnings('ignore', message='.*numbers here are in mm, g, ms and N')  # refused by its keys instead
+        warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N')  # refused by its keys instead
         calc: Any = scene.atoms().calc
     if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
         _scale(scene, calc)

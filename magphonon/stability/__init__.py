@@ -1,8 +1,8 @@
 """Stability: buckling, the range of linear motion, and the verdict on a structure before it runs.
 
-`buckling` finds the softest mode and the foundation or the spacing that holds it, `amplitude_shifts` how frequencies move with
-amplitude, `escapes` which impact takes a particle out of its cage; `verdicts` judges a structure by all of them, `verdict_text`
-says it in words.
+`buckling` finds the softest mode and the foundation or spacing that stabilises it, `amplitude_shifts` the change of frequencies
+with amplitude, `escapes` the impact that takes a particle out of its cage; `verdicts` judges a structure by all of these, and
+`verdict_text` expresses the verdict in words.
 """
 
 import lazy_loader

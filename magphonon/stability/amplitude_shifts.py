@@ -37,7 +37,7 @@ class Shifts(units.InHertz):
     omega : ndarray, shape (modes,)
         Linear angular frequencies in rad/ms.
     curvature : ndarray, shape (modes,)
-        dw/w over the square of the largest displacement, 1/mm^2.
+        dw/w divided by the square of the largest displacement, 1/mm^2.
     """
 
     q: np.ndarray
@@ -50,11 +50,11 @@ class Shifts(units.InHertz):
 
 
 def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
-    """Shifts of the modes that bound the spectrum of a structure; the complete model is meant, whatever that of `atoms` is.
+    """Shifts of the modes that bound the spectrum of a structure; always by the complete model.
 
-    Of a periodic cell these are the standing waves with q = 0 or 1/2 along the reciprocal vectors, the edges of its bands;
-    of a finite structure its softest and its stiffest mode.  Between them a mode may be in 2:1 resonance with
-    another and exchange energy with it at any amplitude, which no shift describes.
+    For a periodic cell these are the standing waves with q = 0 or 1/2 along the reciprocal vectors, the band edges; for a finite
+    structure its softest and its stiffest mode.  Other modes may be in 2:1 resonance with each other and exchange energy at
+    any amplitude, which a frequency shift cannot describe.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
     Returns
     -------
     Shifts
-        Without modes of zero or imaginary frequency, which do not vibrate.
+        Modes of zero or imaginary frequency are omitted, because they do not vibrate.
 
     Examples
     --------
@@ -135,7 +135,7 @@ class _SecondOrder:
     M: Any
 
     def curvature(self, u, w, C):
-        """dw/w over A^2 of the mode `u`, shape (particles, dim), at the frequency `w`; `C u` is how its bonds change."""
+        """dw/w divided by A^2 for the mode `u`, shape (particles, dim), at frequency `w`; `C u` are its bond changes."""
         R, P, psi2, psi3, psi4 = self.R, self.P, self.psi2, self.psi3, self.psi4
         u = u / np.linalg.norm(u, axis=1).max()
         d, e = C @ u, P.T @ u.ravel()
@@ -149,11 +149,11 @@ class _SecondOrder:
 
 def _solve(D, g):
     if D.shape[0] > DENSE:
-        # other pivots than the diagonal fill up the factors; a step of refinement makes up for what that costs in digits
+        # pivots off the diagonal would fill the factors; one step of refinement recovers the accuracy that diagonal pivots cost
         factors = sparse.linalg.splu(sparse.csc_array(D), 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0, options={'SymmetricMode': True})
         found = factors.solve(g)
         return found + factors.solve(g - D @ found)
-    # least squares: what moves all particles alike costs nothing without a foundation, and nothing pushes it
+    # least squares: without a foundation uniform translations have neither stiffness nor force
     return np.linalg.lstsq(_full(D), g)[0]
 
 
@@ -190,7 +190,7 @@ class Vibration:
     harmonics : ndarray, shape (HARMONICS + 1, modes)
         Amplitudes c_hm in g^1/2 mm: the first row is the shift of the mean position.
     evaluations : int
-        Forces on all particles that it took.
+        Number of evaluations of the forces on all particles.
     """
 
     omega: float
@@ -199,18 +199,18 @@ class Vibration:
 
 
 class FarFromLinear(ValueError):
-    """The iteration does not settle.
+    """The iteration does not converge.
 
     Attributes
     ----------
     evaluations : int
-        Forces on all particles that it took all the same.
+        Number of evaluations of the forces on all particles.
     """
 
     def __init__(self, reach: float, share: float, evaluations: int) -> None:
         super().__init__(f'no periodic vibration of {reach:.4g} mm, {100 * share:.3g} % of the shortest bond, was found by '
-                         'starting from the linear mode: it is too far from linear; take a smaller amplitude or force, or step '
-                         'it in time (DrivenVerlet)')
+                         'starting from the linear mode: the motion is too far from linear; use a smaller amplitude or force, '
+                         'or time steps (DrivenVerlet)')
         self.evaluations = evaluations
 
 
@@ -222,10 +222,11 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
     atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion.
     linear : magphonon.response.normal_modes.Modes
-        All of them.
+        All modes of the structure.
     mode : int
     amplitude : function
-        From the frequency W in rad/ms to c_1 of the mode in g^1/2 mm: a constant, or `F/(gamma W)` at the peak of a response.
+        Gives c_1 of the mode in g^1/2 mm as a function of the frequency W in rad/ms: a constant, or `F/(gamma W)` at the peak of
+        a response.
 
     Returns
     -------
@@ -237,7 +238,7 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
         A ValueError: the amplitude is too large for the iteration.
     """
     calc, w = LinearSystem.of(atoms).calc, linear.omega
-    theta = np.pi * (np.arange(2 * HARMONICS) + 0.5) / (2 * HARMONICS)  # half a period: the other half mirrors it
+    theta = np.pi * (np.arange(2 * HARMONICS) + 0.5) / (2 * HARMONICS)  # half a period; the other half is its mirror image
     cosines = np.cos(np.multiply.outer(np.arange(HARMONICS + 1), theta))
     norm = np.where(np.arange(HARMONICS + 1) > 0, 2, 1)[:, None] / len(theta)
     h2 = np.arange(HARMONICS + 1)[:, None] ** 2
@@ -265,11 +266,11 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
 
 
 def _forces(calc, u):
-    """Forces in N, counted from rest, at many displacements `u` at once; both of the shape (times, particles, dim)."""
+    """Forces in N relative to rest, at many displacements `u` at once; both of the shape (times, particles, dim)."""
     bonds, R = calc.bonds, calc.bond_vectors
     bond = R + u[:, bonds.j] - u[:, bonds.i]
     r = np.linalg.norm(bond, axis=2, keepdims=True)
-    with np.errstate(all='ignore'):  # of an iteration that goes astray
+    with np.errstate(all='ignore'):  # overflow in an iteration that diverges
         slope = calc.law.dphi(r.swapaxes(0, 1)).swapaxes(0, 1)
         pull = slope / r * bond - (calc.law.dphi(bonds.lengths) / bonds.lengths)[:, None] * R
     flat = pull.swapaxes(0, 1).reshape(len(bonds), -1)

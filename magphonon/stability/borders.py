@@ -1,4 +1,4 @@
-"""The border of buckling: the foundation that a lattice needs, as its spacing or the exponent of its law changes."""
+"""The limit of buckling: the foundation that a lattice needs as a function of its spacing or of the exponent of its law."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 STEPS = 12
-"""Wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`."""
+"""Number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`."""
 EXACT = 1e-9
 """Width of the interval within which an exponent is found."""
 
@@ -42,7 +42,7 @@ class Border:
 
 
 def border_over_spacings(atoms: Atoms, scales: ArrayLike) -> Border:
-    """The foundation needed if all bonds are stretched alike.
+    """The foundation needed if all bonds are stretched by the same factor.
 
     Parameters
     ----------
@@ -120,12 +120,12 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
 
 
 def _shown(values, what):
-    """The values, counted by a bar on a terminal if they take longer than two seconds."""
+    """The values, with a progress bar on a terminal after two seconds."""
     return tqdm(values, desc=what, delay=2, disable=None, leave=False)
 
 
 def _change(holds, low, high):
-    """Where between `low` and `high` the answer of `holds` changes; they give different ones."""
+    """The point between `low` and `high` where `holds` changes; it must differ at the two ends."""
     first = holds(low)
     while high - low > EXACT:
         middle = (low + high) / 2

@@ -1,6 +1,6 @@
-"""Buckling: the softest mode of a lattice, and the foundation or the spacing that would make it stable.
+"""Buckling: the softest mode of a lattice, and the foundation or the spacing that makes it stable.
 
-The static forces of repelling particles push every bond to turn aside.  A structure on springs k is stable if every
+Static repulsion favours the rotation of every bond.  A structure on springs k is stable if every
 eigenvalue of its stiffness matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive;
 masses do not matter for that.
 """
@@ -63,10 +63,10 @@ class Softest:
 
 def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, structure: Atoms, foundation: Foundation = 0.0,
             masses: NDArray[np.float64] | None = None, steps: int | None = None) -> Softest:
-    """Softest mode: over the zone of a periodic cell, or of a finite structure as it is.
+    """Softest mode over the zone of a periodic cell, or of a finite structure.
 
-    Of a periodic cell of more than 200 freedoms only waves that fit into one or two cells along each vector are seen, q = 0 or
-    1/2: another one may be softer.
+    For a periodic cell of more than 200 degrees of freedom only waves with q = 0 or 1/2 along each vector are examined; another
+    wave may be softer.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
     K : ndarray, shape (bonds, components, components)
         Stiffness of each bond, N/mm.
     free : sparse array, shape (particles * components, free)
-        What the constraints leave free, from `free_directions`.
+        Directions that the constraints leave free, from `free_directions`.
     structure : ase.Atoms
         Structure, of which only the cell and its periodicity are used.
     foundation : float or ndarray, shape (particles, components)
@@ -83,8 +83,8 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
         In g; with them eigenvalues are squared frequencies.
     steps : int, optional
         Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.  By default 48
-        for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  What lies between them
-        is found too, see `softest_wave`.
+        for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  Minima between them
+        are found too, see `softest_wave`.
 
     Returns
     -------
@@ -113,8 +113,8 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
                weighted: bool = False, steps: int | None = None) -> Softest:
     """`softest` of `atoms` about the reference of their calculator.
 
-    Of the calculator's own foundation what all have in common, `common_spring`, does not enter; what some springs are stiffer
-    does.
+    The part of the calculator's foundation that is common to all particles, `common_spring`, is not included; the additional
+    stiffness of stiffer springs is.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
     scale : float
         Factor by which all bonds are stretched.
     foundation : float
-        What all have in common, N/mm.
+        Stiffness common to all particles, N/mm.
     weighted : bool
         With the masses: eigenvalues are squared frequencies.
     steps : int, optional
@@ -150,7 +150,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
 
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:
-    """The softest spring of the foundation of any particle that is not held, in N/mm: what all of them have at least."""
+    """The softest spring of the foundation of any particle that is not held, in N/mm."""
     return _softest_spring(atoms, np.broadcast_to(atoms.calc.foundation, (len(atoms), atoms.calc.dim)))
 
 
@@ -160,7 +160,7 @@ def _softest_spring(atoms, springs):
 
 
 def _softest_of_sums(atoms, model, foundation, weighted, steps):
-    """The softest mode of a cell whose calculator sums over all neighbours; it knows these sums at the present spacing only."""
+    """The softest mode of a cell whose calculator sums over all neighbours, which it can do only at the present spacing."""
     calc = atoms.calc
     root = np.repeat(1 / np.sqrt(atoms.get_masses()) if weighted else np.ones(len(atoms)), calc.dim)
     weights, other = root * root[:, None], np.eye(len(root)) * (foundation - common_spring(atoms))
@@ -169,7 +169,7 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
 
 
 def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> Softest:
-    """Softest wave out of the plane of a flat layer; there motion along z and in the plane do not know of each other.
+    """Softest wave out of the plane of a flat layer; there the motions along z and in the plane are independent.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def highest_squared(atoms: Atoms | LinearSystem) -> float:
         cell, S, steps = atoms.atoms, atoms.shapes.toarray(), None
     else:
         cell, S, steps = atoms, np.diag(np.repeat(1 / np.sqrt(atoms.get_masses()), calc.dim)), _steps_of_sums(calc)
-    # the search goes downhill, and knows saddles and what lies between the points of its mesh
+    # the search for a minimum handles saddles and finds minima between mesh points, so the sign is changed
     def downwards(q):
         return -(S.T @ calc.bloch_matrix(q, calc.linear_model) @ S)
 
@@ -223,26 +223,26 @@ def highest_squared(atoms: Atoms | LinearSystem) -> float:
 
 
 def _steps_of_sums(calc):
-    return 24 if calc.dim == 2 else 8  # because they take long
+    return 24 if calc.dim == 2 else 8  # because these cells take long
 
 
 def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
                       steps: int | None = None) -> tuple[float, NDArray[np.float64]]:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
 
-    Where springs differ, it is what the softest of them needs, `magphonon.stability.common_spring`, if the others remain
-    stiffer by as much as they are.
+    If springs differ, the result is the stiffness needed for the softest one, `magphonon.stability.common_spring`, while the
+    differences between the springs are kept.
 
-    A periodic cell of more than 200 freedoms stands for waves that fit into one or two of it only, see `softest`.
+    For a periodic cell of more than 200 degrees of freedom only waves that fit into one or two cells are examined, see `softest`.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation, as far as all
-        have it in common, does not enter.  What its constraints hold stays where it is, and so does all else: the springs are
-        taken to be slack there.
+        One cell, or a finite structure, with its MagneticRepulsion or AllNeighbours, whose own foundation
+        is not included, as far as it is common to all particles.  Constraints remain in force, and the springs are taken as
+        slack at the present positions.
     model : {'complete', 'conventional'}
-        The conventional model needs none for any lattice: it hides what this function is for.
+        The conventional model never needs a foundation, because it does not show buckling.
     steps : int, optional
         Wavevectors along each reciprocal vector, see `softest`.
 
@@ -256,7 +256,7 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
     Raises
     ------
     ValueError
-        For an unknown model, `steps` that is no whole number, atoms without MagneticRepulsion or that are not at rest.
+        For an unknown model, `steps` that is not a whole number, atoms without MagneticRepulsion, or atoms that are not at rest.
 
     Examples
     --------
@@ -274,15 +274,15 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
 def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
     """Spacing at which the foundation of `atoms` ceases to hold them, as a multiple of the present one.
 
-    All bonds are stretched alike.  The nearest change between holding and buckling is returned, from 0.1 to 10 times
-    the present spacing and where the law is known.
+    All bonds are stretched by the same factor.  The result is the nearest change between stable and unstable, between 0.1 and 10
+    times the present spacing and within the range of the law.
 
     Returns
     -------
     float or None
         Below one for a stable structure (how far it may shrink), above one for an unstable one (how far it must grow);
-        None if it holds, or buckles, at every spacing, or if it needs its foundation to be in balance, so that bonds cannot be
-        stretched alike.
+        None if it is stable, or unstable, at every spacing, or if the balance depends on the foundation, so that a uniform
+        stretch is not possible.
 
     Examples
     --------
@@ -297,7 +297,7 @@ def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
     k = common_spring(atoms)
 
     def lacking(scale):
-        found = softest_of(atoms, scale=scale, steps=12)  # what is negative is refined
+        found = softest_of(atoms, scale=scale, steps=12)  # minima that are negative are refined
         return -found.lowest - k - (ROUND_OFF * found.highest if found.needed <= 0 else 0)
 
     from scipy.optimize import brentq
@@ -315,7 +315,7 @@ def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
 
 
 def _settled(atoms):
-    """The linear system of the atoms; a cell whose calculator is not known bond by bond as it is, if it is at rest."""
+    """The linear system of the atoms; a cell with AllNeighbours unchanged, if it is at rest."""
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
         return settled(atoms)
     return LinearSystem.of(atoms)
@@ -344,9 +344,9 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[f
     Returns
     -------
     wave : float
-        What every wave out of the plane needs to be stable, N/mm.
+        Stiffness that makes every wave out of the plane stable, N/mm.
     alone : float
-        What one particle that moves alone needs: the sum over its bonds, the largest of any particle.
+        Stiffness for a particle that moves alone: the sum over its bonds, for the particle with the largest sum.
 
     Examples
     --------

@@ -1,15 +1,15 @@
 """The largest impact on a particle that keeps the list of bonds, made at rest, valid (`magphonon.dynamics.cages`).
 
-Two speeds enclose the one that is asked for:
+Two speeds enclose this limit:
 
-    safe      Energy is conserved, so no bond is lost before the energy of the impact is that of the cheapest way to where one
-              would be: two particles without a bond as near as the shortest bond, or a bond at CONTACT or BROKEN_BOND of its
-              length.  Two particles are dragged there slowly, while all others yield; that no other way is cheaper is not
-              proved.
-    leaves    The least speed at which a particle that was shot does lose its cage.  Shots in many directions are run; the
-              neighbours of one yield only in part, so this is larger.
+    safe      Energy is conserved, so no bond is lost if the energy of the impact is below the lowest energy barrier to such a
+              state: two particles without a bond as close as the shortest bond, or a bond at CONTACT or BROKEN_BOND times its
+              length.  Two particles are moved there slowly while all others relax.  It is not proved that no lower barrier
+              exists.
+    leaves    The lowest speed at which a particle with this initial speed leaves its cage.  Runs in many directions are made;
+              the neighbours relax only in part, so this speed is larger.
 
-Particles farther away are held, as what happens there comes too late.
+Particles farther away are held, because their motion comes too late to matter.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ be a ridge."""
 STAGES = 8
 """Number of distances on the path to a place."""
 STIFF = 10.0
-"""Stiffness of the spring that keeps a distance, relative to that of a bond of this length."""
+"""Stiffness of the spring that enforces a distance, relative to that of a bond of this length."""
 SHOTS = {2: 13, 3: 5}
 """Number of directions in which a particle is shot, in the plane and in space (where more particles move); prime numbers, so that
 no two directions are equivalent by the symmetry of a lattice."""
 GOLDEN = (np.sqrt(5) - 1) / 2
 PASSAGE = 4.0
-"""Path of a free particle during a shot, in shortest bonds."""
+"""Path of a free particle during a run (shot), in shortest bonds; it sets the duration."""
 STEP_PHASE = 0.3
 """Time step times the frequency at the shortest distance that the energy allows."""
 FINE = 1.05
 """Ratio of two speeds at which the search for the lowest escape speed ends."""
 FACTOR = 1.3
-"""Ratio of two speeds tried one after the other while no particle leaves."""
+"""Ratio of successive speeds while no particle leaves its cage."""
 FASTEST = 40.0
 """Largest speed tried, in multiples of the safe speed."""
 
@@ -68,9 +68,9 @@ class Escape:
     Attributes
     ----------
     safe : float
-        Below it no bond is lost, whatever particle is hit, in whatever direction.
+        Below this speed no bond is lost, for an impact on any particle in any direction.
     leaves : float or None
-        At which the `particle` loses its cage, shot in the `direction`; None where no shot did.
+        Speed at which the `particle` leaves its cage in the `direction`; None if no run showed that.
     particle : int
     direction : ndarray, shape (dim,)
     """
@@ -83,7 +83,7 @@ class Escape:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A way to lose a bond: the particles i and j, `vector` apart at rest, come to be `distance` apart, in mm."""
+    """A state with a lost bond: particles i and j, at rest separated by `vector`, are at the `distance`, in mm."""
 
     i: int
     j: int
@@ -102,8 +102,8 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
     Returns
     -------
     Escape or None
-        None where the force has no energy, constraints are not known, nothing can move, the law ends too near, or a particle has
-        more than `NEIGHBOURS` bonds.
+        None if the force has no energy, constraints are not supported, no particle is free, the law is not known at the
+        distances reached, or a particle has more than `NEIGHBOURS` bonds.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
         return None
     if atoms.calc.parameters.model == 'literal' or atoms.calc.bonds.coordination.max() > NEIGHBOURS:
         return None
-    with np.errstate(all='ignore'):  # of a search that goes astray
+    with np.errstate(all='ignore'):  # overflow in a search that diverges
         cheapest, least = None, np.inf
         for place in _places(atoms):
             energy = _Drag(surroundings(atoms, place.i, YIELDING), place).dearest(least)
@@ -131,13 +131,13 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
         shot = [particle for particle in dict.fromkeys((cheapest.i, cheapest.j, heaviest)) if mobile[particle]]
         try:
             left = _first_to_leave(atoms, shot, safe)
-        except ValueError:  # the law ends before
+        except ValueError:  # beyond the range of the law
             left = None
         return Escape(safe, *left) if left else Escape(safe, None, cheapest.i, np.zeros(atoms.calc.dim))
 
 
 def surroundings(atoms: Atoms, particle: int, radius: float) -> Atoms:
-    """Particles within `radius` shortest bonds of one, and those bonded to them, which are held; the one itself comes first.
+    """Particles within `radius` shortest bonds of one, and those bonded to them, which are held; this particle comes first.
 
     Returns
     -------
@@ -165,13 +165,13 @@ def surroundings(atoms: Atoms, particle: int, radius: float) -> Atoms:
     near.pbc = calc.dim == 3
     listed = Bonds(place[bonds.i[inside]], place[bonds.j[inside]], 0 * bonds.shift[inside], bonds.vectors[inside], len(near))
     load = np.zeros((len(near), 3))
-    load[:, : calc.dim] = big.calc.offset[members]  # of slack springs, which move with the particles
+    load[:, : calc.dim] = big.calc.offset[members]  # the springs are slack here, because their anchors move with the particles
     near.calc = MagneticRepulsion(near, calc.law, bonds=listed, load=load, **calc.parameters)
     return near
 
 
 def _places(atoms):
-    """Ways to lose a bond, the cheapest ones on a straight line, each once if they are alike by symmetry."""
+    """States with a lost bond that have the lowest energies along straight lines, without symmetric copies."""
     calc, bonds, mobile = atoms.calc, atoms.calc.bonds, freedom(atoms)[0]
     nearest, lengths = bonds.lengths.min(), bonds.lengths
     other = pairs_without_bond(bonds, calc.reference, SURVEYED * nearest)
@@ -192,7 +192,7 @@ def _places(atoms):
 
 
 def _straight(calc, place, share, bonded):
-    """Energy in mJ of a place if i goes straight for j, a `share` of the way, j the rest, and all others stay."""
+    """Energy in mJ of such a state if i moves straight to j by a `share` of the way, j by the rest, and all others stay."""
     law, dim, bonds = calc.law, calc.dim, calc.bonds
     apart = np.linalg.norm(place.vector)
     way = place.vector * (1 - place.distance / apart)
@@ -200,7 +200,7 @@ def _straight(calc, place, share, bonded):
     try:
         for end, other, u in ((place.i, place.vector, share * way), (place.j, -place.vector, (share - 1) * way)):
             R = np.concatenate([bonds.vectors[bonds.i == end], -bonds.vectors[bonds.j == end]])[:, :dim]
-            R = R[np.linalg.norm(R - other, axis=1) > 1e-9 * apart]  # but for the bond of the two, if they have one
+            R = R[np.linalg.norm(R - other, axis=1) > 1e-9 * apart]  # except the bond between the two, if there is one
             total += (law.phi(np.linalg.norm(R - u, axis=1)) - law.phi(np.linalg.norm(R, axis=1))).sum()
             total += calc.parameters.foundation * u @ u / 2 - calc.offset[end] @ u
         return total + (law.phi(place.distance) - law.phi(apart) if bonded else 0.0)
@@ -209,11 +209,11 @@ def _straight(calc, place, share, bonded):
 
 
 class _Drag:
-    """Two particles are brought to a place slowly, all particles around them yielding: what it costs on the way.
+    """The energy barrier for moving two particles slowly to a place while all particles around them relax.
 
     At each of a number of distances d' the energy E is least under the constraint d = d', by an augmented Lagrangian,
-    `E + F (d - d') + K (d - d')^2/2` with the force F between the two, which is carried on from one distance to the next.  All
-    other pairs without a bond repel as soon as one would be lost, so that the way stays where bonds hold.
+    `E + F (d - d') + K (d - d')^2/2` with the force F between the two, which is the start value for the next distance.  All
+    other pairs without a bond repel when they come closer than a bond, so that no other bond is lost on the way.
     """
 
     def __init__(self, near, place):
@@ -232,7 +232,7 @@ class _Drag:
         self.stiffness = 10 * abs(near.calc.law.d2phi(self.length))
 
     def energy(self, u):
-        """In mJ, and its gradient in N, at the displacements u."""
+        """Energy in mJ and its gradient in N, at the displacements u."""
         calc, bonds = self.calc, self.calc.bonds
         bond = self.R + u[bonds.j] - u[bonds.i]
         r = np.sqrt(np.einsum('bx,bx->b', bond, bond))
@@ -253,7 +253,7 @@ class _Drag:
         return total, gradient
 
     def distance(self, u):
-        """In mm, and its gradient."""
+        """Distance in mm and its gradient."""
         apart = self.place.vector + u[self.other] - u[0]
         d = np.linalg.norm(apart)
         gradient = np.zeros_like(u)
@@ -261,7 +261,7 @@ class _Drag:
         return d, gradient
 
     def dearest(self, most):
-        """The largest energy on the way in mJ, up to where the law ends; or one above `most`."""
+        """The largest energy on the way in mJ, within the range of the law; the search ends above `most`."""
         from scipy.optimize import minimize
 
         law, shape, rng = self.calc.law, (len(self.calc.reference), self.calc.dim), np.random.default_rng(0)
@@ -293,15 +293,15 @@ class _Drag:
 
 
 def _first_to_leave(atoms, shot, held):
-    """The lowest speed at which a shot loses its cage, with its particle and direction; None if none of them does.
+    """The lowest speed at which a shot particle leaves its cage, with particle and direction; None if there is none.
 
     Parameters
     ----------
     atoms : ase.Atoms
     shot : list of int
-        The particles that are shot.
+        The particles that receive an initial velocity.
     held : float
-        A speed in mm/ms at which none does.
+        A speed in mm/ms at which no particle leaves.
     """
     dim, left = atoms.calc.dim, None
     volleys = {particle: _Volley(surroundings(atoms, particle, WATCHED[dim]), SHOTS[dim]) for particle in shot}
@@ -318,7 +318,7 @@ def _first_to_leave(atoms, shot, held):
 
 
 class _Volley:
-    """Many copies of one particle in its surroundings, each shot in its own direction, in one run."""
+    """Many copies of one particle in its surroundings, each with a different initial direction, in one run."""
 
     def __init__(self, near, count):
         self.near, n = near, len(near)
@@ -329,7 +329,7 @@ class _Volley:
         self.first = n * np.arange(len(self.directions))
 
     def leaving(self, speed):
-        """The direction of a shot that loses its cage at this speed; None if none does."""
+        """A direction in which the particle leaves its cage at this speed; None if there is none."""
         atoms = self.all.copy()
         atoms.calc = self.all.calc
         v = np.zeros((len(atoms), 3))
@@ -345,7 +345,7 @@ class _Volley:
         return None
 
     def _step(self, speed):
-        """In ms: short beside the vibration at the distance at which all energy of the impact is spent on one bond."""
+        """Time step in ms: short compared with the vibration of a bond that has taken up all energy of the impact."""
         calc, masses = self.near.calc, self.near.get_masses()
         r0 = calc.bonds.lengths.min()
         r = r0 * np.linspace(1, CONTACT, 181)
@@ -359,7 +359,7 @@ class _Volley:
 
 
 def _directions(axes, count):
-    """Unit vectors spread over the space of some axes, shape (count, dim); two of a line."""
+    """Unit vectors distributed over the space of the given axes, shape (count, dim); two for a line."""
     if axes.shape[1] == 1:
         return np.array([axes[:, 0], -axes[:, 0]])
     n = np.arange(count) + 0.5

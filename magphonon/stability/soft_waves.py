@@ -1,11 +1,11 @@
 """The softest wave of a lattice: the lowest eigenvalue of the Bloch matrix over the whole Brillouin zone.
 
-A mesh over the zone alone misses it.  Translations cost nothing, so the lowest eigenvalue is zero at k = 0 and begins with
-c(n) k^2 along a direction n.  Where c is slightly negative, it is so in a pocket around k = 0 that may be much narrower than
-a step of the mesh.  Elsewhere too a minimum may lie lower than the points of the mesh beside it.  Therefore
+A mesh over the zone alone can miss it.  Translations have no stiffness, so the lowest eigenvalue is zero at k = 0 and begins with
+c(n) k^2 along a direction n.  If c is slightly negative, the eigenvalue is negative in a pocket around k = 0 that may be much
+narrower than a step of the mesh.  Elsewhere too a minimum may be lower than the mesh points beside it.  Therefore
 
-- long waves are judged on a ring of directions at one small wavenumber, and outwards from its softest directions;
-- every local minimum of the mesh that may hide the lowest value is followed to its bottom.
+- long waves are examined on a ring of directions at one small wavenumber, and outwards from its softest directions;
+- every local minimum of the mesh that may contain the lowest value is refined.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def softest_wave(matrix: Callable[[Any], NDArray[Any]], cell: NDArray[np.float64
     cell : ndarray, shape (3, 3)
         Lattice vectors in rows, mm.
     pbc : three bools
-        At least one is true.
+        Periodic directions, at least one.
     steps : int
         Wavevectors of the mesh along each reciprocal vector.
 
@@ -61,7 +61,7 @@ def softest_wave(matrix: Callable[[Any], NDArray[Any]], cell: NDArray[np.float64
     lowest, highest : float
         Eigenvalues; `highest` is that of the mesh.
     q : ndarray, shape (3,)
-        Wavevector of the lowest one.  A point of the mesh is kept where nothing lower lies beside it.
+        Wavevector of the lowest one: a mesh point, unless a lower value was found near it.
     """
     axes = np.eye(3)[np.asarray(pbc)]
     x, lowest, highest = _mesh(lambda x: np.linalg.eigvalsh(matrix(x @ axes)), len(axes), steps)
@@ -95,9 +95,9 @@ def _mesh(spectrum, dim, steps):
 
 
 def _minima_of_mesh(lowest, flat):
-    """Flat indices of the local minima that may hide something below the lowest point, one of each pair q and -q.
+    """Flat indices of the local minima whose refinement may fall below the lowest point, one of each pair q and -q.
 
-    Not of k = 0, which is stationary, as all points with 2 q whole are, and judged by the ring.
+    The point k = 0 is excluded: it is stationary, as all points with integer 2 q, and examined by the ring.
     """
     dims = range(lowest.ndim)
     shifts = [shift for shift in product((-1, 0, 1), repeat=lowest.ndim) if any(shift)]
@@ -112,7 +112,7 @@ def _minima_of_mesh(lowest, flat):
 
 
 def _pockets(at, vectors, step, middle, lowest, flat):
-    """Wavevectors near the bottoms of the pockets around k = 0 that reach below the `lowest` value of the mesh."""
+    """Wavevectors near the minima of the pockets around k = 0 that are below the `lowest` value of the mesh."""
     dim = len(vectors)
     reciprocal = 2 * np.pi * np.linalg.pinv(vectors)  # in columns
     shortest = np.linalg.norm(reciprocal, axis=0).min()
@@ -130,7 +130,7 @@ def _pockets(at, vectors, step, middle, lowest, flat):
     deepest = values.argmin(axis=1)[:, None]
     bottom = np.take_along_axis(values, deepest, axis=1)[:, 0]
     x = np.take_along_axis(x, deepest[..., None], axis=1)[:, 0]
-    # the bottom of k^4 - k^2 lies at most a fifth deeper than the better of two such radii
+    # the minimum of k^4 - k^2 is at most a fifth deeper than the better of two such radii
     return x[1.5 * (bottom - middle) < min(lowest - middle, -flat)]
 
 
@@ -165,17 +165,17 @@ def _half_sphere(dim):
 
 
 def _descend(f, x, step, flat):
-    """Follow each start to the bottom: to the vertex of the parabola through a stencil, or to its lowest point; then halve it.
+    """Refine each start: move to the vertex of the parabola through a stencil, or to its lowest point, and halve the stencil.
 
     Parameters
     ----------
     f : callable
-        From points of each start, shape (starts, points, dim), to values, shape (starts, points).
+        Gives values, shape (starts, points), at points for each start, shape (starts, points, dim).
     x : ndarray, shape (starts, dim)
     step : ndarray, shape (starts,)
         Half the width of the first stencil.
     flat : float
-        A gain that is none.
+        Gain below which a descent has converged.
 
     Returns
     -------
@@ -197,16 +197,16 @@ def _descend(f, x, step, flat):
         moved = np.where(gains[:, None], tried[every, lowest], 0.0)
         x = x + step[:, None] * moved
         found = np.where(gains, values[every, lowest], values[:, 0])
-        # around a saddle a wide stencil may see a bowl
+        # around a saddle a wide stencil may look like a minimum
         idle = 0 if (gains | (promised > flat) | (step > NARROW)).any() else idle + 1
-        if idle == 2:  # two stencils, one half of the other, see no gain and promise none
+        if idle == 2:  # two stencils, one half as wide as the other, show no gain
             break
-        step = np.where(np.linalg.norm(moved, axis=1) < 0.99, step / 2, step)  # what has left the stencil goes on at its pace
+        step = np.where(np.linalg.norm(moved, axis=1) < 0.99, step / 2, step)  # a start that left its stencil keeps the step
     return x, found
 
 
 def _vertex(values, dim, pairs, flat):
-    """Lowest points of the parabolas through the values on stencils, in steps and within the stencils, and what they gain."""
+    """Lowest points of the parabolas through the values on stencils, in steps and within the stencils, and the gain expected."""
     here, ahead, behind = values[:, :1], values[:, 1 : dim + 1], values[:, dim + 1 : 2 * dim + 1]
     diagonal = values[:, 2 * dim + 1 :].reshape(len(values), 2, -1).sum(axis=1)
     second = ahead + behind - 2 * here
@@ -214,7 +214,7 @@ def _vertex(values, dim, pairs, flat):
     curvature[:, *pairs] = curvature[:, *pairs[::-1]] = (diagonal - 2 * here - second[:, pairs[0]] - second[:, pairs[1]]) / 2
     w, axes = np.linalg.eigh(curvature)
     slope = np.einsum('sxa,sx->sa', axes, (ahead - behind) / 2)
-    # where it does not curve upwards there is no vertex, and a whole step goes down; from a saddle, to either side
+    # without upward curvature there is no vertex: take a whole step downwards; from a saddle, to either side
     down = np.where(slope > 0, -1.0, 1.0)
     along = np.where(w > flat, -slope / np.where(w > flat, w, 1), down).clip(-1, 1)
     return np.einsum('sxa,sa->sx', axes, along), -(slope * along + w * along**2 / 2).sum(axis=1)

@@ -65,51 +65,51 @@ class Verdict:
     particle, pushed : int
         The particle on which it acts, and how many are not in equilibrium.
     foundation, needed : float
-        The stiffness that is there, and the least that holds the structure, N/mm.  Where springs differ, of the softest one, the
-        others being stiffer by as much as they are.
+        The present stiffness, and the smallest one that stabilises the structure, N/mm.  If springs differ, both are those of
+        the softest one, with the differences between springs kept.
     uneven : bool
-        Whether they differ.
+        Whether the springs differ.
     softest : ndarray, shape (3,)
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     repeated : bool
-        Whether only waves that fit into one or two cells are judged, as of periodic cells of more than 200 freedoms.
+        Whether only waves that fit into one or two cells are judged, for periodic cells of more than 200 degrees of freedom.
     growth : float
         Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
     unguided : float or None
         Foundation needed if FixedLine and FixedPlane guided nothing, N/mm; None without them.
     held : float or None
-        Shortest bond at which the foundation begins or ceases to hold the structure, mm; None if it never does, or is not
-        judged, as of balls in contact.
+        Shortest bond at which the foundation begins or ceases to stabilise the structure, mm; None if there is none, or it
+        is not judged, such as for balls in contact.
     omega_max : float
         Highest angular frequency of the calculator's model, rad/ms.
     timestep : float or None
-        The one to be judged, ms.
+        The time step to be judged, ms.
     support, alone, central : float or None
         Stiffness that supports must provide out of the plane if the particles are magnets normal to it, for every wave and
-        for one that moves alone, and if the force is central, for every wave; N/mm.  None where that cannot be, or is not
-        judged.
+        for one that moves alone, and if the force is central, for every wave; N/mm.  None if they are impossible or
+        not judged.
     amplitude : float or None
-        Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged, as where the
-        softest wave fits in no two cells.
+        Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged, such as when
+        the softest wave does not fit into two cells.
     away : float
-        Largest present distance of a particle from its place at rest, mm.
+        Largest present distance of a particle from its rest position, mm.
     closest : float
-        The present shortest distance of bonded particles as a share of that in the reference.
+        The present shortest distance of bonded particles as a fraction of that in the reference.
     safe, leaves : float or None
-        Speed of an impact on one particle below which no bond is lost, and at which a particle that is shot loses its cage,
-        mm/ms; None where that is not judged, as where particles differ in law, strength or foundation, or was not found
+        Speed of an impact on one particle below which no bond is lost, and speed at which a particle leaves its cage, mm/ms;
+        None if not judged, such as for particles that differ in law, strength or foundation, or if not found
         (`magphonon.stability.escapes`).
     unjudged : tuple of str
         The quantities that were not judged because they would take too long for so many particles.
     displacements : tuple of float
-        Between which finite differences are safe, mm.
+        Smallest and largest displacement for accurate finite differences, mm.
     distance : float
         The displacement to be judged, mm.
     supercell : str or None
-        What is wrong with the supercell.
+        Fault of the supercell, in words.
     out_of_plane : OutOfPlane or None
-        Of a flat layer whose particles move out of the plane (a foundation of three components); then all else is said of
-        its motion in the plane, but `omega_max`.
+        Result for a flat layer whose particles move out of the plane (a foundation of three components).  All other attributes
+        then describe its motion in the plane, except `omega_max`.
     """
 
     planar: bool
@@ -145,7 +145,7 @@ class Verdict:
 
     @property
     def timestep_limit(self) -> float:
-        """2/omega_max in ms; infinite where nothing vibrates."""
+        """2/omega_max in ms; infinite if no mode vibrates."""
         return 2 / self.omega_max if self.omega_max > 0 else np.inf
 
     @property
@@ -164,7 +164,7 @@ class Verdict:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """The faults that make a run fail or mean nothing, each in a sentence or two; a tuple of str."""
+        """The faults that make a run fail or its result meaningless, each in a sentence or two; a tuple of str."""
         found = []
         if self.residual:
             many = f'; {self.pushed} particles are not in equilibrium' if self.pushed > 1 else ''

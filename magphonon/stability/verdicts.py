@@ -43,9 +43,10 @@ if TYPE_CHECKING:
 CENTRAL = Yukawa, Hertz
 """Laws of particles that are not magnets."""
 LINEAR_ERROR = 0.01
-"""Largest relative error of a frequency up to which the linear theory is called good."""
+"""Relative error of a frequency up to which the linear theory is accepted."""
 SPACED = 2000
-"""Largest number of freedoms of a finite structure for which a spacing is searched for: some thirty lowest modes."""
+"""Largest number of degrees of freedom of a finite structure for which a stable spacing is searched; it needs about thirty lowest
+modes."""
 FLAT = 1e-9
 """Largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat."""
 ROUND_OFF = 5e-17
@@ -57,25 +58,25 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
             distance: float | None = None) -> Verdict:
     """Judge a structure before it runs.
 
-    A periodic cell is judged as the lattice that it stands for, by its whole zone; one of more than 200 freedoms only by
-    waves that fit into one or two cells along each vector, which its notes say; a finite structure as it is.  What takes too
-    long for many particles is not judged, as `Verdict.unjudged` says: impacts of more than 200 freedoms, the spacing of more
-    than 2000, and of a periodic cell of more than 200 also the supports and the linear amplitude.  With AllNeighbours none of
-    these is judged.
+    A periodic cell is judged as an infinite lattice, by its whole zone; a cell of more than 200 degrees of freedom only by waves
+    that fit into one or two cells along each vector, which its notes say.  A finite structure is judged as given.  Quantities
+    that take too long are not judged and listed in `Verdict.unjudged`: impacts above 200 degrees of freedom, the spacing above
+    2000, and for a periodic cell above 200 also the supports and the linear amplitude.  With AllNeighbours none of these is
+    judged.
 
-    It is judged at rest: about the reference of its calculator, or about its present positions if it has found another rest
-    there; what is at rest nowhere has the fault `residual`, and is judged where less is left.
+    The structure is judged at rest: about the reference of its calculator, or about its present positions if they are another
+    rest.  If the forces balance at neither, this is the fault `residual`, and the positions with smaller forces are used.
 
     Parameters
     ----------
     atoms : ase.Atoms
         With their MagneticRepulsion, or a cell with AllNeighbours.
     drives : sequence of drives
-        Of which the `Constant` ones may balance static forces, besides the dead load of the calculator.
+        Drives of the run; `Constant` ones may balance static forces, in addition to the dead load of the calculator.
     timestep : float, optional
         In ms.
     supercell : three ints, optional
-        For phonopy's finite displacements.
+        Supercell for phonopy's finite displacements.
     distance : float, optional
         Their displacement in mm; by default that of `finite_displacements`.
 
@@ -116,7 +117,7 @@ def _judged(atoms, drives, timestep, supercell, distance, far):
     settled = not case.pushes.any()
     bare = softest_of(structure)
     stable = bare.needed <= k
-    touching = any(isinstance(law, Hertz) for law in laws_of(calc.potential))  # other spacings are no contacts
+    touching = any(isinstance(law, Hertz) for law in laws_of(calc.potential))  # at other spacings spheres are not in contact
     stretched = settled and not touching and (small or (finite and size <= SPACED))
     held = spacing_held(structure) if stretched else None
     # whether the softest wave is among those of `frequency_shifts`
@@ -164,30 +165,30 @@ def _supports(structure, calc):
 
 
 def _unjudged(finite, size, far):
-    """The quantities that take too long for a structure of `size` freedoms, zero if it is small."""
+    """The quantities that take too long for a structure of `size` degrees of freedom, zero if it is small."""
     left_out = ('the spacing',) * (size > (SPACED if finite else 0)) + ('impacts',) * (size > 0 and far)
     return left_out if finite or not size else (*left_out, 'the supports', *('the linear amplitude',) * far)
 
 
 @dataclass(frozen=True)
 class _Case:
-    """A structure at its rest, or where the forces are nearest to balance, as the questions of a verdict are put to it.
+    """A structure at its rest, or where the forces are nearest to balance, with all that a verdict needs of it.
 
     Attributes
     ----------
     atoms : ase.Atoms
-        At this rest.
+        The structure at this rest.
     calc : Repulsion
     structure : LinearSystem or ase.Atoms
-        What the linear tools take.
+        Argument for the linear tools.
     dense : bool
         Whether it is small enough for dense matrices.
     pairwise : bool
-        Whether particles repel each other in pairs, instead of all at once.
+        Whether the repulsion is a list of bonds, and not a sum over all neighbours.
     pushes : ndarray, shape (particles,)
-        Static force that nothing balances on each particle, N.
+        Unbalanced static force on each particle, N.
     away, closest : float
-        The numbers of the same names in Verdict.
+        As in Verdict.
     """
 
     atoms: Atoms
@@ -205,7 +206,7 @@ def _at_rest(atoms, drives):
         calc = cell_of_free_particles(atoms, 'with AllNeighbours a verdict is one')
         return _Case(atoms, calc, atoms, dense=True, pairwise=False, pushes=np.zeros(1))
     closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
-    freedom(atoms)  # refuses constraints of which it is not known what they hold
+    freedom(atoms)  # refuses constraints that are not supported
     calc, pushes = nearest_rest(atoms)
     away = float(np.linalg.norm(calc.displacements(atoms), axis=1).max())
     atoms = placed(atoms, calc)
@@ -226,7 +227,7 @@ def _of_layer(atoms, drives, timestep, supercell, distance):
     calc = atoms.calc
     flat = atoms.copy()
     flat.calc = calc.in_plane()
-    judged = _judged(flat, drives, timestep, supercell, distance, far=False)  # far from rest they leave the plane
+    judged = _judged(flat, drives, timestep, supercell, distance, far=False)  # at large amplitudes they leave the plane
     above, highest = out_of_plane(atoms)
     return replace(judged, omega_max=max(judged.omega_max, highest), out_of_plane=above)
 
@@ -260,7 +261,7 @@ def _omega_max(structure, zone):
 
 
 def _closest(calc, atoms):
-    """Shortest present distance of bonded particles as a share of that in the reference."""
+    """Shortest present distance of bonded particles as a fraction of that in the reference."""
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     return float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
 

@@ -1,12 +1,12 @@
-"""Relaxation of a structure that is not in equilibrium, and the stability of its rest.
+"""Relaxation of a structure that is not in equilibrium, and the stability of the equilibrium found.
 
-Inside an infinite lattice every particle is in balance by symmetry.  Beside a vacancy it is not, nor where particles scatter,
-nor at the rim of a patch as soon as particles repel beyond their nearest neighbours.  The linear theory belongs to the relaxed
-positions, about which the calculator that is returned counts displacements; the anchors of the foundation stay where they were.
+In a perfect infinite lattice every particle is in balance by symmetry.  This fails beside a vacancy, at irregular positions, and
+at the rim of a patch with forces beyond nearest neighbours.  The linear theory is valid about the relaxed positions, from which
+the returned calculator measures displacements; the anchors of the foundation do not move.
 
-Energy is minimised by SciPy's trust-region Newton method in units of the shortest bond and of the largest bond force, so that
-it knows no length; Newton's own steps then reach round-off.  By symmetry this may end on a saddle: there the structure is pushed
-along its softest mode and relaxes again.
+Energy is minimised by SciPy's trust-region Newton method, in units of the shortest bond and of the largest bond force; further
+Newton steps then reach round-off.  By symmetry the result may be a saddle: the structure is then displaced along its softest mode
+and relaxed again.
 """
 
 from dataclasses import dataclass
@@ -29,24 +29,26 @@ from .rest import at_rest
 RESIDUAL = 1e-9
 """Largest force left on a particle, as a fraction of the largest bond force."""
 SLACK = 1e-3
-"""Least scale of the bond force, as a fraction of stiffness times length, for bonds that are slack, such as springs."""
+"""Smallest scale of the bond force, as a fraction of stiffness times length, used for bonds that are slack, such as springs."""
 HANDED_OVER = 1e-6
-"""Gradient, as a fraction of the largest bond force, at which Newton's method takes over, because energies are no longer accurate
-enough."""
+"""Gradient, as a fraction of the largest bond force, below which plain Newton steps replace the minimisation, because energies
+are no longer accurate enough."""
 TRUST = 0.1, 0.5
 """First and longest step in shortest bonds, over all particles together."""
 POLISHES = 6
+"""Largest number of plain Newton steps."""
 REGULAR = 1e-10
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 SADDLE = 1e-10
-"""Fraction of the highest squared frequency by which a squared frequency must be negative to be no round-off."""
+"""Fraction of the highest squared frequency by which a squared frequency must be negative to count as unstable, and not as
+round-off."""
 PUSH = 0.05
 """Displacement of the particle that moves most when a saddle is left, as a fraction of the shortest bond."""
 VERGE = 1e-6
 """Fraction of the highest squared frequency below which an instability is so weak that round-off hides the direction of
 descent."""
 SADDLES = 20
-"""Largest number of saddles that are left one after the other."""
+"""Largest number of saddles that are left in succession."""
 STRETCHED = 3.0
 """Ratio of the length of a bond to its rest length above which it no longer joins neighbours."""
 MEND = 'hold its rim or give it a foundation (magphonon.foundation_needed)'
@@ -54,24 +56,24 @@ MEND = 'hold its rim or give it a foundation (magphonon.foundation_needed)'
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A structure at rest, and how far it was from it.
+    """A relaxed structure, and its distance from the one before.
 
     Attributes
     ----------
     atoms : ase.Atoms
-        At rest.  The reference of its calculator are these positions; the anchors of the foundation stay where they were,
-        as pillars do, and their springs carry what the particles do not balance among themselves.
+        The structure at rest, whose positions are the reference of its calculator.  The anchors of the foundation do not move
+        (pillars); its springs balance the remaining forces between the particles.
     before, after : float
         Largest force on a free particle in N.
     shift, rms : float
         Largest and root mean square displacement of the free particles in mm.
     steps : int
-        Number of steps of the minimiser; 0 if the structure was at a stable rest already.
+        Number of steps of the minimiser; 0 if the structure was already at a stable rest.
     saddles : int
-        Number of places of unstable equilibrium that it left on the way.
+        Number of unstable equilibria (saddles) that were passed.
     lowest : float
-        Lowest squared angular frequency at rest in rad^2/ms^2, of the complete model; zero, up to round-off, for what moves
-        without stiffness.
+        Lowest squared angular frequency at rest in rad^2/ms^2, of the complete model; zero, up to round-off, for
+        motion without stiffness.
     """
 
     atoms: Atoms
@@ -85,7 +87,7 @@ class Relaxation:
 
     @property
     def needed(self) -> float:
-        """Whether the structure was out of balance, or in unstable equilibrium."""
+        """Whether relaxation was needed: the forces did not balance, or the equilibrium was unstable."""
         return self.steps > 0
 
     def __str__(self) -> str:
@@ -98,16 +100,16 @@ class Relaxation:
 
 
 def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Relaxation:
-    """Let the free particles of a structure move to a stable place where no force is left.
+    """Move the free particles of a structure to a stable equilibrium.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        With its MagneticRepulsion, of any model: static forces are those of the complete one.  What constraints hold stays.
+        With its MagneticRepulsion, of any model: static forces are those of the complete one.  Constraints remain in force.
     tolerance : float
-        Largest force that may be left, as a share of the largest bond force.
+        Largest force that may remain, as a fraction of the largest bond force.
     steps : int
-        Largest number of steps of the minimiser on the way to each rest.
+        Largest number of steps of the minimiser for each equilibrium.
 
     Returns
     -------
@@ -116,8 +118,8 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
     Raises
     ------
     ValueError
-        If forces do not vanish in so many steps, particles leave their neighbours, or every rest found is unstable: the
-        structure buckles or slides.
+        If the forces do not vanish in so many steps, particles leave their neighbours, or every equilibrium found is
+        unstable: the structure buckles or slides.
 
     Examples
     --------
@@ -152,15 +154,15 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
 
 
 def _refuse_verge(lowest, highest, atoms):
-    """Refuse a structure so little below its buckling foundation that its rest beside the saddle cannot be told from it."""
+    """Refuse a foundation so close to the buckling limit that the buckled rest cannot be distinguished from the saddle."""
     if -VERGE * highest < lowest < 0:
         raise ValueError('the structure is on the verge of buckling, with a lowest squared frequency of '
-                         f'{lowest:.3g} rad^2/ms^2: it rests so near to where it stands that round-off hides the way; '
-                         f'{-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation hold it there')
+                         f'{lowest:.3g} rad^2/ms^2: its buckled rest is so close to the present positions that '
+                         f'round-off hides it; {-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation hold it there')
 
 
 class _Descent:
-    """The energy of a structure over the free displacements `y`, in shortest bonds, and what is asked of it there."""
+    """The energy of a structure as a function of the free displacements `y` in shortest bonds, with its derivatives."""
 
     def __init__(self, atoms, calc):
         self.calc, self.P = calc.about(atoms, model='complete'), free_motion(atoms)
@@ -177,7 +179,7 @@ class _Descent:
         self._at = None
 
     def displacements(self, y):
-        """In mm, shape (particles, dim)."""
+        """Displacements in mm, shape (particles, dim)."""
         return self.length * (self.P @ y).reshape(len(self.atoms), -1)
 
     def _move(self, y):
@@ -207,7 +209,7 @@ class _Descent:
         return self._at[1]
 
     def to_rest(self, y, steps):
-        """The nearest rest downhill from `y`, and the steps taken."""
+        """The nearest minimum reached from `y`, and the number of steps."""
         from scipy.optimize import minimize
 
         first, longest = TRUST
@@ -218,7 +220,7 @@ class _Descent:
         return (self._polished(end.x) if end.success else end.x), end.nit
 
     def _polished(self, y):
-        """Newton's steps, as long as they lessen the forces."""
+        """Newton steps, as long as they reduce the forces."""
         for _ in range(POLISHES):
             H = self.stiffness(y)
             regular = H + REGULAR * abs(H).sum(axis=1).max() * sparse.eye_array(len(y))
@@ -229,19 +231,19 @@ class _Descent:
         return y
 
     def _refuse_strangers(self, y):
-        """Refuse a place where the list of bonds is wrong: neighbours have parted, or others have come nearer than they were."""
+        """Refuse positions where the list of bonds is wrong: neighbours have separated, or other particles are too close."""
         bonds = self.calc.bonds
         now = np.linalg.norm(self.calc.bond_vectors + bonds.incidence @ self.displacements(y), axis=1)
         for b in np.flatnonzero(now > STRETCHED * bonds.lengths)[:1]:
-            raise ValueError(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, have gone '
-                             f'to {now[b]:.4g} mm and are no neighbours any more: the structure buckles or slides; {MEND}')
+            raise ValueError(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, are '
+                             f'{now[b]:.4g} mm apart and no longer neighbours: the structure buckles or slides; {MEND}')
         self._move(np.zeros_like(y))
         known = _near(self.atoms, self.length)
         self._move(y)
         for i, j, _ in sorted(_near(self.atoms, self.length) - known - _pairs(bonds)):
-            raise ValueError(f'the particles {i} and {j}, between which no force acts here, have come within the shortest bond, '
-                             f'{self.length:.4g} mm: from where it was the structure buckles or slides; {MEND}, or let more '
-                             'neighbours repel each other (shells= or cutoff=)')
+            raise ValueError(f'the particles {i} and {j}, between which no force acts here, are closer than the shortest bond, '
+                             f'{self.length:.4g} mm: from its first positions the structure buckles or slides; {MEND}, or let '
+                             'more neighbours repel each other (shells= or cutoff=)')
 
     def softest(self, y):
         """Lowest and a bound of the highest squared frequency, rad^2/ms^2, and the softest mode, its largest component one."""

@@ -22,39 +22,39 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Repulsion(Protocol):
-    """What `MagneticRepulsion` and `AllNeighbours` have in common: particles that repel each other, on a foundation.
+    """Common interface of `MagneticRepulsion` and `AllNeighbours`: particles that repel each other, on a foundation.
 
-    Bands, speeds of sound, phonopy's finite displacements and buckling ask for no more than this, and take either calculator.
-    Every Bloch matrix contains the foundation, so that nobody has to add it.
+    Bands, speeds of sound, phonopy's finite displacements and buckling use only this interface, and accept both calculators.
+    Every Bloch matrix already contains the foundation.
 
     Attributes
     ----------
     reference : ase.Atoms
-        The positions from which displacements are counted, without a calculator.
+        The positions from which displacements are measured, without a calculator.
     potential : PairLaw, or mapping from pairs of kinds to PairLaw
         The potential, as it was given.
     law : PairLaw
-        Laid along the bonds: one number for each of them.
+        The law of every bond: it gives one number for each of them.
     bonds : Bonds
-        The pairs that repel each other; of an infinite lattice, those that are nearest.
+        The pairs that repel each other; for an infinite lattice, the nearest ones.
     pairwise : bool
-        Whether the bonds are all of the repulsion.  Only then can the stiffness be had bond by bond: for finite structures, at
-        other positions or other spacings.
+        Whether the listed bonds are the complete repulsion.  Only then is the stiffness known bond by bond: for finite
+        structures, at other positions or other spacings.
     dim : int
         Number of components of a displacement: 2 in the plane, 3 in space.
     layer : bool
-        Whether particles of a plane may move out of it, each on a support of its own.
+        Whether the particles of a planar structure may move out of the plane, each on its own support.
     foundation : float or ndarray, shape (particles, dim)
         Stiffness of the spring between each particle and its anchor, N/mm.
     model, linear_model : str
-        The model of the forces, and the one whose stiffness they have at rest.
+        The model of the forces, and the model of their stiffness at rest.
     bloch_models : tuple of str
-        The models of which there is a Bloch matrix.
+        The models that have a Bloch matrix.
     """
 
     @property
     def reference(self) -> Atoms:
-        """Positions from which displacements are counted."""
+        """Positions from which displacements are measured."""
         ...
 
     @property
@@ -74,7 +74,7 @@ class Repulsion(Protocol):
 
     @property
     def pairwise(self) -> bool:
-        """Whether the bonds are all of the repulsion."""
+        """Whether the listed bonds are the complete repulsion."""
         ...
 
     @property
@@ -104,7 +104,7 @@ class Repulsion(Protocol):
 
     @property
     def bloch_models(self) -> tuple[str, ...]:
-        """Models of which there is a Bloch matrix."""
+        """Models that have a Bloch matrix."""
         ...
 
     def on(self, supercell: Atoms) -> Repulsion:
@@ -124,12 +124,12 @@ class Repulsion(Protocol):
         ...
 
     def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
-        """Signs of what outgrows the second order in long waves, shape (dim, dim); zero unless the repulsion reaches far."""
+        """Signs of the terms that exceed the second order in long waves, shape (dim, dim); zero for laws of short range."""
         ...
 
 
 def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
-    """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are looked at too.
+    """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are checked too.
 
     Returns
     -------
@@ -138,14 +138,14 @@ def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
     Raises
     ------
     ValueError
-        If there is none, it is AllNeighbours, or a mass is not a positive number.
+        If there is no such calculator, it is AllNeighbours, or a mass is not a positive number.
     """
     calc: Any = atoms.calc
     if not getattr(calc, 'pairwise', False):
         if not isinstance(calc, Repulsion):
             raise ValueError(f'the atoms carry {calc!r} as calculator; '
                              'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
-        raise ValueError(f'this needs the stiffness of each bond, which {type(calc).__name__} does not know; '
+        raise ValueError(f'this needs the stiffness of each bond, which {type(calc).__name__} does not have; '
                          'attach atoms.calc = MagneticRepulsion(atoms, potential, ...) with a number of shells')
     masses_of(atoms)
     return calc  # pyright: ignore[reportReturnType]  what is pairwise is a MagneticRepulsion or like one
@@ -157,7 +157,7 @@ def masses_of(atoms: Atoms) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        For one that is not a positive number.
+        For a mass that is not a positive number.
     """
     masses = atoms.get_masses()
     for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:

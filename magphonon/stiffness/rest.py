@@ -1,13 +1,13 @@
 """The rest about which a structure is linearised: positions where the forces in all free directions balance.
 
-Three places belong to a particle: its anchor, where its foundation spring is slack; the reference of the calculator, from
-which displacements are counted; and where it stands now.  In a perfect lattice they are one.  Linear equations of motion hold
-about a place where nothing pushes, so every linear answer asks this module for it:
+A particle has three positions: its anchor, where its foundation spring is slack; its position in the reference of the
+calculator, from which displacements are measured; and its present position.  In a perfect lattice they coincide.  Linear
+equations of motion are valid about positions where the forces balance, so all linear tools obtain these from this module:
 
     at_rest         the present positions, if the forces balance there; modes, responses, stability
     nearest_rest    the reference if the forces balance there, otherwise the present positions; a motion from a given state
 
-Statically all models are alike: the force of a bond is that of its present length, along its present direction.
+Static forces are the same in all models: the force of a bond at its present length, along its present direction.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ BALANCED = 1e-6
 PLACES = 1e-14
 """Relative round-off of the positions, summed over the bonds of a particle.  It acts on springs that are slack at rest."""
 ELSEWHERE = 1e-3
-"""Of the shortest bond: particles that stand farther from the reference and are in balance have found another rest; nearer
-ones may merely be displaced by so little that their forces look balanced."""
+"""Distance from the reference, as a fraction of the shortest bond, from which balanced particles are at another rest; closer ones
+may be displaced so little that their forces only seem balanced."""
 
 
 def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDArray[np.float64]:
     """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
 
-    What round-off leaves of forces that cancel is no force; a load or a push on what is in balance is one, however small.
+    The round-off of forces that cancel is set to zero; a load or push on balanced particles is kept, however small.
 
     Parameters
     ----------
@@ -67,7 +67,8 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDA
         if not given.any():
             continue
         given = components(given, calc.dim)
-        size = np.where(total, size, 0) + abs(given).max(axis=1, keepdims=True)  # what is in balance already cancels nothing
+        # a load on balanced particles has nothing to cancel
+        size = np.where(total, size, 0) + abs(given).max(axis=1, keepdims=True)
         total = total + given
         total[abs(total) <= ROUND_OFF * size] = 0
     return total
@@ -83,13 +84,13 @@ def _repulsion(calc, u):
 
 
 def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
-    """The static forces that nothing balances, along free directions, in N, shape (particles,); zero if less than BALANCED.
+    """The unbalanced static forces along free directions, in N, shape (particles,); zero if less than BALANCED.
 
     Parameters
     ----------
     atoms : ase.Atoms
     u : ndarray, shape (particles, dim)
-        Displacements from the reference at which it is asked.
+        Displacements from the reference in mm.
     """
     calc: Any = atoms.calc
     forces = static_forces(calc, u=u)
@@ -143,8 +144,8 @@ def at_rest(atoms: Atoms) -> MagneticRepulsion:
     Raises
     ------
     ValueError
-        If the forces do not balance: it says by how much, on which particle, and what would mend it.  For constraints other
-        than FixAtoms, FixedLine and FixedPlane, of which it is not known what they hold.
+        If the forces do not balance: the message says by how much, on which particle, and what to do.  For constraints other
+        than FixAtoms, FixedLine and FixedPlane, which are not supported.
     """
     atoms = _in_its_cell(atoms)
     calc: Any = atoms.calc
@@ -160,7 +161,7 @@ def at_rest(atoms: Atoms) -> MagneticRepulsion:
 def settled(atoms: Atoms) -> Atoms:
     """The atoms with the calculator about their present positions, where the forces balance; see `at_rest`, also for its errors.
 
-    Of a cell with AllNeighbours, which knows one rest only, the atoms as they are, if they stand there and the forces balance.
+    A cell with AllNeighbours is returned unchanged; it must be in its reference, and the forces must balance.
     """
     if not getattr(atoms.calc, 'pairwise', True) and isinstance(atoms.calc, Repulsion):
         _refuse_unsettled_sums(atoms)
@@ -178,10 +179,10 @@ def placed(atoms: Atoms, calc: MagneticRepulsion) -> Atoms:
 
 
 def nearest_rest(atoms: Atoms) -> tuple[MagneticRepulsion, NDArray[np.float64]]:
-    """The calculator about the rest that belongs to a moving structure, whose positions are its state, and what is left there.
+    """The calculator about the rest of a moving structure, whose positions are its state, and the unbalanced forces there.
 
-    The reference, where the forces balance; the present positions, if less is left there, or if they are another rest, well
-    away from the reference.
+    The rest is the reference if the forces balance there; the present positions, if the forces are smaller there, or if they
+    are another rest, well away from the reference.
 
     Returns
     -------
@@ -203,8 +204,8 @@ def nearest_rest(atoms: Atoms) -> tuple[MagneticRepulsion, NDArray[np.float64]]:
 def rest_of_motion(atoms: Atoms, push: NDArray[np.float64]) -> MagneticRepulsion:
     """The calculator of `nearest_rest`; refused as by `at_rest` if the forces do not balance there.
 
-    The constant forces `push` of drives, in N, shape (particles, 3), may help to balance, but need not: on a structure that is
-    at rest without them they are a step.
+    The constant forces `push` of drives, in N, shape (particles, 3), may be part of the balance.  On a structure that is at rest
+    without them they act as a step.
     """
     freedom(atoms)
     calc, left = nearest_rest(atoms)
@@ -218,7 +219,7 @@ def rest_of_motion(atoms: Atoms, push: NDArray[np.float64]) -> MagneticRepulsion
 
 
 def _in_its_cell(atoms):
-    """The atoms, or where their cell is not that of the reference a copy whose calculator has followed it."""
+    """The atoms, or if their cell differs from the reference a copy with a calculator for this cell."""
     calc = repulsion_of(atoms)
     return atoms if same_cell(calc, atoms) else placed(atoms, calc.about(atoms))
 

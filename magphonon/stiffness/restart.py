@@ -1,7 +1,7 @@
-"""Restart: the calculator of atoms that were read from files of ASE, made again as it was when they were written.
+"""Restart: restores the calculator of atoms that were read from files of ASE.
 
-ASE writes `calc.todict()` beside the atoms, into .traj files and into databases.  It holds all that the forces depend on, rest
-positions, anchors and bonds included::
+ASE writes `calc.todict()` with the atoms to .traj files and databases.  It contains everything that the forces depend on,
+including rest positions, anchors and bonds::
 
     atoms = magphonon.restored(ase.io.read('relaxed.traj'))
 
@@ -35,10 +35,10 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: 
     atoms : ase.Atoms
         As `ase.io.read` returns them from a .traj file, or a row of ase.db.
     parameters : dict, optional
-        Of the calculator; by default those that ASE's reader left on `atoms.calc`.  Rows of ase.db keep them in
+        Parameters of the calculator; by default those that ASE's reader left on `atoms.calc`.  Rows of ase.db keep them in
         `row.calculator_parameters`.
     potential : PairLaw, or mapping from pairs of kinds to PairLaw, optional
-        In place of the one in the file, which names the laws of this package only.
+        Replaces the one in the file; needed for a law that is not of this package.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: 
     Raises
     ------
     ValueError
-        If nothing of the kind was written with them, or the law is not one of this package.
+        If no such calculator was written with them, or its law is not of this package.
 
     Examples
     --------

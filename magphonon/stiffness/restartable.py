@@ -1,4 +1,4 @@
-"""`Restartable`: a calculator as a dictionary that ASE's files and databases keep, and back, to the same bits."""
+"""`Restartable`: conversion of a calculator to a dictionary for ASE's files and databases, and back without loss."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from ..interactions.bond_laws import Potential
 
 UNITS = 'mm, g, ms'
-"""The units of the numbers in such a dictionary, written for readers of the file who do not have this package."""
+"""The units of the numbers in such a dictionary, saved for readers of the file without this package."""
 
 
 class Restartable(Shared):
-    """An ASE calculator of a `reference` and a `potential` that its dictionary makes again.
+    """An ASE calculator of a `reference` and a `potential` that can be restored from its dictionary.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Restartable(Shared):
     potential: Any
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
-        """All that the forces depend on, for ASE's files and databases; `fromdict` makes the same calculator of it."""
+        """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
         parts = {name: getattr(self, name) for name in self.saved}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
                 'potential': potential_to_dict(self.potential),
@@ -43,14 +43,14 @@ class Restartable(Shared):
 
     @classmethod
     def fromdict(cls, parameters: dict[str, Any], potential: Potential | None = None) -> Self:
-        """The calculator that `todict` wrote, to the same bits.
+        """The calculator that `todict` saved, without loss.
 
         Parameters
         ----------
         parameters : dict
             As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
         potential : PairLaw, or mapping from pairs of kinds to PairLaw, optional
-            In place of the one in the dictionary, which names the laws of this package only.
+            Replaces the one in the dictionary; needed for a law that is not of this package.
 
         Raises
         ------
@@ -77,7 +77,7 @@ def _checked(parameters, cls):
 
 
 def _reference_to_dict(atoms):
-    """Rest positions, cell, masses, tags and constraints, without what is no structure."""
+    """Rest positions, cell, masses, tags and constraints; other arrays are left out."""
     parts = atoms.todict()
     parts.pop('info', None)
     return parts | {'constraints': [constraint.todict() for constraint in atoms.constraints]}

@@ -26,6 +26,6 @@ def warn_of_units(calc: Repulsion) -> None:
     """Warn of frequencies beyond FREQUENCIES_Hz; a law and springs without any stiffness have none."""
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
     if f and not least <= f <= most:
-        warnings.warn(f'{calc.potential!r}, the foundation and the masses give frequencies of some {f:.1g} Hz, which is beyond '
-                      f'{least:g} to {most:g} Hz; numbers here are in mm, g, ms and N: multiply those in SI by their units, as '
+        warnings.warn(f'{calc.potential!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
+                      f'range {least:g} to {most:g} Hz; numbers are in mm, g, ms and N: multiply SI values by their units, as '
                       'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)

@@ -1,4 +1,4 @@
-"""`Shared`: a calculator that threads may share, and that calculates again after the least change of the atoms."""
+"""`Shared`: a calculator that threads may share, and that calculates again after any change of the atoms."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Shared(Calculator):
-    """An ASE calculator that several threads may ask at once.
+    """An ASE calculator that several threads may use at once.
 
-    A lock keeps others from calculating between a calculation and the copy of its results.  Copies of the calculator have locks
-    of their own.
+    A lock prevents other threads from calculating between a calculation and the copy of its results.  Each copy of the
+    calculator has its own lock.
     """
 
     atoms: Any  # of ASE, which declares them as None

@@ -1,4 +1,4 @@
-"""Properties that each site of a structure may have of its own: the stiffness of its foundation, the strength of its particle.
+"""Properties that may differ between the sites of a structure: the stiffness of the foundation, the strength of the particle.
 
 Where all sites are alike the foundation stays a single number, and the computation is as fast as with one spring for all.
 """
@@ -32,7 +32,7 @@ def displacement_components(reference: Atoms, foundation: Any) -> int:
 
 
 def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
-    """The foundation as one number where it is one, otherwise as an array, shape (particles, dim), read-only.
+    """The foundation as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
 
     For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
 
@@ -72,7 +72,7 @@ def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
 
 
 def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
-    """The `values` of some sites; they are given for each site, or once for all of them."""
+    """The `values` at some sites; they are given for each site, or as one number for all."""
     return values[sites] if np.ndim(values) else values
 
 
@@ -87,7 +87,7 @@ def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.
 
 
 def refuse_infinite(law: PairLaw, bonds: Bonds) -> None:
-    """Refuse a law whose force or stiffness at the length of some bond is no finite number."""
+    """Refuse a law whose force or stiffness at the length of some bond is not a finite number."""
     r = bonds.lengths
     for what, unit, value in (('force', 'N', -np.asarray(law.dphi(r))), ('stiffness', 'N/mm', np.asarray(law.d2phi(r)))):
         for b in np.flatnonzero(~np.isfinite(value))[:1]:
@@ -98,7 +98,7 @@ def refuse_infinite(law: PairLaw, bonds: Bonds) -> None:
 
 
 def refuse_unlike(calc: Repulsion, tool: str, instead: str) -> None:
-    """Refuse particles that differ in law, strength or foundation, for a `tool` that knows one of each.
+    """Refuse particles that differ in law, strength or foundation, for a `tool` that supposes them to be equal.
 
     Parameters
     ----------
@@ -110,5 +110,5 @@ def refuse_unlike(calc: Repulsion, tool: str, instead: str) -> None:
     unlike = [what for what, differs in (('laws or strengths', isinstance(calc.law, BondLaws)),
                                          ('foundations', np.ndim(calc.foundation) > 0)) if differs]
     if unlike:
-        raise ValueError(f'{tool} knows one law and one foundation for all particles, but these have different '
+        raise ValueError(f'{tool} supposes one law and one foundation for all particles, but these have different '
                          f'{" and ".join(unlike)}; {instead}')

@@ -1,7 +1,7 @@
 """The range of neighbours needed for laws without an exact infinite sum: direct sums with a bound on the remainder.
 
-A term that falls with the distance is smaller than its mean over the cell next to it on the inner side, so that the sum
-over all particles beyond R is less than an integral that begins one cell diameter D nearer,
+A term that falls with the distance is smaller than its mean over the cell next to it on the inner side, so the sum
+over all particles beyond R is less than an integral that begins one cell diameter D closer,
 
     sum |phi'' nn + (phi'/r)(I - nn)|  <  n S int_{R-D}^inf (phi'' + |phi'|/r) r^(d-1) dr
 
@@ -35,19 +35,19 @@ def missing_stiffness(atoms: Atoms, potential: PairLaw, cutoff: float) -> float:
     atoms : ase.Atoms
         One periodic cell.
     potential : PairLaw
-        A law whose slope and curvature fall with the distance; zero beyond a finite range is welcome.
+        A law whose slope and curvature fall with the distance; it may be zero beyond a finite range.
     cutoff : float
         In mm.
 
     Returns
     -------
     float
-        In N/mm; it holds for every part of the stiffness in each direction.
+        In N/mm; the bound holds for D0 and D* and in each direction.
 
     Raises
     ------
     ValueError
-        If the law does not reach that far (a table), or so far that the sum diverges.
+        If the law is not known that far (a table), or its range is so long that the sum diverges.
     """
     from scipy.integrate import quad
 
@@ -58,20 +58,20 @@ def missing_stiffness(atoms: Atoms, potential: PairLaw, cutoff: float) -> float:
     if not start > 0:
         return np.inf
 
-    def term(v):  # over log r
+    def term(v):  # integrand over log r
         r = np.exp(v)
         return (potential.d2phi(r) + abs(potential.dphi(r)) / r) * r**d
 
     ends = np.log(start) + np.array([0.0, 1.0, 3.0, 9.0, 27.0])  # algebraic tails: the last piece is r = 5e11 times as far
     total = sum(quad(term, a, b, epsabs=0, epsrel=1e-6, limit=200)[0] for a, b in pairwise(ends) if term(a))
     if not term(ends[-1]) <= 1e-3 * total:
-        raise ValueError(f'neighbours add stiffness without end in {d} dimensions by the law {potential!r}; '
+        raise ValueError(f'the stiffness of all neighbours diverges in {d} dimensions for the law {potential!r}; '
                          'choose AllNeighbours, or a number of shells')
     return len(atoms) / volume * {1: 2, 2: 2 * np.pi, 3: 4 * np.pi}[d] * total
 
 
 def reach(atoms: Atoms, potential: PairLaw, tolerance: float = 1e-5) -> float:
-    """Cutoff beyond which all neighbours together add less than `tolerance` of the stiffness of those within.
+    """Cutoff beyond which all neighbours together add less than a fraction `tolerance` of the stiffness within.
 
     Parameters
     ----------
@@ -104,8 +104,8 @@ def reach(atoms: Atoms, potential: PairLaw, tolerance: float = 1e-5) -> float:
         cutoff *= 1.2
         pairs = len(atoms) ** 2 * cutoff ** len(periods) / np.sqrt(np.linalg.det(periods @ periods.T))
         if pairs > MOST_BONDS:
-            raise ValueError(f'{potential!r} reaches so far that {pairs:.0e} neighbours leave more than {tolerance:g} of the '
-                             'stiffness; ask for less, or for AllNeighbours')
+            raise ValueError(f'{potential!r} has such a long range that {pairs:.0e} neighbours miss more than {tolerance:g} of '
+                             'the stiffness; raise the tolerance, or use AllNeighbours')
     lengths = np.unique(bonds_within(atoms, 1.1 * cutoff).lengths)
     gaps = np.flatnonzero(np.diff(lengths) > 4 * ON_SHELL * lengths[1:])
     last = gaps[lengths[gaps] >= cutoff / 1.05][0]

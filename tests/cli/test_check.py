@@ -124,7 +124,7 @@ def test_a_large_patch_is_judged_by_its_lattice(tmp_path, capsys):
     assert main(['check', str(file)]) == FINE
     said = capsys.readouterr().out
     assert 'Lattice: OK\n' in said
-    assert 'particles, more than 20000, and is not judged by itself' in said
+    assert 'particles, more than 20000, and is not judged separately' in said
 
 
 @pytest.mark.parametrize('seed', range(6))

@@ -48,7 +48,7 @@ def test_a_structure_from_a_file_is_refused(tmp_path, capsys):
     (tmp_path / 'my.toml').write_text('title = "mine"\n[lattice]\nkind = "file"\nfile = "particles.csv"\nmass_kg = 1e-3\n[law]\n'
                                       'kind = "inverse_power"\nb_N_m_a = 1e-8\na = 4.0\nshells = 1\n')
     assert main(['explore', str(tmp_path / 'my.toml'), '-o', str(tmp_path / 'page.html')]) == 2
-    assert 'the explorer takes a lattice by its name' in capsys.readouterr().err
+    assert 'the explorer needs a lattice given by its name' in capsys.readouterr().err
 
 
 def test_other_files_are_not_replaced(tmp_path, capsys):

@@ -114,5 +114,5 @@ def test_other_cells_constraints_and_calculators_are_refused():
         replicas([held])
     lattice = lattices.square(L0, 1.0)
     lattice.calc = AllNeighbours(lattice, InversePower(b=3e3, a=4.6), foundation=2.0)
-    with pytest.raises(ValueError, match='AllNeighbours does not know'):
+    with pytest.raises(ValueError, match='AllNeighbours does not have'):
         replicas([lattice])

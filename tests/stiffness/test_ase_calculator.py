@@ -188,7 +188,7 @@ def test_one_particle_that_is_wrapped_across_the_border_is_where_it_was():
 def test_numbers_in_si_without_their_units_are_noticed(calculator):
     """The prototype's law with b left in N m^a: sqrt(a b L^-(a+1)/M)/2 pi = 8.4e-6 Hz instead of 60 Hz."""
     cell = lattices.triangular(10.0, 0.7)
-    with pytest.warns(UserWarning, match=r'InversePower.*some 8e-06 Hz.*mm, g, ms and N'):
+    with pytest.warns(UserWarning, match=r'InversePower.*about 8e-06 Hz.*mm, g, ms and N'):
         calculator(cell, InversePower(b=1.6209e-10, a=4.5824))
     with pytest.warns(UserWarning, match=r'some \d+e\+\d+ Hz'):
         calculator(cell, InversePower(b=1e30, a=4.0))

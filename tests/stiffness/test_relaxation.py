@@ -141,7 +141,7 @@ def test_on_the_verge_of_buckling_the_words_are_right_and_the_advice_holds():
     assert len(cases) >= 2
     for patch, needed, said in cases:
         assert 'on the verge of buckling' in said
-        more = float(re.search(r'way; (\S+) N/mm more', said)[1])
+        more = float(re.search(r'hides it; (\S+) N/mm more', said)[1])
         assert more < 1e-6 * needed
         patch.calc.set(foundation=patch.calc.foundation + more)
         assert not relaxed(patch).needed
