@@ -45,8 +45,9 @@ TERM_s = 1.5e-8
 """Response: time of one term of the series at one frequency; counted."""
 PRODUCT_s = 4e-8
 """Response: time of one product with the matrix of a patch, per particle."""
-SERIES_bytes = 3000
-"""Response: memory for one particle of a patch with its bonds."""
+SERIES_bytes, PROOF_bytes = 3000, 13e3
+"""Memory for one particle of a patch with its bonds; response: with its part of the factorisation that proves stability, measured
+between 7000 and 60 000 particles."""
 FACTOR_bytes, FACTOR_s = 17e3, 2e-5
 """Response: cost of one factorisation of the matrix at one frequency, per particle."""
 START_s = 0.3
@@ -125,7 +126,7 @@ def frf_cost(scene: Scene) -> Cost:
     terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
     factorised = terms > FACTORISATION * plan.points
     memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
-              size_key(scene): (FACTOR_bytes if factorised else SERIES_bytes) * particles}
+              size_key(scene): (FACTOR_bytes if factorised else PROOF_bytes) * particles}
     work = plan.points * FACTOR_s * particles if factorised else terms * (plan.points * TERM_s + PRODUCT_s * particles)
     return Cost('frf', memory, PICTURES_s + len(MODELS) * work, 4)
 

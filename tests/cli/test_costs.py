@@ -129,7 +129,7 @@ MEASURED = [  # command, changes of the prototype's scene, megabytes beyond what
     ('bands', {'bands__supercell': '[20, 20]'}, 46, 0.9), ('bands', {'bands__supercell': '[40, 40]'}, 86, 3.1),
     ('bands', {'bands__supercell': '[60, 60]'}, 337, 13.4),
     ('frf', {'patch__side_m': 0.15}, 25, 1.2), ('frf', {'patch__side_m': 0.3}, 29, 1.5),
-    ('frf', {'patch__side_m': 0.4}, 42, 1.9), ('frf', {'patch__side_m': 1.0}, 185, 6.9),
+    ('frf', {'patch__side_m': 0.4}, 42, 1.9), ('frf', {'patch__side_m': 1.0}, 185, 6.9), ('frf', {'patch__side_m': 2.0}, 925, 33),
     ('frf', {'patch__side_m': 0.2, 'frf__damping_per_s': 1e-4, 'frf__points': 20}, 49, 1.2),
     ('frf', {'patch__side_m': 0.5, 'frf__damping_per_s': 1e-4, 'frf__points': 20}, 97, 4.0),
     ('burst', ONE | {'patch__side_m': 0.2, 'burst__duration_s': 0.3}, 70, 2.1),
