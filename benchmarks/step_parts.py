@@ -1,7 +1,7 @@
 """Where the time of a particle-step goes, for `steps.py`.
 
-There are the forces of bonds and the motion, measured in first-level cache; what the other levels of cache add; and the ends of
-blocks, at which an observer finds the state in ASE's Atoms.
+There are the forces of bonds and the motion, measured in first-level cache; what the other levels of cache add, and the ends of
+blocks; and the observers, for whom the state goes to ASE's Atoms and is compared with them afterwards.
 """
 
 from time import thread_time
@@ -13,9 +13,8 @@ from magphonon.dynamics.compiled_bonds import pull_at
 from magphonon.dynamics.compiled_steps import move_at
 from magphonon.dynamics.intrinsics import past
 from magphonon.dynamics.machine_code import FLOATS, INTS, compiled
-from magphonon.dynamics.verlet import BLOCK
 
-ROUNDS, REPEATS, BURST = 40, 5, 300
+ROUNDS, REPEATS, BURST = 40, 9, 300
 OFTEN, SELDOM = 10, 100
 """Steps between two calls of an observer."""
 MULTIPLY_ADDS = 9
@@ -78,13 +77,13 @@ def print_parts(dynamics, rate):
             start = thread_time()
             dyn.run(steps)
             seconds[every] = min(seconds[every], (thread_time() - start) / steps / count)
-    ends = {every: -(-every // BLOCK) / every for every in runs}  # per step
-    end = (seconds[OFTEN] - seconds[SELDOM]) / (ends[OFTEN] - ends[SELDOM])
+    look = (seconds[OFTEN] - seconds[SELDOM]) / (1 / OFTEN - 1 / SELDOM)
     pull, move, coefficients = in_cache(kernel)
     groups, multiply_adds = len(kernel._bonds.places), MULTIPLY_ADDS + coefficients
-    rest = seconds[SELDOM] - ends[SELDOM] * end - pull - move
+    rest = seconds[SELDOM] - look / SELDOM - pull - move
     print(f'a step of each of {count} magnets: bonds {1e9 * pull:.2f} ns ({groups} x {multiply_adds} multiply-adds would take '
-          f'{2e9 * groups * multiply_adds / rate:.2f} ns) + motion {1e9 * move:.2f} + other levels of cache {1e9 * rest:.2f}')
+          f'{2e9 * groups * multiply_adds / rate:.2f} ns) + motion {1e9 * move:.2f} + '
+          f'other levels of cache and ends of blocks {1e9 * rest:.2f}')
     for every in runs:
-        print(f'    + ends of blocks with an observer every {every:3d} steps {1e9 * end * ends[every]:.2f} ns = '
+        print(f'    + an observer every {every:3d} steps {1e9 * look / every:.2f} ns = '
               f'{1e9 * seconds[every]:.2f} ns', flush=True)
