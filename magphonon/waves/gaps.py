@@ -60,13 +60,14 @@ def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDAr
     cosines = np.cos(np.pi * np.arange(n)[:, None] * (missing + 0.5) / n) * np.sqrt(2 / n)
     cosines[0] /= np.sqrt(2)
     noise = float(np.sqrt(power[3 * n // 4 :].mean()))
+    total = power.sum() or 1.0  # a component that does not move has no power at all
     best, error = values, np.inf
     for K in np.unique(np.linspace(1, WIDEST * n, LIMITS).astype(int)):
         band = cosines[:K]
         left = np.eye(len(missing)) - band.T @ band
         if np.linalg.eigvalsh(left)[0] > 1e-9:
             inverse = np.linalg.inv(left)
-            outside = max(power[K:].sum() - (n - K) * noise**2, 0) / power.sum() * abs(values).max() ** 2  # where it is strongest
+            outside = max(power[K:].sum() - (n - K) * noise**2, 0) / total * abs(values).max() ** 2  # where it is strongest
             worst = inverse.diagonal().max()
             own = float(np.sqrt(outside * worst + noise**2 * (worst - 1)))
             if own < error:

@@ -184,6 +184,18 @@ def test_scattered_missing_samples_are_filled_in(step_ms, noise, tmp_path):
         assert np.sqrt(np.mean(np.concatenate(spline[:5]) ** 2)) > 10 * np.sqrt(np.mean(off[lacking] ** 2))
 
 
+def test_a_component_that_does_not_move_at_all_may_lack_samples(tmp_path):
+    rng, n, t = np.random.default_rng(1), np.arange(8), np.arange(300.0)[:, None]
+    truth = np.sin(0.3 * t - 0.9 * n) * np.exp(-(((t - 120 - 8 * n) / 40) ** 2))
+    there = rng.random(truth.shape) > 0.02
+    there[[0, -1]] = True
+    rows = [f'{t[i, 0]},{10 * k},0,{truth[i, k]:.9g}' for i, k in zip(*np.nonzero(there), strict=True)]
+    (tmp_path / 'scan.csv').write_text('\n'.join(['time_ms,x_mm,u_x_um,u_y_um', *rows]))
+    still, moving = (1e3 * read_scan(tmp_path / 'scan.csv').motions[part] for part in 'xy')
+    assert (still == 0).all()
+    assert abs(moving - truth).max() < 1e-3
+
+
 def line(lattice, steps, **changes):
     """Places along R1 in mm at these steps of a lattice, and what is wrong with them."""
     places = np.stack([lattice * np.array(steps), 0 * np.array(steps)], axis=1).astype(float)
