@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import os
+from contextlib import contextmanager
 from pathlib import Path
 from stat import S_ISREG
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from os import PathLike
 
 MEGABYTE = 2**20
@@ -40,6 +43,17 @@ def table_text(path: str | PathLike[str], most: int) -> str:
         return text_of(path, most)
     except UnicodeDecodeError:
         raise ValueError(f'{path} is not a text file; save the table as CSV') from None
+
+
+@contextmanager
+def told_as_table(path: str | PathLike[str]) -> Iterator[None]:
+    """Within it a file that is no table of text is refused with a hint how to save it."""
+    try:
+        yield
+    except UnicodeDecodeError:
+        raise ValueError(f'{path} is not a text file; export it as CSV') from None
+    except csv.Error as error:
+        raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from error
 
 
 def refuse_endless(path: str | PathLike[str], most: int) -> None:

@@ -169,6 +169,29 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     ------
     ValueError
         If there are no more points than parameters.
+
+    Examples
+    --------
+    The foundation alone, from the shear branch of springs that are 20 % stiffer than where the fit starts:
+
+    >>> import numpy as np
+    >>> from magphonon import MagneticRepulsion, read_scene
+    >>> from magphonon.bands.bloch import bloch_modes
+    >>> from magphonon.design import Change, fit_dispersion
+    >>> from magphonon.waves import RidgePoints
+    >>> start = read_scene('prototype').atoms()
+    >>> def build(factors):
+    ...     springs = factors['foundation'] * start.calc.foundation
+    ...     atoms = start.copy()
+    ...     atoms.calc = MagneticRepulsion(atoms, start.calc.potential, foundation=springs)
+    ...     return atoms, {'foundation': Change(foundation=springs)}
+    >>> xi = np.linspace(0.6, 2.8, 12)
+    >>> q = np.outer(xi / (2 * np.pi), [0, 1, 0])
+    >>> omega = bloch_modes(build({'foundation': 1.2})[0], q)[0][:, 0]
+    >>> points = RidgePoints(('1',), ('transverse',), 0 * np.arange(12), q, xi, 0 * xi, omega, 1e-3 * omega, 1 + 0 * xi, 0 * xi)
+    >>> fit = fit_dispersion(build, ('foundation',), points)
+    >>> round(float(fit.factors[0]), 6), fit.branches
+    (1.2, (0,))
     """
     if len(points) <= len(names):
         raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '

@@ -58,11 +58,13 @@ def plot_band_fits(points: MeasuredBranches, fits: Mapping[str, tuple[Atoms, Fit
         colour, line, marker = LINES[model]
         drawn = {(fit.branches[k], *np.round(points.q[here][0] / points.xi[here][0], 6))
                  for k in range(len(points.names)) if (here := points.ridge == k).any()}
-        for n, (branch, *direction) in enumerate(sorted(drawn)):
+        for branch, *direction in sorted(drawn):
             omega = bloch_modes(atoms, xi[:, None] * np.array(direction), model)[0][:, branch]
-            upper.plot(xi, units.hertz(omega), line, color=colour, label=model if n == 0 else None)
+            upper.plot(xi, units.hertz(omega), line, color=colour)
+        upper.plot([], [], line, marker=marker, color=colour, markersize=3, fillstyle='none', label=model)  # with its residuals
         lower.plot(points.xi, fit.residuals, marker, color=colour, markersize=3, fillstyle='none', linestyle='')
     lower.axhspan(-1.96, 1.96, color='0.9', zorder=0)
+    upper.fill_between([], [], [], color='0.9', label='95 %, below')
     lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)
     lower.set(xlabel=r'phase per step $\xi = k\cdot R$ (rad)', ylabel=r'residual ($\sigma$)', xlim=(0, np.pi))
     lower.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])

@@ -59,13 +59,15 @@ def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:
     line = np.clip(np.geomspace(*ends, 300), *ends)  # geomspace may end a last digit beyond
     for fit, style, colour, shift in zip(fits, LINES, COLOURS, np.linspace(-1, 1, len(fits)), strict=False):
         inside = line[line - fit.offset > 0]
-        upper.plot(inside / u.m, repulsion(fit.law, inside - fit.offset) / u.N, style, color=colour, label=fit.name)
+        marker = 'os^D'[fits.index(fit)]
+        upper.plot(inside / u.m, repulsion(fit.law, inside - fit.offset) / u.N, style, color=colour)
+        upper.plot([], [], style, marker=marker, color=colour, label=fit.name)  # as above and with its residuals
         beside = r * (1 + 0.003 * shift)  # the residuals of a point side by side
         law = repulsion(fit.law, points.r - fit.offset)
         lower.plot(beside, (points.f - law) / (law / 100 if points.sigma is None else points.sigma),
-                   'os^D'[fits.index(fit)], linestyle=style, color=colour, linewidth=0.8)
-    for ax in (upper, lower):
-        ax.axvline((fits[0].spacing + fits[0].offset) / u.m, color='0.8', linewidth=0.8, zorder=0)  # the working spacing
+                   marker, linestyle=style, color=colour, linewidth=0.8)
+    for ax, name in ((upper, 'working spacing' if points.sigma is None else 'working spacing; below, one sigma'), (lower, None)):
+        ax.axvline((fits[0].spacing + fits[0].offset) / u.m, color='0.8', linewidth=0.8, zorder=0, label=name)
     for height in (0,) if points.sigma is None else (-1, 0, 1):
         lower.axhline(height, color='0.6' if height == 0 else '0.8', linewidth=0.8, zorder=0)
     upper.set(xscale='log', yscale='log', ylabel='force (N)')

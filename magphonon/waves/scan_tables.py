@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units as u
-from ..textfiles import MEGABYTE, refuse_endless, table_text
+from ..textfiles import MEGABYTE, refuse_endless, table_text, told_as_table
 from .scans import Samples, Scan, assembled
 from .vibrometer import MOST_BYTES
 
@@ -98,25 +98,20 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
 
 def _points(path) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of a table, and whether they are velocities."""
-    with open(path, encoding='utf-8-sig', newline='') as file:
-        try:
-            header, rows = _rows(path, file)
-            columns = _columns(path, header)
-            parts = _components(path, header, columns)
-            samples: dict[str, list[list[float]]] = {}
-            places = {}
-            for line, row in rows:
-                place = _place(path, line, row, header, columns) if 'x' in columns else None
-                name = row[columns['name'][0]].strip() if 'name' in columns else '({:g} mm, {:g} mm)'.format(*place or ())
-                if places.setdefault(name, place) != place:
-                    raise ValueError(f'line {line} of {path}: point {name} stands at another place than before; give each '
-                                     'point its own name')
-                samples.setdefault(name, []).append([_number(path, line, row, header, columns['time']), *(
-                    _number(path, line, row, header, columns[part], blank=True) for part in parts)])
-        except UnicodeDecodeError:
-            raise ValueError(f'{path} is not a text file; export it as CSV') from None
-        except csv.Error as error:
-            raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from error
+    with open(path, encoding='utf-8-sig', newline='') as file, told_as_table(path):
+        header, rows = _rows(path, file)
+        columns = _columns(path, header)
+        parts = _components(path, header, columns)
+        samples: dict[str, list[list[float]]] = {}
+        places = {}
+        for line, row in rows:
+            place = _place(path, line, row, header, columns) if 'x' in columns else None
+            name = row[columns['name'][0]].strip() if 'name' in columns else '({:g} mm, {:g} mm)'.format(*place or ())
+            if places.setdefault(name, place) != place:
+                raise ValueError(f'line {line} of {path}: point {name} stands at another place than before; give each '
+                                 'point its own name')
+            samples.setdefault(name, []).append([_number(path, line, row, header, columns['time']), *(
+                _number(path, line, row, header, columns[part], blank=True) for part in parts)])
     if not samples:
         raise ValueError(f'{path} holds no samples below its header')
     points = {}

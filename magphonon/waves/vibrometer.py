@@ -11,7 +11,7 @@ import numpy as np
 from .. import units
 from ..errors import finite, not_negative, positive
 from ..files import refuse_overflow, whole_file
-from ..textfiles import MEGABYTE, refuse_endless
+from ..textfiles import MEGABYTE, refuse_endless, told_as_table
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -192,23 +192,18 @@ def read_displacements(path: str | PathLike[str], particles: ArrayLike | None = 
 
 def _columns(path):
     refuse_endless(path, MOST_BYTES)
-    with open(path, encoding='utf-8-sig', newline='') as file:
+    with open(path, encoding='utf-8-sig', newline='') as file, told_as_table(path):
         lines = ((n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith('#'))
         rows = ((n, next(csv.reader([line]))) for n, line in lines)
-        try:
-            header = [name.strip() for name in next(rows, (0, []))[1]]
-            if not header:
-                raise ValueError(f'{path} is empty; its first line must name {", ".join(COLUMNS)}, separated by commas')
-            missing = [name for name in COLUMNS if name not in header]
-            if missing:
-                raise ValueError(f'{path} lacks the column {missing[0]} (its header is {",".join(header)!r}); '
-                                 f'the first line must name {", ".join(COLUMNS)}, separated by commas')
-            at = [header.index(name) for name in COLUMNS]
-            values = [_sample(path, n, row, header, at) for n, row in rows]
-        except UnicodeDecodeError:
-            raise ValueError(f'{path} is not a text file; export it as CSV') from None
-        except csv.Error as error:
-            raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from error
+        header = [name.strip() for name in next(rows, (0, []))[1]]
+        if not header:
+            raise ValueError(f'{path} is empty; its first line must name {", ".join(COLUMNS)}, separated by commas')
+        missing = [name for name in COLUMNS if name not in header]
+        if missing:
+            raise ValueError(f'{path} lacks the column {missing[0]} (its header is {",".join(header)!r}); '
+                             f'the first line must name {", ".join(COLUMNS)}, separated by commas')
+        at = [header.index(name) for name in COLUMNS]
+        values = [_sample(path, n, row, header, at) for n, row in rows]
     if not values:
         raise ValueError(f'{path} holds no samples below its header')
     time, number, x, y = np.array(values).T
