@@ -56,7 +56,7 @@ def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDAr
 
     n, gappy = len(values), values.copy()
     gappy[missing] = 0
-    power, inside = dct(values, norm='ortho') ** 2, dct(gappy, norm='ortho')
+    power, inside = np.asarray(dct(values, norm='ortho')) ** 2, np.asarray(dct(gappy, norm='ortho'))
     cosines = np.cos(np.pi * np.arange(n)[:, None] * (missing + 0.5) / n) * np.sqrt(2 / n)
     cosines[0] /= np.sqrt(2)
     noise = float(np.sqrt(power[3 * n // 4 :].mean()))
