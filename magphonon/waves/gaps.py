@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 LIMITS = 32
 """Number of limits of the band that are tried; the one with the smallest error is taken."""
+SINGULAR = 1e9
+"""Variance of a missing sample, in that of a measured one, from which round-off tells more of it than the record."""
 WIDEST = 0.9
 """Widest band, as a fraction of that of the record: what lies above tells the noise."""
 
@@ -53,6 +55,7 @@ def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDAr
     True
     """
     from scipy.fft import dct
+    from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
     n, gappy = len(values), values.copy()
     gappy[missing] = 0
@@ -61,16 +64,20 @@ def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDAr
     cosines[0] /= np.sqrt(2)
     noise = float(np.sqrt(power[3 * n // 4 :].mean()))
     total = power.sum() or 1.0  # a component that does not move has no power at all
-    best, error = values, np.inf
+    best, error, left, before = values, np.inf, np.eye(len(missing)), 0
     for K in np.unique(np.linspace(1, WIDEST * n, LIMITS).astype(int)):
-        band = cosines[:K]
-        left = np.eye(len(missing)) - band.T @ band
-        if np.linalg.eigvalsh(left)[0] > 1e-9:
-            inverse = np.linalg.inv(left)
-            outside = max(power[K:].sum() - (n - K) * noise**2, 0) / total * abs(values).max() ** 2  # where it is strongest
-            worst = inverse.diagonal().max()
-            own = float(np.sqrt(outside * worst + noise**2 * (worst - 1)))
-            if own < error:
-                error, best = own, gappy.copy()
-                best[missing] = inverse @ (band.T @ inside[:K])
+        left -= cosines[before:K].T @ cosines[before:K]
+        before = K
+        factor, failed = dpotrf(left)
+        if failed:
+            break
+        inverse, _ = dpotri(factor)  # its upper half
+        worst = inverse.diagonal().max()
+        if worst > SINGULAR or noise**2 * (worst - 1) >= error**2:  # it grows with K: a wider band is no better
+            break
+        outside = max(power[K:].sum() - (n - K) * noise**2, 0) / total * abs(values).max() ** 2  # where it is strongest
+        own = float(np.sqrt(outside * worst + noise**2 * (worst - 1)))
+        if own < error:
+            error, best = own, gappy.copy()
+            best[missing], _ = dpotrs(factor, cosines[:K].T @ inside[:K])
     return best, error, noise
