@@ -55,7 +55,7 @@ def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDAr
     True
     """
     from scipy.fft import dct
-    from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+    from scipy.linalg import cho_factor, cho_solve
 
     n, gappy = len(values), values.copy()
     gappy[missing] = 0
@@ -68,16 +68,16 @@ def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDAr
     for K in np.unique(np.linspace(1, WIDEST * n, LIMITS).astype(int)):
         left -= cosines[before:K].T @ cosines[before:K]
         before = K
-        factor, failed = dpotrf(left)
-        if failed:
+        try:
+            factor = cho_factor(left)
+        except np.linalg.LinAlgError:
             break
-        inverse, _ = dpotri(factor)  # its upper half
-        worst = inverse.diagonal().max()
+        worst = cho_solve(factor, np.eye(len(missing))).diagonal().max()
         if worst > SINGULAR or noise**2 * (worst - 1) >= error**2:  # it grows with K: a wider band is no better
             break
         outside = max(power[K:].sum() - (n - K) * noise**2, 0) / total * abs(values).max() ** 2  # where it is strongest
         own = float(np.sqrt(outside * worst + noise**2 * (worst - 1)))
         if own < error:
             error, best = own, gappy.copy()
-            best[missing], _ = dpotrs(factor, cosines[:K].T @ inside[:K])
+            best[missing] = cho_solve(factor, cosines[:K].T @ inside[:K])
     return best, error, noise
