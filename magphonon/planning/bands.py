@@ -177,7 +177,8 @@ def _errors(atoms, q, edge, shells, counts, continua):
         *errors, lacking = abs(omega - exact).max(axis=(1, 2)) / exact.max()
         return np.array(errors) + lacking
     wanted = exact[0, edge.branch]
-    if not wanted > ROUND_OFF * abs(exact).max():
+    highest = signed_root(4 * sum(abs(part[0]).sum() for part in parts) / atoms.get_masses().min())  # at most this
+    if not wanted > ROUND_OFF * highest:
         raise ValueError(f'{edge.name} is zero or imaginary and has no relative error; choose another edge, or all bands')
     *errors, lacking = abs(omega - exact)[:, 0, edge.branch] / wanted
     return np.array(errors) + lacking
