@@ -177,7 +177,8 @@ def _errors(atoms, q, edge, shells, counts, continua):
         *errors, lacking = abs(omega - exact).max(axis=(1, 2)) / exact.max()
         return np.array(errors) + lacking
     wanted = exact[0, edge.branch]
-    highest = signed_root(4 * sum(abs(part[0]).sum() for part in parts) / atoms.get_masses().min())  # at most this
+    stiffest = 2 * sum(np.einsum('bii->', part[0]) for part in parts) / len(atoms)  # the bonds of a particle along themselves
+    highest = signed_root(2 * stiffest / atoms.get_masses().min())  # or some less, of all wavevectors
     if not wanted > ROUND_OFF * highest:
         raise ValueError(f'{edge.name} is zero or imaginary and has no relative error; choose another edge, or all bands')
     *errors, lacking = abs(omega - exact)[:, 0, edge.branch] / wanted
