@@ -2,8 +2,8 @@
 From my magnets to my bands
 ===========================
 
-You have magnets, a table of the forces between two of them, and a lattice in mind.  How fast does it vibrate, does it stand
-at all, and which pillars does it need?
+You have magnets, a table of the forces between two of them, and a lattice in mind.  How fast does it vibrate, is it stable
+without pillars, and which pillars does it need?
 """
 
 # %%
@@ -45,7 +45,7 @@ print(scene_entry(choice.fits['touch']))
 # %%
 # The lattice
 # -----------
-# The fitted law goes into ASE's atoms by a calculator.  No foundation yet: does it stand without?
+# The fitted law goes into ASE's atoms by a calculator.  No foundation yet: is the lattice stable without one?
 
 from magphonon import MagneticRepulsion, analytic_bands, foundation_needed, lattices
 

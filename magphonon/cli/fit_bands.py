@@ -118,9 +118,9 @@ def _verdict(found):
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
         law = [name for name in found.names if name != 'foundation']
-        known = f' A law that is known from measured forces would tell: --fix {",".join(law)}.' if law else ''
-        return [f'D*: these data do not tell. The models differ by {difference:.2g} in chi2, {abs(sigmas):.1f} sigma: with other '
-                f'parameters each follows the ridges as well.{known}', *_scattered(found)]
+        known = f' A law that is known from measured forces would decide: --fix {",".join(law)}.' if law else ''
+        return [f'D*: these data cannot decide between the models. They differ by {difference:.2g} in chi2, {abs(sigmas):.1f} '
+                f'sigma: with other parameters each follows the ridges as well.{known}', *_scattered(found)]
     better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
     lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
              f'{"for" if sigmas > 0 else "against"} D*.']
@@ -135,7 +135,7 @@ def _nothing_follows(found):
     fits = found.fits
     return [f'No model follows these ridges: the points scatter about D0 + D* by {fits["complete"].scatter:.2g} of their '
             f'uncertainties, and about D0 alone by {fits["conventional"].scatter:.2g}. The parameters above mean nothing, and '
-            'these data are no evidence for D* or against it. The largest part comes from the ridge '
+            'these data are no evidence for D* or against it. The ridge that contributes most to chi2 is the ridge '
             f'"{_worst(found)}": take it out of the table if it may be that of several waves or of another branch. A point '
             'source sends several waves along a row: keep its transverse ridges, or drive a row of sources. Otherwise mass, '
             'spacing or the number of shells of the scene may be wrong.']
@@ -157,4 +157,4 @@ def _scattered(found):
     return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
             f'enlarged, and the evidence is lowered, by this factor. Most of it comes from the ridge "{_worst(found)}". It '
             'may be that of several waves, of an oblique wave or of another branch (take it out of the table), or mass, spacing '
-            'or the number of shells of the scene are others.']
+            'or the number of shells of the scene may be wrong.']

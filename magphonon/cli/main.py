@@ -70,7 +70,7 @@ def _terminal(command):
 def _status(options):
     """Run the command; if it fails, print one message that says why."""
     try:
-        with _termination_unwinds(), _no_silent_overflow(), _no_words_about_fonts():
+        with _termination_unwinds(), _no_silent_overflow(), _no_messages_about_fonts():
             find_inputs(options)
             return options.run(options) or 0
     except RuntimeWarning as warning:
@@ -167,7 +167,7 @@ def _no_silent_overflow():
 
 
 @contextmanager
-def _no_words_about_fonts():
+def _no_messages_about_fonts():
     """Suppress the messages of matplotlib when it first lists the fonts, or cannot save this list in the home directory."""
     import logging
 

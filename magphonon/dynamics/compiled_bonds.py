@@ -1,9 +1,9 @@
 """Forces of bonds, compiled: for each layout and each kind of law a function of its own, which a step calls by its address.
 
-A function takes all bonds that start in a run of slots.  Its first argument is a table of the addresses of its arrays; GIVEN
-says what stands where.  In them bonds are numbered as a law needs it: by their kinds where bonds of a kind share a law, or else
-each by itself.  What the compiler must know to fill the vector units: arrays do not overlap, the number of coefficients of a
-polynomial is a constant, and a maximum is one of integers.
+A function takes all bonds that start in a run of slots.  Its first argument is a table of the addresses of its arrays, in the
+order that is given below.  In these arrays bonds are numbered as a law needs it: by their kinds where bonds of a kind share a
+law, or else each by itself.  What the compiler must know to fill the vector units: arrays do not overlap, the number of
+coefficients of a polynomial is a constant, and a maximum is one of integers.
 """
 
 from functools import cache
@@ -24,7 +24,7 @@ NUMBERS    q, t, and the reach of the law
 SIZES      number of slots of a grid, of bonds of a table; number of laws: of kinds, or of all bonds that have their own
 R          rest vectors, (2, kinds) or (2, bonds)
 G          static force over length
-UNIT       1/r0^2, or 1 where a law is given for r0^2 e and judged so
+UNIT       1/r0^2, or 1 where the argument of a law, and what is compared with its reach, is r0^2 e
 OFFSETS    of a grid, j - i of each group of bonds
 STRENGTH   of a grid, (groups, slots), 1 where there is a bond
 SEGMENTS   of a table, first and last + 1 bond and kind of each segment
@@ -34,11 +34,11 @@ WHICH      the pieces of each bond that has laws of its own
 LAW        coefficients of the kinds, (kinds, count), or of each bond, (count, bonds); or the five arrays of `Pieces`
 """
 OUT = 2.0
-"""What a bond out of all pieces has reached; the others 1."""
+"""What the law in pieces returns as its reach for a bond that is beyond all pieces; for any other bond it returns 1."""
 
 
-# --- laws: for each a function of the kind, called before the loop over its bonds, and one of what that returned: H/e of bond
-# or kind k at e, and what is judged by the reach of the law -----------------------------------------------------------------
+# --- laws, two functions each: the first one reads the coefficients of a kind before the loop over its bonds; the second one
+# returns H/e of bond or kind k at e, and a number that is compared with the reach of the law: e itself for a polynomial ----
 
 
 @part

@@ -73,7 +73,7 @@ class Tabulated:
         if not ((real >= self.r[0]) & (real <= self.r[-1])).all():
             bad = np.asarray(real)[~((real >= self.r[0]) & (real <= self.r[-1]))].flat[0]
             raise ValueError(f'distance {bad:g} mm is outside the table ({self.r[0]:g} to {self.r[-1]:g} mm); '
-                             'extend the measurement; a table is not extrapolated')
+                             'extend the measurement, or check the spacing and its unit: a table is not extrapolated')
         return np.clip(np.searchsorted(self.r, real, side='right') - 1, 0, len(self.r) - 2)
 
     def _force(self, k, r):

@@ -165,6 +165,8 @@ def _fourier_sum(sums, phase):
 def _hermitian(bonds, coupling, own):
     """Matrices of `-coupling` between i and j, of its adjoint between j and i, and of `own` on each particle.
 
+    The stiffness of a bond is symmetric, and so the adjoint is the complex conjugate.
+
     Parameters
     ----------
     coupling : ndarray, shape (pairs, dim, dim, any)
@@ -179,7 +181,7 @@ def _hermitian(bonds, coupling, own):
     D = np.zeros((coupling.shape[-1], n, dim, n, dim), dtype=complex)
     block = D.transpose(1, 3, 2, 4, 0)
     block[i, j] = -coupling
-    block[j, i] -= coupling.conj()
+    block[j, i] -= coupling.conj()  # after the line above: bonds of a particle with its own images have i = j
     block[each, each] += own
     return D.reshape(-1, n * dim, n * dim)
 

@@ -216,7 +216,7 @@ def _without_gaps(path, times, points: Mapping[str, Samples], notes: list[str]):
     if lacking := [one for one in found.values() if one.missing]:
         worst = max(one.error * one.allowed for one in lacking)
         notes.append(f'{sum(one.missing for one in lacking)} missing samples of {len(lacking)} points are interpolated within '
-                     f'the band of the motion, with an error of up to {100 * worst:.2g} % of the largest')
+                     f'the band of the motion, with an error of up to {100 * worst:.2g} % of the largest displacement')
     if splined := [name for name, one in found.items() if one.splined]:
         _refuse_coarse(path, times, motions, max(np.diff(points[name].times).max() for name in splined))
         notes.append(f'{len(splined)} of {len(found)} points were not sampled at equal times: resampled by a cubic spline to '

@@ -253,12 +253,12 @@ def _verdicts(records):
             elif misfits:
                 astray = True
                 model, name = min(misfits, key=lambda name: misfits[name].bins)
-                lines.append(f'{record}, {wave.motion} motion: lies on no branch; the nearest is {model} {name} '
+                lines.append(f'{record}, {wave.motion} motion: agrees with no branch; the nearest is {model} {name} '
                              f'({misfits[model, name].bins:.2f} bins)')
     if astray:
-        lines += ['', 'A ridge on no branch may come from several waves at once, from an oblique wave of which only the energy',
-                  'runs along the row (a point source in an anisotropic lattice), from the ends of a beam, or from another',
-                  'lattice.']
+        lines += ['', 'A ridge that agrees with no branch may come from several waves, from an oblique wave of which only the',
+                  'energy runs along the row (a point source in an anisotropic lattice), from the ends of a beam, or from',
+                  'another lattice.']
     return ['', *lines] if lines else []
 
 
@@ -270,10 +270,10 @@ def _doubts(records):
     beside = [f'{wave.blurred} of {len(wave.sigma_xi)} points of {record}, {wave.motion} motion'
               for record, found in records.items() for wave in found if wave.blurred]
     if beside:
-        lines += ['', 'A point source also sends oblique waves, of which only the energy runs along the row. One within two bins',
-                  'of a ridge makes one peak with it, and the ridge is as uncertain as both are apart: more than by all else for',
-                  f'{"; ".join(beside)}.',
-                  'A row of sources sends one wave, which tells the branch better.']
+        lines += ['', 'A point source also sends oblique waves, of which only the energy runs along the row. Such a wave',
+                  'within two bins of a ridge merges with it into one peak. Their distance is then part of the uncertainty,',
+                  f'and the largest part for {"; ".join(beside)}.',
+                  'A row of sources sends a single wave and leads to a smaller uncertainty.']
     far = [misfit.bins > FAR_bins for wave in waves for misfit in wave.misfits.values()]
     if far and all(far):
         lines += ['', f'No ridge comes within {FAR_bins} bins of a branch: are times in seconds, and row and lattice those of '

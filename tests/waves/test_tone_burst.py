@@ -225,7 +225,7 @@ def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     record = travelling(1, 0, ideal)
     in_ms = report({'in ms': waves(replace(record, times=1e3 * record.times), ideal, 'row')})
     assert 'are times in seconds' in in_ms
-    assert 'in ms, transverse motion: lies on no branch; the nearest is' in in_ms
+    assert 'in ms, transverse motion: agrees with no branch; the nearest is' in in_ms
     # 141.42 rad/s sin(1/2) / 2 pi = 10.79 Hz, to half a frequency line of 1.25 Hz; conventional longitudinal ends at 77.97 Hz
     moves = re.search(r'in ms moves at (0.01[01][0-9]*) Hz and the branches reach up to 78 Hz: are its times in mill', in_ms)
     assert float(moves[1]) == pytest.approx(0.01079, abs=0.0007)
