@@ -76,12 +76,13 @@ def blur(cell: Atoms, q: ArrayLike, xi: NDArray[np.float64], omega: NDArray[np.f
     Returns
     -------
     ndarray, shape (points,)
-        Distance in xi from the nearest wave along the row to the farthest oblique wave within the lobe about each point.
+        Distance in xi from the nearest wave along the row to the farthest oblique wave that is within the lobe about it and about
+        the point.
     """
     along, oblique = _waves(cell, q, omega, model)
     away = abs(along - xi[:, None])
     own = np.take_along_axis(along, np.where(np.isnan(away), np.inf, away).argmin(axis=1)[:, None], axis=1)
-    beside = abs(oblique - xi[:, None]) < lobe
+    beside = (abs(oblique - xi[:, None]) < lobe) & (abs(oblique - own) < lobe)
     return np.nanmax(np.where(beside, abs(oblique - own), 0), axis=1, initial=0)
 
 
