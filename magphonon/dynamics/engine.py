@@ -184,10 +184,11 @@ class Blocks:
                 self._fit(self._level + 1)
             self._stale = True
         extent = [ANY_DIRECTION * float(x) for x in extent]
-        u = self.layout.gather(self._spare[0])
-        if not self.cages.still(extent[0]) and (self._exact or not self.cages.clear(u)):
-            u = np.where(self._mobile, u.T, self.displacements)  # a held one has any force
-            self.cages.look(u, times[-1], bonded=self._exact)
+        if not self.cages.still(extent[0]):
+            u = self.layout.gather(self._spare[0])
+            if self._exact or not self.cages.clear(u):
+                u = np.where(self._mobile, u.T, self.displacements)  # a held one has any force
+                self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare, self._extent = self._spare, self._state, extent
 
     def _try(self, forces):
