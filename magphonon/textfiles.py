@@ -37,14 +37,6 @@ def text_of(path: str | PathLike[str], most: int) -> str:
     return Path(path).read_text(encoding='utf-8-sig')
 
 
-def table_text(path: str | PathLike[str], most: int) -> str:
-    """The text of a table as by `text_of`; the error for a file that is not text says how to save it."""
-    try:
-        return text_of(path, most)
-    except UnicodeDecodeError:
-        raise ValueError(f'{path} is not a text file; save the table as CSV') from None
-
-
 @contextmanager
 def told_as_table(path: str | PathLike[str]) -> Iterator[None]:
     """Within it a file that is no table of text is refused with a hint how to save it."""
@@ -54,6 +46,12 @@ def told_as_table(path: str | PathLike[str]) -> Iterator[None]:
         raise ValueError(f'{path} is not a text file; export it as CSV') from None
     except csv.Error as error:
         raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from error
+
+
+def table_text(path: str | PathLike[str], most: int) -> str:
+    """The text of a table as by `text_of`; the error for a file that is not text says how to save it."""
+    with told_as_table(path):
+        return text_of(path, most)
 
 
 def refuse_endless(path: str | PathLike[str], most: int) -> None:
