@@ -6,7 +6,7 @@ turns, the least of ROUNDS counts.  The error is that of the displacements along
 against those of NumPy blocks, of propagation against the same run with a tenth of the step.
 The first table is measured.  The second one is
 computed from it: 1e8 magnets on the nodes of a cluster, by the time for a step of one rank and what it sends to its neighbours.
-`magphonon plan` names engines by the constants in `magphonon/planning/engines.py`, which were measured by this program.
+`magphonon plan` names engines by the constants in `magphonon/planning/plan.py`, which were measured by this program.
 """
 
 import argparse
@@ -23,8 +23,8 @@ import numpy as np
 import steps
 
 from magphonon import DrivenVerlet, MagneticRepulsion, Recorder, ToneBurst, lattices, propagate, units as u
-from magphonon.dynamics.lammps_runs import run_lammps
-from magphonon.planning.engines import COMPILED, LAMMPS
+from magphonon.dynamics.lammps import run_lammps
+from magphonon.planning.plan import COMPILED, LAMMPS
 
 ROUNDS = 3
 STEPS = 200

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from magphonon.dynamics.lammps_runs import _program
+from magphonon.dynamics.lammps import _program
 
 PAGE = Path(__file__).parents[1] / 'docs' / 'reference' / 'cluster.md'
 

@@ -31,7 +31,7 @@ from magphonon import (
     verdict,
 )
 from magphonon.bands.bloch import bloch_modes
-from magphonon.dynamics.timestep import frequency_bound, highest_frequency
+from magphonon.dynamics.engine import frequency_bound, highest_frequency
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
 

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, sound_speeds, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions.pair_laws import repulsion
-from magphonon.scenes.supports import Pillar
+from magphonon.scenes.lattices import Pillar
 from magphonon.stiffness.matrices import condense, signed_root
 
 # The numbers are given to ten digits or more.

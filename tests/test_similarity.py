@@ -26,7 +26,7 @@ from magphonon import (
     relaxed,
     verdict,
 )
-from magphonon.dynamics.timestep import highest_frequency
+from magphonon.dynamics.engine import highest_frequency
 from magphonon.lattices.patches import RIM
 from magphonon.stability.escapes import escape_speeds
 from magphonon.stiffness.rest import BALANCED, unbalanced

@@ -12,7 +12,7 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, fou
 from magphonon.bands import force_constants
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.force_constants import finite_displacements, phonopy_bands
-from magphonon.dynamics.timestep import frequency_bound, highest_frequency
+from magphonon.dynamics.engine import frequency_bound, highest_frequency
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 
@@ -229,7 +229,7 @@ def pull(R, a):
 def test_too_large_a_displacement_makes_a_stable_lattice_look_unstable(d, stable, monkeypatch):
     # the shear stiffness at M, truly 2 (a - 3) = 2, crosses zero at a displacement of 0.28343 spacings
     monkeypatch.setattr(force_constants, '_checked_distance', lambda distance, shortest: distance)  # which refuses all above 0.1
-    monkeypatch.setattr('magphonon.stiffness.positions.OUT_OF_PLANE', 1.0)  # phonopy displaces along z too
+    monkeypatch.setattr('magphonon.stiffness.sites.OUT_OF_PLANE', 1.0)  # phonopy displaces along z too
     cell = cell_of('triangular', InversePower(1.0, 4.0))
     phonon = finite_displacements(cell, distance=d)
     lowest = shear_at_m(phonon, cell)

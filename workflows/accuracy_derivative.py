@@ -9,7 +9,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 
 from magphonon import DrivenVerlet, MagneticRepulsion, read_scene, ready_scene
-from magphonon.dynamics.timestep import highest_frequency
+from magphonon.dynamics.engine import highest_frequency
 from magphonon.plotting.axes import letter_panels, panels
 from magphonon.stiffness.matrices import condense, signed_root
 

@@ -12,7 +12,7 @@ from magphonon import DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, latti
 from magphonon.response.frf import harmonic_response, series_response
 from magphonon.response.normal_modes import modes
 from magphonon.response.stepped import impulse_response, steady_amplitudes
-from magphonon.stiffness.linear_system import LinearSystem
+from magphonon.stiffness.rest import LinearSystem
 
 from .accuracy import Candidate, cheapest, measure
 from .accuracy_transient import ENGINE, prototype

@@ -9,7 +9,7 @@ from ase import Atoms
 from scipy.integrate import solve_ivp
 
 from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, units
-from magphonon.dynamics.timestep import highest_frequency
+from magphonon.dynamics.engine import highest_frequency
 from magphonon.stiffness.matrices import condense
 
 from .accuracy import Candidate, cheapest, measure

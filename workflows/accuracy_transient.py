@@ -22,10 +22,10 @@ from magphonon import (
     ready_scene,
     units,
 )
-from magphonon.response.damped_oscillator import forced_response, sampled
+from magphonon.response.propagation import forced_response, sampled
 from magphonon.stiffness.bond import model_stiffness
-from magphonon.stiffness.linear_system import LinearSystem
 from magphonon.stiffness.matrices import bloch_matrix
+from magphonon.stiffness.rest import LinearSystem
 
 from .accuracy import Candidate, cheapest, measure
 from .charts import Chart, panels_of, spoken

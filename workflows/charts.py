@@ -6,8 +6,7 @@ from textwrap import fill
 
 import numpy as np
 
-from magphonon.plotting.axes import legend_of_set, letter_panels, panels
-from magphonon.plotting.style import PAGE_in
+from magphonon.plotting.axes import PAGE_in, legend_of_set, letter_panels, panels
 
 from .accuracy import Measurement, write_table
 from .accuracy_plots import FLOOR, looks_of, plot_work_precision

@@ -5,7 +5,7 @@ import numpy as np
 from magphonon import read_scene, ready_scene, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_of_set, letter_panels, panels
-from magphonon.scenes.design import DesignPlan
+from magphonon.scenes.plans import DesignPlan
 from magphonon.scenes.scene import reference
 from magphonon.scenes.tolerances import varied
 

@@ -5,8 +5,7 @@ import numpy as np
 from magphonon import analytic_bands, read_scene, ready_scene, sound_speeds, units
 from magphonon.bands import first_zone, frequency_ratio, zone_map
 from magphonon.plotting.axes import letter_panels, new_axes, panels
-from magphonon.plotting.bands import plot_bands
-from magphonon.plotting.branch_names import name_branches
+from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
 from magphonon.plotting.structures import plot_lattice
 from magphonon.plotting.zone import plot_ratio, plot_zone

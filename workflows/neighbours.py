@@ -21,7 +21,7 @@ from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.bands import plot_bands
 from magphonon.scenes.scene import reference
 from magphonon.stiffness import lattice_sum
-from magphonon.stiffness.truncation import reach
+from magphonon.stiffness.all_neighbours import reach
 
 from .checks import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 

@@ -5,7 +5,7 @@ from importlib import import_module
 
 from tqdm import tqdm
 
-from magphonon.plotting.style import print_style
+from magphonon.plotting.axes import print_style
 from magphonon.sweeps.executors import Processes, usable_cores
 
 SHORTENED = ('speed_accuracy',)

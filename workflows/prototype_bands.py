@@ -2,8 +2,7 @@
 
 from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene, units
 from magphonon.bands.force_constants import foundation_recovered
-from magphonon.plotting.bands import plot_bands
-from magphonon.plotting.branch_names import name_branches
+from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.scenes.scene import reference
 
 from .checks import BRANCHES, Check, Outcome, pairs, save_picture

@@ -14,13 +14,12 @@ import numpy as np
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, Yukawa, analytic_bands, lattices
 from magphonon.bands.bloch import bloch_modes
-from magphonon.dynamics.timestep import highest_frequency
+from magphonon.dynamics.engine import highest_frequency
 from magphonon.lattices.bonds import find_bonds
 from magphonon.planning.bands import Edge, plan_bands
 from magphonon.planning.peak import plan_peak
-from magphonon.planning.strips import strip
-from magphonon.planning.waveform import StandIn, as_model, difference, plan_beam, plan_waveform
-from magphonon.response.place import Place
+from magphonon.planning.waveform import StandIn, as_model, difference, plan_beam, plan_waveform, strip
+from magphonon.response.frf import Place
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.bond import MODELS
 from magphonon.waves.wave_source import site

@@ -8,7 +8,7 @@ from magphonon import Bands, read_scene, ready_scene, units
 from magphonon.bands.bands import path_of
 from magphonon.design.uncertainty import Tolerances, frequency_spread, response_spread
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
-from magphonon.plotting.uncertainty import plot_band_ribbons, plot_contributions, plot_response_ribbon
+from magphonon.plotting.response import plot_band_ribbons, plot_contributions, plot_response_ribbon
 from magphonon.scenes.tolerances import Uncertainty
 from magphonon.sweeps import sweep
 

@@ -7,17 +7,14 @@ import numpy as np
 from magphonon import read_scene, ready_scene, units
 from magphonon.bands.bloch import bloch_modes
 from magphonon.bands.evanescent import complex_bands, measured_decay
-from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_axes, panels
+from magphonon.plotting.axes import COLOURS, COLUMN_in, PAGE_in, legend_of_set, letter_panels, new_axes, panels
 from magphonon.plotting.structures import plot_patch
-from magphonon.plotting.style import COLUMN_in, PAGE_in
 from magphonon.plotting.waves import plot_waves
 from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import fourier
-from magphonon.waves.branches import Branch, branch, compare
 from magphonon.waves.spectrum import NORMAL
-from magphonon.waves.tone_burst import send
-from magphonon.waves.wave_analysis import MODELS, waves
-from magphonon.waves.wave_source import polarisations, site, wavevector
+from magphonon.waves.wave_analysis import MODELS, Branch, branch, compare, waves
+from magphonon.waves.wave_source import polarisations, send, site, wavevector
 
 from .checks import Check, Outcome, save_picture
 

@@ -2,7 +2,12 @@ from .bands import (
     Bands as Bands,
     analytic_bands as analytic_bands,
     band_path as band_path,
+    cut_off as cut_off,
+    edge_rows as edge_rows,
+    edge_weights as edge_weights,
+    group_velocities as group_velocities,
     path_of as path_of,
+    sound_speeds as sound_speeds,
 )
 from .bloch import (
     bloch_modes as bloch_modes,
@@ -14,10 +19,6 @@ from .density import (
     band_gaps as band_gaps,
     band_ranges as band_ranges,
     lattice_density as lattice_density,
-)
-from .edges import (
-    edge_rows as edge_rows,
-    edge_weights as edge_weights,
 )
 from .evanescent import (
     ComplexBands as ComplexBands,
@@ -39,17 +40,10 @@ from .gruneisen import (
     gruneisen_parameters as gruneisen_parameters,
 )
 from .phonopy_files import (
-    write_band_yaml as write_band_yaml,
-    write_phonopy_params as write_phonopy_params,
-)
-from .phonopy_units import (
     in_phonopy_units as in_phonopy_units,
     thermal_properties as thermal_properties,
-)
-from .velocities import (
-    cut_off as cut_off,
-    group_velocities as group_velocities,
-    sound_speeds as sound_speeds,
+    write_band_yaml as write_band_yaml,
+    write_phonopy_params as write_phonopy_params,
 )
 from .zone import (
     ZoneMap as ZoneMap,

@@ -1,4 +1,9 @@
-"""Bands of a periodic lattice from its Bloch matrix: frequencies, modes, group velocities, sound speeds."""
+"""Bands of a periodic lattice from its Bloch matrix: frequencies, modes, group velocities, sound speeds.
+
+Edge waves of a ribbon: how much of each mode lies in the rows at its two edges.
+
+Group velocities, and the speeds of sound in long waves.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +17,20 @@ from ase.cell import Cell
 from ase.dft.kpoints import BandPath, parse_path_string
 
 from .. import units
+from ..errors import finite, positive
 from ..files import not_saved, save_arrays, saved_arrays
-from .bloch import bloch_modes
+from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
+from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import freedom
+from ..stiffness.sites import each_spring
+from .bloch import _wavevectors, bloch_modes, cell_at_rest, cell_of_free_particles, in_batches
 
 if TYPE_CHECKING:
     from os import PathLike
-    from typing import Self
+    from typing import Any, Self
 
     from ase.spectrum.band_structure import BandStructure
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 UNITS = {
     'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),
@@ -236,3 +246,192 @@ def _mean_over_crossings(omega, values):
         same = abs(omega[part, :, None] - omega[part, None, :]) <= apart
         means[part] = np.einsum('qmn,qnx->qmx', same / same.sum(axis=2, keepdims=True), values[part])
     return means
+
+
+def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
+
+    For a mode v of frequency w, `2 w dw/dk = v^+ (dD/dk) v`.  At degenerate points the velocity depends on the
+    direction of approach; there the mean of the crossing branches is returned for each.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    q, model
+        As for `bloch_modes`.
+
+    Returns
+    -------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms.
+    velocity : ndarray, shape (wavevectors, modes, dim)
+        In mm/ms = m/s; NaN where the frequency is zero or imaginary.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import InversePower, MagneticRepulsion, group_velocities, lattices
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=1.0)
+    >>> omega, velocity = group_velocities(cell, [[0.1, 0.2, 0.0]])
+    >>> omega.shape, velocity.shape
+    ((1, 2), (1, 2, 2))
+    """
+    repulsion_of(atoms)
+    calc: Any = cell_at_rest(atoms)[0]  # one whose bonds are known
+    K, masses = calc.rest_stiffness(model), atoms.get_masses()
+    omegas, slopes = [], []
+    for part in in_batches(_wavevectors(q), calc):
+        omega, vectors = bloch_modes(atoms, part, model, vectors=True)
+        v = vectors.reshape(*omega.shape, -1)
+        gradient = mass_weighted(bloch_gradient(calc.bonds, K, part, atoms.cell.array), masses)
+        omegas.append(omega)
+        slopes.append(np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real)
+    omega = np.concatenate(omegas)
+    slope = _mean_over_crossings(omega, np.concatenate(slopes))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        velocity = slope / (2 * omega[..., None])
+    velocity[omega <= 1e-6 * abs(omega).max()] = np.nan  # the root of a square's round-off
+    return omega, velocity
+
+
+def cut_off(atoms: Atoms) -> float | None:
+    """The cut-off frequency of a lattice on a foundation or between walls: the lowest one at Gamma, below which long waves do not
+    propagate.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours.
+
+    Returns
+    -------
+    float or None
+        In rad/ms; None without foundation and held particles, or if the foundation leaves a direction free, because long acoustic
+        waves then propagate at any frequency.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon.bands import cut_off
+    >>> round(u.hertz(cut_off(read_scene(ready_scene('prototype')).atoms())), 3)
+    26.551
+    """
+    supported = each_spring(atoms.calc.foundation, len(atoms), atoms.calc.dim).reshape(len(atoms), -1).any(axis=0)
+    if not (supported.all() or atoms.constraints):
+        return None
+    return float(bloch_modes(atoms, np.zeros((1, 3)))[0].min())
+
+
+def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 'complete') -> NDArray[np.float64]:
+    """Speeds of sound along a direction, from the Bloch matrix to second order in k.
+
+    With a foundation there is no acoustic branch; the speeds returned are those of the lattice without it.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours.
+    direction : array_like, shape (dim,), optional
+        By default along x.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    ndarray, shape (dim,)
+        Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  Infinite
+        where repulsion reaches so far that w/k grows without bound in long waves, as in Coulomb crystals.  NaN where
+        a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch (the conventional kagome lattice).
+
+    Raises
+    ------
+    ValueError
+        For a direction of zero length or of another dimension, or held particles, which leave no uniform motion.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, sound_speeds
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 5.0))
+    >>> (sound_speeds(cell) ** 2 * 8 / 3).round(9)  # a - 3 and 3 a - 1, times f L0/m
+    array([ 2., 14.])
+    """
+    calc = cell_of_free_particles(atoms, 'speeds of sound are those')
+    along = finite('direction', np.eye(calc.dim)[0] if direction is None else direction, (calc.dim,))
+    if not along.any():
+        raise ValueError(f'the direction must not be zero, not {along}')
+    along = along / np.linalg.norm(along)
+    masses = atoms.get_masses()
+    dim = calc.dim
+    A, B, C = (mass_weighted(term, masses) for term in calc.bloch_series(along, model))
+
+    # the internal modes follow the translations u: second-order perturbation theory
+    u = np.kron(np.sqrt(masses)[:, None], np.eye(dim)) / np.sqrt(masses.sum())
+    internal = np.linalg.svd(u)[0][:, dim:]
+    stiffness, modes = np.linalg.eigh(internal.T @ A @ internal)
+    floppy = abs(stiffness) <= 1e-12 * abs(A).max()
+    modes = internal @ modes
+    follow = -modes[:, ~floppy] / stiffness[~floppy] @ modes[:, ~floppy].conj().T @ B @ u
+    squares = u.T @ (C @ u + B @ follow)
+    mechanism = modes[:, floppy].conj().T @ (C @ u + B @ follow)
+    if abs(mechanism).max(initial=0) > 1e-9 * abs(squares).max():
+        return np.full(dim, np.nan)
+    endless, axes = np.linalg.eigh(calc.singular(along, model))
+    regular = axes[:, abs(endless) <= 1e-12 * abs(endless).max()]
+    ends = np.copysign(np.inf, endless[abs(endless) > 1e-12 * abs(endless).max()])
+    return np.sort(np.append(signed_root(np.linalg.eigvalsh(regular.T @ squares @ regular)), ends))
+
+
+ROUND_OFF = 1e-9
+"""Relative tolerance of the depth, so that a row exactly at this depth belongs to the edge."""
+
+
+def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDArray[np.float64]:
+    """Share of the kinetic energy of each mode in the rows at the two edges of a ribbon, from 0 to 1.
+
+    An edge wave has most of its energy there, however wide the ribbon is; the share of all other modes falls with the width.
+    Where branches cross, as those of two equal edges do, each gets the mean share, because their modes are arbitrary there.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell of the ribbon, periodic in one direction, with the calculator that `bands` were computed with.
+    bands : Bands
+        Bands of these atoms, computed with vectors=True.
+    depth : float, optional
+        Distance in mm from the outermost free particle within which rows belong to the edge; by default the shortest bond.
+
+    Returns
+    -------
+    ndarray, shape (wavevectors, modes, 2)
+        The edge on the right of the periodic direction comes first, then that on the left: for a ribbon along x the lower edge
+        comes first.
+
+    Raises
+    ------
+    ValueError
+        For atoms that are no ribbon, bands without modes or of other atoms, a depth that is not positive.
+    """
+    calc, _ = cell_at_rest(atoms)
+    if atoms.pbc.sum() != 1:
+        raise ValueError(f'only a ribbon has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
+                         'lattices.ribbon cuts one out of a lattice')
+    if bands.vectors is None:
+        raise ValueError('these bands were computed without modes; ask for them with vectors=True')
+    if bands.vectors.shape[2] != len(atoms):
+        raise ValueError(f'the bands are those of {bands.vectors.shape[2]} particles, but the ribbon has {len(atoms)}; compute '
+                         'them with analytic_bands(atoms, path, vectors=True)')
+    depth = float(calc.bonds.lengths.min()) if depth is None else positive('depth', depth, 'mm')
+    edges = edge_rows(atoms, depth)
+    energy = (abs(bands.vectors) ** 2).sum(axis=3)  # the modes are weighted with the root of the mass
+    return _mean_over_crossings(bands.omega, energy @ edges.T)
+
+
+def edge_rows(atoms: Atoms, depth: float) -> NDArray[np.bool_]:
+    """Which free particles lie within `depth` mm of the outermost one, on the right and on the left; shape (2, particles)."""
+    along = atoms.cell.array[atoms.pbc][0, :2]
+    left = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    across, free = atoms.positions[:, :2] @ left, freedom(atoms)[0]
+    reach = depth * (1 + ROUND_OFF)
+    return free & np.array([across <= across[free].min() + reach, across >= across[free].max() - reach])

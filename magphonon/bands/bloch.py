@@ -10,10 +10,9 @@ from scipy.linalg import eigh
 from tqdm import tqdm
 
 from ..errors import finite, whole
-from ..stiffness.constraints import free_motion
 from ..stiffness.lowest import hermitian_eigenvalues, inverse_pays, lowest_eigenpairs
 from ..stiffness.matrices import hessian, mass_weighted, signed_root
-from ..stiffness.rest import settled
+from ..stiffness.rest import free_motion, settled
 
 if TYPE_CHECKING:
     from typing import Any

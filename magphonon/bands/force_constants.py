@@ -23,9 +23,9 @@ from .. import units
 from ..errors import positive, whole
 from ..interactions.bond_laws import groups, taken
 from ..stiffness.bond import bond_stiffness
-from ..stiffness.constraints import freedom
 from ..stiffness.matrices import signed_root
 from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import freedom
 from .bands import Bands, analytic_bands, path_of
 from .bloch import cell_at_rest, cell_of_free_particles
 

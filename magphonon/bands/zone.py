@@ -13,7 +13,7 @@ from ase.geometry import minkowski_reduce
 from .. import units
 from ..errors import whole
 from ..files import Saved
-from .velocities import group_velocities
+from .bands import group_velocities
 
 if TYPE_CHECKING:
     from ase import Atoms

@@ -84,8 +84,7 @@ def _write_table(file, bands):
 
 def _draw(save, scene, bands, highest_Hz):
     from ..bands.zone import PLANAR
-    from ..plotting.bands import plot_bands
-    from ..plotting.branch_names import name_branches
+    from ..plotting.bands import name_branches, plot_bands
     from ..plotting.zone import plot_zone
     from ..scenes.lattices import ALL
 
@@ -116,7 +115,7 @@ def _frequencies(scene, atoms, bands):
     from ase.dft.kpoints import parse_path_string
 
     from .. import units
-    from ..bands.velocities import cut_off, sound_speeds
+    from ..bands.bands import cut_off, sound_speeds
 
     def rows(label, columns, highest):
         table = np.where(abs(np.transpose(columns)) < ZERO_FRACTION * highest, 0.0, np.transpose(columns))
@@ -148,7 +147,7 @@ def _lattice(scene, atoms):
     """The line of the report that says what the lattice is."""
     from .. import units
     from ..interactions.pair_laws import repulsion
-    from ..stiffness.constraints import freedom
+    from ..stiffness.rest import freedom
 
     lattice = scene.lattice
     if lattice.kind == 'file':

@@ -25,7 +25,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Print the verdicts and return the exit status: 0 if no problem was found, 1 otherwise."""
     from .. import units
-    from ..bands.velocities import cut_off
+    from ..bands.bands import cut_off
     from ..planning.scene import neglected
     from ..scenes.lattices import Oscillator
     from ..scenes.scene import read_scene
@@ -80,7 +80,7 @@ def _large(patch, perfect):
     (Cauchy).
     """
     from .. import units
-    from ..dynamics.timestep import highest_frequency
+    from ..dynamics.engine import highest_frequency
 
     many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged separately. '
     if perfect:

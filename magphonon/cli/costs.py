@@ -20,7 +20,7 @@ import numpy as np
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..planning.engines import NUMPY
+from ..planning.plan import NUMPY
 from ..response.frf import FACTORISATION
 from ..response.normal_modes import SMALL
 from ..stiffness.bond import MODELS
@@ -150,7 +150,7 @@ def uncertainty_cost(scene: Scene) -> Cost:
 def burst_cost(scene: Scene) -> Cost:
     """Cost of `magphonon burst`; without a patch, which the command refuses, the cost of its start."""
     # here, because the import includes time steps, which other commands do not need
-    from ..waves.tone_burst import SAMPLES, SNAPSHOTS, STEP_FRACTION
+    from ..waves.wave_source import SAMPLES, SNAPSHOTS, STEP_FRACTION
 
     if scene.patch is None:
         return Cost('burst', {'burst.duration_s': PICTURES_bytes}, PICTURES_s, 0)

@@ -18,7 +18,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from .. import units as u
-    from ..scenes.design import HERTZ, tables
+    from ..scenes.plans import HERTZ, tables
     from ..scenes.scene import read_scene
 
     scene = read_scene(options.scene)

@@ -30,7 +30,7 @@ def run(options: Namespace) -> None:
     from ..files import whole_file
     from ..plotting.explorer import POINTS, Explorer
     from ..scenes.scene import read_scene
-    from ..stability.borders import border_over_exponents, border_over_spacings
+    from ..stability.buckling import border_over_exponents, border_over_spacings
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
     _refuse_foreign(file)

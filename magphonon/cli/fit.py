@@ -126,7 +126,7 @@ def _table(fits):
 def _zero_of_distances(forces, zero):
     """Lines about the fitted zero of the distance scale."""
     from .. import units as u
-    from ..interactions.offsets import WIDE
+    from ..interactions.law_choice import WIDE
 
     lines = [f'zero of the distances: {zero.offset / u.m:.4g} +- {zero.offset_half_width / u.m:.2g} m: the first pair '
              f'was {(forces.r[0] - zero.offset) / u.m:.4g} m apart, centre to centre',

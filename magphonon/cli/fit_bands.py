@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 def run(options: Namespace) -> None:
     """The part of "magphonon fit" that reads ridges."""
-    from ..plotting.band_fits import plot_band_fits
+    from ..plotting.fits import plot_band_fits
     from ..scenes.band_fits import fit_bands
     from ..scenes.scene import read_scene
     from ..stiffness.bond import MODELS

@@ -30,7 +30,7 @@ def run(options: Namespace) -> None:
     from ..plotting.response import plot_response
     from ..response.frf import receptance
     from ..scenes.scene import read_scene
-    from ..stiffness.linear_system import LinearSystem
+    from ..stiffness.rest import LinearSystem
     from .costs import refuse_costly
     from .results import results
 
@@ -74,9 +74,8 @@ def _natural(system, omega):
     import numpy as np
 
     from .. import units
-    from ..dynamics.timestep import highest_frequency
-    from ..response.localised_modes import local_modes
-    from ..response.normal_modes import SMALL, modes_below, natural_frequencies
+    from ..dynamics.engine import highest_frequency
+    from ..response.normal_modes import SMALL, local_modes, modes_below, natural_frequencies
     from ..stiffness.lowest import lowest_mode
     from ..stiffness.matrices import signed_root
 

@@ -19,7 +19,7 @@ from threading import current_thread, main_thread
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..spelling import did_you_mean
+from ..errors import did_you_mean
 from .arguments import find_inputs
 
 if TYPE_CHECKING:

@@ -80,7 +80,7 @@ def _of_lattice(save, scene, atoms):
     from ..bands.bands import analytic_bands
     from ..bands.zone import PLANAR
     from ..plotting.axes import legend_of_set, letter_panels, panels
-    from ..plotting.branch_names import mode_names
+    from ..plotting.bands import mode_names
     from ..plotting.modes import plot_mode
     from .bands import ZERO_FRACTION
 
@@ -117,8 +117,8 @@ def _of_patch(folder, save, lattice, patch, filmed):
     import numpy as np
 
     from ..bands.density import band_ranges
-    from ..response.localised_modes import extents
-    from ..stiffness.linear_system import LinearSystem
+    from ..response.normal_modes import extents
+    from ..stiffness.rest import LinearSystem
 
     system = LinearSystem.of(patch).moving()
     ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
@@ -153,8 +153,7 @@ def _modes(system, ranges):
     import numpy as np
 
     from ..response.chebyshev import stable_interval
-    from ..response.localised_modes import local_modes
-    from ..response.normal_modes import Modes, modes
+    from ..response.normal_modes import Modes, local_modes, modes
 
     if system.K.shape[0] <= MOST_DIRECTIONS:
         return modes(system), True

@@ -49,9 +49,7 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
         At once if the style sheet cannot be read.
     """
     from ..errors import positive
-    from ..plotting.axes import entitle
-    from ..plotting.scales import end_frequencies
-    from ..plotting.style import print_style
+    from ..plotting.axes import end_frequencies, entitle, print_style
 
     highest = getattr(options, 'fmax', None)
     if highest is not None:

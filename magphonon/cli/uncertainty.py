@@ -59,7 +59,7 @@ def _bands(folder, save, scene, tolerances):
     from ..bands.bands import Bands, path_of
     from ..design.uncertainty import frequency_spread
     from ..plotting.axes import point_name
-    from ..plotting.uncertainty import plot_band_ribbons, plot_contributions
+    from ..plotting.response import plot_band_ribbons, plot_contributions
 
     atoms = scene.atoms()
     path = path_of(atoms, scene.band_path())
@@ -144,7 +144,7 @@ def _response(folder, save, scene, tolerances):
     from .. import units
     from ..design.uncertainty import response_spread
     from ..files import write_columns
-    from ..plotting.uncertainty import plot_response_ribbon
+    from ..plotting.response import plot_response_ribbon
 
     atoms, source, answer = scene.shaken()
     omega = scene.frf.omega

@@ -24,8 +24,8 @@ from ..errors import not_negative
 from ..response.frf import resolvents
 from ..response.normal_modes import modes
 from ..stiffness.bond import refuse_upright
-from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import hessian
+from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
     from typing import Any
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from ..response.place import Place
+    from ..response.frf import Place
 
 SITES = ('mass', 'strength', 'stiffness')
 """The quantities that scatter from site to site."""

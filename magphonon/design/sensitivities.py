@@ -24,9 +24,8 @@ from .. import units
 from ..bands.bloch import bloch_modes
 from ..response.frf import resolvents
 from ..stiffness.bond import model_stiffness
-from ..stiffness.linear_system import LinearSystem
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
-from ..stiffness.rest import BALANCED
+from ..stiffness.rest import BALANCED, LinearSystem
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from ..response.place import Place
-    from ..stiffness.linear_system import LinearSystem
+    from ..response.frf import Place
+    from ..stiffness.rest import LinearSystem
 
 ROUND_OFF = 1e-12
 

@@ -12,24 +12,20 @@ from .drives import (
 )
 from .engine import (
     Blocks as Blocks,
+    frequency_bound as frequency_bound,
+    highest_frequency as highest_frequency,
     refusal as refusal,
+    refuse_long_step as refuse_long_step,
 )
 from .lammps import (
+    LammpsRecord as LammpsRecord,
     lammps_session as lammps_session,
     read_lammps_displacements as read_lammps_displacements,
-    write_lammps_input as write_lammps_input,
-)
-from .lammps_runs import (
-    LammpsRecord as LammpsRecord,
     run_lammps as run_lammps,
+    write_lammps_input as write_lammps_input,
 )
 from .recorder import (
     Recorder as Recorder,
-)
-from .timestep import (
-    frequency_bound as frequency_bound,
-    highest_frequency as highest_frequency,
-    refuse_long_step as refuse_long_step,
 )
 from .verlet import (
     DrivenVerlet as DrivenVerlet,

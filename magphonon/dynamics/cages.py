@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..lattices.bonds import bonds_within
-from ..stiffness.constraints import freedom
+from ..stiffness.rest import freedom
 
 if TYPE_CHECKING:
     from typing import SupportsInt

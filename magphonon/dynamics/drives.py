@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import finite, positive
-from ..stiffness.constraints import refuse_held
+from ..stiffness.rest import refuse_held
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

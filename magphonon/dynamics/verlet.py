@@ -10,6 +10,8 @@ symmetrically around ASE's step, which makes it second order in dt and leaves it
     v <- v exp(-gamma dt/2)
 
 Without damping and drives it is ASE's VelocityVerlet, bit for bit.
+
+The energy log of a run, in the units of the package.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase.md.logger import MDLogger
 from ase.md.verlet import VelocityVerlet
 from tqdm import tqdm
 
@@ -26,9 +29,7 @@ from ..errors import finite, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
-from .energy_log import EnergyLog
-from .engine import Blocks, refusal
-from .timestep import refuse_long_step
+from .engine import Blocks, refusal, refuse_long_step
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -37,7 +38,35 @@ if TYPE_CHECKING:
     from typing import IO, Any
 
     from ase import Atoms
+    from ase.md.md import MolecularDynamics
     from numpy.typing import ArrayLike, NDArray
+
+class EnergyLog(MDLogger):
+    """Time and energies of a run, a line at a time: ASE's MDLogger, whose own columns are ps, eV and K.
+
+    The total is that of the particles, their bonds, springs and dead loads; drives and damping change it.
+
+    Parameters
+    ----------
+    dyn : ase.md.md.MolecularDynamics
+    atoms : ase.Atoms
+    logfile : path or file
+        '-' is the terminal.
+    comm : object
+        ASE's communicator.
+    """
+
+    def __init__(self, dyn: MolecularDynamics, atoms: Atoms, logfile: str | Path | IO[str], comm: Any) -> None:
+        super().__init__(dyn, atoms, logfile, header=False, comm=comm)  # pyright: ignore[reportArgumentType]  Path too
+        self.hdr = f'{"Time[ms]":<16}' + ''.join(f'{name:>20}' for name in ('Etot[mJ]', 'Epot[mJ]', 'Ekin[mJ]'))
+        self.logfile.write(self.hdr + '\n')
+
+    def __call__(self) -> None:
+        potential, kinetic = self._potential_energy(), self.atoms.get_kinetic_energy()
+        energies = ''.join(f'{energy:20.11e}' for energy in (potential + kinetic, potential, kinetic))
+        self.logfile.write(f'{self.dyn.get_time():<16.10g}{energies}\n')
+        self.logfile.flush()
+
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 ENOUGH = 20_000
@@ -74,7 +103,7 @@ class DrivenVerlet(VelocityVerlet):
     allow_unstable : bool
         Run even if the time step is over the limit of stability.
     logfile : path or file, optional
-        For times in ms and energies in mJ, see `magphonon.dynamics.energy_log`; '-' is the terminal.
+        For times in ms and energies in mJ, see `magphonon.dynamics.verlet`; '-' is the terminal.
     loginterval : int
         Steps between two lines of the log, and between two frames of the trajectory.
     threads : int, optional

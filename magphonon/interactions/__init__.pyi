@@ -1,5 +1,6 @@
 from .bond_laws import (
     BondLaws as BondLaws,
+    UprightMagnets as UprightMagnets,
     groups as groups,
     labels as labels,
     law_along as law_along,
@@ -43,6 +44,7 @@ from .pair_laws import (
     Hertz as Hertz,
     InversePower as InversePower,
     PairLaw as PairLaw,
+    Tabulated as Tabulated,
     Yukawa as Yukawa,
     higher_derivatives as higher_derivatives,
     local_exponent as local_exponent,
@@ -52,5 +54,3 @@ from .smooth_laws import (
     explained as explained,
     fit_spline as fit_spline,
 )
-from .tabulated import Tabulated as Tabulated
-from .upright import UprightMagnets as UprightMagnets

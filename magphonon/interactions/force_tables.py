@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import units as u
 from ..errors import finite
-from ..textfiles import MEGABYTE, table_text
+from ..files import MEGABYTE, table_text
 from .pair_laws import repulsion
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ import numpy as np
 
 from ..errors import positive
 from .fits import COVERED, FINEST, Fit, enough
-from .tabulated import Tabulated
+from .pair_laws import Tabulated
 
 if TYPE_CHECKING:
     from typing import Any

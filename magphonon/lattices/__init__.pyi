@@ -1,9 +1,11 @@
 from .bonds import (
     Bonds as Bonds,
     bonds_within as bonds_within,
+    distances_within as distances_within,
     explicit_bonds as explicit_bonds,
     find_bonds as find_bonds,
     image_of as image_of,
+    pairs_within as pairs_within,
     repeat_bonds as repeat_bonds,
 )
 from .crystals import (
@@ -16,10 +18,6 @@ from .crystals import (
     oscillator as oscillator,
     square as square,
     triangular as triangular,
-)
-from .pairs import (
-    distances_within as distances_within,
-    pairs_within as pairs_within,
 )
 from .patches import (
     RIM as RIM,

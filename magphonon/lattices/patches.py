@@ -8,8 +8,7 @@ import numpy as np
 from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
-from .bonds import find_bonds
-from .pairs import pairs_within
+from .bonds import find_bonds, pairs_within
 
 if TYPE_CHECKING:
     from ase import Atoms

@@ -23,9 +23,6 @@ from .scene import (
     neglected as neglected,
     scene_plans as scene_plans,
 )
-from .strips import (
-    strip as strip,
-)
 from .waveform import (
     StandIn as StandIn,
     as_model as as_model,
@@ -33,4 +30,5 @@ from .waveform import (
     plan_beam as plan_beam,
     plan_waveform as plan_waveform,
     steepness as steepness,
+    strip as strip,
 )

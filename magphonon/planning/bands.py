@@ -20,8 +20,7 @@ import numpy as np
 
 from ..bands.bloch import bloch_modes, cell_of_free_particles
 from ..interactions.pair_laws import GaussianMixture
-from ..lattices.bonds import Bonds, bonds_within
-from ..lattices.shells import SHELL_WIDTH
+from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 from ..stiffness.sites import refuse_unlike

@@ -16,21 +16,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..dynamics.timestep import highest_frequency
+from ..dynamics.engine import highest_frequency
 from ..errors import positive
 from ..response.frf import frequency_response, harmonic_response
 from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
 from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
 from ..stability.amplitude_shifts import DEGENERACY, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
-from ..stiffness.linear_system import LinearSystem
+from ..stiffness.rest import LinearSystem
 from .plan import EIGENSOLVE, LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, Settings, force_cost, percent
 
 if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
-    from ..response.place import Place
+    from ..response.frf import Place
     from ..stiffness.calculator import MagneticRepulsion
 
 RIVAL_RATIO = 0.9

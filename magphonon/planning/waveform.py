@@ -2,7 +2,7 @@
 
 The effect of D* is the difference of the exact linear solutions with and without it.  The effect of nonlinearity is bounded by
 the largest strain s of a bond: the first nonlinear term is (a + 1) s/2 of the linear one, for a force that falls as r^-a.  Only
-if this bound does not decide, perturbation theory computes the effect (`magphonon.planning.slight_nonlinearity`).  Where that is
+if this bound does not decide, perturbation theory computes the effect (`magphonon.planning.waveform`).  Where that is
 not slight, trial runs with long time steps are made: one of the full burst, and one of a weak burst with 1e-6 of the amplitude,
 which is linear.  Their difference is the effect of nonlinearity, without the time-step error.
 
@@ -11,6 +11,20 @@ exact linear solution, because a lattice also vibrates at its own frequencies, n
 it is the change of the full burst when the step is doubled, because the amplitude shifts the frequencies.
 
 If a whole row of particles is driven, the trial runs use a strip one cell wide.
+
+The effect of a slight nonlinearity on a motion, by perturbation theory.
+
+The linear motion u1 leaves a force N(u1) over, that of the law beyond its linear part, and this force drives a correction u2:
+
+    u1'' + gamma u1' + K u1 = f        u2'' + gamma u2' + K u2 = N(u1)
+
+With the energy psi(s) of a bond over the square s of its length, s = s0 + delta, its force is 2 psi'(s) (R + d), where psi' is
+taken to third order in delta.  What u2 itself changes is smaller than u2 by about as much as u2 is smaller than u1.
+
+Both motions are stepped in time by velocity Verlet with the same step, as a trial run with the law would be, so that their ratio
+has the time-step error of such a run.  The force N is computed at many times at once.
+
+A strip of a lattice, in which a wave from a whole row of sources is the same as in the lattice.
 """
 
 from __future__ import annotations
@@ -20,20 +34,23 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase.constraints import FixAtoms
 from scipy import sparse
 
 from ..dynamics.cages import Diverged
 from ..dynamics.drives import Drives
+from ..dynamics.engine import highest_frequency
 from ..dynamics.recorder import Recorder
-from ..dynamics.timestep import highest_frequency
 from ..dynamics.verlet import DrivenVerlet
+from ..lattices.bonds import Bonds
 from ..lattices.patches import RIM
 from ..response.propagation import propagate
-from ..stiffness.linear_system import LinearSystem
+from ..stability.amplitude_shifts import law_derivatives
+from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import LinearSystem
+from ..stiffness.sites import refuse_unlike
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, Settings, force_cost, percent
-from .slight_nonlinearity import TIMES, relative_correction
-from .strips import strip
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -43,6 +60,121 @@ if TYPE_CHECKING:
     from ..response.propagation import Transient
     from ..stiffness.repulsion import Repulsion
     from ..waves.wave_source import Site
+
+def strip(cell: Atoms, rows: int) -> Atoms:
+    """A strip one cell wide and periodic along R1, with `rows` cells along R2, of which the first and the last are held.
+
+    A motion that is uniform along R1, such as a wave from a whole row of sources, is the same in the strip as in the lattice.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        Planar, with its MagneticRepulsion.
+    rows : int
+
+    Returns
+    -------
+    ase.Atoms
+        With its MagneticRepulsion.
+
+    Raises
+    ------
+    ValueError
+        If the particles differ in law, strength or foundation.
+    """
+    calc = repulsion_of(cell)
+    refuse_unlike(calc, 'a strip', 'make it as a structure of its own, with its own calculator')
+    atoms = cell.repeat((1, rows, 1))
+    periodic = calc.on(atoms)
+    bonds = periodic.bonds
+    inside = bonds.shift[:, 1] == 0  # the other bonds join the last row to the first
+    bonds = Bonds(bonds.i[inside], bonds.j[inside], bonds.shift[inside], bonds.vectors[inside], len(atoms))
+    atoms.pbc = True, False, False
+    row = np.repeat(np.arange(rows), len(cell))
+    atoms.set_tags(np.where((row == 0) | (row == rows - 1), RIM, 0))
+    atoms.set_constraint(FixAtoms(mask=atoms.get_tags() == RIM))
+    atoms.calc = MagneticRepulsion(atoms, calc.law, bonds=bonds, anchors=periodic.anchors, load=periodic.load,
+                                   **calc.parameters)
+    return atoms
+
+
+TIMES = 8
+"""Number of steps whose forces are computed at once, so that the arrays stay in the processor's cache."""
+
+
+def relative_correction(system: LinearSystem, drive: ToneBurst, damping: float, row: NDArray[np.int_],
+                        clock: tuple[float, int, int]) -> float:
+    """Root mean square of the correction u2 of a burst from rest, over that of the linear motion u1, in a row.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        At rest, planar.
+    drive : ToneBurst
+    damping : float
+        gamma in 1/ms.
+    row : ndarray of int
+    clock : tuple of (float, int, int)
+        Time step in ms, number of steps between two frames, and number of steps.
+    """
+    dt, interval, steps = clock
+    rows, shapes = system.rows(row)
+    force, linear, second = _Beyond(system), _Verlet(system, damping, dt), _Verlet(system, damping, dt)
+    pushes = Drives([drive], len(system))
+    driven = system.shapes[(pushes.particles[:, None] * system.dim + np.arange(system.dim)).ravel()].T
+    frames = np.arange(interval, steps + 1, interval)
+    size = np.zeros(2)
+    for first in range(0, steps, TIMES):
+        beginnings = np.arange(first, min(first + TIMES, steps))
+        times = (dt * beginnings).astype(float)
+        external = driven @ pushes.forces(times)[..., : system.dim].reshape(len(times), -1).T
+        before = linear.y
+        one = linear.moved(external.T)
+        two = second.moved(force(np.vstack([before, one[:-1]])))
+        seen = np.isin(beginnings + 1, frames)
+        size += [np.sum((y[seen][:, rows] @ shapes.T) ** 2) for y in (one, two)]
+    return float(np.sqrt(size[1] / size[0]))
+
+
+class _Verlet:
+    """Damped velocity Verlet steps of y'' + gamma y' + K y = g from rest, as those of `magphonon.dynamics.kernels_numpy`."""
+
+    def __init__(self, system, damping, dt):
+        self.K, self.dt, self.decay = system.K, dt, np.exp(-damping * dt)
+        self.y = np.zeros(self.K.shape[0])
+        self._v = np.zeros_like(self.y)  # half a step behind
+
+    def moved(self, g):
+        """The motion y after each of several steps, shape (steps, free), under the forces at their beginnings."""
+        found, kick = np.empty_like(g), (1 + self.decay) * self.dt / 2
+        for step, force in enumerate(g):
+            self._v *= self.decay
+            self._v += kick * (force - self.K @ self.y)
+            self.y = self.y + self.dt * self._v
+            found[step] = self.y
+        return found
+
+
+class _Beyond:
+    """The force of the law beyond its linear part, from y to g, both of the shape (times, free)."""
+
+    def __init__(self, system):
+        calc, dim = system.calc, system.dim
+        self.R = calc.bond_vectors.T[..., None]
+        self.slopes = [2 * psi[:, None] for psi in law_derivatives(calc.law, calc.bonds.lengths)]
+        self.stretch = sparse.vstack([calc.bonds.incidence @ system.shapes[x::dim] for x in range(dim)], format='csr')
+        self.gather = sparse.csr_array(self.stretch.T)
+
+    def __call__(self, y):
+        psi2, psi3, psi4 = self.slopes
+        d = (self.stretch @ y.T).reshape(len(self.R), -1, len(y))
+        beyond = np.einsum('xbt,xbt->bt', d, d)
+        delta = beyond + sum(2 * R * x for R, x in zip(self.R, d, strict=True))
+        third = delta * delta * (psi3 / 2 + psi4 / 6 * delta)
+        d *= psi2 * delta + third
+        d += self.R * (psi2 * beyond + third)
+        return -(self.gather @ d.reshape(-1, len(y))).T
+
 
 WEAK_AMPLITUDE = 1e-6
 """Amplitude of the weak burst, as a fraction of the full one: linear to six digits, and far above round-off.  A thousand times as

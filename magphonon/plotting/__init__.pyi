@@ -10,22 +10,19 @@ from .axes import (
     new_figure as new_figure,
     panels as panels,
     point_name as point_name,
-)
-from .band_fits import (
-    plot_band_fits as plot_band_fits,
+    print_style as print_style,
 )
 from .bands import (
-    plot_bands as plot_bands,
-)
-from .branch_names import (
     mode_names as mode_names,
     name_branches as name_branches,
+    plot_bands as plot_bands,
 )
 from .density import (
     plot_density as plot_density,
     plot_spectral_function as plot_spectral_function,
 )
 from .fits import (
+    plot_band_fits as plot_band_fits,
     plot_fits as plot_fits,
 )
 from .modes import (
@@ -34,23 +31,18 @@ from .modes import (
     plot_shape as plot_shape,
 )
 from .response import (
+    plot_band_ribbons as plot_band_ribbons,
+    plot_contributions as plot_contributions,
     plot_response as plot_response,
+    plot_response_ribbon as plot_response_ribbon,
     response_axes as response_axes,
 )
 from .structures import (
     plot_lattice as plot_lattice,
     plot_patch as plot_patch,
 )
-from .style import (
-    print_style as print_style,
-)
 from .sweeps import (
     plot_sweep as plot_sweep,
-)
-from .uncertainty import (
-    plot_band_ribbons as plot_band_ribbons,
-    plot_contributions as plot_contributions,
-    plot_response_ribbon as plot_response_ribbon,
 )
 from .waves import (
     crossing as crossing,

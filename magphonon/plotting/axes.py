@@ -1,22 +1,302 @@
-"""Axes, colours and legends that all pictures share."""
+"""Axes, colours and legends that all pictures share.
+
+What the pictures read of results whose rooms stand beside this one or above it.
+
+Axes whose data are in SI and whose numbers are printed in the unit that suits them.
+
+The style of pictures for print, in force for a while; pyplot's settings stay as the user has them.
+"""
 
 from __future__ import annotations
 
+import logging
+from contextlib import contextmanager
+from logging.handlers import QueueHandler
+from pathlib import Path
+from queue import SimpleQueue
+from shutil import which
 from string import ascii_lowercase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from .style import COLUMN_in, PAGE_in
-
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
+    from os import PathLike
     from typing import Any
 
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure, FigureBase
     from matplotlib.legend import Legend
     from numpy.typing import NDArray
+
+STYLE = Path(__file__).parent / 'magphonon.mplstyle'
+"""A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
+COLUMN_in, PAGE_in = 3.4, 7.0
+"""Width of a column and of a page of Physical Review B in inches."""
+
+
+@contextmanager
+def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
+    """Draw and save pictures for a column of Physical Review B, 3.4 inches wide.
+
+    Make the figure, draw on it and save it within the `with`: matplotlib asks for the settings at each of these steps.
+
+    Parameters
+    ----------
+    *sheets : path-like
+        Style sheets of matplotlib, whose settings replace those of the house.
+
+    Raises
+    ------
+    ValueError
+        If a sheet has a line that is no setting of matplotlib, or asks for LaTeX where there is none.
+    OSError
+        If a sheet cannot be read.
+
+    Examples
+    --------
+    >>> from magphonon.plotting import new_axes, print_style
+    >>> with print_style():
+    ...     width, height = new_axes().figure.get_size_inches()
+    >>> print(f'{width} inches')
+    3.4 inches
+    """
+    from matplotlib import rc_context, rcParams
+
+    with rc_context():
+        for sheet in (STYLE, *sheets):
+            _load(Path(sheet))
+        if rcParams['text.usetex'] and which('latex') is None:
+            asking = sheets[-1] if sheets else 'matplotlibrc'
+            raise ValueError(f'{asking} asks for LaTeX (text.usetex), which is not installed; take this line out of it')
+        yield
+
+
+def _load(sheet):
+    """Put the settings of a sheet in force; what matplotlib would only log as a warning is an error."""
+    from matplotlib import rc_file
+
+    logger, faults = logging.getLogger('matplotlib'), SimpleQueue()
+    collector = QueueHandler(faults)
+    logger.addHandler(collector)
+    try:
+        rc_file(str(sheet), use_default_template=False)
+    except UnicodeDecodeError:
+        raise ValueError(f'{sheet} is no style sheet of matplotlib: it is no text in UTF-8') from None
+    finally:
+        logger.removeHandler(collector)
+    if not faults.empty():
+        fault = faults.get().getMessage().strip().splitlines()[0]
+        raise ValueError(f'{sheet} is no style sheet of matplotlib: {fault}')
+
+
+PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
+"""Prefixes of a unit by the power of ten."""
+FREQUENCIES = 'frequencies'
+"""Mark of an axis whose data are frequencies in Hz."""
+
+
+def prefix_power(value: float) -> int:
+    """Power of ten of the prefix with which a value is printed as 1 to 999, one of `PREFIXES`."""
+    power = 3 * np.floor((np.log10(abs(value)) + 1e-9) / 3) if value else 0  # 1e-9: 0.999999999 m is a rounded metre
+    return int(np.clip(power, min(PREFIXES), max(PREFIXES)))
+
+
+def label(axis: Axis, quantity: str, unit: str, power: int) -> None:
+    """Label an axis with a quantity and its unit, whose numbers are printed in 10^power of the unit of its data."""
+    from matplotlib.ticker import FuncFormatter, ScalarFormatter
+
+    def printed(value, _):
+        return f'{value / 10.0**power:.10g}'.replace('-', '\N{MINUS SIGN}')
+
+    axis.set_major_formatter(FuncFormatter(printed) if power else ScalarFormatter())
+    axis.set_label_text(f'{quantity} ({PREFIXES[power]}{unit})')
+
+
+def label_frequencies(axis: Axis) -> None:
+    """Label an axis whose data are in Hz, in kHz or MHz if numbers in Hz would be unreadable."""
+    largest = max(map(abs, axis.get_view_interval()))
+    label(axis, 'frequency', 'Hz', 0 if 0.1 <= largest < 2e4 else prefix_power(largest))
+    axis.set_gid(FREQUENCIES)
+
+
+def label_places(ax: Axes, spacing_m: float) -> None:
+    """Label axes of x and y whose data are in m, in the unit in which the distance of two neighbours is printed as 1 to 999."""
+    for axis, name in ((ax.xaxis, '$x$'), (ax.yaxis, '$y$')):
+        label(axis, name, 'm', prefix_power(spacing_m))
+
+
+def label_wavevectors(ax: Axes, spacing_m: float) -> None:
+    """Label axes of k_x and k_y whose data are in rad/m, in the inverse of a unit near the distance of two neighbours."""
+    power = prefix_power(10 * spacing_m)  # so that the zone, some radians wide per spacing, does not end at 0.005
+    for axis, name in ((ax.xaxis, '$k_x$'), (ax.yaxis, '$k_y$')):
+        label(axis, name, 'm', -power)
+        axis.set_label_text(f'{name} (rad/{PREFIXES[power]}m)')
+
+
+def end_frequencies(figure: Figure, highest_Hz: float) -> None:
+    """Let all axes of frequencies in a figure end at `highest_Hz`.
+
+    Raises
+    ------
+    ValueError
+        If one begins above it.
+    """
+    for ax in figure.axes:
+        for axis, set_ends in ((ax.xaxis, ax.set_xlim), (ax.yaxis, ax.set_ylim)):
+            if axis.get_gid() == FREQUENCIES:
+                lowest = axis.get_view_interval()[0]
+                if highest_Hz <= lowest:
+                    raise ValueError(f'the frequencies in a picture begin at {lowest:.6g} Hz; choose an end above it')
+                set_ends(lowest, highest_Hz)
+                label_frequencies(axis)
+
+
+class Response(Protocol):
+    """A frequency response: `magphonon.response.FrequencyResponse`."""
+
+    @property
+    def omega(self) -> NDArray[np.float64]: ...
+    @property
+    def response(self) -> NDArray[np.complex128]: ...
+
+
+class Extent(Protocol):
+    """How far modes reach: `magphonon.response.Extent`."""
+
+    @property
+    def frequencies_Hz(self) -> NDArray[np.float64]: ...
+    @property
+    def participation(self) -> NDArray[np.float64]: ...
+
+
+class SpectralFunction(Protocol):
+    """Unfolded bands: `magphonon.response.SpectralFunction`."""
+
+    @property
+    def q(self) -> NDArray[np.float64]: ...
+    @property
+    def density(self) -> NDArray[np.float64]: ...
+    @property
+    def modes(self) -> float: ...
+    @property
+    def frequencies_Hz(self) -> NDArray[np.float64]: ...
+
+
+class Spread(Protocol):
+    """Values with their uncertainty: `magphonon.design.Spread`."""
+
+    @property
+    def values(self) -> NDArray[np.float64]: ...
+    @property
+    def std(self) -> NDArray[np.float64]: ...
+    @property
+    def contributions(self) -> Mapping[str, NDArray[np.float64]]: ...
+
+
+class Border(Protocol):
+    """The foundation that a lattice needs: `magphonon.stability.Border`."""
+
+    @property
+    def over(self) -> str: ...
+    @property
+    def at(self) -> NDArray[np.float64]: ...
+    @property
+    def needed(self) -> NDArray[np.float64]: ...
+
+
+class Line(Protocol):
+    """A branch over the phase of a step: `magphonon.waves.Branch`."""
+
+    @property
+    def xi(self) -> NDArray[np.float64]: ...
+    @property
+    def omega(self) -> NDArray[np.float64]: ...
+
+
+class Ridge(Line, Protocol):
+    """A measured branch with its uncertainty: `magphonon.waves.Ridge`."""
+
+    @property
+    def sigma_xi(self) -> NDArray[np.float64]: ...
+    @property
+    def sigma_omega(self) -> NDArray[np.float64]: ...
+
+
+class Spectrum(Line, Protocol):
+    """A wavenumber-frequency map: `magphonon.waves.Spectrum`."""
+
+    @property
+    def power(self) -> NDArray[np.float64]: ...
+    @property
+    def peak(self) -> float: ...
+
+
+class Wave(Protocol):
+    """The wave of one polarisation along a row: `magphonon.waves.Wave`."""
+
+    @property
+    def motion(self) -> str: ...
+    @property
+    def spectrum(self) -> Spectrum: ...
+    @property
+    def branches(self) -> Mapping[tuple[str, str], Line]: ...
+    @property
+    def ridge(self) -> Ridge | None: ...
+
+
+class MeasuredBranches(Ridge, Protocol):
+    """Points of measured branches: `magphonon.waves.RidgePoints`."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def ridge(self) -> NDArray[np.int_]: ...
+    @property
+    def q(self) -> NDArray[np.float64]: ...
+    @property
+    def frequencies_Hz(self) -> NDArray[np.float64]: ...
+
+
+class FittedBranches(Protocol):
+    """A fit to measured branches: `magphonon.design.DispersionFit`."""
+
+    @property
+    def branches(self) -> tuple[int, ...]: ...
+    @property
+    def residuals(self) -> NDArray[np.float64]: ...
+
+
+class Record(Protocol):
+    """Displacements of some particles: `magphonon.waves.Displacements`."""
+
+    @property
+    def times(self) -> NDArray[np.float64]: ...
+    @property
+    def particles(self) -> NDArray[np.int_]: ...
+    @property
+    def displacements(self) -> NDArray[np.float64]: ...
+
+
+class Passage(Protocol):
+    """What a burst leaves behind: `magphonon.waves.Passage`."""
+
+    @property
+    def row(self) -> Record: ...
+    @property
+    def field(self) -> Record: ...
+
+
+class Site(Protocol):
+    """Where a burst enters a patch and where it is measured: `magphonon.waves.Site`."""
+
+    @property
+    def driven(self) -> NDArray[np.int_]: ...
+    @property
+    def row(self) -> NDArray[np.int_]: ...
+
 
 COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8CD6F2')
 """The colours of the print style, which colour-blind readers can distinguish, and which differ in grey too."""

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .axes import COLOURS, legend_above, new_axes
+from .axes import COLOURS, label_frequencies, legend_above, new_axes
 from .bands import NEGLIGIBLE, label_path
-from .scales import label_frequencies
 
 if TYPE_CHECKING:
     from typing import Any
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..bands.density import DensityOfStates
-    from .results import SpectralFunction
+    from .axes import SpectralFunction
 
 TALL = 6.0
 """Peaks above this multiple of the ninth decile are cut; a flat branch has a peak that is as high as its bin is narrow."""

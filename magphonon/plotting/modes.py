@@ -8,9 +8,8 @@ import numpy as np
 
 from .. import units
 from ..bands.zone import ROUND_OFF
-from .axes import COLOURS, legend_above, legend_of_set, new_axes, point_name
-from .branch_names import mode_names
-from .scales import label_frequencies, label_places
+from .axes import COLOURS, label_frequencies, label_places, legend_above, legend_of_set, new_axes, point_name
+from .bands import mode_names
 from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells, spacing, window
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..bands.bands import Bands
-    from .results import Extent
+    from .axes import Extent
 
 ARROW = 0.42
 """Longest arrow of a mode shape of a lattice in bond lengths."""

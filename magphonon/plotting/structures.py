@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..stiffness.constraints import freedom
 from ..stiffness.repulsion import repulsion_of
-from .axes import COLOURS, legend_above, new_axes
-from .scales import label_places
+from ..stiffness.rest import freedom
+from .axes import COLOURS, label_places, legend_above, new_axes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import EllipseCollection
     from numpy.typing import ArrayLike, NDArray
 
-    from .results import Site
+    from .axes import Site
 
 WINDOW = 2.4
 """Half the window on a lattice, in lattice constants."""

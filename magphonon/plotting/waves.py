@@ -8,10 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .axes import COLOURS, legend_above, legend_of_set, letter_panels, new_axes, panels
-from .scales import PREFIXES, label_frequencies, prefix_power
+from .axes import (
+    COLOURS,
+    PREFIXES,
+    COLUMN_in,
+    PAGE_in,
+    label_frequencies,
+    legend_above,
+    legend_of_set,
+    letter_panels,
+    new_axes,
+    panels,
+    prefix_power,
+)
 from .structures import draw_particles, frame, spacing
-from .style import COLUMN_in, PAGE_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from .results import Passage, Record, Site, Wave
+    from .axes import Passage, Record, Site, Wave
 
 FLOOR_dB = -40
 """Lowest power shown in a map, in decibels relative to the strongest."""

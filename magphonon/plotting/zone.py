@@ -12,8 +12,7 @@ from ase.dft.kpoints import resolve_kpt_path_string
 from .. import units
 from ..bands.bands import band_path
 from ..bands.zone import PLANAR, ROUND_OFF, first_zone, frequency_ratio
-from .axes import COLOURS, UNSTABLE, legend_above, new_axes, point_name
-from .scales import label_wavevectors
+from .axes import COLOURS, UNSTABLE, label_wavevectors, legend_above, new_axes, point_name
 from .structures import draw_arrow, halo
 
 if TYPE_CHECKING:

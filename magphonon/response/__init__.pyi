@@ -1,18 +1,17 @@
 from .frf import (
     FrequencyResponse as FrequencyResponse,
+    Place as Place,
     frequency_response as frequency_response,
     harmonic_response as harmonic_response,
     receptance as receptance,
     resolvents as resolvents,
     series_response as series_response,
 )
-from .localised_modes import (
+from .normal_modes import (
     Extent as Extent,
+    Modes as Modes,
     extents as extents,
     local_modes as local_modes,
-)
-from .normal_modes import (
-    Modes as Modes,
     modes as modes,
     modes_below as modes_below,
     natural_frequencies as natural_frequencies,
@@ -20,9 +19,6 @@ from .normal_modes import (
     refuse_growing as refuse_growing,
     refuse_unstable as refuse_unstable,
     sizes as sizes,
-)
-from .place import (
-    Place as Place,
 )
 from .propagation import (
     Transient as Transient,

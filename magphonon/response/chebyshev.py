@@ -6,6 +6,21 @@ On an interval that holds the spectrum of K, a smooth function is a Chebyshev se
 
 The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of
 a response.
+
+The kernel polynomial method: densities of the squared frequencies of a large structure, by products with its matrix alone.
+
+Of a start vector s the Chebyshev moments `mu_n = s.T_n(X) s`, X = (K - centre)/radius, describe how its energy is spread over the
+spectrum.  A product gives two of them,
+
+    mu_2n = 2 t_n.t_n - mu_0        mu_2n+1 = 2 t_n+1.t_n - mu_1        t_n = T_n(X) s
+
+With squares = centre + radius cos(theta) their sum is a density over the angle,
+
+    rho(theta) = (g_0 mu_0 + 2 sum_n g_n mu_n cos(n theta)) / pi
+
+in which Jackson's factors g_n turn each mode into a positive peak, nearly a Gaussian of the standard deviation pi/count (Weisse
+et al., Rev. Mod. Phys. 78, 275 (2006)).  If the interval begins at zero, omega = top cos(theta/2): the peak is then
+pi/(2 count) sqrt(top^2 - omega^2) wide in frequency, and equally wide at all low ones.
 """
 
 from __future__ import annotations
@@ -18,9 +33,10 @@ from scipy import fft, sparse
 from tqdm import tqdm
 
 from ..stiffness.lowest import lowest_mode
+from ..stiffness.matrices import signed_root
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from typing import Any
 
     from numpy.typing import NDArray
@@ -120,3 +136,151 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
                 raise Outside
             progress.update(BLOCK)
             yield block
+
+
+COLUMNS = 8
+"""Number of start vectors that are multiplied at once, so that a product reads the matrix only once for all of them."""
+ROWS = 2**14
+"""Number of rows of the matrix in one piece, so that the product is still in the processor's cache when it is used."""
+BATCH = 2**22
+"""Number of cosines computed at a time."""
+
+
+def spectrum_of(K: sparse.csr_array, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,
+                progress: tqdm | None = None) -> Spectrum:
+    """Moments of start vectors, on the interval from zero, or from the lowest square where that is negative.
+
+    Parameters
+    ----------
+    K : sparse array, shape (size, size)
+        Matrix of squared frequencies, rad^2/ms^2.
+    starts : function
+        Returns the start vectors, in arrays of the shape (size, columns).
+    count : int
+        Number of moments.
+    progress : tqdm, optional
+        Counts start vectors.
+    """
+    try:
+        return _moments_on(stable_interval(K), K, starts(), count, progress)
+    except Outside:  # the structure is unstable
+        return _moments_on(whole_interval(K), K, starts(), count, progress)
+
+
+def _moments_on(interval, K, starts, count, progress):
+    X2, found = twice_scaled(K, interval), []
+    for s in starts:
+        found.append(moments(X2, s, count))
+        if progress is not None:
+            progress.update(s.shape[1])
+    return Spectrum(interval, np.concatenate(found, axis=1))
+
+
+def moments(X2: sparse.csr_array, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Moments `s.T_n(X) s` of each column s separately, from half as many products as moments.
+
+    Parameters
+    ----------
+    X2 : sparse array, shape (size, size)
+        Twice the matrix X, whose spectrum lies within -1 and 1.
+    s : ndarray, shape (size, columns)
+    count : int
+        Even, at least 2.
+
+    Returns
+    -------
+    ndarray, shape (count, columns)
+
+    Raises
+    ------
+    Outside
+        If the vectors grow: the spectrum does not lie there.
+    """
+    mu, parts = np.empty((count, s.shape[1])), [(np.s_[k : k + ROWS], X2[k : k + ROWS]) for k in range(0, len(s), ROWS)]
+    before, now = s, X2 @ s / 2
+    mu[0], mu[1], squared = _dot(s, s), _dot(s, now), _dot(now, now)
+    for n in range(1, count // 2):
+        mu[2 * n] = 2 * squared - mu[0]
+        squared, crossed = np.zeros(s.shape[1]), np.zeros(s.shape[1])
+        after = before if n > 1 else before.copy()  # s is the caller's
+        for rows, part in parts:
+            piece = part @ now
+            piece -= before[rows]
+            after[rows] = piece
+            squared += _dot(piece, piece)
+            crossed += _dot(piece, now[rows])
+        if not (squared <= LARGEST_GROWTH**2 * mu[0]).all():
+            raise Outside
+        mu[2 * n + 1] = 2 * crossed - mu[1]
+        before, now = now, after
+    return mu
+
+
+def _dot(a, b):
+    return np.einsum('ik,ik->k', a, b)
+
+
+def jackson(count: int) -> NDArray[np.float64]:
+    """Jackson's factors g_n, shape (count,)."""
+    n, step = np.arange(count), np.pi / (count + 1)
+    return ((count - n + 1) * np.cos(n * step) + np.sin(n * step) / np.tan(step)) / (count + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Moments of start vectors, from which densities follow at any frequency.
+
+    Attributes
+    ----------
+    interval : Interval
+        Interval that contains all squared frequencies, rad^2/ms^2.
+    moments : ndarray, shape (count, columns)
+    """
+
+    interval: Interval
+    moments: NDArray[np.float64]
+
+    @property
+    def grid(self) -> NDArray[np.float64]:
+        """Angular frequencies in rad/ms, as many as there are moments, in equal steps over the whole interval."""
+        low, high = signed_root(np.array([self.interval.lowest, self.interval.highest]))
+        count = len(self.moments)
+        return low + (high - low) * (np.arange(count) + 0.5) / count
+
+    def density(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Density over the angular frequency, in ms/rad; its integral is the square of the start vector.
+
+        Parameters
+        ----------
+        omega : ndarray, shape (frequencies,)
+            In rad/ms; imaginary frequencies are negative.
+
+        Returns
+        -------
+        ndarray, shape (frequencies, columns)
+        """
+        count = len(self.moments)
+        weights = jackson(count)[:, None] * self.moments * np.where(np.arange(count) > 0, 2, 1)[:, None] / np.pi
+        theta, n, slope = self._angle(omega), np.arange(count), self._slope(omega)
+        parts = [np.cos(np.outer(part, n)) @ weights for part in np.array_split(theta, 1 + theta.size * count // BATCH)]
+        return slope[:, None] * np.concatenate(parts)
+
+    def width(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Standard deviation in rad/ms of the peak that a single mode makes, shape (frequencies,)."""
+        theta, sigma = self._angle(omega), np.pi / len(self.moments)
+        ends = self._frequency((theta - sigma).clip(0, np.pi)), self._frequency((theta + sigma).clip(0, np.pi))
+        return (ends[0] - ends[1]) / 2
+
+    def _angle(self, omega):
+        squares = np.sign(omega) * omega**2
+        return np.arccos(((squares - self.interval.centre) / self.interval.radius).clip(-1, 1))
+
+    def _frequency(self, theta):
+        return signed_root(self.interval.centre + self.interval.radius * np.cos(theta))
+
+    def _slope(self, omega):
+        """|d theta/d omega| = 2 |omega| / sqrt((square - lowest) (highest - square)); zero outside the interval."""
+        squares = np.sign(omega) * omega**2
+        above, below = squares - self.interval.lowest, self.interval.highest - squares
+        lower = np.divide(abs(omega), np.sqrt(abs(above)), out=np.ones(len(omega)), where=above > 0)  # 1 at the end at zero
+        return np.divide(2 * lower, np.sqrt(abs(below)), out=np.zeros(len(omega)), where=(above >= 0) & (below > 0))

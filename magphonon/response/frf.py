@@ -2,6 +2,8 @@
 
 Amplitudes are complex, `u = Re(U e^{i omega t})`; a force F cos(omega t) has the amplitude F, so a response that lags
 has a negative phase.
+
+A particle and a direction: the place of a force or of a measured displacement.
 """
 
 from __future__ import annotations
@@ -15,10 +17,8 @@ from tqdm import tqdm
 from .. import units
 from ..errors import finite, not_negative, positive
 from ..files import Saved
-from ..stiffness.constraints import refuse_held
-from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import ROUND_OFF
-from ..stiffness.rest import components
+from ..stiffness.rest import LinearSystem, components, refuse_held
 from .chebyshev import BLOCK, chebyshev_blocks, stable_interval
 from .normal_modes import SMALL, recorded, refuse_growing, refuse_unstable, sizes
 
@@ -29,7 +29,38 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from .place import Place
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A particle and a direction: where a force acts, or where a displacement is seen.
+
+    Attributes
+    ----------
+    particle : int
+    direction : ndarray, shape (3,)
+        Direction of the force or displacement; a unit vector unless a multiple is meant.
+
+    Examples
+    --------
+    >>> from magphonon.response import Place
+    >>> Place(3, (0, 2, 0)).particle
+    3
+    """
+
+    particle: int
+    direction: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'direction', finite('direction', self.direction, (3,)))
+
+    def force(self, particles: int) -> NDArray[np.float64]:
+        """A unit force there, zero on all other of the `particles`; shape (particles, 3)."""
+        force = np.zeros((particles, 3))
+        force[self.particle] = self.direction
+        return force
+
+    def seen(self, displacements: NDArray[Any]) -> NDArray[Any]:
+        """The component of displacements, shape (..., particles, dim), that is measured there."""
+        return displacements[..., self.particle, :] @ self.direction[: displacements.shape[-1]]
 
 
 @dataclass(frozen=True)

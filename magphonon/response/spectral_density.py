@@ -1,6 +1,6 @@
 """Densities of states of a large structure, with any disorder: total, local, and resolved by the wavevector.
 
-They are computed by the kernel polynomial method (`magphonon.response.kernel_polynomials`).  It keeps only a few vectors in
+They are computed by the kernel polynomial method (`magphonon.response.chebyshev`).  It keeps only a few vectors in
 memory, and its time is proportional to the number of particles.
 """
 
@@ -16,14 +16,14 @@ from .. import units
 from ..bands.density import DensityOfStates, increasing
 from ..errors import finite, whole
 from ..files import Saved
-from ..stiffness.linear_system import LinearSystem
-from .kernel_polynomials import COLUMNS, spectrum_of
+from ..stiffness.rest import LinearSystem
+from .chebyshev import COLUMNS, spectrum_of
 
 if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from .place import Place
+    from .frf import Place
 
 ASTRAY = 0.3
 """Distance from the nearest lattice site, in shortest distances between sites, beyond which a particle belongs to no site."""

@@ -15,9 +15,8 @@ from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.constraints import freedom
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import settled
+from ..stiffness.rest import freedom, settled
 from ..stiffness.sites import each_spring
 from .frf import FrequencyResponse
 
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from .place import Place
+    from .frf import Place
 
 TRANSIENT_FRACTION = 1e-3
 """Largest remainder of the transient, as a fraction of the steady-state amplitude; harmonics of a nonlinear motion disturb the

@@ -16,7 +16,5 @@ from .scene import (
 from .sources import (
     ready_scene as ready_scene,
     ready_scenes as ready_scenes,
-)
-from .writer import (
     write_scene as write_scene,
 )

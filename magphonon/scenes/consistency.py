@@ -13,7 +13,7 @@ import numpy as np
 from ase.dft.kpoints import parse_path_string
 
 from .. import units as u
-from ..stiffness.scale import FREQUENCIES_Hz, frequency_scale
+from ..stiffness.sites import FREQUENCIES_Hz, frequency_scale
 from .fields import fault, raise_all
 from .lattices import ALL, Supercell
 from .laws import MagnetsLaw, SavedLaw

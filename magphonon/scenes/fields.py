@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import InitErrorDetails
 
-from ..errors import not_negative, number, positive, shown, whole
-from ..spelling import did_you_mean, nearest
+from ..errors import did_you_mean, nearest, not_negative, number, positive, shown, whole
 
 if TYPE_CHECKING:
     from typing import Any, Self

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
-from ..errors import one_of
-from ..spelling import did_you_mean
+from ..errors import did_you_mean, one_of
 from .fields import Allowed, Table, between
 from .scene import Scene, ready_scenes
 

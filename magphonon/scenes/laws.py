@@ -13,11 +13,9 @@ from ..errors import one_of, shown, whole
 from ..interactions.force_tables import read_forces
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
-from ..interactions.pair_laws import Hertz, InversePower, Yukawa
-from ..interactions.tabulated import Tabulated
+from ..interactions.pair_laws import Hertz, InversePower, Tabulated, Yukawa
 from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
-from .lattices import Shells
-from .supports import _poisson_ratio
+from .lattices import Shells, _poisson_ratio
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -15,22 +15,18 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from ..response.place import Place
+from ..response.frf import Place
 from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.relaxation import Relaxation, relaxed
 from .consistency import check
-from .design import DesignPlan
 from .fields import Table, Text, listed, reason
-from .imperfections import Defects, Disorder
-from .lattices import ALL, AnyLattice, Oscillator, Patch, Supercell
+from .lattices import ALL, AnyLattice, Foundation, Oscillator, Patch, Supercell
 from .laws import Law, LawOfKinds, SavedLaw, laws_of_kinds
-from .plans import BandPlan, BurstPlan, FrfPlan, PlanTable, VibrometerPlan
-from .sources import Source, ready_scene as ready_scene, ready_scenes, source_of
-from .structures import FileLattice
-from .supports import Foundation
+from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
+from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
+from .structures import Defects, Disorder, FileLattice
 from .tolerances import Uncertainty
-from .writer import checked_atoms, tables_of
 
 if TYPE_CHECKING:
     from os import PathLike

@@ -5,13 +5,11 @@ from .amplitude_shifts import (
     frequency_shifts as frequency_shifts,
     vibration as vibration,
 )
-from .borders import (
+from .buckling import (
     Border as Border,
+    Softest as Softest,
     border_over_exponents as border_over_exponents,
     border_over_spacings as border_over_spacings,
-)
-from .buckling import (
-    Softest as Softest,
     common_spring as common_spring,
     foundation_needed as foundation_needed,
     softest as softest,
@@ -27,10 +25,8 @@ from .escapes import (
 from .soft_waves import (
     softest_wave as softest_wave,
 )
-from .verdict_text import (
+from .verdicts import (
     OutOfPlane as OutOfPlane,
     Verdict as Verdict,
-)
-from .verdicts import (
     verdict as verdict,
 )

@@ -12,8 +12,8 @@ from scipy import sparse
 from .. import units
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.bond import refuse_upright
-from ..stiffness.linear_system import LinearSystem
 from ..stiffness.lowest import DENSE, lowest_mode
+from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
     from collections.abc import Callable

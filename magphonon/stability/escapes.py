@@ -24,7 +24,7 @@ from ..dynamics.cages import APART, BROKEN_BOND, CONTACT, SURVEYED, Diverged, pa
 from ..dynamics.verlet import DrivenVerlet
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.constraints import free_directions, freedom
+from ..stiffness.rest import free_directions, freedom
 from ..stiffness.sites import refuse_unlike
 
 if TYPE_CHECKING:

@@ -1,5 +1,7 @@
 from .all_neighbours import (
     AllNeighbours as AllNeighbours,
+    missing_stiffness as missing_stiffness,
+    reach as reach,
 )
 from .bond import (
     bond_stiffness as bond_stiffness,
@@ -7,18 +9,10 @@ from .bond import (
 )
 from .calculator import (
     MagneticRepulsion as MagneticRepulsion,
-)
-from .cells import (
     bond_virial as bond_virial,
     carried as carried,
     measure as measure,
     same_cell as same_cell,
-)
-from .constraints import (
-    free_directions as free_directions,
-    free_motion as free_motion,
-    freedom as freedom,
-    refuse_held as refuse_held,
 )
 from .defects import (
     Scatter as Scatter,
@@ -37,9 +31,6 @@ from .ewald import (
     lattice_sum as lattice_sum,
     particle_sums as particle_sums,
     points_within as points_within,
-)
-from .linear_system import (
-    LinearSystem as LinearSystem,
 )
 from .lowest import (
     count_below as count_below,
@@ -69,11 +60,16 @@ from .repulsion import (
     repulsion_of as repulsion_of,
 )
 from .rest import (
+    LinearSystem as LinearSystem,
     at_rest as at_rest,
     components as components,
+    free_directions as free_directions,
+    free_motion as free_motion,
+    freedom as freedom,
     loaded as loaded,
     nearest_rest as nearest_rest,
     placed as placed,
+    refuse_held as refuse_held,
     rest_of_motion as rest_of_motion,
     settled as settled,
     static_forces as static_forces,
@@ -81,8 +77,4 @@ from .rest import (
 )
 from .restart import (
     restored as restored,
-)
-from .truncation import (
-    missing_stiffness as missing_stiffness,
-    reach as reach,
 )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import one_of
-from ..interactions.upright import UprightMagnets
+from ..interactions.bond_laws import UprightMagnets
 
 if TYPE_CHECKING:
     from typing import TypeGuard

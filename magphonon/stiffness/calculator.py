@@ -1,26 +1,44 @@
-"""ASE calculator of particles that repel each other and are tied to an elastic foundation."""
+"""ASE calculator of particles that repel each other and are tied to an elastic foundation.
+
+Cells that change: energy and stress if the lattice vectors differ from those of the calculator's reference.
+
+Without a foundation the energy depends on the bonds alone.  As the cell changes, the bonds join the same pairs of particles
+across the same periods.  A foundation or a dead load is refused, because it is not known whether it follows the cell.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from ase.calculators.calculator import PropertyNotImplementedError, all_changes
+from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
 from ..errors import finite, one_of
-from ..interactions.bond_laws import checked_potential, law_along
-from ..interactions.upright import UprightMagnets
+from ..interactions.bond_laws import UprightMagnets, checked_potential, law_along
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
-from . import positions
-from .bond import MODELS, bond_stiffness, displaced, leaves_the_plane, model_stiffness, upright_forces
-from .cells import NO_STRESS, carried, same_cell, stress_per_volume
+from .bond import MODELS, bond_stiffness, displaced, leaves_the_plane, model_stiffness, refuse_upright, upright_forces
 from .matrices import bloch_matrix, bloch_series, hessian
 from .repulsion import masses_of
 from .restartable import Restartable
-from .scale import warn_of_units
-from .sites import displacement_components, of_sites, range_of, refuse_infinite, site_springs, site_strengths
+from .sites import (
+    displacement_components,
+    from_reference,
+    minimum_image,
+    of_sites,
+    range_of,
+    refuse_height,
+    refuse_infinite,
+    refuse_load_along_z,
+    refuse_motion_out_of_the_plane,
+    shortest_period,
+    site_springs,
+    site_strengths,
+    warn_of_units,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +50,93 @@ if TYPE_CHECKING:
     from ..interactions.bond_laws import Potential
     from ..interactions.pair_laws import PairLaw
     from .sites import Foundation
+
+STRETCHED = 3.0
+"""Ratio of the length of a bond to its length in the reference above which the particles are no longer neighbours."""
+NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '
+             "forces: use a calculator without them, or magphonon.stiffness.elastic_moduli(atoms).stress for the bonds alone")
+ACROSS = 1e-9
+"""Relative change of the cell across its periodic directions above which the change is not round-off."""
+
+
+def measure(atoms: Atoms) -> float:
+    """Length, area or volume of a cell: of a chain in mm, of a planar lattice in mm^2, of a crystal in space in mm^3."""
+    periods = atoms.cell.array[atoms.pbc]
+    return float(np.sqrt(np.linalg.det(periods @ periods.T)))
+
+
+def same_cell(calc: MagneticRepulsion, atoms: Atoms) -> bool:
+    """Whether the atoms are in the cell of the calculator's reference."""
+    return np.array_equal(atoms.cell.array, calc.reference.cell.array)
+
+
+def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
+    """Reference and bonds of a calculator, strained homogeneously from its cell to that of `atoms`.
+
+    Raises
+    ------
+    ValueError
+        If the particles have a foundation or a load, the model is not the complete one, or neighbours are torn apart.
+    """
+    reference, cell = calc.reference, atoms.cell
+    anchored = not atoms.pbc.any() or np.any(calc.foundation) or calc.load.any()
+    if anchored or len(atoms) != len(reference) or not np.array_equal(atoms.pbc, reference.pbc):
+        from_reference(calc, atoms)  # says so
+    if calc.model != 'complete':
+        raise ValueError(f"the cell differs from the reference, where the model {calc.model!r} fixes the directions of bonds; "
+                         "use model='complete', or make a calculator for this cell")
+    strain = np.linalg.solve(reference.cell.complete().array, cell.complete().array)
+    rest = reference.copy()
+    rest.set_cell(cell)
+    rest.positions = reference.positions @ strain
+    bonds = replace(calc.bonds, vectors=calc.bonds.vectors @ strain, cutoff=None)
+    for b in np.flatnonzero(bonds.lengths > STRETCHED * calc.bonds.lengths)[:1]:
+        raise ValueError(f'the cell has grown until the particles {bonds.i[b]} and {bonds.j[b]} are {bonds.lengths[b]:.4g} mm '
+                         f'apart instead of {calc.bonds.lengths[b]:.4g} mm and no longer neighbours: only a pressure holds a '
+                         'lattice of repelling particles together; give one, as scalar_pressure= to FrechetCellFilter')
+    return rest, bonds
+
+
+def bond_virial(calc: MagneticRepulsion, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
+    """Derivative of the energy of the bonds by the strain, `sum phi'/r R(x)R`, in mJ, shape (dim, dim).
+
+    Parameters
+    ----------
+    calc : MagneticRepulsion
+    u : ndarray, shape (particles, dim)
+        Displacements from the reference in mm; none by default.
+    """
+    R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
+    refuse_upright(R, calc.law, 'stresses')
+    r = np.linalg.norm(R, axis=1)
+    return np.einsum('b,bx,by->xy', calc.law.dphi(r) / r, R, R)
+
+
+def stress_per_volume(calc: MagneticRepulsion, atoms: Atoms) -> NDArray[np.float64]:
+    """Stress as defined by ASE, `dE/d strain` divided by the volume of the cell, in N/mm^2, Voigt's order xx, yy, zz, yz, xz, xy.
+
+    It is negative where particles repel each other.  The volume contains the height of a planar cell, which has no physical
+    meaning: `magphonon.stiffness.cauchy_stress` is the force per length.
+
+    Raises
+    ------
+    ValueError
+        If nothing is periodic, or the vectors across the periodic directions are missing or differ from those of the reference.
+    """
+    if not (atoms.pbc.any() and atoms.cell.rank == 3):
+        raise ValueError('a stress as defined by ASE is a force per area of a periodic cell with a volume; give the cell three '
+                         'vectors (the length of the one across a planar lattice only divides the stress)')
+    before, after = (abs(np.linalg.det(at.cell.array)) / measure(at) for at in (calc.reference, atoms))
+    if abs(after - before) > ACROSS * before:
+        raise ValueError(f'across its periodic directions the cell changes from {before:.6g} to {after:.6g} mm (mm^2 for '
+                         'a chain), which has no meaning and would change the stress; keep these vectors: in a filter of ASE '
+                         'with mask=(1, 1, 0, 0, 0, 1) for a planar lattice, (1, 0, 0, 0, 0, 0) for a chain along x, and without '
+                         'hydrostatic_strain')
+    here = calc if same_cell(calc, atoms) else calc.about(atoms)
+    stress = np.zeros((3, 3))
+    stress[: calc.dim, : calc.dim] = bond_virial(here, here.displacements(atoms)) / atoms.get_volume()
+    return full_3x3_to_voigt_6_stress(stress)
+
 
 CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
@@ -144,10 +249,10 @@ class MagneticRepulsion(Restartable):
         for fixed in self._anchors, self._load, self.reference.positions:  # constant forces are computed from them once
             fixed.flags.writeable = False
         if self.dim == 2:
-            positions.refuse_load_along_z(self._load)
+            refuse_load_along_z(self._load)
         law = law_along(self._potential, bonds.i, bonds.j, self.reference.get_tags(), self._strengths)
         self._law = law.planar if isinstance(law, UprightMagnets) and self.dim == 2 else law
-        positions.refuse_height(self.reference, bonds, self.dim, upright=isinstance(self._law, UprightMagnets))
+        refuse_height(self.reference, bonds, self.dim, upright=isinstance(self._law, UprightMagnets))
         refuse_infinite(self._law, bonds)
         super().__init__(foundation=foundation, model=model)
         if first:
@@ -239,7 +344,7 @@ class MagneticRepulsion(Restartable):
 
         The pairs of particles, the anchors and the load stay; the bond vectors are computed again.  The forces at the new
         rest need not balance: `magphonon.stiffness.rest.at_rest` checks that.  The cell may differ if nothing is anchored
-        (`magphonon.stiffness.cells`).
+        (`magphonon.stiffness.calculator`).
         """
         if not same_cell(self, atoms):
             rest, bonds = carried(self, atoms)
@@ -281,7 +386,7 @@ class MagneticRepulsion(Restartable):
         here = self if same_cell(self, self.atoms) else self.about(self.atoms)
         u = here.displacements(self.atoms)
         if self.dim == 2:
-            positions.refuse_motion_out_of_the_plane(here, self.atoms)
+            refuse_motion_out_of_the_plane(here, self.atoms)
         energy, gradient = here._repulsion(u)
         self.results = {'forces': np.zeros((len(u), 3))}
         self.results['forces'][:, : self.dim] = here._forces(u, gradient)
@@ -299,14 +404,14 @@ class MagneticRepulsion(Restartable):
         ValueError
             If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
         """
-        return self._minimum_image(positions.from_reference(self, atoms))[:, : self.dim]
+        return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
 
     def _minimum_image(self, u):
-        return positions.minimum_image(u, self.reference, self._shortest_period)
+        return minimum_image(u, self.reference, self._shortest_period)
 
     @cached_property
     def _shortest_period(self):
-        return positions.shortest_period(self.reference)
+        return shortest_period(self.reference)
 
     @cached_property
     def _rest(self):

@@ -28,7 +28,7 @@ from .. import units
 from ..errors import finite
 from ..files import Saved
 from .bond import refuse_upright
-from .cells import bond_virial, measure, same_cell
+from .calculator import bond_virial, measure, same_cell
 from .matrices import signed_root
 from .repulsion import masses_of, repulsion_of
 from .rest import settled

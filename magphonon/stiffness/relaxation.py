@@ -16,15 +16,13 @@ from ase import Atoms
 from scipy import sparse
 
 from ..errors import positive, whole
-from ..lattices.bonds import Bonds
-from ..lattices.pairs import pairs_within
+from ..lattices.bonds import Bonds, pairs_within
 from ..units import hertz
 from .bond import model_stiffness
-from .constraints import free_motion, freedom
 from .lowest import lowest_mode
 from .matrices import hessian, signed_root
 from .repulsion import repulsion_of
-from .rest import at_rest
+from .rest import at_rest, free_motion, freedom
 
 RESIDUAL = 1e-9
 """Largest force left on a particle, as a fraction of the largest bond force."""

@@ -14,13 +14,12 @@ import numpy as np
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..errors import one_of, whole
+from ..errors import did_you_mean, one_of, whole
 from ..response.frf import receptance
-from ..spelling import did_you_mean
 from ..stability.amplitude_shifts import frequency_shifts
 from ..stability.buckling import common_spring, foundation_needed, softest_of, spacing_held
 from ..stability.verdicts import LINEAR_ERROR, verdict
-from ..stiffness.linear_system import LinearSystem
+from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import shown
+from ..errors import did_you_mean, shown
 from ..scenes.scene import parts_of, scene_of
-from ..spelling import did_you_mean
 from .evaluation import Answer, refusals
 from .questions import Situation, question
 

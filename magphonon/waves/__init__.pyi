@@ -1,12 +1,3 @@
-from .branches import (
-    Branch as Branch,
-    Misfit as Misfit,
-    branch as branch,
-    compare as compare,
-)
-from .oblique import (
-    oblique_waves as oblique_waves,
-)
 from .ridge_tables import (
     RidgePoints as RidgePoints,
     read_ridges as read_ridges,
@@ -30,10 +21,6 @@ from .spectrum import (
     wavenumber_frequency as wavenumber_frequency,
     without_drift as without_drift,
 )
-from .tone_burst import (
-    Passage as Passage,
-    send as send,
-)
 from .vibrometer import (
     Displacements as Displacements,
     measure as measure,
@@ -41,15 +28,22 @@ from .vibrometer import (
     write_displacements as write_displacements,
 )
 from .wave_analysis import (
+    Branch as Branch,
+    Misfit as Misfit,
     Wave as Wave,
+    branch as branch,
+    compare as compare,
+    oblique_waves as oblique_waves,
     report as report,
     scan_waves as scan_waves,
     waves as waves,
 )
 from .wave_source import (
     Burst as Burst,
+    Passage as Passage,
     Site as Site,
     polarisations as polarisations,
+    send as send,
     site as site,
     wavevector as wavevector,
 )

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..files import refuse_overflow, whole_file
-from ..textfiles import MEGABYTE, table_text
+from ..files import MEGABYTE, refuse_overflow, table_text, whole_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

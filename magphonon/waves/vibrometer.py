@@ -10,8 +10,7 @@ import numpy as np
 
 from .. import units
 from ..errors import finite, not_negative, positive
-from ..files import refuse_overflow, whole_file
-from ..textfiles import MEGABYTE, refuse_endless, told_as_table
+from ..files import MEGABYTE, refuse_endless, refuse_overflow, told_as_table, whole_file
 
 if TYPE_CHECKING:
     from os import PathLike

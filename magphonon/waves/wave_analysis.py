@@ -1,4 +1,19 @@
-"""Waves along a row of particles, simulated or measured: map and ridge of each polarisation, compared with the bands."""
+"""Waves along a row of particles, simulated or measured: map and ridge of each polarisation, compared with the bands.
+
+Branches of the bands along a row, and the distance of a measured ridge from each.
+
+Oblique waves that a point source sends along a row: their energy runs along it, their wavevector does not.
+
+Waves of all directions leave a point.  Along a row of the lattice vector R those arrive whose group velocity points along R.  Let
+xi = k.R be the phase per step, and s a shift of the wavevector, in units of the primitive reciprocal vector across R, that leaves
+xi as it is.  The velocity has no component away from the row where
+
+    d omega(xi, s) / ds = 0
+
+so that the row shows every extremum of omega over s; by symmetry the wave along the row, s = 0, is one of them.  Two waves nearer
+than the main lobe of the Hann window make one peak on a map, somewhere between them.  The ridge is then off at all frequencies in
+the same sense, so that neither noise, nor the halves of the row, nor jumps from line to line show it.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +23,258 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .branches import Branch, branch, compare
-from .oblique import LOBE_bins, blur
+from ..bands.bloch import bloch_modes
+from ..errors import finite, one_of
 from .rows import row_of
-from .spectrum import LEAST_POWER, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
+from .spectrum import LEAST_POWER, NORMAL, RESOLVED, Ridge, Spectrum, ridge, wavenumber_frequency, without_drift
 from .wave_source import across_and_along, polarisations, wavevector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ase import Atoms
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
-    from .branches import Misfit
     from .rows import Row
     from .scans import Scan
     from .vibrometer import Displacements
+
+SAMPLES = 96
+"""Samples of xi from 0 to pi, and of s over its period, in a cell of one particle; the zone of larger cells is smaller."""
+LOBE_bins = 2.0
+"""Half width of the main lobe of a Hann window in wavenumber bins: waves that are nearer make one peak."""
+
+
+def oblique_waves(cell: Atoms, q: ArrayLike, omega: ArrayLike, model: str = 'complete') -> NDArray[np.float64]:
+    """Phases per step of waves of which the energy runs along a row, away from the source, and the wavevector does not.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        With its MagneticRepulsion.
+    q : array_like, shape (3,)
+        Wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
+    omega : array_like, shape (frequencies,)
+        In rad/ms.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    ndarray, shape (frequencies, waves)
+        In rad; NaN where a wave does not have this frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon.waves import oblique_waves, wavevector
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> xi = oblique_waves(cell, wavevector(cell, 'point'), [2 * np.pi * 40 * u.Hz])
+    >>> np.unique(xi[np.isfinite(xi)].round(1)).tolist()
+    [1.3]
+    """
+    return _waves(cell, q, omega, model)[1]
+
+
+def blur(cell: Atoms, q: ArrayLike, xi: NDArray[np.float64], omega: NDArray[np.float64], lobe: float,
+         model: str = 'complete') -> NDArray[np.float64]:
+    """How far the ridge of a point source may lie from the wave along the row, where oblique waves blend with it.
+
+    Parameters
+    ----------
+    cell, q, model
+        As for `oblique_waves`.
+    xi, omega : ndarray, shape (points,)
+        The ridge.
+    lobe : float
+        Distance in xi within which waves make one peak, LOBE_bins bins.
+
+    Returns
+    -------
+    ndarray, shape (points,)
+        Distance in xi from the nearest wave along the row to the farthest oblique wave that is within the lobe about it and about
+        the point.
+    """
+    along, oblique = _waves(cell, q, omega, model)
+    away = abs(along - xi[:, None])
+    own = np.take_along_axis(along, np.where(np.isnan(away), np.inf, away).argmin(axis=1)[:, None], axis=1)
+    beside = (abs(oblique - xi[:, None]) < lobe) & (abs(oblique - own) < lobe)
+    return np.nanmax(np.where(beside, abs(oblique - own), 0), axis=1, initial=0)
+
+
+def _waves(cell, q, omega, model):
+    """Phases per step at these frequencies of the waves along the row, and of the oblique ones, each (frequencies, waves)."""
+    q = np.asarray(q, float)
+    samples = int(np.ceil(SAMPLES / np.sqrt(len(cell))))
+    xi, s = np.pi * (np.arange(samples) + 0.5) / samples, np.arange(samples) / samples
+    at = xi[:, None, None] / (2 * np.pi) * q + s[:, None] * _across(cell, q)
+    field = bloch_modes(cell, at.reshape(-1, 3), model)[0].reshape(samples, samples, -1)
+    before, after = np.roll(field, 1, axis=1), np.roll(field, -1, axis=1)
+    extreme = (field - before) * (field - after) > 0
+    along = np.zeros_like(extreme)
+    along[:, 0] = True
+    slope = np.gradient(field, xi, axis=0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        peak = field - np.where(extreme, (after - before) ** 2 / (8 * (after + before - 2 * field)), 0)
+
+    def crossing(some):
+        start, runs = xi[np.nonzero(some)[0]], slope[some]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            found = start + (np.reshape(omega, (-1, 1)) - peak[some]) / runs
+        return np.where((abs(found - start) <= xi[1] - xi[0]) & (runs > 0), found, np.nan)
+
+    return crossing(along), crossing(extreme & ~along)
+
+
+def _across(cell, q):
+    """The primitive reciprocal vector across the row, in fractions; zero in a chain, whose waves have one direction."""
+    fractions = np.linalg.pinv(cell.cell.array)
+    k = fractions @ q
+    R = np.rint(k @ fractions / (k @ k))  # the step of the row, in lattice vectors
+    return np.array([-R[1], R[0], 0]) * cell.pbc[:2].all()
+
+
+BRANCH_POINTS = 2001
+"""Number of samples of a branch; linear interpolation between them is accurate to 1e-6 of its highest frequency."""
+
+
+@dataclass(frozen=True)
+class Branch(units.InHertz):
+    """One branch of the bands over the phase per step.
+
+    Attributes
+    ----------
+    xi : ndarray, shape (points,)
+        In rad, ascending.
+    omega : ndarray, shape (points,)
+        In rad/ms.
+    """
+
+    xi: np.ndarray
+    omega: np.ndarray
+
+
+def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete') -> Branch:
+    """Branch of the analytic bands for the waves that a row of particles sees.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion.
+    direction : array_like, shape (3,)
+        Wavevector of xi = 2 pi in fractions of the reciprocal vectors.  In the triangular lattice, along R2:
+        (0, 1, 0) for plane waves from a row of sources along R1 (Gamma-M), (1/2, 1, 0) for the waves from a
+        point source (Gamma-K).
+    mode : int
+        Number of the branch from below, from 0; in the triangular lattice shear is 0 and longitudinal 1.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    Branch
+        From xi = 0 to pi.
+
+    Raises
+    ------
+    ValueError
+        For an unknown model or mode.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene, ready_scene, units as u
+    >>> from magphonon.waves import branch
+    >>> shear = branch(read_scene(ready_scene('prototype')).atoms(), (0, 1, 0), 0)
+    >>> round(float(u.hertz(shear.omega[-1])), 3)  # at M
+    58.233
+    """
+    xi = np.linspace(0, np.pi, BRANCH_POINTS)
+    omega, _ = bloch_modes(atoms, xi[:, None] / (2 * np.pi) * finite('direction', direction, (3,)), model)
+    one_of('mode', mode, range(omega.shape[1]))
+    return Branch(xi, omega[:, mode])
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Distance of a ridge from a branch, root mean square over its points.
+
+    Attributes
+    ----------
+    omega : float
+        Along the frequency axis, at the wavenumber of each point, in rad/ms.
+    sigma_omega : float
+        What the uncertainty of the points alone makes of `omega`.
+    bins : float
+        Along the wavenumber axis, at the frequency of each point, in bins of the record.
+    within : float
+        Share of the points that are nearer to it along the frequency axis than 1.96 of their uncertainties.
+    points : int
+    """
+
+    omega: float
+    sigma_omega: float
+    bins: float
+    within: float
+    points: int
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the ridge may be a wave of this branch.
+
+        At least half of its points are within 1.96 of their uncertainties, and all together within a bin: two waves a bin
+        apart are seen as two, however uncertain each is.
+        """
+        return self.within >= 0.5 and self.bins <= RESOLVED
+
+
+def compare(ridge: Ridge, branch: Branch) -> Misfit:
+    """Distance between a ridge and a branch along either axis.
+
+    A branch that nowhere reaches a frequency is met where it comes nearest: there the wave is evanescent, and the
+    real part of its wavenumber stays at that of the band edge.
+
+    Parameters
+    ----------
+    ridge : Ridge
+    branch : Branch
+
+    Returns
+    -------
+    Misfit
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.waves import Branch, compare, ridge, wavenumber_frequency
+    >>> t, x = np.arange(0, 400, 0.5)[:, None], np.arange(24)
+    >>> s = t - x / 0.6 - 100
+    >>> crest = ridge(wavenumber_frequency(1e-3 * np.exp(-((s / 20) ** 2)) * np.cos(0.5 * s), 0.5))
+    >>> xi = np.linspace(0, np.pi, 50)
+    >>> bool(compare(crest, Branch(xi, 0.6 * xi)).bins < 0.1 < compare(crest, Branch(xi, 0.8 * xi)).bins)
+    True
+    """
+    own = np.interp(ridge.xi, branch.xi, branch.omega)
+    d_omega = ridge.omega - own
+    d_xi = ridge.xi - np.array([_nearest_crossing(branch, omega, xi) for omega, xi in zip(ridge.omega, ridge.xi, strict=True)])
+    sides = [np.interp(ridge.xi + side * ridge.sigma_xi, branch.xi, branch.omega) - own for side in (1, -1)]
+    sigma = np.hypot(ridge.sigma_omega, np.abs(sides).max(axis=0))  # not by the slope, which vanishes at the edge of the zone
+    within = float(np.mean(abs(d_omega) <= NORMAL * sigma))
+    return Misfit(_rms(d_omega), _rms(sigma), _rms(d_xi) / ridge.bin_xi, within, len(d_xi))
+
+
+def _nearest_crossing(branch, omega, xi):
+    above = branch.omega - omega
+    before = np.flatnonzero(above[:-1] * above[1:] <= 0)
+    if not len(before):
+        return branch.xi[abs(above).argmin()]
+    run, rise = branch.xi[before + 1] - branch.xi[before], above[before + 1] - above[before]
+    crossings = branch.xi[before] - above[before] * run / np.where(rise == 0, np.inf, rise)
+    return crossings[abs(crossings - xi).argmin()]
+
+
+def _rms(x):
+    return float(np.sqrt(np.mean(x**2)))
+
 
 MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
@@ -54,7 +305,7 @@ class Wave:
     ridge : Ridge or None
         None if no wave rises above the background, because it decays or was not driven.
     blur : ndarray, shape (points,), optional
-        How far its wavenumbers may be off in rad, as oblique waves from a point source blend with it (`magphonon.waves.oblique`);
+        How far its wavenumbers may be off in rad, as oblique waves from a point source blend with it;
         None for a row of sources.
     """
 

@@ -11,7 +11,7 @@ from ase import Atoms
 from oracles import Pairs, neighbour_vectors
 
 from magphonon import InversePower, MagneticRepulsion
-from magphonon.bands import evanescent, laurent
+from magphonon.bands import evanescent
 from magphonon.bands.evanescent import complex_bands
 
 LAW = InversePower(b=0.2 * 10**4.5824, a=4.5824)
@@ -144,7 +144,7 @@ def test_chains_of_roots_that_are_not_taken_off_turn_into_false_waves(monkeypatc
     cells = [Cell(seed) for seed in (1, 11, 31)]
     assert max(what_is_left(cell) for cell in cells) < EXACT
     there = [np.isfinite(complex_bands(cell.atoms, cell.direction, cell.omega).xi).sum() for cell in cells]
-    monkeypatch.setattr(laurent, '_without_chains', lambda L, R, lengths=None: (L, R, []))
+    monkeypatch.setattr(evanescent, '_without_chains', lambda L, R, lengths=None: (L, R, []))
     monkeypatch.setattr(evanescent, 'polished', lambda A, mu, v: (mu, v))
     monkeypatch.setattr(evanescent, '_laurent', sampled)
     with np.errstate(divide='ignore', invalid='ignore'):  # infinite roots

@@ -19,8 +19,8 @@ from magphonon.bands import (
     phonopy_bands,
     sound_speeds,
 )
+from magphonon.bands.bands import edge_rows
 from magphonon.bands.bloch import bloch_modes
-from magphonon.bands.edges import edge_rows
 from magphonon.stiffness import AllNeighbours
 from tests.oracles import Pairs, free_basis
 

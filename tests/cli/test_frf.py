@@ -11,9 +11,8 @@ from numpy.testing import assert_allclose
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units
 from magphonon.cli.main import main
-from magphonon.response.frf import FrequencyResponse, receptance
+from magphonon.response.frf import FrequencyResponse, Place, receptance
 from magphonon.response.normal_modes import natural_frequencies
-from magphonon.response.place import Place
 from magphonon.scenes.scene import read_scene, ready_scene
 
 # Sec. III of the paper: vertical stiffness in N/m at the four angles in degrees, with D* and without; M = 1 kg

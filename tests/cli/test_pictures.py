@@ -9,7 +9,7 @@ from magphonon import analytic_bands, read_scene, ready_scene
 from magphonon.cli.bands import _draw
 from magphonon.cli.main import main
 from magphonon.cli.pictures import drawing
-from magphonon.plotting.scales import label_frequencies
+from magphonon.plotting.axes import label_frequencies
 
 DRAWING = ('bands', 'burst', 'dos', 'fit', 'frf', 'modes', 'spectrum', 'sweep', 'uncertainty')
 WITHOUT_FREQUENCIES = ('fit', 'sweep')

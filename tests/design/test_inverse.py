@@ -11,7 +11,7 @@ from magphonon.bands import zone_map
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.design.inverse import foundation_for, spacings_for
-from magphonon.scenes.design import HERTZ
+from magphonon.scenes.plans import HERTZ
 from magphonon.scenes.scene import Scene, ready_scene, reference
 from magphonon.scenes.tolerances import varied
 

@@ -16,7 +16,7 @@ from magphonon.design.sensitivities import (
     screening_change,
     spacing_change,
 )
-from magphonon.interactions.tabulated import Tabulated
+from magphonon.interactions.pair_laws import Tabulated
 from magphonon.response.frf import harmonic_response
 
 STEP = 1e-5  # of central differences: STEP^2 times a third derivative of some 100 is 1e-8

@@ -10,8 +10,7 @@ import pytest
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, ToneBurst, lattices, ready_scene, units as u
 from magphonon.cli.main import main
-from magphonon.dynamics.lammps import RESTARTS
-from magphonon.dynamics.lammps_runs import RESTARTS_OF_A_RUN, _program, run_lammps
+from magphonon.dynamics.lammps import RESTARTS, RESTARTS_OF_A_RUN, _program, run_lammps
 from magphonon.lattices import RIM
 
 pytestmark = pytest.mark.peer

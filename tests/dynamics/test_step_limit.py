@@ -7,7 +7,7 @@ from motion import DT, MASS, oscillator, patch
 
 from magphonon import DrivenVerlet, InversePower, units as u
 from magphonon.dynamics.cages import Diverged
-from magphonon.dynamics.timestep import frequency_bound, highest_frequency
+from magphonon.dynamics.engine import frequency_bound, highest_frequency
 
 
 @pytest.mark.parametrize('engine', ['ase', 'numpy'])

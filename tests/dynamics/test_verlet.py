@@ -9,7 +9,7 @@ from ase.md.verlet import VelocityVerlet
 from motion import DT, L0, MASS, apart, oscillator, patch, states_of
 
 from magphonon import Constant, DrivenVerlet, Harmonic, MagneticRepulsion, Recorder, ToneBurst, Yukawa, lattices, units as u
-from magphonon.dynamics.timestep import highest_frequency
+from magphonon.dynamics.engine import highest_frequency
 
 # --- it is ASE's VelocityVerlet -------------------------------------------------------------------------------------
 

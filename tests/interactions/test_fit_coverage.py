@@ -16,8 +16,7 @@ from scipy.stats import binom
 
 from magphonon.interactions.fits import NORMAL, curvature, fit_inverse_power
 from magphonon.interactions.force_tables import Forces
-from magphonon.interactions.law_choice import fit_laws
-from magphonon.interactions.offsets import WIDE
+from magphonon.interactions.law_choice import WIDE, fit_laws
 from magphonon.interactions.pair_laws import InversePower, Yukawa, repulsion
 from magphonon.interactions.smooth_laws import fit_spline
 from magphonon.scenes.scene import read_scene, ready_scene

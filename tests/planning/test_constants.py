@@ -9,14 +9,13 @@ from scipy.constants import golden
 
 from magphonon import InversePower, MagneticRepulsion, ToneBurst, lattices, read_scene, ready_scene
 from magphonon.bands.bloch import bloch_modes
-from magphonon.dynamics.timestep import highest_frequency
+from magphonon.dynamics.engine import highest_frequency
 from magphonon.planning import bands, peak, plan, scene, waveform
 from magphonon.planning.bands import Edge, neighbour_shells, plan_bands
 from magphonon.planning.peak import highest_peak, plan_peak
 from magphonon.planning.plan import Method, Plan, Settings
-from magphonon.planning.strips import strip
-from magphonon.planning.waveform import as_model, difference, plan_waveform
-from magphonon.response.place import Place
+from magphonon.planning.waveform import as_model, difference, plan_waveform, strip
+from magphonon.response.frf import Place
 from magphonon.response.propagation import propagate
 from magphonon.scenes.scene import scene_of
 from workflows.situations import Beam, Waveform

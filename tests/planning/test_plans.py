@@ -24,11 +24,10 @@ from magphonon.planning.bands import plan_bands
 from magphonon.planning.peak import DOUBT_ONE_PATTERN, highest_peak, plan_peak, turning
 from magphonon.planning.plan import Method, Plan, Settings
 from magphonon.planning.scene import scene_plans
-from magphonon.planning.strips import strip
-from magphonon.planning.waveform import plan_waveform
+from magphonon.planning.waveform import plan_waveform, strip
 from magphonon.response import propagation
+from magphonon.response.frf import Place
 from magphonon.response.normal_modes import modes
-from magphonon.response.place import Place
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.stiffness import bond
 from workflows.planning import judge, met_by, without_amplitude, without_dstar

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from magphonon.dynamics.timestep import highest_frequency
-from magphonon.planning.slight_nonlinearity import relative_correction
-from magphonon.planning.waveform import NEXT_ORDER, SLIGHT, plan_waveform
-from magphonon.stiffness.linear_system import LinearSystem
+from magphonon.dynamics.engine import highest_frequency
+from magphonon.planning.waveform import NEXT_ORDER, SLIGHT, plan_waveform, relative_correction
+from magphonon.stiffness.rest import LinearSystem
 
 from .test_step_plans import Verlet, drawn
 

@@ -14,7 +14,7 @@ from magphonon.planning import waveform
 from magphonon.planning.peak import highest_peak, plan_peak
 from magphonon.planning.plan import Settings, force_cost
 from magphonon.planning.waveform import plan_waveform
-from magphonon.response.place import Place
+from magphonon.response.frf import Place
 
 
 def drawn(seed):

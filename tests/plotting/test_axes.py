@@ -14,8 +14,7 @@ from magphonon.interactions.force_tables import Forces
 from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.fits import plot_fits
 from magphonon.plotting.modes import plot_mode
-from magphonon.plotting.response import plot_response
-from magphonon.plotting.uncertainty import plot_response_ribbon
+from magphonon.plotting.response import plot_response, plot_response_ribbon
 from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
 from magphonon.response.frf import FrequencyResponse
 

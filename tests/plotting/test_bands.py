@@ -13,7 +13,7 @@ from magphonon.bands.bands import Bands
 from magphonon.design import Spread
 from magphonon.plotting.axes import COLOURS
 from magphonon.plotting.bands import plot_bands
-from magphonon.plotting.uncertainty import plot_band_ribbons
+from magphonon.plotting.response import plot_band_ribbons
 
 
 @pytest.fixture(scope='module')

@@ -11,9 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, units as u
 from magphonon.bands.bands import Bands
-from magphonon.plotting import branch_names
-from magphonon.plotting.bands import plot_bands
-from magphonon.plotting.branch_names import mode_names, name_branches
+from magphonon.plotting import bands as band_plots
+from magphonon.plotting.bands import mode_names, name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
 
 
@@ -109,7 +108,7 @@ def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
 
 def test_names_are_as_quickly_placed_among_many_wavevectors(monkeypatch):
     cell, compared = prototype(), []
-    monkeypatch.setattr(branch_names, '_distance', lambda curves, *place: compared.append(sum(h.size for _, h in curves)) or 0.0)
+    monkeypatch.setattr(band_plots, '_distance', lambda curves, *place: compared.append(sum(h.size for _, h in curves)) or 0.0)
     sizes = []
     for points in (300, 20_000):
         bands = bands_of(cell, npoints=points, vectors=True)

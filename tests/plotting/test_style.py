@@ -9,8 +9,7 @@ import pytest
 from figures import drawn
 
 from magphonon.plotting import legend_of_set, letter_panels, new_axes, panels, print_style
-from magphonon.plotting.axes import COLOURS
-from magphonon.plotting.style import STYLE
+from magphonon.plotting.axes import COLOURS, STYLE
 
 TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
 """Of linear sRGB, IEC 61966-2-1."""

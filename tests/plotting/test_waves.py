@@ -7,10 +7,9 @@ from numpy.testing import assert_allclose
 from magphonon import MagneticRepulsion, lattices, units as u
 from magphonon.plotting.axes import panels
 from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves, save_animation
-from magphonon.waves.tone_burst import Passage
 from magphonon.waves.vibrometer import Displacements
 from magphonon.waves.wave_analysis import waves
-from magphonon.waves.wave_source import polarisations, site
+from magphonon.waves.wave_source import Passage, polarisations, site
 
 
 def wave_of(cell, amplitude=1.0):

@@ -8,10 +8,10 @@ from motion import LAW, apart, oscillator, patch
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.response import frf
 from magphonon.response.chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
-from magphonon.response.damped_oscillator import free_motion, separated
 from magphonon.response.frf import frequency_response, harmonic_response
 from magphonon.response.normal_modes import Modes, modes, sizes
-from magphonon.stiffness.linear_system import LinearSystem
+from magphonon.response.propagation import free_motion, separated
+from magphonon.stiffness.rest import LinearSystem
 
 SPRING, MASS = 3 * 5e3 * 10.0**-4, 2.0  # a b L^-(a+1) N/mm; g
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from magphonon.response.place import Place
+from magphonon.response.frf import Place
 
 
 def test_a_force_at_a_place_and_what_is_seen_there():

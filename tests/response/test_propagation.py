@@ -12,7 +12,7 @@ from magphonon import Constant, DrivenVerlet, Harmonic, InversePower, MagneticRe
 from magphonon.response import propagation
 from magphonon.response.chebyshev import Interval, Outside
 from magphonon.response.propagation import Transient, _resolved, propagate
-from magphonon.stiffness.linear_system import LinearSystem
+from magphonon.stiffness.rest import LinearSystem
 
 FREE_KICK = 1e-3  # mm/ms
 K_YY, MASS = 20000 * u.N / u.m, 1 * u.kg  # Sec. III of the paper, theta0 = 0, vertical

@@ -18,8 +18,7 @@ from magphonon.response import (
     sites_of,
     spectral_function,
 )
-from magphonon.response.chebyshev import Interval, stable_interval, whole_interval
-from magphonon.response.kernel_polynomials import Spectrum
+from magphonon.response.chebyshev import Interval, Spectrum, stable_interval, whole_interval
 from magphonon.stiffness import LinearSystem
 
 K0 = 0.12  # N/mm, on which all the lattices here are stable

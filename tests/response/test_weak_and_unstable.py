@@ -9,7 +9,7 @@ from magphonon import InversePower, MagneticRepulsion, frequency_response, latti
 from magphonon.response import frf
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import SMALL
-from magphonon.stiffness.linear_system import LinearSystem
+from magphonon.stiffness.rest import LinearSystem
 
 L0 = 10.0
 TOLERANCE = 1e-9  # the default, at each frequency, of the largest displacement of the particles that are asked for

@@ -5,8 +5,8 @@ import pytest
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Yukawa, lattices
+from magphonon.response.frf import Place
 from magphonon.response.normal_modes import modes
-from magphonon.response.place import Place
 from magphonon.response.stepped import stepped_response
 from magphonon.stability.amplitude_shifts import frequency_shifts, vibration
 

@@ -20,7 +20,7 @@ from magphonon import InversePower, MagneticRepulsion, foundation_needed, verdic
 from magphonon.stability.buckling import highest_squared
 from magphonon.stability.soft_waves import softest_wave
 from magphonon.stiffness.all_neighbours import AllNeighbours
-from magphonon.stiffness.linear_system import LinearSystem
+from magphonon.stiffness.rest import LinearSystem
 
 pytestmark = pytest.mark.usefixtures('no_impacts')
 

@@ -21,8 +21,8 @@ from magphonon import (
     phonopy_bands,
     sound_speeds,
 )
+from magphonon.bands.bands import group_velocities
 from magphonon.bands.bloch import bloch_modes
-from magphonon.bands.velocities import group_velocities
 from magphonon.lattices.bonds import bonds_within
 from magphonon.scenes.scene import reference
 from magphonon.stability.buckling import foundation_needed

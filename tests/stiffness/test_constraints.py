@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from oracles import allowed_motion, free_basis, lattice, small_cluster
 
 from magphonon import InversePower, MagneticRepulsion, modes
-from magphonon.stiffness.constraints import free_directions, freedom, refuse_held
+from magphonon.stiffness.rest import free_directions, freedom, refuse_held
 
 LAW = InversePower(b=5e3, a=4.0)
 

@@ -7,15 +7,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from oracles import LAWS
 
 from magphonon import InversePower, MagneticRepulsion, frequency_response, lattices, modes
-from magphonon.dynamics.timestep import frequency_bound, highest_frequency
+from magphonon.dynamics.engine import frequency_bound, highest_frequency
 from magphonon.planning.peak import plan_peak
-from magphonon.response.frf import harmonic_response
+from magphonon.response.frf import Place, harmonic_response
 from magphonon.response.normal_modes import natural_frequencies
-from magphonon.response.place import Place
 from magphonon.stability.amplitude_shifts import frequency_shifts
 from magphonon.stability.buckling import foundation_needed, spacing_held, support_needed
-from magphonon.stiffness import linear_system
-from magphonon.stiffness.linear_system import LinearSystem
+from magphonon.stiffness import rest
+from magphonon.stiffness.rest import LinearSystem
 
 OMEGA = np.linspace(0.1, 2.0, 5)
 
@@ -92,8 +91,8 @@ def flat(result):
 
 
 def test_a_plan_asks_for_rest_once(monkeypatch):
-    calls, at_rest = [], linear_system.at_rest
-    monkeypatch.setattr(linear_system, 'at_rest', lambda atoms: calls.append(atoms) or at_rest(atoms))
+    calls, at_rest = [], rest.at_rest
+    monkeypatch.setattr(rest, 'at_rest', lambda atoms: calls.append(atoms) or at_rest(atoms))
     atoms = patch(4)
     place = Place(18, [1.0, 0.0, 0.0])
     plan_peak(atoms, place, place, np.linspace(0.5, 4.0, 40), 0.02, 0.05, force=1e-4)

@@ -9,8 +9,8 @@ from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.lattices.bonds import find_bonds
 from magphonon.response.chebyshev import whole_interval
 from magphonon.stiffness import lowest
-from magphonon.stiffness.linear_system import LinearSystem
 from magphonon.stiffness.lowest import lowest_mode
+from magphonon.stiffness.rest import LinearSystem
 
 
 def patch_matrix(seed):

@@ -27,7 +27,7 @@ from magphonon import (
     units as u,
     verdict,
 )
-from magphonon.dynamics.timestep import highest_frequency
+from magphonon.dynamics.engine import highest_frequency
 from magphonon.lattices.patches import RIM
 from magphonon.response.frf import harmonic_response
 from magphonon.response.normal_modes import natural_frequencies

@@ -7,9 +7,9 @@ from oracles import LAWS as ORACLES, TABLE, lattice
 from magphonon import AllNeighbours, InversePower, Yukawa, analytic_bands, lattices
 from magphonon.interactions.pair_laws import Hertz
 from magphonon.lattices.bonds import bonds_within
+from magphonon.stiffness.all_neighbours import missing_stiffness, reach
 from magphonon.stiffness.bond import bond_stiffness
 from magphonon.stiffness.calculator import MagneticRepulsion
-from magphonon.stiffness.truncation import missing_stiffness, reach
 
 LAWS = {'magnets': InversePower(6200.0, 4.5824), 'dipoles': InversePower(1e4, 4.0), 'yukawa': Yukawa(20.0, 0.1)}
 

@@ -8,8 +8,8 @@ import pytest
 from magphonon import lattices, units
 from magphonon.interactions.pair_laws import InversePower
 from magphonon.stiffness.calculator import MagneticRepulsion
-from magphonon.waves.branches import Branch, branch, compare
 from magphonon.waves.spectrum import Ridge, Spectrum, ridge, wavenumber_frequency
+from magphonon.waves.wave_analysis import Branch, branch, compare
 
 # Sec. IV of the paper, gamma = 1e4 N m^4, a = 4, L0 = 1 m, M = 1 kg: omega = omega_M sin(xi/2) along Gamma-M, rad/ms
 OMEGA_M = {('shear', 'complete'): 0.141421356237310, ('longitudinal', 'complete'): 0.469041575982343,

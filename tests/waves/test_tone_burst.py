@@ -10,10 +10,9 @@ from numpy.testing import assert_allclose
 from magphonon import MagneticRepulsion, lattices, units as u
 from magphonon.lattices.patches import RIM
 from magphonon.waves.ridge_tables import write_ridges
-from magphonon.waves.tone_burst import send
 from magphonon.waves.vibrometer import Displacements
 from magphonon.waves.wave_analysis import MODELS, report, waves
-from magphonon.waves.wave_source import SOURCES, polarisations, site, wavevector
+from magphonon.waves.wave_source import SOURCES, polarisations, send, site, wavevector
 
 CARRIER = 0.12  # rad/ms, the paper's shear burst
 CUTS = {'parallelogram': lambda cell: lattices.parallelogram(cell, 14, 13),

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from waves.test_spectrum import CARRIER, OMEGA_M, closed_branch, driven_row
 
-from magphonon.waves.branches import compare
 from magphonon.waves.spectrum import ridge, wavenumber_frequency
 from magphonon.waves.vibrometer import Displacements, measure, read_displacements, write_displacements
+from magphonon.waves.wave_analysis import compare
 
 HEADER = 'time_s,particle,u_x_m,u_y_m'
 
