@@ -13,6 +13,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'bands': ['Bands', 'analytic_bands', 'complex_bands', 'finite_displacements', 'group_velocities', 'phonopy_bands',
               'sound_speeds'],
     'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst'],
+    'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],
     'interactions': ['Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Tabulated', 'Yukawa', 'magnet_law'],
     'lattices': ['explicit_bonds', 'find_bonds'],
     'plotting': ['plot_bands', 'plot_mode', 'plot_wave'],

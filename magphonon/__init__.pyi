@@ -32,6 +32,11 @@ from .dynamics import (
     Recorder as Recorder,
     ToneBurst as ToneBurst,
 )
+from .errors import (
+    NotAtRest as NotAtRest,
+    PhysicsError as PhysicsError,
+    Unstable as Unstable,
+)
 from .interactions import (
     Cuboid as Cuboid,
     Hertz as Hertz,

@@ -18,6 +18,63 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+
+class PhysicsError(ValueError):
+    """The physics of a structure forbids what was asked: it buckles, is not at rest, or a run of it went wrong.
+
+    Its kinds are `Unstable`, `NotAtRest` and `Diverged`.  All are ValueErrors, as are those of wrong arguments.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, PhysicsError, lattices, modes
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> del patch[18]
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    >>> try:
+    ...     modes(patch)
+    ... except PhysicsError as error:
+    ...     print(type(error).__name__)
+    NotAtRest
+    """
+
+
+class Unstable(PhysicsError):
+    """A structure buckles or slides: it has no steady response, no stable equilibrium.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, Unstable, lattices
+    >>> from magphonon.response import Place, receptance
+    >>> cell = lattices.square(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=2.0)  # it needs 4 f/L
+    >>> patch = cell.repeat((4, 4, 1))
+    >>> patch.calc = cell.calc.on(patch)
+    >>> try:
+    ...     receptance(patch, Place(5, (0, 1, 0)), Place(5, (0, 1, 0)), [1.0], damping=0.1)
+    ... except Unstable:
+    ...     print('it needs a stiffer foundation')
+    it needs a stiffer foundation
+    """
+
+
+class NotAtRest(PhysicsError):
+    """The static forces on a structure do not balance where it is to be linearised; `relaxed` finds where they do.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, NotAtRest, lattices, modes, relaxed
+    >>> patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    >>> del patch[18]  # a vacancy
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=4.0)
+    >>> try:
+    ...     found = modes(patch)
+    ... except NotAtRest:
+    ...     found = modes(relaxed(patch).atoms)
+    >>> len(found.omega)
+    36
+    """
+
+
 def nearest(word: object, choices: Iterable[Any], likeness: float = 0.6) -> str | None:
     """The choice that was probably meant, or None: one that begins with `word` ('b_N_m_a' for 'b'), or a similar one.
 

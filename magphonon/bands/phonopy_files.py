@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from ase.dft.kpoints import parse_path_string
 
-from ..errors import finite
+from ..errors import Unstable, finite
 from ..files import refuse_overflow, whole_file
 from ..units import J, kg, m
 from .force_constants import TO_HZ, force_constants_of, path_on
@@ -129,7 +129,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     frequencies = crystal.run_mesh(np.asarray(mesh), is_gamma_center=True).frequencies
     zero = ZERO_FRACTION * abs(frequencies).max()
     if frequencies.min() < -zero:
-        raise ValueError(f'the lattice is unstable, with frequencies down to {frequencies.min() * 1e12:.4g} Hz on this mesh: '
+        raise Unstable(f'the lattice is unstable, with frequencies down to {frequencies.min() * 1e12:.4g} Hz on this mesh: '
                          'it has no thermal equilibrium; hold it with a foundation')
     with warnings.catch_warnings():
         # phonopy warns of modes at Gamma that are slow beside 1 THz; on a foundation they are oscillators like all others

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import PhysicsError
 from ..lattices.bonds import bonds_within
 from ..stiffness.rest import freedom
 
@@ -46,7 +47,7 @@ STRIDE = 0.1
 """Largest path of the fastest particle between two checks, as a fraction of the shortest bond."""
 
 
-class Diverged(RuntimeError):
+class Diverged(PhysicsError):
     """A run went wrong; the atoms are left in the last good state.
 
     Attributes

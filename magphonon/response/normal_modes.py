@@ -20,7 +20,7 @@ import numpy as np
 from scipy import sparse
 
 from .. import units
-from ..errors import finite, whole
+from ..errors import Unstable, finite, whole
 from ..files import Saved
 from ..stiffness.lowest import ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import signed_root
@@ -156,7 +156,7 @@ def refuse_growing(lowest: float, highest: float) -> None:
         If the lowest one is negative, by more than the round-off of one that is zero.
     """
     if lowest < -ROUND_OFF * highest:
-        raise ValueError('the structure is unstable and has no steady response: its fastest growing mode has the rate '
+        raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
                          f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or more space would hold it, and '
                          '"magphonon check" or magphonon.verdict says how much')
 

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
-from ..errors import finite, not_negative, positive
+from ..errors import Unstable, finite, not_negative, positive
 from ..files import Saved
 from ..stiffness.rest import LinearSystem, components, rest_of_motion, static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
@@ -304,7 +304,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         interval = whole_interval(system.K)
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
-        raise ValueError(f'the structure is unstable and grows e^{growth:.0f} times in {times[-1]:g} ms; ask for a shorter time, '
+        raise Unstable(f'the structure is unstable and grows e^{growth:.0f} times in {times[-1]:g} ms; ask for a shorter time, '
                          'or see magphonon.stability.verdicts for what would hold it')
     return moved(interval)
 

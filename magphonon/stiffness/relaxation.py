@@ -15,7 +15,7 @@ import numpy as np
 from ase import Atoms
 from scipy import sparse
 
-from ..errors import positive, whole
+from ..errors import Unstable, positive, whole
 from ..lattices.bonds import Bonds, pairs_within
 from ..units import hertz
 from .bond import model_stiffness
@@ -139,7 +139,7 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
             taken += used
         if not descent.residual(y) <= tolerance * descent.force:
             _refuse_verge(lowest, highest, atoms)
-            raise ValueError(f'after {taken} steps {descent.residual(y):.3g} N are left on a particle, {before:.3g} N at first: '
+            raise Unstable(f'after {taken} steps {descent.residual(y):.3g} N are left on a particle, {before:.3g} N at first: '
                              f'the structure buckles or slides; {MEND}')
         lowest, highest, mode = descent.softest(y)
         if lowest >= -SADDLE * highest:
@@ -147,14 +147,14 @@ def relaxed(atoms: Atoms, tolerance: float = RESIDUAL, steps: int = 1000) -> Rel
         y = y + PUSH * mode
         taken += 1
     _refuse_verge(lowest, highest, atoms)
-    raise ValueError(f'the structure came to rest {SADDLES + 1} times, each time on a saddle, where it is unstable: from the '
+    raise Unstable(f'the structure came to rest {SADDLES + 1} times, each time on a saddle, where it is unstable: from the '
                      f'last one it would run away at the rate {np.sqrt(-lowest):.4g} / ms; {MEND}')
 
 
 def _refuse_verge(lowest, highest, atoms):
     """Refuse a foundation so close to the buckling limit that the buckled rest cannot be distinguished from the saddle."""
     if -VERGE * highest < lowest < 0:
-        raise ValueError('the structure is on the verge of buckling, with a lowest squared frequency of '
+        raise Unstable('the structure is on the verge of buckling, with a lowest squared frequency of '
                          f'{lowest:.3g} rad^2/ms^2: its buckled rest is so close to the present positions that '
                          f'round-off hides it; {-2 * lowest * atoms.get_masses().max():.3g} N/mm more foundation hold it there')
 
@@ -233,13 +233,13 @@ class _Descent:
         bonds = self.calc.bonds
         now = np.linalg.norm(self.calc.bond_vectors + bonds.incidence @ self.displacements(y), axis=1)
         for b in np.flatnonzero(now > STRETCHED * bonds.lengths)[:1]:
-            raise ValueError(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, are '
+            raise Unstable(f'the particles {bonds.i[b]} and {bonds.j[b]}, {bonds.lengths[b]:.4g} mm apart at first, are '
                              f'{now[b]:.4g} mm apart and no longer neighbours: the structure buckles or slides; {MEND}')
         self._move(np.zeros_like(y))
         known = _near(self.atoms, self.length)
         self._move(y)
         for i, j, _ in sorted(_near(self.atoms, self.length) - known - _pairs(bonds)):
-            raise ValueError(f'the particles {i} and {j}, between which no force acts here, are closer than the shortest bond, '
+            raise Unstable(f'the particles {i} and {j}, between which no force acts here, are closer than the shortest bond, '
                              f'{self.length:.4g} mm: from its first positions the structure buckles or slides; {MEND}, or let '
                              'more neighbours repel each other (shells= or cutoff=)')
 

@@ -35,6 +35,7 @@ from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from numpy.typing import NDArray
 from scipy import sparse
 
+from ..errors import NotAtRest
 from .bond import leaves_the_plane, upright_forces
 from .calculator import MagneticRepulsion, same_cell
 from .lowest import none_negative
@@ -355,13 +356,13 @@ def _refuse_unsettled_sums(atoms):
     shortest = calc.bonds.lengths.min()
     away = np.linalg.norm(calc.displacements(atoms), axis=1).max()
     if away > ROUND_OFF * shortest:
-        raise ValueError(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
+        raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
                          'there; make another one at these positions')
     if len(atoms) > 1:  # a single particle is in equilibrium by symmetry
         P, forces = free_directions(atoms), calc.get_forces(atoms)[:, : calc.dim]
         left = np.linalg.norm((P @ (P.T @ forces.ravel())).reshape(forces.shape), axis=1)
         if left.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max():
-            raise ValueError('the cell is not at rest, and linear theory holds only about rest: a net static force of '
+            raise NotAtRest('the cell is not at rest, and linear theory holds only about rest: a net static force of '
                              f'{left.max():.4g} N acts on particle {left.argmax()}; relax it with an optimiser of ASE, and make '
                              'AllNeighbours at the relaxed positions')
 
@@ -375,7 +376,7 @@ def _refuse(atoms, u, left):
     if np.any(u) and not unbalanced(atoms).any():
         mend = ('set the positions back to those of atoms.calc.reference, where the forces balance (up to '
                 f'{np.linalg.norm(u, axis=1).max():.3g} mm away), or ' + mend)
-    raise ValueError('the structure is not at rest, and linear theory holds only about rest: a net static force of '
+    raise NotAtRest('the structure is not at rest, and linear theory holds only about rest: a net static force of '
                      f'{left[k]:.4g} N acts on particle {k}, {share:.3g} times the largest force in a bond, and '
                      f'{np.count_nonzero(left)} of {len(left)} particles are not in equilibrium; {mend}')
 
