@@ -1,4 +1,4 @@
-"""Error against cost: what each method that can answer a question pays for its accuracy.
+"""Error against cost: what each method that can answer a question pays for its accuracy, as a table and a chart.
 
 A candidate is a method at one setting.  Its `run` takes a counter, does all that a user would wait for, and returns
 the answer; its cost in operations, which no machine changes, it adds to the counter::
@@ -18,10 +18,12 @@ import os
 import platform
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from itertools import cycle
 from pathlib import Path
 from statistics import median
+from textwrap import fill
 from time import perf_counter
 
 import numpy as np
@@ -29,26 +31,26 @@ from tqdm import tqdm
 
 from magphonon.errors import one_of, positive, whole
 from magphonon.files import whole_file
+from magphonon.plotting.axes import COLOURS, PAGE_in, legend_of_set, letter_panels, new_axes, panels
+
+from .rows import Check, save_picture
 
 COUNTERS = ('force evaluations', 'products', 'eigensolves')
 """What is counted: forces on all particles, matrix-vector products (a linear force is one), solved eigenvalue problems."""
 PACKAGES = ('magphonon', 'ase', 'phonopy', 'numpy', 'scipy', 'matplotlib', 'numba')
+LOOKS = [(colour, marker, line) for marker, line, colour in
+         zip('osD^vPX<>*dph', cycle(['-', '--', '-.', ':']), cycle(COLOURS), strict=False)]
+"""Colour, marker and line of the methods: the marker alone tells them apart in grey."""
+FLOOR = 1e-17
+"""What an error of zero is drawn as; round-off leaves no other one so small."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A method at one setting.
+    """A method at one setting, with its unit; settings of one method are joined by a line in a chart.
 
-    Attributes
-    ----------
-    method : str
-        Settings of one method are joined by a line in a chart.
-    setting : str
-        With its unit.
-    run : function
-        Of a `collections.Counter` with the names of COUNTERS; returns the answer.
-    panel : str
-        What is asked, where one chart asks several times: the size of the system, the amplitude.
+    `run` takes a `collections.Counter` with the names of COUNTERS and returns the answer.  `panel` is what is asked, where one
+    chart asks several times: the size of the system, the amplitude.
     """
 
     method: str
@@ -59,17 +61,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Error and cost of a candidate.
+    """Error and cost of a candidate: least and median wall time in s, and the number of each of the COUNTERS in one run.
 
-    Attributes
-    ----------
-    panel, method, setting : str
-    error : float
-        Against the reference, in the measure of the question; infinite for a run that went astray.
-    seconds, median : float
-        Least and median wall time.
-    cost : dict
-        The number of each of the COUNTERS in one run.
+    The error is infinite for a run that went astray.
     """
 
     panel: str
@@ -79,6 +73,32 @@ class Measurement:
     seconds: float
     median: float
     cost: dict
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One question, the methods that answer it, and what to conclude.
+
+    Attributes
+    ----------
+    title : str
+    measurements : list of Measurement
+    reading : str
+        Read off the measurements, never written before them.
+    checks : list of Check
+        Of what no machine changes: errors and counts.  Times vary; they belong in the reading.
+    error : str
+        What the error is.
+    draw : function, optional
+        From the chart to a figure, where the default, error against wall time with a panel each, does not say it.
+    """
+
+    title: str
+    measurements: list[Measurement]
+    reading: str
+    checks: list[Check] = field(default_factory=list)
+    error: str = 'error'
+    draw: Callable | None = None
 
 
 def measure(candidates, error, repeats=5, patience=1.0):
@@ -144,6 +164,14 @@ def cheapest(table, tolerance):
     return min((m for m in table if m.error <= tolerance), key=lambda m: m.seconds, default=None)
 
 
+def panels_of(table):
+    """The measurements by panel: {panel: [measurement]}."""
+    found = {}
+    for m in table:
+        found.setdefault(m.panel, []).append(m)
+    return found
+
+
 def machine():
     """Processor, threads and versions, one line each."""
     versions = [f'Python {platform.python_version()}']
@@ -152,26 +180,22 @@ def machine():
             versions.append(f'{package} {version(package)}')
         except PackageNotFoundError:
             versions.append(f'no {package}')
-    threads = os.environ.get('OMP_NUM_THREADS', 'not set')
-    return [f'{_processor()}, {os.cpu_count()} cores, OMP_NUM_THREADS {threads}, {platform.system()}', ', '.join(versions)]
-
-
-def _processor():
     try:
         lines = Path('/proc/cpuinfo').read_text().splitlines()
     except OSError:  # not Linux
         lines = []
     models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
-    return models[0] if models else platform.processor() or platform.machine()
+    processor = models[0] if models else platform.processor() or platform.machine()
+    threads = os.environ.get('OMP_NUM_THREADS', 'not set')
+    return [f'{processor}, {os.cpu_count()} cores, OMP_NUM_THREADS {threads}, {platform.system()}', ', '.join(versions)]
 
 
 def write_table(path, table, notes=()):
-    """Write measurements as CSV, whole or not at all; at its foot, as comments, the lines of `notes` and of `machine`.
+    """Write measurements as CSV; at its foot, as comments, the lines of `notes` and of `machine`.
 
     The column `front` is 1 for those on the Pareto front of their panel.
     """
-    panels = dict.fromkeys(m.panel for m in table)
-    front = [m for panel in panels for m in pareto_front([m for m in table if m.panel == panel])]
+    front = [m for own in panels_of(table).values() for m in pareto_front(own)]
     with whole_file(path) as file:
         rows = csv.writer(file, lineterminator='\n')
         rows.writerow(['panel', 'method', 'setting', 'error', 'least_s', 'median_s',
@@ -180,3 +204,62 @@ def write_table(path, table, notes=()):
             rows.writerow([m.panel, m.method, m.setting, f'{m.error:.6g}', f'{m.seconds:.6g}', f'{m.median:.6g}',
                            *(m.cost[counter] for counter in COUNTERS), int(any(m is f for f in front))])
         file.writelines(f'# {line}\n' for line in (*notes, *machine()))
+
+
+def looks_of(table):
+    """The look of each method of a table, so that all panels of a chart agree: {method: (colour, marker, line)}."""
+    return dict(zip(dict.fromkeys(m.method for m in table), cycle(LOOKS), strict=False))
+
+
+def plot_work_precision(table, ax=None, looks=None):
+    """Error against wall time of the measurements of one panel, the Pareto front behind them.
+
+    Runs that went astray are left out.  `looks` come from `looks_of` a larger table.
+    """
+    def points(own):
+        return [m.seconds for m in own], [max(m.error, FLOOR) for m in own]
+
+    ax = new_axes() if ax is None else ax
+    ax.plot(*points([m for m in pareto_front(table) if np.isfinite(m.error)]), color='0.85', linewidth=6, marker='o',
+            markersize=8, zorder=0, label='Pareto front')
+    for method, (colour, marker, line) in (looks_of(table) if looks is None else looks).items():
+        own = [m for m in table if m.method == method and np.isfinite(m.error)]
+        if own:
+            ax.plot(*points(own), color=colour, marker=marker, linestyle=line, fillstyle='none', label=method)
+    ax.set(xscale='log', yscale='log', xlabel='wall time (s)', ylabel='error')
+    return ax
+
+
+def work_precision(chart):
+    """Figure with one pair of axes for each panel, and one legend, or one below each panel if no method stands in two."""
+    tables, looks = panels_of(chart.measurements), looks_of(chart.measurements)
+    apart = sum(len(looks_of(table)) for table in tables.values()) == len(looks)
+    columns = len(tables) if len(tables) < 4 else 2
+    figure, axes = panels(-(-len(tables) // columns), columns, width=PAGE_in, height=3.4 if apart else 2.7)
+    for ax in axes.flat[len(tables):]:
+        ax.remove()
+    axes = axes.ravel()[:len(tables)]
+    letter_panels(axes, [fill(name, 105 // columns) for name in tables])
+    finite = [m for m in chart.measurements if np.isfinite(m.error)]
+    spent, errors = [m.seconds for m in finite], [max(m.error, FLOOR) for m in finite]
+    for ax, table in zip(axes, tables.values(), strict=True):
+        plot_work_precision(table, ax, looks_of(table) if apart else looks)
+        ax.set(ylabel=chart.error, xlim=(0.6 * min(spent), 1.7 * max(spent)), ylim=(0.2 * min(errors), 5 * max(errors)))
+        ax.label_outer()
+        if apart:
+            ax.legend(loc='upper center', bbox_to_anchor=(0.5, -0.2), ncols=2)
+    if not apart:
+        legend_of_set(figure, ncols=4)
+    return figure
+
+
+def spoken(number):
+    """A number in two digits, as one would say it: 360, 0.21, 0.00002."""
+    return np.format_float_positional(number, precision=2, fractional=False, trim='-')
+
+
+def save_chart(chart, out, name):
+    """Write `name`.png and `name`.csv into the directory `out`; returns the entry for `Outcome.pictures`."""
+    write_table(out / f'{name}.csv', chart.measurements, notes=[chart.title, chart.reading])
+    figure = (chart.draw or work_precision)(chart)
+    return save_picture(figure, out / f'{name}.png', f'{chart.title}. {chart.reading}')

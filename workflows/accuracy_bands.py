@@ -10,9 +10,8 @@ from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene
 from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 
-from .accuracy import Candidate, cheapest, measure
-from .charts import Chart
-from .checks import Check
+from .accuracy import Candidate, Chart, cheapest, measure
+from .rows import Check
 
 BRANCHES = 8    # asked of the large cell
 DISTANCE = 1e-5  # in spacings, where only the supercell is varied

@@ -13,11 +13,9 @@ from magphonon.dynamics.engine import highest_frequency
 from magphonon.plotting.axes import letter_panels, panels
 from magphonon.stiffness.matrices import condense, signed_root
 
-from .accuracy import Candidate, measure
+from .accuracy import Candidate, Chart, looks_of, measure, panels_of
 from .accuracy_bands import closed_form, finite_differences
-from .accuracy_plots import looks_of
-from .charts import Chart, panels_of
-from .checks import Check
+from .rows import Check
 
 DISTANCES = np.logspace(-9, -1, 17)    # of the spacing
 AMPLITUDES = np.logspace(-12, -1, 12)  # of the spacing

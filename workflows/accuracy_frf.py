@@ -14,11 +14,10 @@ from magphonon.response.normal_modes import modes
 from magphonon.response.stepped import impulse_response, steady_amplitudes
 from magphonon.stiffness.rest import LinearSystem
 
-from .accuracy import Candidate, cheapest, measure
+from .accuracy import Candidate, Chart, cheapest, measure, panels_of, spoken
 from .accuracy_transient import ENGINE, prototype
-from .charts import Chart, panels_of, spoken
-from .checks import Check
 from .frf import DAMPING, batch, oscillator
+from .rows import Check
 
 FREQUENCIES = np.linspace(20, 160, 400) * units.Hz  # from below the cut-off of 26.55 Hz to above the highest mode
 GAMMA = 10 / units.s         # 1.6 % of critical at 50 Hz

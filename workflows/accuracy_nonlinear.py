@@ -12,9 +12,8 @@ from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, rea
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.stiffness.matrices import condense
 
-from .accuracy import Candidate, cheapest, measure
-from .charts import Chart, panels_of
-from .checks import Check
+from .accuracy import Candidate, Chart, cheapest, measure, panels_of
+from .rows import Check
 
 AMPLITUDES = (1e-4, 1e-2, 1e-1)  # of the spacing
 WIDTH = 1.5                      # of the plucked shape, in spacings

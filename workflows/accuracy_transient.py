@@ -27,9 +27,8 @@ from magphonon.stiffness.bond import model_stiffness
 from magphonon.stiffness.matrices import bloch_matrix
 from magphonon.stiffness.rest import LinearSystem
 
-from .accuracy import Candidate, cheapest, measure
-from .charts import Chart, panels_of, spoken
-from .checks import Check
+from .accuracy import Candidate, Chart, cheapest, measure, panels_of, spoken
+from .rows import Check
 
 CARRIER = 40 * units.Hz        # within the lower branch of the prototype
 FORCE = 3e-10 * units.N        # moves particles by 1e-9 L0: there the law bends by 5e-9, below what is compared

@@ -7,8 +7,8 @@ from magphonon.plotting.waves import plot_crossing, plot_waves
 from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, waves
 
-from .checks import Check, Outcome, save_picture
-from .radians import add_radians
+from .ideal_bands import add_radians
+from .rows import Check, Outcome, save_picture
 
 HALF_A_BIN = 0.5
 BURSTS = {'shear': 'transverse', 'longitudinal': 'longitudinal'}  # branch and motion, in the order of the scene

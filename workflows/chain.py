@@ -6,7 +6,7 @@ from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene
 from magphonon.plotting.axes import new_axes
 from magphonon.plotting.bands import plot_bands
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 
 
 def main(out):

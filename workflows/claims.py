@@ -22,8 +22,8 @@ from magphonon.response.frf import harmonic_response
 from magphonon.scenes.scene import reference
 from magphonon.waves.wave_source import site
 
-from .checks import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 from .oscillator import oscillator
+from .rows import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 
 LAW = InversePower(b=1e4 * units.N * units.m**4, a=4.0)
 L0, MASS = 1 * units.m, 1 * units.kg

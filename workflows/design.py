@@ -9,7 +9,7 @@ from magphonon.scenes.plans import DesignPlan
 from magphonon.scenes.scene import reference
 from magphonon.scenes.tolerances import varied
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 
 HERTZ = 2 * np.pi * units.Hz
 M = [[0.5, 0, 0]]

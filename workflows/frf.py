@@ -9,9 +9,8 @@ from magphonon.response.frf import harmonic_response
 from magphonon.response.stepped import impulse_response, replicas, steady_amplitudes
 from magphonon.scenes.scene import reference
 
-from .checks import Check, Outcome, save_picture
-from .drawings import draw_oscillator
-from .oscillator import at_angle, oscillator
+from .oscillator import at_angle, draw_oscillator, oscillator
+from .rows import Check, Outcome, save_picture
 
 # The paper gives neither damping nor force nor time step.  These are chosen:
 OMEGA = np.linspace(100, 400, 121) * units.rad / units.s

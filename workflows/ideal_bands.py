@@ -11,8 +11,7 @@ from magphonon.plotting.structures import plot_lattice
 from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.scenes.scene import reference
 
-from .checks import BRANCHES, Check, Outcome, pairs, save_picture
-from .radians import add_radians
+from .rows import BRANCHES, Check, Outcome, pairs, save_picture
 
 ARROWS = 12  # of the group velocity along each reciprocal vector
 
@@ -122,3 +121,10 @@ def draw_contours(out, complete, conventional):
     return save_picture(figure, out / 'isofrequency_shear.png',
                         'Frequency of the shear branch over the zone, with the directions of the group velocity of each model. '
                         'D* makes its valleys towards M deeper.')
+
+
+def add_radians(ax):
+    """Angular frequencies on the right of axes whose frequencies are in Hz."""
+    there_and_back = (lambda f: 2 * np.pi * f), (lambda omega: omega / (2 * np.pi))
+    ax.secondary_yaxis('right', functions=there_and_back).set_ylabel(r'$\omega$ (rad/s)')
+    ax.tick_params(axis='y', right=False)

@@ -24,7 +24,7 @@ from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.bands import label_path
 from magphonon.scenes.scene import reference
 
-from .checks import Check, Outcome, pairs, save_picture
+from .rows import Check, Outcome, pairs, save_picture
 
 L0, MASS = 10.0, 0.7                   # mm, g
 LAW = InversePower(b=6000.0, a=4.0)    # of dipoles, N mm^a

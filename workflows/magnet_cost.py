@@ -8,9 +8,8 @@ from magphonon import units as u
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force
 from magphonon.interactions.pair_laws import repulsion
 
-from .accuracy import Candidate, cheapest, measure
-from .charts import Chart
-from .checks import Check
+from .accuracy import Candidate, Chart, cheapest, measure
+from .rows import Check
 
 DISTANCES = 10 * u.mm, 7 * u.mm     # of the prototype, and with a gap of a tenth of the diameter
 RIMS, SERIES, FIELD, MESH = 'rims of the faces', 'series made once', "magpylib's field on the faces", "magpylib's force on a mesh"

@@ -18,8 +18,8 @@ from magphonon.plotting.fits import plot_fits
 from magphonon.scenes.scene import reference
 
 from . import magnet_cost
-from .charts import save_chart
-from .checks import Check, Outcome, Reported, save_picture
+from .accuracy import save_chart
+from .rows import Check, Outcome, Reported, save_picture
 
 WINDOWS = ((7, 12), (7, 15), (8, 15), (8, 20), (9, 20))
 """Distances in mm over which the paper may have measured; it prints none, and the fitted exponent depends on them."""

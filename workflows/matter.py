@@ -20,7 +20,7 @@ from magphonon.plotting.axes import COLOURS, legend_of_set, letter_panels, new_a
 from magphonon.plotting.bands import plot_bands
 from magphonon.scenes.scene import reference
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 
 SCENES = {'prototype': 'magnets', 'honeycomb': 'honeycomb, two masses', 'dust': 'dusty plasma', 'wigner': 'Wigner crystal',
           'fcc': 'soft spheres, fcc', 'steel': 'steel balls'}

@@ -23,7 +23,7 @@ from magphonon.scenes.scene import reference
 from magphonon.stiffness import lattice_sum
 from magphonon.stiffness.all_neighbours import reach
 
-from .checks import BRANCHES, Check, Outcome, Reported, pairs, save_picture
+from .rows import BRANCHES, Check, Outcome, Reported, pairs, save_picture
 
 M = np.array([0.5, 0, 0])
 MAGNIFIED = 50  # displacements in the picture of the relaxed patch

@@ -16,9 +16,9 @@ from magphonon.plotting.axes import COLOURS, legend_above, letter_panels, new_ax
 from magphonon.scenes.scene import reference
 from magphonon.stability.amplitude_shifts import frequency_shifts
 
-from .checks import Check, Outcome, save_picture
 from .frf import batch
 from .oscillator import at_angle, oscillator
+from .rows import Check, Outcome, save_picture
 
 L0 = 1 * units.m
 SHIFTS = {0.0: -275 / 48, 0.5: -35 / 48}  # dw/w over (A/L0)^2 by theta0/pi, for a = 4

@@ -7,7 +7,7 @@ from magphonon.bands import displacement_errors, extracted_dstar
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.stiffness.bond import bond_stiffness
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 
 
 def main(out):

@@ -13,9 +13,8 @@ from tqdm import tqdm
 from magphonon import InversePower
 from magphonon.planning.plan import Method, Plan, Settings
 from magphonon.plotting.axes import COLOURS, legend_above, letter_panels, panels
-from magphonon.sweeps import sweep
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 from .situations import TOLERANCES, Peak, drawn, situations
 
 MET, DEAR = 0.99, 2.0
@@ -152,8 +151,8 @@ def draw(out, verdicts):
     legend_above(ax, ncols=2)
 
     amplitudes = np.logspace(-3, -0.8, 40)
-    bounds = sweep(errors_of_linear, {'amplitude': amplitudes})
-    frozen, linear = bounds.frozen.to_numpy(), bounds.linear.to_numpy()
+    bounds = [errors_of_linear(amplitude) for amplitude in amplitudes]
+    frozen, linear = (np.array([bound[model] for bound in bounds]) for model in ('frozen', 'linear'))
     for low, high, grey, place, name in ((frozen, 1, '0.97', (4e-3, 0.3), 'conventional linear'),
                                          (linear, frozen, '0.87', (4e-3, 3e-3), 'complete linear'),
                                          (1e-5, linear, '0.72', (7e-2, 5e-5), 'nonlinear')):

@@ -5,7 +5,7 @@ from magphonon.bands.force_constants import foundation_recovered
 from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.scenes.scene import reference
 
-from .checks import BRANCHES, Check, Outcome, pairs, save_picture
+from .rows import BRANCHES, Check, Outcome, pairs, save_picture
 
 
 def main(out):

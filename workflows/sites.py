@@ -12,7 +12,7 @@ from magphonon.response import density_of_states, extents, local_modes, spectral
 from magphonon.scenes.scene import reference
 from magphonon.stiffness import LinearSystem, elastic_moduli
 
-from .checks import Check, Outcome, Reported, pairs, save_picture
+from .rows import Check, Outcome, Reported, pairs, save_picture
 
 LIGHT = (0.3, 0.6)                     # masses of the light particle, over those of the others
 STRONG, WEAK = InversePower(b=1.0, a=6.0), InversePower(b=1.0, a=3.0)  # of equal force at L = 1, of stiffness 6 and 3

@@ -4,8 +4,8 @@ from importlib import import_module
 
 from tqdm import tqdm
 
-from .charts import save_chart
-from .checks import Outcome
+from .accuracy import save_chart
+from .rows import Outcome
 
 QUESTIONS = ('accuracy_bands', 'accuracy_transient', 'accuracy_frf', 'accuracy_nonlinear', 'accuracy_derivative')
 

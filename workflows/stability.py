@@ -1,6 +1,5 @@
 """Where it holds and where it does not: maps of buckling, complete beside conventional, and the time step of integrators."""
 
-from functools import partial
 
 import numpy as np
 from ase import Atoms
@@ -13,9 +12,8 @@ from magphonon.lattices.crystals import SYMBOL
 from magphonon.plotting.axes import COLOURS, UNSTABLE, legend_of_set, letter_panels, panels
 from magphonon.scenes.scene import reference
 from magphonon.stiffness.bond import MODELS, model_stiffness
-from magphonon.sweeps import sweep
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 
 # Spacing, mass and static force are 1 here, so that stiffness is in f/L0 and rates in sqrt(f/(L0 m)).
 EXPONENTS = np.linspace(1, 8, 15)  # with the corner at a = 3
@@ -38,7 +36,7 @@ MOST_GROWTH = 3.0  # of a step, beyond which a run is not linear for long
 
 def main(out):
     """Borders against closed forms, in the zone and by runs; angles of the oscillator; growth per step of three integrators."""
-    needed = {model: {name: sweep(partial(needed_by, name, model), {'a': EXPONENTS}).value.to_numpy() for name in KINDS}
+    needed = {model: {name: np.array([needed_by(name, model, a) for a in EXPONENTS]) for name in KINDS}
               for model in MODELS}
     fates = {(name, model): runs(name, model) for name in KINDS for model in MODELS}
     checks = []

@@ -1,6 +1,5 @@
 """Tolerances: ribbons on the prototype's bands and on the oscillator's response, against 10 000 lattices drawn at random."""
 
-from functools import partial
 
 import numpy as np
 
@@ -10,9 +9,8 @@ from magphonon.design.uncertainty import Tolerances, frequency_spread, response_
 from magphonon.plotting.axes import COLOURS, legend_above, new_axes
 from magphonon.plotting.response import plot_band_ribbons, plot_contributions, plot_response_ribbon
 from magphonon.scenes.tolerances import Uncertainty
-from magphonon.sweeps import sweep
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 
 SAMPLES = 10_000  # they know a standard deviation to 1/sqrt(2 SAMPLES) = 0.7 %
 TOLERANCE = 0.02
@@ -108,7 +106,7 @@ def error_of_linear(scene, sigma):
 def draw_limit(out, scene):
     """Where linear propagation ends: its error against the tolerance of the spacing."""
     ax = new_axes()
-    apart = sweep(partial(error_of_linear, scene), {'sigma': WIDE}).value.to_numpy()
+    apart = np.array([error_of_linear(scene, sigma) for sigma in WIDE])
     for name, row, marker, colour in zip(list(POINTS)[1:], apart.T, 'os^', COLOURS, strict=False):
         ax.loglog(100 * WIDE, row, marker, color=colour, fillstyle='none', label=name)
     ax.loglog(100 * WIDE, 0.75 * (2.8 * WIDE) ** 2, '--', color='0.5', label=r'$\propto \sigma^2$')

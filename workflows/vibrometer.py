@@ -16,7 +16,7 @@ from magphonon.waves.spectrum import NORMAL
 from magphonon.waves.wave_analysis import MODELS, Branch, branch, compare, waves
 from magphonon.waves.wave_source import polarisations, send, site, wavevector
 
-from .checks import Check, Outcome, save_picture
+from .rows import Check, Outcome, save_picture
 
 HALF_A_BIN = 0.5
 SIDES = MODELS[::-1]  # conventional left, complete right, as in the paper

@@ -7,8 +7,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
-from workflows.chapters import CHAPTERS, NAMES  # noqa: E402
-from workflows.parts import run  # noqa: E402
+from workflows.chapters import (  # noqa: E402
+    CHAPTERS,
+    NAMES,
+    run,
+)
 
 QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'phonopy_comparison', 'matter', 'uncertainty')
 """Those that take a second or two each."""

@@ -9,9 +9,21 @@ import pytest
 from measurements import point
 
 from workflows import accuracy
-from workflows.accuracy import Candidate, Measurement, cheapest, machine, measure, pareto_front, write_table
-from workflows.accuracy_plots import FLOOR, plot_work_precision
-from workflows.charts import Chart, panels_of, save_chart, work_precision
+from workflows.accuracy import (
+    FLOOR,
+    Candidate,
+    Chart,
+    Measurement,
+    cheapest,
+    machine,
+    measure,
+    panels_of,
+    pareto_front,
+    plot_work_precision,
+    save_chart,
+    work_precision,
+    write_table,
+)
 
 
 def trapezoid(n, cost):

@@ -5,9 +5,8 @@ import pytest
 from PIL import Image
 
 from magphonon.plotting.axes import new_axes
-from workflows.checks import DPI, save_picture
-from workflows.drawings import FORCE, draw_oscillator
-from workflows.oscillator import oscillator
+from workflows.oscillator import FORCE, draw_oscillator, oscillator
+from workflows.rows import DPI, save_picture
 
 
 @pytest.mark.parametrize('theta0', np.random.default_rng(3).uniform(0.1, 1.4, 3))

@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 
 import workflows
-from workflows import checks, frf, stability, vibrometer
+from workflows import frf, rows, stability, vibrometer
 from workflows.__main__ import NAMES, main
-from workflows.checks import Check
-from workflows.page import typeset
+from workflows.report import typeset
+from workflows.rows import Check
 
 
 @pytest.fixture
 def small(monkeypatch):
     """Pictures of few pixels, and fewer points or bursts than the job has, in rows of the same kind with the same bounds."""
-    monkeypatch.setattr(checks, 'DPI', 20)
+    monkeypatch.setattr(rows, 'DPI', 20)
     monkeypatch.setattr(frf, 'OMEGA', frf.OMEGA[::3])
     monkeypatch.setattr(stability, 'EXPONENTS', stability.EXPONENTS[::2])  # the corner at 3 among them
     read = vibrometer.read_scene
@@ -54,8 +54,8 @@ def test_the_report_holds_every_picture_and_every_row(tmp_path, capsys):
     drawn = {file.stem for file in tmp_path.glob('*.png')}
     assert html.count('data:image/png;base64,') == len(drawn) > 0
     assert {file.stem for file in tmp_path.glob('*.pdf')} == drawn
-    for rows in summary.values():
-        assert all(typeset(row['quantity']) in html and row['quantity'] in table for row in rows)
+    for found in summary.values():
+        assert all(typeset(row['quantity']) in html and row['quantity'] in table for row in found)
     assert 'FAIL' not in table
 
 

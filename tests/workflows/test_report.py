@@ -3,15 +3,15 @@
 import re
 from html import unescape
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from workflows.chapters import CHAPTERS, NAMES
-from workflows.checks import Check, Outcome, Picture, Reported
-from workflows.digits import apart_in_words, number
-from workflows.page import page, typeset
-from workflows.paper import CLAIMS, judged
+from workflows.chapters import CHAPTERS, CLAIMS, NAMES
+from workflows.report import page, typeset
+from workflows.rows import Check, Outcome, Picture, Reported, apart_in_words, number
 
 PIXEL = (b'\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x01\x00\x00\x00\x01\x08\x00\x00\x00\x00:~\x9bU\x00\x00\x00\nIDATx\x9cc'
          b'\xf8\x0f\x00\x01\x01\x01\x00\x1b\xb6\xeeV\x00\x00\x00\x00IEND\xaeB`\x82')
@@ -83,7 +83,7 @@ def plain(text):
 
 
 def test_links_lead_somewhere_and_every_chapter_is_in_the_contents(tmp_path, outcomes):
-    text = page(tmp_path / 'report.html', outcomes, 'counted', ['today'])
+    text = page(tmp_path / 'report.html', outcomes, ['today'])
     read = Page(text)
     assert read.broken == []
     assert [link[1:] for link in read.links if link.startswith('#')] == list(NAMES)
@@ -92,7 +92,7 @@ def test_links_lead_somewhere_and_every_chapter_is_in_the_contents(tmp_path, out
 
 
 def test_every_row_and_every_picture_appears_once(tmp_path, outcomes):
-    read = Page(page(tmp_path / 'report.html', outcomes, 'counted', ['today']))
+    read = Page(page(tmp_path / 'report.html', outcomes, ['today']))
     shown = [row[0] for row in read.rows if row]
     for outcome in outcomes.values():
         for check in outcome.checks:
@@ -104,7 +104,7 @@ def test_every_row_and_every_picture_appears_once(tmp_path, outcomes):
 
 
 def test_wrong_models_and_tests_of_the_package_are_folded(tmp_path, outcomes):
-    read = Page(page(tmp_path / 'report.html', outcomes, 'counted', ['today']))
+    read = Page(page(tmp_path / 'report.html', outcomes, ['today']))
     folded = {row[0] for k, row in enumerate(read.rows) if k in read.folded}
     for chapter in CHAPTERS:
         for check in outcomes[chapter.name].checks:
@@ -114,28 +114,36 @@ def test_wrong_models_and_tests_of_the_package_are_folded(tmp_path, outcomes):
 
 
 def test_a_row_that_fails_is_marked_and_unfolds_its_table(tmp_path, outcomes):
-    text = page(tmp_path / 'report.html', outcomes, 'counted', ['today'])
+    text = page(tmp_path / 'report.html', outcomes, ['today'])
     assert '<details open' not in text
     assert 'FAIL' not in text
     outcomes['design'].checks.append(Check('wrong', 1.0, 2.0, 1e-3))
-    text = page(tmp_path / 'report.html', outcomes, 'counted', ['today'])
+    text = page(tmp_path / 'report.html', outcomes, ['today'])
     assert text.count('<details open') == 1
     assert text.count('class="bad">FAIL') == 1
 
 
 def test_every_claim_has_a_source_a_verdict_and_a_chapter(outcomes):
-    told = judged(outcomes)
-    assert len(told) == len(CLAIMS) >= 12
-    for claim in told:
-        assert all((claim.words, claim.here, claim.reference, claim.source))
-        assert claim.verdict == 'holds'
+    told = [claim.judged(outcomes[claim.workflow]) for claim in CLAIMS]
+    assert len(told) >= 12
+    for words, here, reference, _, verdict, source in told:
+        assert all((words, here, reference, source))
+        assert verdict == 'holds'
+    last = next(claim for claim in CLAIMS if claim.workflow == 'frf')
     checks = outcomes['frf'].checks
-    last = next(claim for claim in CLAIMS if claim.workflow == 'frf').quantity
-    checks[:] = [Check(last, 1.0, 3.0, 1e-3) if check.quantity == last else check for check in checks]
-    assert [claim.verdict for claim in judged(outcomes)].count('fails') == 1
+    checks[:] = [Check(last.quantity, 1.0, 3.0, 1e-3) if check.quantity == last.quantity else check for check in checks]
+    assert last.judged(outcomes['frf'])[4] == 'fails'
     checks.clear()
     with pytest.raises(KeyError):
-        judged(outcomes)
+        last.judged(outcomes['frf'])
+
+
+def test_the_paper_is_cited_as_in_the_citation_file(tmp_path, outcomes):
+    """Its authors were once cited by a wrong first name."""
+    cited = yaml.safe_load((Path(__file__).parents[2] / 'CITATION.cff').read_text(encoding='utf-8'))['references'][0]
+    authors = ' and '.join(f'{author["given-names"]} {author["family-names"]}' for author in cited['authors'])
+    here = f'{authors}, <cite>{cited["title"]}</cite>, {cited["identifiers"][0]["value"]}'
+    assert here in page(tmp_path / 'report.html', outcomes, ['today'])
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -1,18 +1,60 @@
-"""A number beside its reference, and what a workflow hands back."""
+"""A number beside its reference, a picture, and what a workflow hands back."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 from magphonon.files import whole_file
 
-from .digits import apart_in_words, bound_in_words, number
-
 DPI = 220
 """Pixels per inch of the pictures: a column of a journal, 3.4 inches, is 750 pixels wide."""
-
 BRANCHES = 'shear', 'longitudinal'
 """Names of the two branches of a planar lattice, by ascending frequency."""
+ROUNDING = 1e-9
+"""A quantity that should vanish, and is smaller than this, is zero to rounding: the digits left of it mean nothing."""
+
+
+def number(value, digits=6):
+    """A number with as many digits as one reads; what rounding left of zero has one.
+
+    Examples
+    --------
+    >>> number(141.42135623731), number(2.49959963777e-33), number(70000.0)
+    ('141.421', '2e-33', '70000')
+    """
+    value = float(value)
+    return f'{value:.1g}' if 0 < abs(value) < ROUNDING else f'{value:.{digits}g}'
+
+
+def apart_in_words(difference, relative=True):
+    """How far a number is from its reference, relative to it or, where that is zero, absolute.
+
+    Examples
+    --------
+    >>> apart_in_words(0.0), apart_in_words(3e-10), apart_in_words(0.0123), apart_in_words(2e-15, relative=False)
+    ('equal', 'equal to 9 digits', '1.2 % off', 'zero to rounding')
+    """
+    if not math.isfinite(difference):
+        return 'not a number'
+    if difference == 0:
+        return 'equal' if relative else 'zero'
+    if not relative:
+        return 'zero to rounding' if difference < ROUNDING else f'{difference:.2g} from zero'
+    if difference < 1e-3:
+        return f'equal to {min(math.floor(-math.log10(difference)), 15)} digits'
+    return f'{_percent(difference)} off' if difference < 2 else f'{difference:.2g} times off'
+
+
+def bound_in_words(tolerance, relative=True):
+    """A tolerance: `bound_in_words(0.05)` is '5 %', `bound_in_words(1e-9)` is '1e-9'."""
+    if relative and tolerance >= 1e-3:
+        return _percent(tolerance)
+    return f'{tolerance:.2g}' if tolerance >= 1e-3 or not tolerance else f'{tolerance:.0e}'.replace('e-0', 'e-')
+
+
+def _percent(share):
+    return f'{100 * share:.2g} %' if share < 0.995 else f'{100 * share:.0f} %'
 
 
 @dataclass(frozen=True)
@@ -69,16 +111,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Reported:
-    """A quantity that nothing judges: no reference is known, or none is independent.
-
-    Attributes
-    ----------
-    quantity : str
-        What it is, with its unit.
-    here : float
-    beside : float, optional
-        A number to read it against.
-    """
+    """A quantity that nothing judges, as no independent reference is known; `beside` is a number to read it against."""
 
     quantity: str
     here: float
@@ -101,17 +134,22 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a workflow found: its checks, and its pictures."""
+    """What a workflow found: its rows and its pictures."""
 
     checks: list[Check | Reported]
     pictures: list[Picture] = field(default_factory=list)
 
 
-def save_picture(figure, path, caption):
-    """Write a figure whole, as PNG for screens and as PDF for print; returns the entry for `Outcome.pictures`.
+def pairs(quantity, here, reference, tolerance, of, control=False):
+    """One check for each entry of two sequences, called by the names `of`."""
+    return [Check(f'{quantity}, {name}', float(a), float(b), tolerance, control)
+            for name, a, b in zip(of, here, reference, strict=True)]
 
-    The caption is in the files too, so that it stays with a picture that is sent around.  Each canvas draws once; `savefig` would
-    draw twice, as it lays the figure out first, which the drawing does by itself.
+
+def save_picture(figure, path, caption):
+    """Write a figure as PNG for screens and as PDF for print, its caption within; returns the entry for `Outcome.pictures`.
+
+    Each canvas draws once; `savefig` would draw twice, as it lays the figure out first, which the drawing does by itself.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
@@ -123,9 +161,3 @@ def save_picture(figure, path, caption):
     with whole_file(path.with_suffix('.pdf'), 'wb') as file:
         FigureCanvasPdf(figure).print_pdf(file, metadata={'Subject': caption, 'CreationDate': None})
     return Picture(path, caption)
-
-
-def pairs(quantity, here, reference, tolerance, of, control=False):
-    """One check for each entry of two sequences, called by the names `of`."""
-    return [Check(f'{quantity}, {name}', float(a), float(b), tolerance, control)
-            for name, a, b in zip(of, here, reference, strict=True)]
