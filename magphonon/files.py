@@ -340,7 +340,8 @@ class Saved:
         FloatingPointError
             If a field holds NaN or infinity that has no meaning there.
         """
-        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(type(self))}, self._units, self._missing)
+        values = {field.name: getattr(self, field.name) for field in fields(type(self))}
+        save_arrays(path, {name: value for name, value in values.items() if value is not None}, self._units, self._missing)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
@@ -353,8 +354,9 @@ class Saved:
         ValueError
             If it is truncated or holds something else.
         """
-        data = saved_arrays(path, cls._kind, cls._units, cls._missing)
-        return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls)})
+        optional = [field.name for field in fields(cls) if field.default is None]
+        data = saved_arrays(path, cls._kind, cls._units, cls._missing, optional)
+        return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls) if field.name in data})
 
 
 def _restored(array, kind):

@@ -8,9 +8,10 @@ from motion import patch
 
 from magphonon import DrivenVerlet, Recorder, propagate
 from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
+from magphonon.dynamics import Motion
 from magphonon.response import Extent, FrequencyResponse, Modes, SpectralFunction
 from magphonon.stability import Shifts
-from magphonon.waves import Branch, Displacements, Ridge, Spectrum
+from magphonon.waves import Branch, Ridge, Spectrum
 
 RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
            DensityOfStates, SpectralFunction, Extent]
@@ -29,8 +30,8 @@ def test_every_record_of_motion_has_the_same_names():
     recorder = Recorder(dyn, [12, 13], interval=2)
     dyn.run(4)
     transient = propagate(patch(), [0.0, 0.02, 0.04], particles=[12, 13])
-    table = Displacements(recorder.times, recorder.particles, recorder.displacements)
-    for record in (recorder, transient, table):
+    for record in (recorder.motion, transient):
+        assert isinstance(record, Motion)
         np.testing.assert_allclose(record.times, [0.0, 0.02, 0.04], rtol=1e-12)
         np.testing.assert_array_equal(record.particles, [12, 13])
         assert record.displacements.shape == (3, 2, 2)

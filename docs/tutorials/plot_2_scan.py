@@ -15,7 +15,7 @@ does it need D*?  Here the scan is simulated, with the noise of an instrument, s
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
-from magphonon.waves import measure, read_displacements, send, site, write_displacements
+from magphonon.waves import read_scan, sampled, send, site, write_scan
 
 law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
 cell = lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g)
@@ -26,7 +26,7 @@ patch.calc = MagneticRepulsion(patch, law, foundation=19.6757 * u.N / u.m)
 where = site(cell, patch, 'point')
 burst = where.burst((0, 1), 2.5e-4 * u.N, 2 * np.pi * 40 * u.Hz, 5)
 passage = send(patch, where, burst, damping=5 / u.s, duration=400 * u.ms)
-scan = measure(passage.row.times, passage.row.displacements, passage.row.particles, 1 * u.kHz, noise=5 * u.mm / 1e6, seed=1)
+measured = sampled(passage.row, 1 * u.kHz, noise=5 * u.mm / 1e6, seed=1)
 
 # %%
 # As a file
@@ -39,9 +39,10 @@ import tempfile
 from pathlib import Path
 
 file = Path(tempfile.mkdtemp()) / 'scan.csv'
-write_displacements(file, scan)
+write_scan(file, measured)
 print(''.join(file.open().readlines()[:4]))
-scan = read_displacements(file, scan.particles)
+scan = read_scan(file)
+print(scan.names)
 
 # %%
 # The map
@@ -51,7 +52,7 @@ scan = read_displacements(file, scan.particles)
 from magphonon.plotting import plot_wave
 from magphonon.waves import waves
 
-found = waves(scan, cell, 'point')
+found = waves(measured, cell, 'point')
 for wave in found:
     print(f'{wave.motion:12} agrees with {wave.agrees_with}')
 wave = next(wave for wave in found if wave.motion == 'transverse')
@@ -81,11 +82,11 @@ print(f'sigma of a point: {np.median(ridge.sigma_xi) / ridge.bin_xi:.2f} bins')
 
 from magphonon.waves import Scan, polarisations, scan_waves
 
-kept = np.delete(np.arange(len(scan.particles)), [2, 3, 7, 11, 12, 16, 20])
-places = patch.positions[scan.particles[kept], :2] + [120, 45]
+kept = np.delete(np.arange(len(measured.particles)), [2, 3, 7, 11, 12, 16, 20])
+places = patch.positions[measured.particles[kept], :2] + [120, 45]
 x, y = polarisations(cell, 'point')['transverse']
-across = scan.along((x, y))[:, kept]
-gappy = Scan(scan.times, tuple(map(str, kept)), places, {'x': x * across, 'y': y * across})
+across = measured.along((x, y))[:, kept]
+gappy = Scan(measured.times, tuple(map(str, kept)), places, {'x': x * across, 'y': y * across})
 (again,) = scan_waves(gappy, cell)
 print(f'{len(kept)} points: {again.misfits["complete", "shear"].bins:.2f} bins off complete shear, '
       f'{again.misfits["conventional", "shear"].bins:.2f} off conventional shear')

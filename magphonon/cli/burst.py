@@ -107,10 +107,10 @@ def _send(scene, k, cell, model, engine):
 
 
 def _save(folder, name, passages, found):
-    from ..waves.vibrometer import write_displacements
+    from ..waves.scan_tables import write_scan
 
     for model, (_, _, passage) in passages.items():
-        write_displacements(folder / f'{name}_{model}.csv', passage.row)
+        write_scan(folder / f'{name}_{model}.csv', passage.row)
         for wave in found[model]:
             wave.spectrum.save(folder / f'{name}_{model}_{wave.motion}.npz')
 

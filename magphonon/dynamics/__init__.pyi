@@ -18,11 +18,13 @@ from .engine import (
     refuse_long_step as refuse_long_step,
 )
 from .lammps import (
-    LammpsRecord as LammpsRecord,
     lammps_session as lammps_session,
     read_lammps_displacements as read_lammps_displacements,
     run_lammps as run_lammps,
     write_lammps_input as write_lammps_input,
+)
+from .motion import (
+    Motion as Motion,
 )
 from .recorder import (
     Recorder as Recorder,

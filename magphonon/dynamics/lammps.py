@@ -18,7 +18,6 @@ import subprocess
 import sys
 import sysconfig
 from contextlib import chdir, contextmanager
-from dataclasses import dataclass
 from importlib import metadata
 from os import environ, pathsep
 from pathlib import Path
@@ -33,6 +32,7 @@ from ..files import whole_file
 from ..interactions.bond_laws import BondLaws, UprightMagnets, labels, taken
 from ..stiffness.calculator import MagneticRepulsion
 from .drives import Drives, ToneBurst
+from .motion import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -382,26 +382,8 @@ fi
 """
 
 
-@dataclass(frozen=True)
-class LammpsRecord:
-    """A record of particles, with the same content as that of a `Recorder`.
-
-    Attributes
-    ----------
-    times : ndarray, shape (frames,)
-        In ms.
-    particles : ndarray of int, shape (particles,)
-    displacements : ndarray, shape (frames, particles, 2)
-        From rest, in mm.
-    """
-
-    times: NDArray[np.float64]
-    particles: NDArray[np.int_]
-    displacements: NDArray[np.float64]
-
-
 def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[tuple[Any, int]], drives: Sequence[ToneBurst] = (),
-               damping: float = 0.0, ranks: int = 1, directory: str | PathLike[str] | None = None) -> tuple[LammpsRecord, ...]:
+               damping: float = 0.0, ranks: int = 1, directory: str | PathLike[str] | None = None) -> tuple[Motion, ...]:
     """Run a patch from rest by LAMMPS.
 
     LAMMPS computes forces from absolute positions, so displacements have an absolute error of 1e-15 times the size of the
@@ -427,7 +409,7 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
 
     Returns
     -------
-    tuple of LammpsRecord
+    tuple of Motion
         One for each of `records`.
 
     Raises
@@ -508,4 +490,4 @@ def _record(file, atoms, particles, timestep):
             rows = np.array(' '.join(lines[HEADER:HEADER + len(ordered)]).split(), dtype=float).reshape(-1, 3)
             frames[int(lines[0])] = (rows[:, 1:] - rest)[back]
     numbers = sorted(frames)
-    return LammpsRecord(timestep * np.array(numbers), particles, np.array([frames[n] for n in numbers]))
+    return Motion(timestep * np.array(numbers), particles, np.array([frames[n] for n in numbers]))

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import whole
 from ..files import room_for, save_arrays
+from .motion import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,6 +96,11 @@ class Recorder:
             return np.memmap(self._file, dtype=float, mode='r', shape=shape)
         self._file.seek(0)
         return np.frombuffer(self._file.read()).reshape(shape)
+
+    @property
+    def motion(self) -> Motion:
+        """What is recorded so far."""
+        return Motion(self.times, self.particles, self.displacements)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write `times` (ms), `displacements` (mm) and `particles` to a .npz file, whole or not at all."""

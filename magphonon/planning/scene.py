@@ -321,17 +321,17 @@ def _write_waveform(scene, file, row, burst, settings):
     from ..dynamics.recorder import Recorder
     from ..dynamics.verlet import DrivenVerlet
     from ..response.propagation import propagate
-    from ..waves.vibrometer import Displacements, write_displacements
+    from ..waves.scan_tables import write_scan
     from .waveform import FRAMES
 
     patch, dt = scene.patch_atoms(settings.model), settings.dt
     frame = 2 * np.pi / burst.drive.omega / FRAMES
     if dt is None:
         times = np.arange(0, burst.duration, frame)
-        record = Displacements(times, row, propagate(patch, times, [burst.drive], burst.damping, row).displacements)
+        motion = propagate(patch, times, [burst.drive], burst.damping, row)
     else:
         dyn = DrivenVerlet(patch, dt, [burst.drive], burst.damping)
         recorder = Recorder(dyn, row, max(1, int(frame / dt)))
         dyn.run(int(burst.duration / dt))
-        record = Displacements(recorder.times, recorder.particles, recorder.displacements)
-    write_displacements(file.with_name(file.name + '.csv'), record)
+        motion = recorder.motion
+    write_scan(file.with_name(file.name + '.csv'), motion)

@@ -270,7 +270,7 @@ class FittedBranches(Protocol):
 
 
 class Record(Protocol):
-    """Displacements of some particles: `magphonon.waves.Displacements`."""
+    """Displacements of some particles: `magphonon.dynamics.Motion`."""
 
     @property
     def times(self) -> NDArray[np.float64]: ...

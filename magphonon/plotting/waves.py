@@ -63,13 +63,14 @@ def plot_wave(wave: Wave, ax: Axes | None = None) -> Axes:
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, plot_wave
-    >>> from magphonon.waves import Displacements, waves
+    >>> from magphonon.dynamics import Motion
+    >>> from magphonon.waves import waves
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
     >>> t, x = np.arange(0, 80, 0.5), np.arange(24)
     >>> s = t[:, None] - x / 0.6  # the time since a pulse passed
     >>> u = np.exp(-(((s - 20) / 8) ** 2)) * np.cos(0.5 * s)
-    >>> ax = plot_wave(waves(Displacements(t, x, np.stack([1e-3 * u, 0 * u], axis=2)), cell, 'row')[0])
+    >>> ax = plot_wave(waves(Motion(t, x, np.stack([1e-3 * u, 0 * u], axis=2)), cell, 'row')[0])
     """
     ax = new_axes() if ax is None else ax
     image = _draw_map(ax, wave, _top(wave))
@@ -168,8 +169,8 @@ def plot_snapshot(patch: Atoms, field: Record, frame: int, site: Site, ax: Axes 
     ----------
     patch : ase.Atoms
         Structure whose calculator stores the rest positions.
-    field : Displacements
-        Displacements of all particles of the patch.
+    field : Motion
+        That of all particles of the patch.
     frame : int
     site : Site
     ax : matplotlib.axes.Axes, optional

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
+from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, not_negative, positive
-from ..files import Saved
 from ..stiffness.rest import LinearSystem, components, rest_of_motion, static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from .normal_modes import recorded, sizes
@@ -203,31 +203,19 @@ EPS = np.finfo(float).eps
 
 
 @dataclass(frozen=True)
-class Transient(Saved, kind='transients', units={
-    'times': ('ms', 'times'), 'particles': ('', 'recorded'), 'displacements': ('mm', 'times', 'recorded', 'dim'),
-    'velocities': ('mm/ms', 'times', 'recorded', 'dim'), 'error': ('mm',), 'products': ('',),
-}):
-    """Motion at chosen times.
+class Transient(Motion, kind='transients', units=MOTION_UNITS | {'error': ('mm',), 'products': ('',)}):
+    """Motion at chosen times, with `velocities`.
 
     Attributes
     ----------
-    times : ndarray, shape (times,)
-        In ms.
-    particles : ndarray of int, shape (recorded,)
-    displacements, velocities : ndarray, shape (times, recorded, dim)
-        From rest, in mm and mm/ms.
     error : float
         Estimate, rather too high, of the error of any displacement by the end of its series and by round-off, mm.
     products : int
         Matrix-vector products taken.
     """
 
-    times: np.ndarray
-    particles: np.ndarray
-    displacements: np.ndarray
-    velocities: np.ndarray
-    error: float
-    products: int
+    error: float = 0.0
+    products: int = 0
 
 
 def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), damping: float = 0.0,

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
-    from ..waves.vibrometer import Displacements
+    from ..dynamics.motion import Motion
     from ..waves.wave_source import Burst, Passage, Site
     from .scene import Scene
 
@@ -348,11 +348,11 @@ class VibrometerPlan(Table):
     sampling_rate_Hz: Frequency = Field(description='the sampling rate in Hz')
     noise_m: Annotated[NotNegative, within(0, 1e6, 'metres')] = Field(description='the standard deviation of each sample in m')
 
-    def measure(self, row: Displacements, seed: int = 0) -> Displacements:
-        """The Displacements of a row as the vibrometer measures them; `seed` is that of its noise."""
-        from ..waves.vibrometer import measure
+    def measure(self, row: Motion, seed: int = 0) -> Motion:
+        """The motion of a row as the vibrometer measures it; `seed` is that of its noise."""
+        from ..waves.vibrometer import sampled
 
-        return measure(row.times, row.displacements, row.particles, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)
+        return sampled(row, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)
 
     def refuse_aliasing(self, carriers_Hz: Sequence[float]) -> None:
         """Raise ValueError if the sampling folds the spectrum of a burst."""

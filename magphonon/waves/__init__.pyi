@@ -10,6 +10,7 @@ from .rows import (
 from .scan_tables import (
     read_places as read_places,
     read_scan as read_scan,
+    write_scan as write_scan,
 )
 from .scans import (
     Scan as Scan,
@@ -22,10 +23,7 @@ from .spectrum import (
     without_drift as without_drift,
 )
 from .vibrometer import (
-    Displacements as Displacements,
-    measure as measure,
-    read_displacements as read_displacements,
-    write_displacements as write_displacements,
+    sampled as sampled,
 )
 from .wave_analysis import (
     Branch as Branch,

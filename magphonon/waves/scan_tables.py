@@ -12,13 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import units as u
-from ..files import MEGABYTE, refuse_endless, table_text, told_as_table
+from ..files import MEGABYTE, refuse_endless, refuse_overflow, table_text, told_as_table, whole_file
 from .scans import Samples, Scan, assembled
-from .vibrometer import MOST_BYTES
 
 if TYPE_CHECKING:
     from os import PathLike
 
+    from ..dynamics.motion import Motion
+
+MOST_BYTES = 1000 * MEGABYTE
+"""Largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB."""
+COLUMNS = 'time_s', 'particle', 'u_x_m', 'u_y_m'
 ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
 TIME_RESPONSES, TIME = (0, 1), (0, 17)
 """Function types and abscissa types of records over time, 0 for unknown."""
@@ -143,6 +147,32 @@ def read_scan(path: str | PathLike[str]) -> Scan:
     refuse_endless(path, MOST_BYTES)
     points, velocities = read_universal(path) if str(path).lower().endswith(ENDINGS) else _points(path)
     return assembled(path, points, velocities)
+
+
+def write_scan(path: str | PathLike[str], motion: Motion) -> None:
+    """Write the motion of particles in a plane as a table in SI, to the last digit; whole or not at all.
+
+    Its columns are time_s, particle, u_x_m and u_y_m.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from magphonon.dynamics import Motion
+    >>> from magphonon.waves import read_scan, write_scan
+    >>> file = tempfile.mkdtemp() + '/scan.csv'
+    >>> motion = Motion(np.arange(5.0), np.array([3, 4]), 1e-3 * np.arange(20.0).reshape(5, 2, 2))
+    >>> write_scan(file, motion)
+    >>> read_scan(file).names
+    ('3', '4')
+    """
+    t, moved = motion.times / u.s, motion.displacements / u.m
+    refuse_overflow(path, {'time_s': t, 'u_x_m and u_y_m': moved})
+    with whole_file(path) as file:
+        print(*COLUMNS, sep=',', file=file)
+        for time, frame in zip(t.tolist(), moved.tolist(), strict=True):
+            for particle, (x, y) in zip(motion.particles.tolist(), frame, strict=True):
+                print(time, particle, x, y, sep=',', file=file)
 
 
 def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:

@@ -20,7 +20,6 @@ import numpy as np
 
 from .. import units
 from .spectrum import ROUND_OFF, without_drift
-from .vibrometer import JITTER, MOTIONS_m
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -92,6 +91,11 @@ def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDAr
     return best, error, noise
 
 
+JITTER = 0.01
+"""Largest deviation from equal time steps, as a fraction of a step; with ten samples per period it adds a background of -44
+dB."""
+MOTIONS_m = 1e-24, 1e3
+"""Range of possible displacements, with a wide margin; the squares of others overflow."""
 LEAST_TIME = 0.9
 """Part of the longest record that a point must have, to be used."""
 STRONG = 1e-2

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
+    from ..dynamics.motion import Motion
     from .rows import Row
     from .scans import Scan
-    from .vibrometer import Displacements
 
 SAMPLES = 96
 """Samples of xi from 0 to pi, and of s over its period, in a cell of one particle; the zone of larger cells is smaller."""
@@ -341,7 +341,7 @@ class Wave:
         return tuple(sorted((name for name in misfits if misfits[name].agrees), key=lambda name: misfits[name].bins))
 
 
-def waves(row: Displacements, cell: Atoms, source: str) -> list[Wave]:
+def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
     """The waves along a row, the strongest polarisation first; one that is 20 dB weaker than the other is left out.
 
     Waves from a point source move the row both across and along its line: a ridge of one motion may follow the branch of the
@@ -350,8 +350,8 @@ def waves(row: Displacements, cell: Atoms, source: str) -> list[Wave]:
 
     Parameters
     ----------
-    row : Displacements
-        Displacements of particles in equal steps of R2, away from the source.
+    row : Motion
+        That of particles in equal steps of R2, away from the source.
     cell : ase.Atoms
         With its MagneticRepulsion.
     source : {'row', 'point'}

@@ -18,12 +18,12 @@ from .. import units
 from ..dynamics.drives import ToneBurst
 from ..dynamics.engine import highest_frequency
 from ..dynamics.lammps import run_lammps
+from ..dynamics.motion import Motion
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
-from .vibrometer import Displacements
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -49,16 +49,16 @@ class Passage:
 
     Attributes
     ----------
-    row : Displacements
-        Displacements of the measured row.
-    field : Displacements
-        Displacements of all particles at a few moments.
+    row : Motion
+        That of the measured row.
+    field : Motion
+        That of all particles at a few moments.
     largest : float
         Displacement in mm that no particle exceeds where it is driven, along the row and at these moments.
     """
 
-    row: Displacements
-    field: Displacements
+    row: Motion
+    field: Motion
     largest: float
 
 
@@ -130,11 +130,11 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
                                         directory=directory)
     else:
         dyn = DrivenVerlet(patch, dt, [drive], damping, engine, threads=threads)
-        row, source, field = (Recorder(dyn, particles, every) for particles, every in wanted)
+        recorders = [Recorder(dyn, particles, every) for particles, every in wanted]
         dyn.run(steps)
+        row, source, field = (recorder.motion for recorder in recorders)
     largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))
-    on_row, everywhere = (Displacements(record.times, record.particles, record.displacements) for record in (row, field))
-    return Passage(on_row, everywhere, float(largest))
+    return Passage(row, field, float(largest))
 
 
 def _at_rest(patch):

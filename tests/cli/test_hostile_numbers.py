@@ -15,7 +15,7 @@ from magphonon.files import write_columns
 from magphonon.planning.plan import Plan
 from magphonon.response.frf import FrequencyResponse
 from magphonon.scenes.scene import read_scene, ready_scene
-from magphonon.waves.vibrometer import read_displacements
+from magphonon.waves.scan_tables import read_scan
 
 PROTOTYPE = ready_scene('prototype').read_text()
 
@@ -171,7 +171,7 @@ def test_displacements_that_no_lattice_makes(u, fine, tmp_path):
     file = tmp_path / 'scan.csv'
     file.write_text('time_s,particle,u_x_m,u_y_m\n' + ''.join(f'{0.001 * k},7,{u},0\n' for k in range(4)))
     if fine:
-        assert read_displacements(file).displacements.shape == (4, 1, 2)
+        assert read_scan(file).motions['x'].shape == (4, 1)
         return
-    with pytest.raises(ValueError, match='no motion of a lattice; check the unit and the exponents of u_x_m and u_y_m'):
-        read_displacements(file)
+    with pytest.raises(ValueError, match='no motion of a lattice; check the unit in the header and the exponents'):
+        read_scan(file)

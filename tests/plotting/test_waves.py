@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, lattices, units as u
+from magphonon.dynamics.motion import Motion
 from magphonon.plotting.axes import panels
 from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves, save_animation
-from magphonon.waves.vibrometer import Displacements
 from magphonon.waves.wave_analysis import waves
 from magphonon.waves.wave_source import Passage, polarisations, site
 
@@ -16,7 +16,7 @@ def wave_of(cell, amplitude=1.0):
     """A shear wave of the complete model at xi = 1: 141.421356 rad/s sin(1/2) = 10.791 Hz."""
     t, n = 2.0 * np.arange(400)[:, None], np.arange(40)
     motion = amplitude * np.cos(0.141421356 * np.sin(0.5) * t - n)
-    return waves(Displacements(t[:, 0], n, motion[..., None] * polarisations(cell, 'row')['transverse']), cell, 'row')[0]
+    return waves(Motion(t[:, 0], n, motion[..., None] * polarisations(cell, 'row')['transverse']), cell, 'row')[0]
 
 
 def test_a_map_has_its_branches_and_its_ridge_in_hertz(ideal):
@@ -47,7 +47,7 @@ def test_the_map_does_not_depend_on_the_amplitude(ideal):
 def test_a_wave_that_runs_backwards_leaves_an_empty_map(ideal):
     t, n = 2.0 * np.arange(400)[:, None], np.arange(40)
     u = np.cos(0.07 * t + n)[..., None] * polarisations(ideal, 'row')['transverse']
-    (wave,) = waves(Displacements(t[:, 0], n, u), ideal, 'row')
+    (wave,) = waves(Motion(t[:, 0], n, u), ideal, 'row')
     assert wave.ridge is None
     ax = plot_wave(wave)
     assert ax.collections[0].get_array().max() < -30
@@ -63,7 +63,7 @@ def passage(ideal):
     rise = np.zeros((len(where.row), len(patch), 2))
     rise[np.arange(len(where.row)), where.row, 1] = 3 * u.mm
     t = 100.0 * np.arange(len(where.row)) * u.ms
-    return patch, where, Passage(Displacements(t, where.row, rise[:, where.row]), Displacements(t, np.arange(len(patch)), rise),
+    return patch, where, Passage(Motion(t, where.row, rise[:, where.row]), Motion(t, np.arange(len(patch)), rise),
                                  3 * u.mm)
 
 
@@ -95,8 +95,8 @@ def test_a_crest_and_a_trough_have_opposite_colours(passage):
 def test_one_moment_of_two_simulations_is_drawn_on_one_scale(passage):
     patch, where, early = passage
     field = early.field
-    late = Passage(Displacements(field.times, where.row, np.roll(field.displacements[:, where.row], 2, axis=0) / 2),
-                   Displacements(field.times, field.particles, np.roll(field.displacements, 2, axis=0) / 2), 1.5 * u.mm)
+    late = Passage(Motion(field.times, where.row, np.roll(field.displacements[:, where.row], 2, axis=0) / 2),
+                   Motion(field.times, field.particles, np.roll(field.displacements, 2, axis=0) / 2), 1.5 * u.mm)
     figure = plot_crossing({'late': (patch, where, late), 'early': (patch, where, early)})
     figure.canvas.draw()
     (one, other), bars = figure.axes[:2], figure.axes[2:]
@@ -132,7 +132,7 @@ def test_a_set_of_maps_has_equal_axes_one_legend_and_one_colour_bar(ideal):
     high = wave_of(ideal)
     t, n = 2.0 * np.arange(400)[:, None], np.arange(40)
     motion = np.cos(0.141421356 * np.sin(0.1) * t - 0.2 * n)  # far below the other
-    low = waves(Displacements(t[:, 0], n, motion[..., None] * polarisations(ideal, 'row')['transverse']), ideal, 'row')[0]
+    low = waves(Motion(t[:, 0], n, motion[..., None] * polarisations(ideal, 'row')['transverse']), ideal, 'row')[0]
     assert plot_wave(low).get_ylim() != plot_wave(high).get_ylim()
     figure, axes = plot_waves([[low, high], [None, high]], ['one', 'two', 'three', 'four'], [10.0, 12.0])
     figure.canvas.draw()

@@ -5,7 +5,8 @@ import pytest
 from scans import scene_text, triangular_branches
 
 from magphonon import MagneticRepulsion, lattices, propagate, read_scene, units as u
-from magphonon.waves import measure, oblique_waves, site, waves, wavevector
+from magphonon.dynamics import Motion
+from magphonon.waves import oblique_waves, sampled, site, waves, wavevector
 
 NORMAL = 1.96
 XI = np.linspace(0, np.pi, 1001)
@@ -66,9 +67,9 @@ def scanned(seed, folder, source='point'):
     carrier = np.interp(rng.uniform(0.6, 2.0), XI, branches[:, 0])
     times = 1.0 * np.arange(1, 400)
     drive = where.burst((np.cos(angle), np.sin(angle)), 2.5e-4 * u.N, carrier)
-    moved = propagate(patch, times, [drive], 0.02 * carrier, where.row).displacements[..., :2]
-    noise = rng.uniform(0.01, 0.05) * abs(moved[:, len(where.row) // 2]).max()
-    record = measure(times, moved, where.row, 1.0, noise, seed)
+    moved = propagate(patch, times, [drive], 0.02 * carrier, where.row)
+    noise = rng.uniform(0.01, 0.05) * abs(moved.displacements[:, len(where.row) // 2]).max()
+    record = sampled(moved, 1.0, noise, seed)
     for wave in waves(record, cell, source):
         if wave.ridge:
             r = wave.ridge
@@ -92,13 +93,13 @@ def test_uncertainties_of_ridges_from_a_point_cover_the_branch(tmp_path):
 def test_a_row_of_sources_sends_no_oblique_waves(tmp_path):
     _, *lattice = drawn(40)
     cell = scene_of(tmp_path, *lattice).atoms()
-    t, n = np.arange(0, 400, 2.0), np.arange(24)
+    t, n = np.arange(0, 400, 2.0)[:, None], np.arange(24)
     omega = triangular_branches(np.array([1.2]), 60, 1.0, *lattice[1:])[0, 0]
     across = np.array([-(3**0.5) / 2, 0.5])
-    u_row = 1e-3 * np.sin(omega * t[:, None] - 1.2 * n)[..., None] * across * (np.sin(np.pi * t / 400) ** 2)[:, None, None]
+    u_row = 1e-3 * np.sin(omega * t - 1.2 * n)[..., None] * across * (np.sin(np.pi * t / 400) ** 2)[..., None]
     by_source = {}
     for source in ('row', 'point'):
-        wave = waves(measure(t, u_row, n, 0.5, 1e-5), cell, source)[0]
+        wave = waves(sampled(Motion(t[:, 0], n, u_row), 0.5, 1e-5), cell, source)[0]
         by_source[source] = wave.blurred
     assert by_source == {'row': 0, 'point': by_source['point']}
     assert by_source['point'] > 0  # the control

@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, lattices, units as u
+from magphonon.dynamics.motion import Motion
 from magphonon.lattices.patches import RIM
 from magphonon.waves.ridge_tables import write_ridges
-from magphonon.waves.vibrometer import Displacements
 from magphonon.waves.wave_analysis import MODELS, report, waves
 from magphonon.waves.wave_source import SOURCES, polarisations, send, site, wavevector
 
@@ -193,7 +193,7 @@ def travelling(transverse, longitudinal, cell, source='row', noise=0.0):
     displacement = noise * np.random.default_rng(4).normal(size=(400, 40, 2))
     for name, amplitude, omega in (('transverse', transverse, 0.141421356), ('longitudinal', longitudinal, 0.469041576)):
         displacement += (amplitude * np.cos(omega * np.sin(0.5) * t - n))[..., None] * moved[name]
-    return Displacements(t[:, 0], n, displacement)
+    return Motion(t[:, 0], n, displacement)
 
 
 @pytest.mark.parametrize(('amplitudes', 'motions'), [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from magphonon import read_scene, ready_scene
-from magphonon.waves.vibrometer import Displacements
+from magphonon.dynamics.motion import Motion
 from magphonon.waves.wave_analysis import waves
 from magphonon.waves.wave_source import polarisations
 from workflows.bursts import compared
@@ -21,7 +21,7 @@ def test_rows_pass_for_a_wave_on_the_branch_and_fail_for_any_other(model, branch
     xi = 2.0
     t, n = 2.0 * np.arange(600)[:, None], np.arange(58)
     wave = np.cos(OMEGA_M[model, branch] * np.sin(xi / 2) * t - xi * n)
-    record = Displacements(t[:, 0], n, wave[..., None] * polarisations(ideal, 'row')[MOTION[branch]])
+    record = Motion(t[:, 0], n, wave[..., None] * polarisations(ideal, 'row')[MOTION[branch]])
     (found,) = waves(record, ideal, 'row')
     verdicts = {case: [check.passed for check in compared('burst', found, MOTION[case[1]], *case)] for case in OMEGA_M}
     assert all(verdicts.pop((model, branch)))
