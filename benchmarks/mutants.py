@@ -1,7 +1,6 @@
 """Do the tests notice wrong physics?  Small wrong edits of the package, one at a time, and the share that a test kills.
 
-    python benchmarks/mutants.py stiffness/matrices dynamics/timestep --sample 8
-    python benchmarks/mutants.py --known
+    python benchmarks/mutants.py stiffness/matrices dynamics/engine --sample 8
 
 Works on a copy of the tree.  The tests of a room first run unmutated, and must pass.  Then each mutant of the room's modules
 meets them, those of its own file first and the quick before the slow, until one fails; what survives may meet those of `--more`
@@ -45,37 +44,6 @@ NOT_SWAPPED = ('isinstance', 'range', 'zip', 'np.add', 'np.multiply', 'np.maximu
 """Calls whose swapped arguments would only be a crash, or the same."""
 CHECKED = ('assert', 'AssertionError', 'Failed: DID NOT RAISE')
 """How the words begin of a test that has compared; others end by an error in the mutant itself."""
-
-KNOWN = [  # edits that once survived the whole suite: what to replace, by what, and the test that must fail
-    ("'law': (calc.potential, _sampled(calc)), ", '', 'test_checkpoint_attacks'),
-    ("'forces of the drives': _pushes(dyn), ", '', 'test_checkpoint_attacks'),
-    ('np.load(file, allow_pickle=False)', 'np.load(file, allow_pickle=True)', 'test_nothing_in_a_checkpoint_is_ever_executed'),
-    ('os.fsync(file.fileno())\n            os.replace', 'os.replace', 'test_results'),
-    ('os.replace(partial, path)', "__import__('shutil').copyfile(partial, path)",
-     'test_a_checkpoint_is_replaced_not_overwritten'),
-    ('BROKEN_BOND = 3.0', 'BROKEN_BOND = 1e9', 'test_cages'),
-    ('SHELL_WIDTH = 1e-4', 'SHELL_WIDTH = 1e-9', 'test_bonds'),
-    ('2 * self.damping_ratio * omega', 'self.damping_ratio * omega', 'test_a_burst_is_propagated_exactly'),
-    ('abs(response.response) / (u.m / u.N), np.degrees', 'abs(response.response), np.degrees', 'test_command_runs_what_it_chose'),
-    ('axes[0].plot(f, abs(response.response) / (units.m / units.N)', 'axes[0].plot(f, abs(response.response)',
-     'test_responses_are_drawn_in_metres_per_newton_over_hertz'),
-    ('force * units.m / units.N', 'force', 'test_the_ribbon_of_a_response_has_the_units_of_its_line'),
-    ('upper.plot(inside / u.m,', 'upper.plot(inside,', 'test_measured_forces_and_laws_share_the_axis_in_metres'),
-    ('norm * (1 / masses[i] + 1 / np.sqrt(masses[i] * masses[j]))', 'norm * (1 / masses[i])',
-     'test_no_step_beyond_the_limit_passes_by_a_bound'),
-    ('> shortest**2 / 4', '> shortest**2',
-     'test_a_particle_just_across_the_border_is_displaced_by_little'),
-    ('np.sqrt(2 * least / atoms', 'np.sqrt(least / atoms', 'test_one_particle_on_a_line_spends_all_its_energy_on_the_way'),
-    ('if loud and u > bound:', 'if loud and u > 2 * bound:',
-     'test_a_burst_is_called_loud_just_above_the_amplitude_that_linear_bands_bear'),
-    ('BOUND_FACTOR, BUILD_UP_STEPS = 5, 30', 'BOUND_FACTOR, BUILD_UP_STEPS = 1, 30',
-     'test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps'),
-    ('damping**2 * size(t * v)) / 24 + size(a) / 12', 'damping**2 * size(t * v)) / 48 + size(a) / 12',
-     'test_the_error_of_time_steps_is_bounded_without_a_trial_run'),
-    ("system.calc.about(system.atoms, model='conventional')", "system.calc.about(system.atoms, model='complete')",
-     'test_what_dstar_does_to_a_peak_is_known_to_half_its_width'),
-    ('self.P.power(2).T @ np.repeat', 'self.P.T @ np.repeat', 'test_a_guide_along_an_oblique_line_does_not_change_the_mass'),
-]
 
 
 def wrong_edits(source):
@@ -243,14 +211,6 @@ def killed_by(tree, tests, own, unmutated):
     return (failed, checked) if failed else None
 
 
-def _only(folder, text):
-    """The one file below a folder that holds a text once."""
-    found = [file for file in sorted(folder.rglob('*.py')) if text in file.read_text(encoding='utf-8')]
-    if len(found) != 1 or found[0].read_text(encoding='utf-8').count(text) != 1:
-        raise SystemExit(f'{text!r} must stand once below {folder.name}, not in {[file.name for file in found]}')
-    return found[0]
-
-
 def sampled(tree, module, options):
     """Edits drawn from a module: file, line, old and new text, new source, lists of tests that it meets one after the other."""
     file = tree / 'magphonon' / f'{module}.py'
@@ -262,21 +222,10 @@ def sampled(tree, module, options):
         yield file, line, old, new, (source.encode()[:first] + new.encode() + source.encode()[last:]).decode(), meets
 
 
-def known(tree):
-    """The edits of KNOWN, likewise."""
-    for old, new, test in KNOWN:
-        file = _only(tree / 'magphonon', old)
-        source = file.read_text(encoding='utf-8')
-        tests = sorted((tree / 'tests').rglob(f'{test}.py')) or [f'{_only(tree / "tests", f"def {test}(")}::{test}']
-        meets = [['-m', 'not long', *(os.path.relpath(name, tree) for name in tests)]]
-        yield file, source[: source.index(old)].count('\n') + 1, old, new, source.replace(old, new), meets
-
-
 def main():
     """Mutate, test and count."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('modules', nargs='*', help='as stiffness/matrices')
-    parser.add_argument('--known', action='store_true', help='the edits that once survived')
+    parser.add_argument('modules', nargs='+', help='as stiffness/matrices')
     parser.add_argument('--sample', type=int, default=8, help='mutants of each module (8)')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--more', nargs='*', default=[], help='tests for what survives its room, as tests/test_properties.py')
@@ -291,7 +240,7 @@ def main():
         compileall.compile_dir(tree, quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH)  # never that of a mutant
         unmutated = Unmutated(tree)
         drawn = {module: sampled(tree, module, options) for module in options.modules}
-        for name, mutants in (drawn | ({'known': known(tree)} if options.known else {})).items():
+        for name, mutants in drawn.items():
             killers = []
             for file, line, old, new, mutant, meets in mutants:
                 for tests in meets:

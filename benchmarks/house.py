@@ -1,0 +1,152 @@
+"""How large the package is, and through how many files one question goes: `python benchmarks/house.py [REVISION ...]`.
+
+A column for each revision of the repository, and one for HEAD.  A route is what runs from one call to its answer; the
+files of the package that it enters are counted, apart from what importing runs.
+"""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import tempfile
+from io import BytesIO
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+COMPLEX = 10
+"""Cyclomatic complexity above which a function is counted."""
+CELL = """
+from magphonon import InversePower, MagneticRepulsion, lattices
+cell = lattices.triangular(10.0, 0.707)
+law, foundation = InversePower(1.6209e-10 * 1e3**4.5824, 4.5824), 19.6757e-3
+"""
+COMMAND = 'from magphonon.cli.main import main as command\n'
+ROUTES = {  # what is prepared, and what is followed
+    'analytic_bands': (CELL + 'from magphonon import analytic_bands\n'
+                       'cell.calc = MagneticRepulsion(cell, law, foundation=foundation)\n'
+                       "path = cell.cell.bandpath('GMK', npoints=5, pbc=cell.pbc)", 'analytic_bands(cell, path)'),
+    'propagate': (CELL + 'from magphonon import ToneBurst, propagate\n'
+                  'patch = lattices.hexagon(cell, 60.0)\n'
+                  'patch.calc = MagneticRepulsion(patch, law, foundation=foundation)\n'
+                  'burst = ToneBurst(len(patch) // 2, (0, 1), 1e-4, omega=0.25)', 'propagate(patch, [0.0, 10.0], [burst])'),
+    'magphonon bands': (COMMAND, "command(['bands', 'prototype', '-o', 'b'])"),
+    'magphonon fit --bands': (COMMAND, "command(['fit', RIDGES, '--bands', 'prototype', '-o', 'f'])"),
+    'magphonon burst': (COMMAND, "command(['burst', 'prototype', '-o', 'w'])"),
+}
+FOLLOW = """
+import os, sys, tempfile
+os.chdir(tempfile.mkdtemp())
+tree, RIDGES = {tree!r}, {tree!r} + '/data/prototype_ridges.csv'
+{before}
+entered = set()
+def follow(frame, event, _):
+    code = frame.f_code
+    if event == 'call' and code.co_filename.startswith(tree + '/magphonon') and code.co_name != '<module>':
+        entered.add(code.co_filename)
+sys.stdout = open(os.devnull, 'w')
+sys.setprofile(follow)
+{call}
+sys.setprofile(None)
+print(len({{file for file in entered if not file.endswith('__init__.py')}}), file=sys.__stdout__)
+"""
+
+
+def functions_of(tree):
+    """(lines without the docstring, node) of each function of a module."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            body = node.body[1:] if ast.get_docstring(node) is not None else node.body
+            yield (body[-1].end_lineno - body[0].lineno + 2 if body else 1), node
+
+
+def docstring_lines(tree):
+    """Lines of all docstrings, those beside constants included."""
+    return sum(node.end_lineno - node.lineno + 1 for node in ast.walk(tree)
+               if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str))
+
+
+def imported(package, file, tree):
+    """Files of the package that a file imports when it runs."""
+    never_run = {inner for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING'
+                 for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level and node not in never_run:
+            base = file.parents[node.level - 1].joinpath(*(node.module or '').split('.'))
+            for alias in node.names:
+                target = next((path for path in (base / f'{alias.name}.py', base.with_suffix('.py')) if path.exists()), None)
+                if target and target.is_relative_to(package):
+                    yield target
+
+
+def longest_chain(graph):
+    """Number of files in the longest chain of imports."""
+    known = {}
+
+    def length(file):
+        if file not in known:
+            known[file] = 1  # a circle ends here; the tests refuse one
+            known[file] = 1 + max((length(target) for target in graph[file]), default=0)
+        return known[file]
+
+    return max(map(length, graph))
+
+
+def measured(root):
+    """The figures of a tree, by name."""
+    package = root / 'magphonon'
+    trees = {file: ast.parse(file.read_text(encoding='utf-8')) for file in sorted(package.rglob('*.py'))}
+    texts = {file: file.read_text(encoding='utf-8').splitlines() for file in trees}
+    files = [file for file in trees if file.name != '__init__.py']
+    lengths = [length for tree in trees.values() for length, _ in functions_of(tree)]
+    graph = {file: set(imported(package, file, trees[file])) & set(files) - {file} for file in files}
+    lint = subprocess.run([sys.executable, '-m', 'ruff', 'check', '--isolated', '--select', 'C901', '--output-format', 'json',  # noqa: S603
+                           '--config', f'lint.mccabe.max-complexity={COMPLEX}', str(package)], capture_output=True, text=True)
+    exported = [alias for stub in package.rglob('*/__init__.pyi') for node in ast.parse(stub.read_text(encoding='utf-8')).body
+                if isinstance(node, ast.ImportFrom) for alias in node.names]
+    blank = sum(not line.strip() for lines in texts.values() for line in lines)
+    comments = sum(line.lstrip().startswith('#') for lines in texts.values() for line in lines)
+    docs, lines = sum(map(docstring_lines, trees.values())), sum(map(len, texts.values()))
+    (package / 'data').symlink_to(root / 'data')  # where an installed package has it
+    return {
+        'lines': lines, 'of code': lines - docs - blank - comments, 'of docstrings': docs, 'files': len(files),
+        'functions': len(lengths), 'mean lines of a function': round(sum(lengths) / len(lengths), 1),
+        'longest function': max(lengths), f'functions above complexity {COMPLEX}': len(json.loads(lint.stdout)),
+        'exported names of rooms': len(exported), 'arrows between files': sum(map(len, graph.values())),
+        'longest chain of files': longest_chain(graph),
+        'lines of tests': sum(len(file.read_text(encoding='utf-8').splitlines()) for file in (root / 'tests').rglob('*.py')),
+    } | {f'files entered by {name}': route(root, *calls) for name, calls in ROUTES.items()}
+
+
+def route(root, before, call):
+    """Number of files that a call enters, in a process of its own."""
+    code = FOLLOW.format(tree=str(root), before=before, call=call)
+    done = subprocess.run([sys.executable, '-W', 'ignore', '-c', code], capture_output=True, text=True,  # noqa: S603
+                          env=os.environ | {'PYTHONPATH': str(root), 'MPLBACKEND': 'Agg'})
+    return int(done.stdout) if done.returncode == 0 else done.stderr.splitlines()[-1][:60]
+
+
+def at(revision, folder):
+    """The tree of a revision in a folder, its data where the package looks for them."""
+    archive = subprocess.run(['git', '-C', str(ROOT), 'archive', revision], capture_output=True, check=True).stdout  # noqa: S603, S607
+    tree = Path(folder, revision).resolve()
+    with tarfile.open(fileobj=BytesIO(archive)) as tar:
+        tar.extractall(tree, filter='data')
+    return tree
+
+
+def main():
+    """Print the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        columns = {}
+        for revision in [*sys.argv[1:], 'HEAD']:
+            columns[revision] = measured(at(revision, folder))
+    names = dict.fromkeys(name for column in columns.values() for name in column)
+    print(f'{"":40}', *(f'{revision:>12}' for revision in columns))
+    for name in names:
+        print(f'{name:40}', *(f'{column.get(name, ""):>12}' for column in columns.values()))
+
+
+if __name__ == '__main__':
+    main()
