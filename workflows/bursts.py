@@ -30,7 +30,7 @@ def main(out):
             maps[-1].append(wave)
             if branch == 'shear':
                 shear[model] = patch, site, passage
-    lattice = plot_patch(patch, site, new_axes(5.5, 3.6)).figure
+    lattice = plot_patch(patch, site, ax=new_axes(5.5, 3.6)).figure
     return Outcome(checks, [
         save_picture(lattice, out / 'finite_lattice.png',
                      'Fig. 5 of the paper: the finite lattice, its rim held, with the row of sources and the measured row.'),

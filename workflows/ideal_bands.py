@@ -48,8 +48,8 @@ def main(out):
 def draw_lattice(out, cell, path):
     """The lattice with its vectors, and its zone."""
     figure, (axes,) = panels(1, 2, height=2.9)
-    plot_lattice(cell, axes[0])
-    plot_zone(path, axes[1])
+    plot_lattice(cell, ax=axes[0])
+    plot_zone(path, ax=axes[1])
     letter_panels(axes)
     return save_picture(figure, out / 'zone.png',
                         'Fig. 3 of the paper: (a) the lattice with its primitive vectors, (b) the first Brillouin zone with its '
@@ -69,7 +69,7 @@ def draw_bands(out, bands):
 
 def draw_mode(out, cell, bands):
     """The shear wave at M on the lattice."""
-    ax = plot_mode(cell, bands, 'M', 0, new_axes(height=3.4))
+    ax = plot_mode(cell, bands, 'M', 0, ax=new_axes(height=3.4))
     return save_picture(ax.figure, out / 'mode_M.png',
                         'The shear wave at M at the time of its largest displacement: rows move against each other along '
                         'themselves (arrows); the grey lines are the paths of the particles.')
@@ -83,7 +83,7 @@ def draw_ratios(out, complete, conventional):
     figure, (axes,) = panels(1, 2, height=2.9)
     scale = Normalize(0.5, 1.0)
     for k, ax in enumerate(axes):
-        plot_ratio(complete, conventional, k, ax)
+        plot_ratio(complete, conventional, k, ax=ax)
         filled = ax.collections[0]
         filled.colorbar.remove()
         filled.set_norm(scale)

@@ -92,8 +92,8 @@ def missing_magnet(out, known):
     held = local_modes(rest.atoms, gap)
     found, unmoved = units.hertz(held.omega), local_modes(LinearSystem.about(patch.calc, patch), gap)
     low, high = units.hertz(np.array(gap))
-    ax = plot_shape(rest.atoms, held.shapes[2], new_axes(height=2.6),
-                    f'{found[2]:.2f} Hz, in the gap of {low:.2f} to {high:.2f} Hz')
+    ax = plot_shape(rest.atoms, held.shapes[2], ax=new_axes(height=2.6),
+                    title=f'{found[2]:.2f} Hz, in the gap of {low:.2f} to {high:.2f} Hz')
     picture = save_picture(ax.figure, out / 'missing_magnet.png', (
         'A local mode beside a magnet that is missing.  The others have moved towards the hole by up to '
         f'{rest.shift:.2g} mm; without that nothing vibrates in the gap.'))

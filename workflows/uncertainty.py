@@ -87,7 +87,7 @@ def draw_bands(out):
     path, ax = path_of(atoms, scene.band_path()), None
     for model, line in (('complete', '-'), ('conventional', '--')):
         spread = frequency_spread(atoms, path.kpts, tolerances, model)
-        ax = plot_band_ribbons(Bands(path, spread.values), spread, ax, label=model, linestyle=line)
+        ax = plot_band_ribbons(Bands(path, spread.values), spread, ax=ax, label=model, linestyle=line)
     bars = plot_contributions(at_points(scene, tolerances), list(POINTS))
     return [save_picture(ax.figure, out / 'uncertainty_bands.png',
                          'The prototype with tolerances of half a percent or so (chosen: the paper gives none): the shear '

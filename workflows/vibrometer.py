@@ -89,7 +89,7 @@ def draw_maps(out, table, carriers_Hz, gamma_m):
 def draw_experiment(out, scene):
     """The half-hexagon with what drives it and where it is measured."""
     patch = scene.patch_atoms()
-    ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source), new_axes(5.5, 2.9))
+    ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source), ax=new_axes(5.5, 2.9))
     return save_picture(ax.figure, out / 'experiment.png',
                         'Fig. 7 of the paper: the half-hexagon of magnets on pillars, driven at one of them.')
 

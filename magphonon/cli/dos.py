@@ -84,7 +84,7 @@ def _of_lattice(folder, atoms):
     for model, style in zip(atoms.calc.bloch_models, ('-', '--'), strict=False):
         found = lattice_density(atoms, omega, model=model)
         found.save(folder / f'dos_{model}.npz')
-        axes = plot_density(found, axes, label=f'lattice, {model}', linestyle=style)
+        axes = plot_density(found, ax=axes, label=f'lattice, {model}', linestyle=style)
         names.append(f'{model}_share_per_Hz')
         columns.append(found.per_Hz)
         ends = units.hertz(band_ranges(atoms, model=model))
@@ -109,7 +109,7 @@ def _of_patch(folder, patch, axes):
 
     found = density_of_states(patch, moments=MOMENTS, vectors=VECTORS)
     found.save(folder / 'dos_patch.npz')
-    axes = plot_density(found, axes, label='patch', linewidth=1)
+    axes = plot_density(found, ax=axes, label='patch', linewidth=1)
     error = found.error * found.per_Hz.max() / found.density.max()
     write_columns(folder / 'dos_patch.csv', ['frequency_Hz', 'share_per_Hz', 'standard_error_per_Hz', 'resolution_Hz'],
                   [found.frequencies_Hz, found.per_Hz, error, units.hertz(found.width)])
@@ -133,7 +133,7 @@ def _unfolded(folder, save, lattice, patch, path):
     found.save(folder / 'spectral.npz')
     axes = plot_spectral_function(found, path)
     for model, style in zip(lattice.calc.bloch_models, ('-', '--'), strict=False):
-        plot_bands(analytic_bands(lattice, path, model), axes, label=f'lattice, {model}', linestyle=style, linewidth=0.8)
+        plot_bands(analytic_bands(lattice, path, model), ax=axes, label=f'lattice, {model}', linestyle=style, linewidth=0.8)
     axes.get_legend().remove()  # it is wider than the axes and would displace the colour bar
     legend_of_set(axes.figure)  # pyright: ignore[reportArgumentType]  no subfigure
     save(axes.figure, 'spectral')

@@ -47,7 +47,7 @@ def run(options: Namespace) -> None:
             responses[model] = receptance(system, source, answer, plan.omega, plan.damping)
             responses[model].save(folder / f'frf_{model}.npz')
             natural, told = _natural(system, plan.omega)
-            axes = plot_response(responses[model], natural, axes, label=model, linestyle=style)
+            axes = plot_response(responses[model], natural, axes=axes, label=model, linestyle=style)
             lines += ['', model, *told, *_peaks(responses[model])]
         _write_table(folder / 'frf.csv', responses)
         save(axes[0].figure, 'frf')

@@ -105,7 +105,7 @@ def _of_lattice(save, scene, atoms):
     figure, axes = panels(len(names), branches, height=7.0 / max(branches, 2) + 0.2)
     for row, where in zip(axes, at, strict=True):
         for branch, ax in enumerate(np.atleast_1d(row)):
-            plot_mode(atoms, bands, where, branch, ax)
+            plot_mode(atoms, bands, where, branch, ax=ax)
     letter_panels(axes)
     legend_of_set(figure)
     save(figure, 'modes_lattice')
@@ -186,11 +186,11 @@ def _draw(save, system, found, extent, ranges, drawn):
     from ..plotting.modes import plot_extents, plot_shape
 
     figure, axes = panels(2, 2)
-    plot_extents(extent, axes[0, 0], ranges)
+    plot_extents(extent, ax=axes[0, 0], bands=ranges)
     for ax in axes.flat[1 + len(drawn) :]:
         ax.remove()
     for k, ax in zip(drawn, axes.flat[1:], strict=False):
-        plot_shape(system.atoms, found.shapes[k], ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz')
+        plot_shape(system.atoms, found.shapes[k], ax=ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz')
     letter_panels(axes.flat[: 1 + len(drawn)])
     legend_of_set(figure)
     save(figure, 'modes')

@@ -104,7 +104,7 @@ Squared frequencies by phonopy are good to 1e-9 of the highest one, and this is 
 """
 
 
-def plot_bands(bands: Bands, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
+def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Frequencies along the path; unstable modes below zero, as -|f|, in a shaded region.
 
     Parameters

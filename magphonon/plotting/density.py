@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..bands.density import DensityOfStates
-    from .axes import SpectralFunction
+    from ..response.spectral_density import SpectralFunction
 
 TALL = 6.0
 """Peaks above this multiple of the ninth decile are cut; a flat branch has a peak that is as high as its bin is narrow."""
@@ -25,7 +25,7 @@ DECADES = 3
 """Range of a spectral function that is shown, in powers of ten below its highest value."""
 
 
-def plot_density(density: DensityOfStates, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
+def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Share of all modes per Hz over the frequency, so that a lattice and a patch can be compared; shaded: two standard errors.
 
     Where a flat branch makes a peak that would hide all else, the axis ends below it and its height is written there.
@@ -77,7 +77,7 @@ def _write_cut_peaks(ax, top):
                         gid='cut', va='top', ha='left' if side > 0 else 'right', color=line.get_color())
 
 
-def plot_spectral_function(spectral: SpectralFunction, path: BandPath, ax: Axes | None = None) -> Axes:
+def plot_spectral_function(spectral: SpectralFunction, path: BandPath, *, ax: Axes | None = None) -> Axes:
     """Map of A(k, omega) along a path, over which `plot_bands` draws the branches of the perfect lattice.
 
     Parameters

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
     from numpy.typing import NDArray
 
-    from .axes import Border
+    from ..stability.buckling import Border
 
 FORCES = 10.0
 """The slider of the spacing goes from ten times the force between nearest neighbours to a tenth, as far as the law is known."""

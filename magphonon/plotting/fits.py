@@ -20,14 +20,15 @@ if TYPE_CHECKING:
     from ase import Atoms
     from matplotlib.figure import Figure
 
+    from ..design.dispersion_fits import DispersionFit
     from ..interactions.fits import Fit
     from ..interactions.force_tables import Forces
-    from .axes import FittedBranches, MeasuredBranches
+    from ..waves.ridge_tables import RidgePoints
 
 DISPERSION_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], '--', 's')}
 
 
-def plot_band_fits(points: MeasuredBranches, fits: Mapping[str, tuple[Atoms, FittedBranches]]) -> Figure:
+def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, DispersionFit]]) -> Figure:
     """Measured points with the branches of both models, over the residuals in standard uncertainties.
 
     Parameters

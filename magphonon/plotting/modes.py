@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..bands.bands import Bands
-    from .axes import Extent
+    from ..response.normal_modes import Extent
 
 ARROW = 0.42
 """Longest arrow of a mode shape of a lattice in bond lengths."""
@@ -29,7 +29,7 @@ ARROW = 0.42
 LONG_ARROW, STILL = 1.4, 0.03
 
 
-def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, ax: Axes | None = None) -> Axes:
+def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes | None = None) -> Axes:
     """Shape of a mode: particles at rest, their orbits, and their displacements at the time of the largest one.
 
     Modes of equal frequency can be combined arbitrarily; one combination is drawn and labelled degenerate.
@@ -94,7 +94,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, ax: Axes | No
     return ax
 
 
-def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None, title: str = '') -> Axes:
+def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = None, title: str = '') -> Axes:
     """Shape of a mode of a patch: an arrow on every particle, and darker the more of the kinetic energy it has.
 
     Parameters
@@ -128,7 +128,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], ax: Axes | None = None,
     return ax
 
 
-def plot_extents(extent: Extent, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
+def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
     """How many particles take part in each mode, over its frequency; shaded: where the lattice has bands.
 
     Parameters

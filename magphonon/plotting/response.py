@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ..bands.bands import Bands
-    from .axes import Response, Spread
+    from ..design.uncertainty import Spread
+    from ..response.frf import FrequencyResponse
 
 PRINTED = {'youngs_modulus': "Young's modulus", 'a': 'exponent $a$', 'b': 'strength $b$'}
 """Names of parameters that say more than their keys."""
@@ -32,9 +33,9 @@ HATCHES = ('', '////', '....', 'xxxx', '----')
 """Hatches by which bars can be distinguished in grey."""
 
 
-def plot_band_ribbons(bands: Bands, spread: Spread, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
+def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Bands with a ribbon of two standard deviations around each branch; `line` as in `plot_bands`."""
-    ax = plot_bands(bands, ax, label=label, **line)
+    ax = plot_bands(bands, ax=ax, label=label, **line)
     x = bands.path.get_linear_kpoint_axis()[0]
     colour = ax.lines[-1].get_color()
     for k, (f, std) in enumerate(zip(bands.frequencies_Hz.T, units.hertz(spread.std.T), strict=True)):
@@ -50,7 +51,7 @@ def plot_band_ribbons(bands: Bands, spread: Spread, ax: Axes | None = None, labe
     return ax
 
 
-def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: float = 1.0, ax: Axes | None = None,
+def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: float = 1.0, *, ax: Axes | None = None,
                          label: str | None = None, **line: Any) -> Axes:
     """Amplitude of a response per `force` (N) over the angular frequencies `omega`, with a ribbon of two standard deviations."""
     if ax is None:
@@ -71,7 +72,7 @@ def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: floa
     return ax
 
 
-def plot_contributions(spread: Spread, labels: Sequence[str], ax: Axes | None = None) -> Axes:
+def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None = None) -> Axes:
     """Bars of the standard deviation that each parameter causes alone, correlated ones together, and of all.
 
     Parameters
@@ -123,8 +124,8 @@ def response_axes() -> NDArray[np.object_]:
     return axes
 
 
-def plot_response(response: Response, natural: ArrayLike = (), axes: NDArray[np.object_] | None = None, label: str | None = None,
-                  **line: Any) -> NDArray[np.object_]:
+def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes: NDArray[np.object_] | None = None,
+                  label: str | None = None, **line: Any) -> NDArray[np.object_]:
     """Amplitude and phase of a response, and the natural frequencies in its range.
 
     Parameters

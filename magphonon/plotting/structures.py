@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import EllipseCollection
     from numpy.typing import ArrayLike, NDArray
 
-    from .axes import Site
+    from ..waves.wave_source import Site
 
 WINDOW = 2.4
 """Half the window on a lattice, in lattice constants."""
@@ -33,7 +33,7 @@ FREE: dict[str, Any] = {'facecolors': 'white', 'edgecolors': '0.25'}
 HELD: dict[str, Any] = {'facecolors': '0.6', 'edgecolors': '0.25'}
 
 
-def plot_lattice(atoms: Atoms, ax: Axes | None = None) -> Axes:
+def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
     """A planar lattice about one of its cells, with its bonds and its primitive vectors.
 
     Parameters
@@ -53,7 +53,7 @@ def plot_lattice(atoms: Atoms, ax: Axes | None = None) -> Axes:
     >>> scene = read_scene('prototype')
     >>> with print_style():
     ...     figure, ((left, right),) = panels(1, 2, height=3.0)
-    ...     _ = plot_lattice(scene.atoms(), left), plot_zone(scene.band_path(), right)
+    ...     _ = plot_lattice(scene.atoms(), ax=left), plot_zone(scene.band_path(), ax=right)
     ...     letter_panels([left, right])
     """
     ax = new_axes(height=3.2) if ax is None else ax
@@ -72,7 +72,7 @@ def plot_lattice(atoms: Atoms, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_patch(patch: Atoms, site: Site | None = None, ax: Axes | None = None) -> Axes:
+def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None) -> Axes:
     """A planar structure with its bonds: squares for the particles that are held, circles for those that move.
 
     Parameters

@@ -18,7 +18,7 @@ WIDE = 30.0
 """Answers that are positive, the largest more than this multiple of the smallest, are drawn on a logarithmic scale."""
 
 
-def plot_sweep(answers: Dataset, name: str, ax: Axes | None = None) -> Axes:
+def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     """Draw one answer of a sweep: over one axis as a line, over two as a map; further axes at their first value.
 
     Bad points are hatched.  Where the answer changes its sign, a line marks the zero.

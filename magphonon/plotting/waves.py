@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from .axes import Passage, Record, Site, Wave
+    from ..dynamics.motion import Motion
+    from ..waves.wave_analysis import Wave
+    from ..waves.wave_source import Passage, Site
 
 FLOOR_dB = -40
 """Lowest power shown in a map, in decibels relative to the strongest."""
@@ -46,7 +48,7 @@ SATURATED = 0.02
 """Share of the particles, those next to the source, that are beyond the scale of a picture of crests."""
 
 
-def plot_wave(wave: Wave, ax: Axes | None = None) -> Axes:
+def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
     """Wavenumber-frequency map with the branches of both models and the ridge over it.
 
     Parameters
@@ -162,7 +164,7 @@ def _draw_map(ax, wave, top):
     return image
 
 
-def plot_snapshot(patch: Atoms, field: Record, frame: int, site: Site, ax: Axes | None = None) -> Axes:
+def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Axes | None = None) -> Axes:
     """All particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
 
     Parameters
@@ -222,7 +224,7 @@ def crossing(passage: Passage) -> int:
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 
 
-def save_animation(path: str | Path, patch: Atoms, field: Record, site: Site) -> None:
+def save_animation(path: str | Path, patch: Atoms, field: Motion, site: Site) -> None:
     """Write a GIF of all frames on one scale and between fixed axes."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 

@@ -36,7 +36,7 @@ APART = 0.08
 """Least distance of two labels in widths of the axes."""
 
 
-def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
+def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
     """First Brillouin zone with its irreducible part, the path of a band diagram and its special points, in its upper half.
 
     Points k and -k have the same frequencies; if the path lies in the lower half of the zone, its reverse is drawn.
@@ -79,7 +79,7 @@ def plot_zone(path: BandPath, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes | None = None) -> Axes:
+def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axes | None = None) -> Axes:
     """Contours of equal frequency of one branch, complete solid and conventional dashed, with the complete group velocity.
 
     Parameters
@@ -138,7 +138,7 @@ def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, ax:
     return ax
 
 
-def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, ax: Axes | None = None) -> Axes:
+def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axes | None = None) -> Axes:
     """Map of `omega_complete/omega_conventional` of one branch over the zone.
 
     Parameters

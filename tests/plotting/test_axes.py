@@ -67,8 +67,8 @@ def test_the_legend_names_natural_frequencies_only_if_some_are_drawn():
     result = FrequencyResponse(np.array([0.1, 0.2, 0.3]), np.ones(3))
     axes = plot_response(result, [0.5], label='complete')  # outside the range
     assert legend_of(axes[0]) == ['complete']
-    plot_response(result, [0.15, 0.25], axes, label='conventional')
-    assert legend_of(plot_response(result, [0.2], axes, label='third')[0]).count('natural frequencies') == 1
+    plot_response(result, [0.15, 0.25], axes=axes, label='conventional')
+    assert legend_of(plot_response(result, [0.2], axes=axes, label='third')[0]).count('natural frequencies') == 1
 
 
 def test_the_ribbon_of_a_response_has_the_units_of_its_line():

@@ -143,6 +143,6 @@ def test_a_ribbon_shares_the_entry_of_its_curve_in_the_legend():
     spread = Spread(('mass',), np.array([[4e-4]]), bands.omega, bands.omega[None] / 2)
     ax = None
     for model in ('complete', 'conventional'):
-        ax = plot_band_ribbons(Bands(bands.path, bands.omega), spread, ax, label=model)
+        ax = plot_band_ribbons(Bands(bands.path, bands.omega), spread, ax=ax, label=model)
     drawn(ax)
     assert legend_of(ax) == [rf'{model}, $\pm2\sigma$' for model in ('complete', 'conventional')]

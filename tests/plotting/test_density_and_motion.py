@@ -24,7 +24,7 @@ from magphonon.response import density_of_states, extents, spectral_function
 def test_densities_of_a_lattice_and_a_patch_share_axes():
     ax = plot_density(lattice_density(prototype(), steps=24), label='lattice')
     found = density_of_states(patch(12), moments=64)
-    drawn(plot_density(found, ax, label='patch'))
+    drawn(plot_density(found, ax=ax, label='patch'))
     assert legend_of(ax) == ['lattice', 'patch']
     assert ax.get_xlabel() == 'frequency (Hz)'
     for line in ax.lines:  # each is a share: its integral over Hz is one
@@ -56,7 +56,7 @@ def test_spectral_function_lies_under_the_bands():
     path = band_path(cell, 'GMKG', npoints=25)
     spectral = spectral_function(patch(12), cell, path.kpts, moments=64)
     ax = plot_spectral_function(spectral, path)
-    drawn(plot_bands(analytic_bands(cell, path), ax))
+    drawn(plot_bands(analytic_bands(cell, path), ax=ax))
     assert [label.get_text() for label in ax.get_xticklabels()] == ['Γ', 'M', 'K', 'Γ']
     image = ax.collections[0]
     shown = np.asarray(image.get_array()).reshape(64, 25)
@@ -158,7 +158,7 @@ def test_mp4_without_ffmpeg_says_what_to_install(tmp_path, monkeypatch):
 def test_the_highest_of_several_densities_fits_on_the_axes():
     f = 2 * np.pi * np.linspace(-1e-9, 0.1, 50)  # round-off below zero
     low, high = (DensityOfStates(f, height * np.ones(50), 1.0, 0 * f, 0 * f) for height in (1.0, 5.0))
-    ax = drawn(plot_density(high, plot_density(low)))
+    ax = drawn(plot_density(high, ax=plot_density(low)))
     assert ax.get_ylim()[0] == 0
     assert ax.get_ylim()[1] > max(line.get_ydata().max() for line in ax.lines)
     assert ax.get_xlim()[0] == 0
