@@ -10,8 +10,6 @@ symmetrically around ASE's step, which makes it second order in dt and leaves it
     v <- v exp(-gamma dt/2)
 
 Without damping and drives it is ASE's VelocityVerlet, bit for bit.
-
-The energy log of a run, in the units of the package.
 """
 
 from __future__ import annotations
@@ -33,40 +31,12 @@ from .engine import Blocks, refusal, refuse_long_step
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from os import PathLike
     from pathlib import Path
     from typing import IO, Any
 
     from ase import Atoms
     from ase.md.md import MolecularDynamics
     from numpy.typing import ArrayLike, NDArray
-
-class EnergyLog(MDLogger):
-    """Time and energies of a run, a line at a time: ASE's MDLogger, whose own columns are ps, eV and K.
-
-    The total is that of the particles, their bonds, springs and dead loads; drives and damping change it.
-
-    Parameters
-    ----------
-    dyn : ase.md.md.MolecularDynamics
-    atoms : ase.Atoms
-    logfile : path or file
-        '-' is the terminal.
-    comm : object
-        ASE's communicator.
-    """
-
-    def __init__(self, dyn: MolecularDynamics, atoms: Atoms, logfile: str | Path | IO[str], comm: Any) -> None:
-        super().__init__(dyn, atoms, logfile, header=False, comm=comm)  # pyright: ignore[reportArgumentType]  Path too
-        self.hdr = f'{"Time[ms]":<16}' + ''.join(f'{name:>20}' for name in ('Etot[mJ]', 'Epot[mJ]', 'Ekin[mJ]'))
-        self.logfile.write(self.hdr + '\n')
-
-    def __call__(self) -> None:
-        potential, kinetic = self._potential_energy(), self.atoms.get_kinetic_energy()
-        energies = ''.join(f'{energy:20.11e}' for energy in (potential + kinetic, potential, kinetic))
-        self.logfile.write(f'{self.dyn.get_time():<16.10g}{energies}\n')
-        self.logfile.flush()
-
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 ENOUGH = 20_000
@@ -148,9 +118,7 @@ class DrivenVerlet(VelocityVerlet):
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
         refuse_held_drives(self._drive_list, atoms)
-        reason = None if engine in ('auto', 'ase') else refusal(atoms)
-        if reason:
-            raise ValueError(f"engine='{engine}' cannot integrate these atoms: {reason}; use engine='ase'")
+        self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and find_spec('numba') is None:
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
         if not allow_unstable:
@@ -161,9 +129,8 @@ class DrivenVerlet(VelocityVerlet):
         self.allow_unstable = allow_unstable
         self.recorders = []
         self._start = atoms.get_positions()
-        self._blocks, self._cages, self._unseen, self._setting = None, None, 0.0, self._current_setting()
-        self._stops = []
-        self.engine = 'ase' if engine == 'auto' and refusal(atoms) else engine
+        self._blocks, self._cages, self._unseen, self._good = None, None, 0.0, None
+        self._prepared = self._setting(), None
 
     @property
     def damping(self) -> NDArray[np.float64]:
@@ -180,7 +147,7 @@ class DrivenVerlet(VelocityVerlet):
 
         With another calculator than MagneticRepulsion they are counted from the start.
         """
-        if self.engine != 'ase' and self._blocks is not None:
+        if self._exact:
             return self._blocks.displacements
         if isinstance(self.atoms.calc, MagneticRepulsion):
             return self.atoms.calc.displacements(self.atoms)
@@ -189,9 +156,14 @@ class DrivenVerlet(VelocityVerlet):
     @property
     def velocities(self) -> NDArray[np.float64]:
         """In mm/ms, shape (particles, dim); exact in the block engines."""
-        if self.engine != 'ase' and self._blocks is not None:
+        if self._exact:
             return self._blocks.velocities
         return self.atoms.get_velocities()[:, : getattr(self.atoms.calc, 'dim', 3)]
+
+    @property
+    def _exact(self):
+        """Whether blocks hold the state of the atoms, which an observer may have changed since they wrote it."""
+        return self._blocks is not None and self._blocks.calc is self.atoms.calc and self._blocks.current
 
     def step(self, forces: Any = None) -> NDArray[np.float64]:
         t, t_next = self.nsteps * self.dt, (self.nsteps + 1) * self.dt
@@ -218,34 +190,42 @@ class DrivenVerlet(VelocityVerlet):
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
         """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most."""
-        self._prepare(steps)
-        run = super().irun(steps) if self.engine == 'ase' else self._irun_blocks(steps)
-        good = self._good_state() if self.engine == 'ase' else None
-        try:
-            for converged in run:
-                if self.engine == 'ase' and self._time_to_look():
-                    self._inspect(self.get_time())
-                    good = self._good_state()
-                yield converged
-        except Diverged as error:
-            if good is not None:
-                self.nsteps, self.atoms.arrays['positions'][:], self.atoms.arrays['momenta'][:] = good
-                for recorder in self.recorders:
-                    recorder.forget_after(self.get_time())
-            error.atoms, error.last_good = self.atoms, self.get_time()
-            raise
-
-    def _irun_blocks(self, steps):
         self.max_steps = self.nsteps + steps
+        long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None
+        self._prepare(long)
         if self.nsteps == 0:
             self.log()
             self.call_observers()
         yield self.nsteps == self.max_steps
         while self.nsteps < self.max_steps:
-            self._advance_to(self._next_stop())
+            self._prepare(long)  # observers, and who iterates, may have changed any setting
+            try:
+                if self.engine == 'ase':
+                    self._one_step()
+                else:
+                    self._advance_to(self._next_stop())
+            except Diverged as error:
+                error.atoms, error.last_good = self.atoms, self.get_time()
+                raise
             self.log()
             self.call_observers()
             yield self.nsteps == self.max_steps
+
+    def _one_step(self):
+        """A step of ASE's loop; if the bonds do not hold after it, back to the last state in which they were seen to hold."""
+        if self._good is None:
+            self._good = self._state()
+        try:
+            self.step()
+            self.nsteps += 1
+            if self._time_to_look():
+                self._inspect(self.get_time())
+                self._good = self._state()
+        except Diverged:
+            self.nsteps, self.atoms.arrays['positions'][:], self.atoms.arrays['momenta'][:] = self._good
+            for recorder in self.recorders:
+                recorder.forget_after(self.get_time())
+            raise
 
     def _advance_to(self, stop):
         """Move on to the step `stop` by blocks, each of which ends with a look whether the bonds hold; then the atoms follow."""
@@ -261,46 +241,48 @@ class DrivenVerlet(VelocityVerlet):
 
     def _next_stop(self):
         intervals = [interval for _, interval, *_ in self.observers]
-        periods = [*self._stops, *(k for k in intervals if k > 0)]
-        instants = [self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
-        return min([self.nsteps + SHOWN, *instants] + [self.nsteps + k - self.nsteps % k for k in periods])
+        instants = [self.nsteps + SHOWN, self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
+        return min(instants + [self.nsteps + k - self.nsteps % k for k in intervals if k > 0])
 
-    def _prepare(self, steps):
-        """Choose the engine and refuse an unstable step; again only if something has changed."""
-        old = self._blocks
-        self.engine = self.asked_engine
-        if self.engine == 'auto':
-            long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None
-            self.engine = 'ase' if refusal(self.atoms) else 'compiled' if long else 'numpy'
-        setting = self._current_setting()
-        if setting != self._setting:
-            self._refuse_other_clock()
+    def _prepare(self, long):
+        """Choose the engine and refuse an unstable step; again only if something has changed.
+
+        Parameters
+        ----------
+        long : bool
+            Whether the run repays compilation.
+        """
+        now, (before, was_long) = self._setting(), self._prepared
+        if now == before and long == was_long:
+            return
+        if now != before:
+            self._refuse_other_clock(before)
             if not self.allow_unstable:
                 refuse_long_step(self.atoms, self.dt)
-            self._blocks = self._cages = None
-            self._setting = setting
-        if self.engine == 'ase':
-            if self._cages is None and isinstance(self.atoms.calc, MagneticRepulsion):
-                self._cages = Cages(self.atoms)
-        else:
-            fresh = self._blocks is None
-            if fresh:
-                self._blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping, self.threads)
-            self._blocks.use(self.engine)
-            if fresh and old is not None and old.current:
-                self._blocks.adopt(old)
-            self.engine = self._blocks.engine
+        self.engine = _engine_for(self.atoms, self.asked_engine, long)
+        blocks = cages = None
+        if self.engine != 'ase':
+            blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping, self.threads)
+            blocks.use(self.engine)
+            if self._blocks is not None and self._blocks.current:
+                blocks.adopt(self._blocks)
+            self.engine = blocks.engine
+        elif isinstance(self.atoms.calc, MagneticRepulsion):
+            cages = Cages(self.atoms)
+        self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long)
 
-    def _refuse_other_clock(self):
-        before = self._setting[1]
-        if self.dt != before and self.nsteps and (self._drive_list or self.recorders):
-            raise ValueError(f'the time step was {before:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
+    def _refuse_other_clock(self, before):
+        dt = before[1]
+        if self.dt != dt and self.nsteps and (self._drive_list or self.recorders):
+            raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
                              'of drives and records is the number of steps times the time step; set it back, or go on with a new '
                              'DrivenVerlet(atoms, ...), whose time begins at zero')
 
-    def _current_setting(self):
+    def _setting(self):
+        """All that forces and motion depend on, but for the state itself and the drives, which are functions of the time."""
         atoms, calc = self.atoms, self.atoms.calc
-        return (calc, self.dt, dict(getattr(calc, 'parameters', {})), [constraint.todict() for constraint in atoms.constraints],
+        changeable = (calc.model, np.asarray(calc.foundation).tobytes()) if isinstance(calc, MagneticRepulsion) else ()
+        return (calc, self.dt, changeable, [constraint.todict() for constraint in atoms.constraints],
                 *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
 
     def _time_to_look(self):
@@ -314,7 +296,7 @@ class DrivenVerlet(VelocityVerlet):
         self._unseen = 0.0
         return True
 
-    def _good_state(self):
+    def _state(self):
         return self.nsteps, self.atoms.get_positions(), self.atoms.get_momenta()
 
     def _inspect(self, time):
@@ -323,24 +305,8 @@ class DrivenVerlet(VelocityVerlet):
             u = self.atoms.positions - calc.reference.positions
             self._cages.look(calc.displacements(self.atoms) if np.isfinite(u).all() else u[:, : calc.dim], time)
 
-    def run(self, steps: int = 50, checkpoint: str | PathLike[str] | None = None, every: int = 1000) -> bool:
+    def run(self, steps: int = 50) -> bool:
         """Run for `steps` more steps.
-
-        Parameters
-        ----------
-        steps : int
-        checkpoint : path, optional
-            File that keeps the whole state, recorders included (their frames beside it).  If it is there already, left
-            by a run that was killed, this run goes on from it, and ends in the same bits as the same call of `run` that
-            was never killed, on the same machine; whatever differs from that run is refused by name.  A run without a
-            checkpoint, or with another `every`, differs in the last bits: blocks of steps end at each checkpoint.  A run is
-            known by the state that it started from, so it goes on with atoms, dynamics and recorders prepared afresh, as in
-            a new process, not with those that have moved.  A `trajectory=` holds the frames of the last part only; those of
-            a Recorder are complete.  Of other observers only the intervals are known, not what they do; of a calculator
-            that is not MagneticRepulsion its class, parameters and first forces.  A run that has ended goes on if it is asked
-            for more steps.
-        every : int
-            Steps between two checkpoints; a part of the run, as its drives are.
 
         Returns
         -------
@@ -350,62 +316,27 @@ class DrivenVerlet(VelocityVerlet):
         Raises
         ------
         Diverged
-            If particles collide or leave; a ValueError for a checkpoint that is damaged or belongs to another run, and for
-            drives or laws that could not be known again.
+            If particles collide or leave.
         """
         target = self.nsteps + whole('steps', steps, 0)
-        self._stops = [] if checkpoint is None else [whole('every', every)]
-        save = self._keep_checkpoints(checkpoint, target, every) if checkpoint is not None else None
-        converged = self.nsteps == target
         with tqdm(total=target, initial=self.nsteps, unit='step', delay=2, disable=None) as progress:
-            try:
-                for converged in self.irun(target - self.nsteps):
-                    progress.update(self.nsteps - progress.n)
-                    # at step 0 observers have looked already, and would look again in a run that goes on from there
-                    if save and self.nsteps and (converged or self.nsteps % every == 0):
-                        save()
-            except Diverged:
-                if save:
-                    save()  # the last good state
-                raise
-        return converged
-
-    def _keep_checkpoints(self, path, target, every):
-        """Go on from the checkpoint if there is one; return the function that writes it."""
-        from .checkpoint import load_checkpoint, run_parts, save_checkpoint
-
-        self._prepare(target - self.nsteps)
-        parts = run_parts(self, every)
-        state = load_checkpoint(path, parts)
-        if state is not None and state['nsteps'] > target:
-            raise ValueError(f'the checkpoint {path} is at step {state["nsteps"]}, but the run is to end at step {target}; '
-                             'move it away, or run for longer')
-        for k, recorder in enumerate(self.recorders):
-            kept = () if state is None else (state[f'frames{k}'], str(state[f'checksum{k}']))
-            recorder.keep_at(f'{path}.frames{k}', *kept)
-        if state is not None:
-            self._restore(state)
-        return lambda: save_checkpoint(path, parts, self._state())
-
-    def _state(self):
-        state = {'nsteps': self.nsteps, 'engine': self.engine}
-        state |= {name: self.atoms.arrays[name] for name in ('positions', 'momenta')}
-        for k, recorder in enumerate(self.recorders):
-            state[f'frames{k}'], state[f'checksum{k}'] = recorder.keep()
-        return state if self.engine == 'ase' else state | self._blocks.state()
-
-    def _restore(self, state):
-        self.nsteps = int(state['nsteps'])
-        for name in ('positions', 'momenta'):
-            self.atoms.arrays[name][:] = state[name]
-        self.asked_engine = str(state['engine'])  # another engine would round otherwise
-        if self.asked_engine != 'ase':
-            self._blocks.use(self.asked_engine)
-            self._blocks.restore(state)
+            for _ in self.irun(steps):
+                progress.update(self.nsteps - progress.n)
+        return True
 
     def _traj_write_image(self, description):
         self._refresh_properties()  # blocks of steps leave no forces behind
         super()._traj_write_image(description)
+
+
+def _engine_for(atoms, asked, long=False):
+    """The engine that integrates `atoms` where `asked` is one of ENGINES, refused where blocks cannot."""
+    reason = None if asked == 'ase' else refusal(atoms)
+    if asked == 'auto':
+        return 'ase' if reason else 'compiled' if long else 'numpy'
+    if reason:
+        raise ValueError(f"engine='{asked}' cannot integrate these atoms: {reason}; use engine='ase'")
+    return asked
 
 
 def threads_for(particles: int) -> int:
@@ -426,3 +357,30 @@ def _damping_of(damping, count):
         raise ValueError(f'damping must be zero or positive, one number or one for each of the {count} particles, '
                          f'not {damping}')
     return np.broadcast_to(damping.copy(), count)
+
+
+class EnergyLog(MDLogger):
+    """Time and energies of a run, a line at a time: ASE's MDLogger, whose own columns are ps, eV and K.
+
+    The total is that of the particles, their bonds, springs and dead loads; drives and damping change it.
+
+    Parameters
+    ----------
+    dyn : ase.md.md.MolecularDynamics
+    atoms : ase.Atoms
+    logfile : path or file
+        '-' is the terminal.
+    comm : object
+        ASE's communicator.
+    """
+
+    def __init__(self, dyn: MolecularDynamics, atoms: Atoms, logfile: str | Path | IO[str], comm: Any) -> None:
+        super().__init__(dyn, atoms, logfile, header=False, comm=comm)  # pyright: ignore[reportArgumentType]  Path too
+        self.hdr = f'{"Time[ms]":<16}' + ''.join(f'{name:>20}' for name in ('Etot[mJ]', 'Epot[mJ]', 'Ekin[mJ]'))
+        self.logfile.write(self.hdr + '\n')
+
+    def __call__(self) -> None:
+        potential, kinetic = self._potential_energy(), self.atoms.get_kinetic_energy()
+        energies = ''.join(f'{energy:20.11e}' for energy in (potential + kinetic, potential, kinetic))
+        self.logfile.write(f'{self.dyn.get_time():<16.10g}{energies}\n')
+        self.logfile.flush()

@@ -1,14 +1,15 @@
-"""What changes between two runs of one DrivenVerlet: every engine goes on as plain velocity Verlet does from the same state."""
+"""Settings that change between two runs, by an observer, or in the body of `irun`: every engine goes on as textbook velocity
+Verlet does from the same state."""
 
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
 from oracles import neighbour_vectors, verlet
 
-from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
 from magphonon.dynamics.engine import Blocks
 
-LAW = InversePower(b=3000.0, a=4.6)
+LAW, ANOTHER = InversePower(b=3000.0, a=4.6), InversePower(b=1500.0, a=4.1)
 L0, DT, STEPS, K = 10.0, 0.02, 25, 0.5  # mm, ms, steps from one change to the next, N/mm
 EXACT = 1e-9  # of the largest displacement: positions of 30 mm are rounded to 4e-15 mm, displacements are 0.1 mm and more
 
@@ -21,22 +22,30 @@ class Moved:
         self.atoms = atoms = lattices.hexagon(cell, rng.uniform(20, 30))
         self.bonds = np.array([(i, j) for i, j, *_ in neighbour_vectors(atoms, 1.2 * L0) if i < j]).T
         atoms.set_masses(rng.uniform(0.5, 1.0, len(atoms)))
-        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=K)
-        self.rim, self.anchors, self.k, self.gamma, self.dt = atoms.constraints, atoms.positions[:, :2].copy(), K, 0.0, DT
-        self.x, self.v = self.anchors.copy(), rng.uniform(-1, 1, (len(atoms), 2))
+        self.law, self.k, self.strengths, self.load = LAW, K, np.ones(len(atoms)), np.zeros((len(atoms), 3))
+        self.model, self.rim, self.anchors, self.gamma, self.dt = 'complete', atoms.constraints, atoms.get_positions(), 0.0, DT
+        self.renew(atoms)
+        self.x, self.v = atoms.positions[:, :2].copy(), rng.uniform(-1, 1, (len(atoms), 2))
         atoms.set_momenta(atoms.get_masses()[:, None] * np.pad(self.v, ((0, 0), (0, 1))))
         self.dyn = DrivenVerlet(atoms, DT, engine=engine)
 
-    def run(self):
-        """Both; how far they end apart, as a share of the largest displacement."""
-        atoms, (i, j) = self.atoms, self.bonds
-        u, self.v = verlet(atoms, LAW, self.dt, STEPS, bonds=(i, j, self.anchors[j] - self.anchors[i]), foundation=self.k,
-                           damping=self.gamma, velocities=self.v, displacements=self.x - self.anchors)
-        self.x = self.anchors + u
-        self.dyn.run(STEPS)
+    def renew(self, reference):
+        self.atoms.calc = MagneticRepulsion(reference, self.law, foundation=self.k, bonds=self.bonds.T.tolist(), load=self.load,
+                                            anchors=self.anchors, strengths=self.strengths, model=self.model)
+
+    def dphi(self, r):
+        return self.strengths[self.bonds].prod(axis=0) * self.law.dphi(r)
+
+    def apart(self):
+        """Move the truth on by STEPS; how far the dynamics is from it, as a share of the largest displacement."""
+        atoms, rest, k = self.atoms, self.atoms.calc.reference.positions, np.array(self.k).reshape(-1, 1)
+        pull = (self.load - k * (rest - self.anchors))[:, :2]
+        u, self.v = verlet(atoms, self, self.dt, STEPS, bonds=(*self.bonds, (rest[self.bonds[1]] - rest[self.bonds[0]])[:, :2]),
+                           foundation=k, model=self.model, damping=self.gamma, drive=lambda _: pull, velocities=self.v,
+                           displacements=self.x - rest[:, :2])
+        self.x = rest[:, :2] + u
         return max(abs(atoms.positions[:, :2] - self.x).max(), abs(atoms.get_velocities()[:, :2] - self.v).max(),
-                   abs(self.dyn.velocities - self.v).max(),
-                   abs(self.dyn.displacements - (self.x - atoms.calc.reference.positions[:, :2])).max()) / abs(u).max()
+                   abs(self.dyn.velocities - self.v).max(), abs(self.dyn.displacements - u).max()) / abs(u).max()
 
 
 def inner(moved, rng, count):
@@ -47,8 +56,8 @@ def pillars_moved(moved, rng):
     """A calculator about another reference, whose springs are slack there."""
     reference = moved.atoms.calc.reference.copy()
     reference.positions[inner(moved, rng, 3), :2] += rng.uniform(-1, 1, (3, 2))
-    moved.atoms.calc = MagneticRepulsion(reference, LAW, foundation=moved.k, bonds=moved.atoms.calc.bonds)
-    moved.anchors = reference.positions[:, :2].copy()
+    moved.anchors = reference.get_positions()
+    moved.renew(reference)
 
 
 def about_where_it_is(moved, rng):
@@ -74,9 +83,34 @@ def heavier(moved, rng):
     moved.v *= (before / moved.atoms.get_masses())[:, None]
 
 
+def kicked(moved, rng):
+    moved.x = moved.x + rng.uniform(-0.1, 0.1, moved.x.shape) * moved.atoms.get_momenta()[:, :2].any(axis=1, keepdims=True)
+    moved.atoms.positions[:, :2] = moved.x
+
+
 def stiffer(moved, rng):
-    moved.k *= rng.uniform(0.5, 2)
+    moved.k = K * (rng.uniform(0.5, 2) if rng.random() < 0.5 else rng.uniform(0.5, 2, len(moved.atoms)))
     moved.atoms.calc.set(foundation=moved.k)
+
+
+def of_another_law(moved, rng):
+    moved.law = ANOTHER if moved.law is LAW else LAW
+    moved.renew(moved.atoms.calc.reference)
+
+
+def of_other_strengths(moved, rng):
+    moved.strengths = rng.uniform(0.9, 1.1, len(moved.atoms))
+    moved.renew(moved.atoms.calc.reference)
+
+
+def loaded(moved, rng):
+    moved.load = rng.uniform(-0.05, 0.05, moved.load.shape) * [1, 1, 0]
+    moved.renew(moved.atoms.calc.reference)
+
+
+def with_fixed_directions(moved, rng):
+    moved.model = 'conventional' if moved.model == 'complete' else 'complete'
+    moved.atoms.calc.set(model=moved.model)
 
 
 def damped(moved, rng):
@@ -88,24 +122,75 @@ def slower(moved, rng):
     moved.dt = moved.dyn.dt = DT * rng.uniform(0.5, 1.5)
 
 
-CHANGES = (pillars_moved, about_where_it_is, guided, released, heavier, stiffer, damped, slower)
+CHANGES = (pillars_moved, about_where_it_is, guided, released, heavier, kicked, stiffer, of_another_law, of_other_strengths,
+           loaded, with_fixed_directions, damped, slower)
 
 
-def largest_difference(seed, engine, changes):
+def largest_difference(seed, engine, changes, way='runs'):
+    """Over STEPS before the first and after each of the changes, which are made between runs, by an observer or in `irun`."""
     rng = np.random.default_rng(seed)
-    moved = Moved(rng, engine)
-    apart = [moved.run()]
-    for change in changes:
-        change(moved, rng)
-        apart.append(moved.run())
+    moved, apart, left = Moved(rng, engine), [], list(changes)
+    dyn, steps = moved.dyn, STEPS * (len(changes) + 1)
+
+    def look():
+        if dyn.nsteps == STEPS * (len(apart) + 1):
+            apart.append(moved.apart())
+            if left:
+                left.pop(0)(moved, rng)
+
+    if way == 'observer':
+        dyn.attach(look, interval=5)
+        dyn.run(steps)
+    elif way == 'body':
+        dyn.attach(lambda: None, interval=STEPS)
+        for _ in dyn.irun(steps):
+            look()
+    else:
+        for _ in range(steps // STEPS):
+            dyn.run(STEPS)
+            look()
+    assert len(apart) == len(changes) + 1
     return max(apart)
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy'])
-@pytest.mark.parametrize('seed', range(8))
-def test_every_change_is_followed(engine, seed):
+@pytest.mark.parametrize('way', ['runs', 'observer', 'body'])
+@pytest.mark.parametrize('engine', ['auto', 'ase', 'numpy', 'compiled'])
+@pytest.mark.parametrize('seed', range(4))
+def test_every_change_is_followed(engine, seed, way):
+    if engine == 'compiled':
+        pytest.importorskip('numba')
     changes = np.random.default_rng(seed).permutation(CHANGES)
-    assert largest_difference(seed, engine, changes) < EXACT
+    assert largest_difference(seed, engine, changes, way) < EXACT
+
+
+@pytest.mark.parametrize('change', CHANGES)
+def test_a_change_that_is_not_followed_is_noticed(change):
+    """The control: without it the motion is another one, but for a mere change of the reference."""
+    moved, unmoved = (Moved(np.random.default_rng(5), 'numpy') for _ in range(2))
+    for one in moved, unmoved:
+        one.dyn.run(STEPS)
+        one.apart()
+    change(moved, np.random.default_rng(6))
+    if change is damped:
+        assert moved.dyn.damping.any()
+    unmoved.dyn.run(STEPS)
+    unmoved.apart()
+    moved.dyn.run(STEPS)
+    moved.apart()
+    same = change in (about_where_it_is, released)  # nobody was held but the rim
+    assert (abs(moved.x - unmoved.x).max() > 1e3 * EXACT) != same
+
+
+@pytest.mark.parametrize('way', [kicked, about_where_it_is])
+def test_a_recorder_sees_what_an_observer_before_it_has_changed(way):
+    found = []
+    for engine in ('ase', 'numpy'):
+        moved = Moved(np.random.default_rng(7), engine)
+        moved.dyn.attach(lambda moved=moved: moved.dyn.nsteps == STEPS and way(moved, np.random.default_rng(8)), interval=STEPS)
+        recorder = Recorder(moved.dyn, interval=STEPS)
+        moved.dyn.run(2 * STEPS)
+        found.append(recorder.displacements)
+    np.testing.assert_allclose(*found, rtol=0, atol=EXACT)
 
 
 def without_a_look_at_the_reference(self, old):
@@ -137,7 +222,7 @@ def test_displacements_keep_their_digits_where_the_reference_stays():
     moved = Moved(np.random.default_rng(3), 'numpy')
     moved.atoms.set_momenta(1e-12 * moved.atoms.get_momenta())
     moved.v *= 1e-12
-    moved.run()
+    moved.dyn.run(STEPS)
     before = moved.dyn.displacements
     for change in (guided, heavier, stiffer, damped, slower, released):
         change(moved, np.random.default_rng(3))
