@@ -1,8 +1,7 @@
 """Time integration: ASE's velocity Verlet with drives and damping, and fast engines that compute the same states.
 
-`verlet` is the integrator, `drives` and `recorder` what acts and what is kept, `timestep` the limit 2/omega_max,
-`checkpoint` a run that survives being killed; `engine` and the two `kernels_*` move blocks of steps, `lammps` writes the same
-run for LAMMPS.
+`verlet` is the integrator, `drives` and `recorder` what acts and what is kept; `engine` (with the limit 2/omega_max of the time
+step) and the two `kernels_*` move blocks of steps, `lammps` writes the same run for LAMMPS.
 """
 
 import lazy_loader

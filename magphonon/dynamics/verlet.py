@@ -58,6 +58,13 @@ class DrivenVerlet(VelocityVerlet):
     calls, and carry displacements from rest instead of positions: these keep their digits however small they are.
     With MagneticRepulsion a run that diverges stops with Diverged; with other calculators this is not noticed.
 
+    Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
+    parameters and the damping may be changed: every engine goes on with what it finds.
+
+    A run that was killed goes on from its `trajectory`: make another one of `magphonon.restored` of the last frame, and set its
+    `nsteps` to the step of that frame, by which drives know the time.  Frames hold absolute positions: displacements come back
+    to 1e-16 of the size of the structure.
+
     Parameters
     ----------
     atoms : ase.Atoms

@@ -11,6 +11,7 @@ import csv
 import warnings
 from copy import deepcopy
 from functools import partial
+from hashlib import sha256
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -18,11 +19,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
+from ase.io.jsonio import encode
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, computed_field, model_validator
 
 from .. import units as u
 from ..bands.bands import band_path
-from ..dynamics.fingerprints import fingerprint
 from ..errors import did_you_mean, whole
 from ..files import MEGABYTE, refuse_endless, table_text
 from ..lattices.bonds import distances_within
@@ -406,10 +407,11 @@ class FileLattice(Table):
     @computed_field
     @property
     def contents(self) -> str:
-        """Fingerprint of all that the file says, by which results know of which structure they are."""
+        """SHA-256 of all that the file says, by which results know of which structure they are."""
         atoms, calc = self._atoms, self._atoms.calc
-        calculator = calc.todict() if isinstance(calc, Restartable) else getattr(calc, 'parameters', None)
-        return fingerprint([atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator])
+        calculator = calc.todict() if isinstance(calc, Restartable) else dict(getattr(calc, 'parameters', {}))
+        parts = [atoms.cell.array, atoms.pbc, atoms.arrays, [held.todict() for held in atoms.constraints], calculator]
+        return sha256(encode(parts).encode()).hexdigest()
 
     def path(self, points: str | None, npoints: int) -> BandPath:
         """Path through special points, `ase.dft.kpoints.BandPath`."""

@@ -100,24 +100,3 @@ def test_engines_are_textbook_verlet_where_sites_differ(seed, engine):
 @pytest.mark.parametrize('seed', range(7, 60))
 def test_fifty_structures(seed, engine):
     compare(seed, engine)
-
-
-def test_a_checkpoint_belongs_to_sites_of_these_strengths_springs_and_kinds(tmp_path):
-    def run(strength=1.1, spring=0.3, kind=1, steps=60):
-        atoms = lattice('triangular').repeat((4, 4, 1))
-        atoms.set_tags(np.arange(16) == kind)
-        atoms.calc = MagneticRepulsion(atoms, LAWS[0], strengths=np.where(np.arange(16) == 3, strength, 1.0),
-                                       foundation=np.where(np.arange(16) == 5, spring, 0.4))
-        atoms.calc = atoms.calc.balanced(range(16))
-        atoms.set_momenta(np.pad(np.random.default_rng(3).normal(size=(16, 2)), ((0, 0), (0, 1))))
-        dyn = DrivenVerlet(atoms, DT, engine='numpy')
-        dyn.run(steps, checkpoint=tmp_path / 'state.npz', every=30)
-        return dyn.displacements
-
-    run(steps=30)
-    resumed = run()
-    (tmp_path / 'state.npz').unlink()
-    assert np.array_equal(run(), resumed)
-    for other, words in ({'strength': 1.2}, 'strengths'), ({'spring': 0.2}, 'foundation'), ({'kind': 2}, 'calculator'):
-        with pytest.raises(ValueError, match=f'these differ: .*{words}'):
-            run(**other)

@@ -8,7 +8,7 @@ from ase.constraints import FixAtoms, FixCartesian
 from ase.io import read
 from motion import DT, apart, patch, states_of
 
-from magphonon import Constant, DrivenVerlet, Harmonic, Tabulated
+from magphonon import Constant, DrivenVerlet, Harmonic, Tabulated, ToneBurst, restored
 
 
 @pytest.mark.parametrize('engine', ['ase', 'numpy'])
@@ -134,3 +134,30 @@ def test_a_law_that_no_polynomial_fits_is_evaluated_itself(reach):
 def test_bad_arguments_are_refused(arguments, words):
     with pytest.raises(ValueError, match=words):
         DrivenVerlet(patch(), **{'timestep': DT, **arguments})
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_a_killed_run_goes_on_from_its_trajectory(engine, tmp_path):
+    def driven(atoms, **options):
+        return DrivenVerlet(atoms, DT, [ToneBurst(24, (1, 2), 1e-3, omega=3.0, cycles=3)], damping=0.05, engine=engine, **options)
+
+    def killed():
+        if dyn.nsteps == 77:
+            raise KeyboardInterrupt
+
+    whole = driven(patch())
+    whole.run(200)
+    dyn = driven(patch(), trajectory=str(tmp_path / 'run.traj'), loginterval=20)
+    dyn.attach(killed, interval=7)
+    with pytest.raises(KeyboardInterrupt):
+        dyn.run(200)
+    frames = read(tmp_path / 'run.traj', ':')
+    again = driven(restored(frames[-1]))
+    again.nsteps = 20 * (len(frames) - 1)
+    assert again.nsteps == 60
+    again.run(200 - again.nsteps)
+    apart = abs(again.displacements - whole.displacements).max() / abs(whole.displacements).max()
+    assert apart < 1e-9  # positions in the file are rounded
+    late = driven(restored(frames[-1]))  # the control: without its clock the drive begins anew
+    late.run(140)
+    assert abs(late.displacements - whole.displacements).max() > 1e-3 * abs(whole.displacements).max()
