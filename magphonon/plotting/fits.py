@@ -1,7 +1,4 @@
-"""Measured forces with fitted laws, and the residual of each law, drawn on matplotlib axes.
-
-Measured ridges with the branches fitted to them, and the residuals of both models.
-"""
+"""Measured forces with fitted laws, measured ridges with fitted branches, and the residuals of both."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import numpy as np
 from .. import units as u
 from ..bands.bloch import bloch_modes
 from ..interactions.pair_laws import repulsion
-from .axes import COLOURS, label, legend_above, letter_panels, new_figure, prefix_power
+from .axes import COLOURS, COLUMN_in, label, legend_above, letter_panels, new_figure, prefix_power
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,7 +22,10 @@ if TYPE_CHECKING:
     from ..interactions.force_tables import Forces
     from ..waves.ridge_tables import RidgePoints
 
-DISPERSION_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], '--', 's')}
+MOST_POINTS = 200
+"""Largest number of points drawn singly; more are averaged, because they would hide each other and the laws."""
+LINES = '-', '--', ':', '-.'
+MODEL_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], '--', 's')}
 
 
 def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, DispersionFit]]) -> Figure:
@@ -51,8 +51,6 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
     >>> found = fit_bands(read_scene('prototype'), read_ridges(files('magphonon.data') / 'prototype_ridges.csv'))
     >>> figure = plot_band_fits(found.points, {model: (found.fitted(model).atoms(), fit) for model, fit in found.fits.items()})
     """
-    from .axes import COLUMN_in
-
     figure = new_figure(COLUMN_in, 1.25 * COLUMN_in)
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1.4))
     for k in range(len(points.names)):
@@ -62,7 +60,7 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
                        label='measured' if k == 0 else None)
     xi = np.linspace(0, np.pi, 301)
     for model, (atoms, fit) in fits.items():
-        colour, line, marker = DISPERSION_LINES[model]
+        colour, line, marker = MODEL_LINES[model]
         drawn = {(fit.branches[k], *np.round(points.q[here][0] / points.xi[here][0], 6))
                  for k in range(len(points.names)) if (here := points.ridge == k).any()}
         for branch, *direction in sorted(drawn):
@@ -79,11 +77,6 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
     upper.legend(loc='lower right', frameon=False)
     letter_panels([upper, lower])
     return figure
-
-
-MOST_POINTS = 200
-"""Largest number of points drawn singly; more are averaged, because they would hide each other and the laws."""
-LINES = '-', '--', ':', '-.'
 
 
 def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:

@@ -1,7 +1,4 @@
-"""Frequency responses drawn in SI: amplitude and phase over frequency, with the natural frequencies.
-
-Uncertainty drawn in SI: ribbons around bands and responses, and the contribution of each parameter.
-"""
+"""Frequency responses, and ribbons of uncertainty around bands and responses, drawn in SI."""
 
 from __future__ import annotations
 
