@@ -73,8 +73,8 @@ def swinging(atoms):
 
 def fully_said(atoms):
     said = verdict(atoms, timestep=0.1)
-    return np.array([said.force, said.foundation, said.needed, said.omega_max, said.support, said.central, said.held or 0.0,
-                     *said.displacements])
+    return np.array([said.case.force, said.buckling.spring, said.buckling.needed, said.timestep_limit, said.supports.wave,
+                     said.supports.central, said.buckling.spacing or 0.0, *said.displacements])
 
 
 TOOLS = {

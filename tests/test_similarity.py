@@ -89,13 +89,13 @@ def answers(seed, L, s, m):
         'transient': (moved.displacements, (1, 0, 0)),
         'velocities of the transient': (moved.velocities, (1, 0.5, -0.5)),
         'run': (run.positions - atoms.positions, (1, 0, 0)),
-        'needed': (told.needed, (0, 1, 0)),
+        'needed': (told.buckling.needed, (0, 1, 0)),
         'residual': (told.residual, (1, 1, 0)),
-        'support': ((told.support, told.alone, told.central), (0, 1, 0)),
+        'support': (told.supports, (0, 1, 0)),
         'linear amplitude': (told.amplitude, (1, 0, 0)),
         'safe displacements': (told.displacements, (1, 0, 0)),
         'no fault': (told.fine, (0, 0, 0)),
-        'held': (told.held or np.nan, (1, 0, 0)),
+        'held': (told.buckling.spacing or np.nan, (1, 0, 0)),
     }
 
 

@@ -187,11 +187,11 @@ def _stability(scene, atoms, bands, phonon):
     from ..planning.scene import neglected
     from ..scenes.lattices import ALL
     from ..stability.buckling import common_spring, common_support, foundation_needed
-    from ..stability.verdicts import out_of_plane
+    from ..stability.verdicts import verdict
 
+    needed, softest = foundation_needed(atoms)
     flat = atoms.copy()
     flat.calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
-    needed, softest = foundation_needed(flat)
     sums = np.einsum('ixx->x', foundation_recovered(phonon)) / len(phonon.unitcell)
     recovered = sums[: flat.calc.dim].mean()
     given, recovered, needed = (k / (units.N / units.m) for k in (common_spring(flat), recovered, needed))
@@ -214,7 +214,7 @@ def _stability(scene, atoms, bands, phonon):
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
     lines += neglected(scene)
     if atoms.calc.layer:
-        lines.append(str(out_of_plane(atoms)[0]))
+        lines.append(verdict(atoms).finding('out_of_plane').words)
     if given >= needed:
         place = ' in the plane' if flat.calc.dim == 2 else ''
         why = f': it needs a foundation of {needed:.6g} N/m and has {given:.6g} N/m' if needed else '; no foundation needed'

@@ -7,7 +7,9 @@ from .amplitude_shifts import (
 )
 from .buckling import (
     Border as Border,
+    FoundationNeeded as FoundationNeeded,
     Softest as Softest,
+    SupportNeeded as SupportNeeded,
     border_over_exponents as border_over_exponents,
     border_over_spacings as border_over_spacings,
     common_spring as common_spring,
@@ -26,7 +28,8 @@ from .soft_waves import (
     softest_wave as softest_wave,
 )
 from .verdicts import (
-    OutOfPlane as OutOfPlane,
+    Buckling as Buckling,
+    Finding as Finding,
     Verdict as Verdict,
     verdict as verdict,
 )

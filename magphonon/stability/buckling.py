@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from ase import Atoms
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 ROUND_OFF = 1e-12
 """Fraction of the largest eigenvalue below which an eigenvalue is zero."""
+FLAT = 1e-9
+"""Largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat."""
 SPACINGS = np.geomspace(0.1, 10, 21)
 """Multiples of the present spacing among which a stable one is searched for."""
 
@@ -195,6 +197,17 @@ def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, w
                       atoms.cell.array, atoms.pbc, len(atoms), _steps_of_sums(calc))
 
 
+def flat_layer(atoms: Atoms) -> bool:
+    """Whether the atoms are a layer, whose particles may move out of the plane, at rest in one plane."""
+    calc: Any = atoms.calc
+    if not (isinstance(calc, Repulsion) and calc.layer):
+        return False
+    if calc.pairwise and (calc.load[:, 2].any() or calc.slack[:, 2].any()):  # pyright: ignore[reportAttributeAccessIssue]
+        return False
+    heights = atoms.positions[:, 2], calc.reference.positions[:, 2]
+    return max(np.ptp(z) for z in heights) <= FLAT * calc.bonds.lengths.min()
+
+
 def common_support(atoms: Atoms | LinearSystem) -> float:
     """The softest support along z of any particle of a layer that is not held, in N/mm."""
     return _softest_spring(atoms, np.asarray(atoms.calc.foundation)[:, 2])
@@ -229,9 +242,25 @@ def _steps_of_sums(calc):
     return 24 if calc.dim == 2 else 8  # because these cells take long
 
 
-def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
-                      steps: int | None = None) -> tuple[float, NDArray[np.float64]]:
+class FoundationNeeded(NamedTuple):
+    """What holds a structure against its static forces.
+
+    Attributes
+    ----------
+    k : float
+        Smallest stiffness of the foundation in N/mm; zero if the structure is stable without one.
+    q : ndarray, shape (3,)
+        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+    """
+
+    k: float
+    q: NDArray[np.float64]
+
+
+def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete', steps: int | None = None) -> FoundationNeeded:
     """Smallest foundation stiffness that holds a lattice or a finite patch in its plane.
+
+    A flat layer is judged by its motion in the plane alone, whatever its supports along z; `softest_out_of_plane` is for these.
 
     If springs differ, the result is the stiffness needed for the softest one, `magphonon.stability.common_spring`, while the
     differences between the springs are kept.
@@ -251,15 +280,8 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
 
     Returns
     -------
-    k : float
-        In N/mm; zero if the lattice is stable without a foundation.
-    q : ndarray, shape (3,)
-        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
-
-    Raises
-    ------
-    ValueError
-        For an unknown model, `steps` that is not a whole number, atoms without MagneticRepulsion, or atoms that are not at rest.
+    FoundationNeeded
+        A tuple of the stiffness `k` in N/mm and the wavevector `q` of the softest mode.
 
     Examples
     --------
@@ -270,8 +292,11 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete',
     >>> round(needed, 9), abs(q).round(3)  # 4 f/L0: rows slide
     (4.0, array([0. , 0.5, 0. ]))
     """
+    if isinstance(atoms, Atoms) and flat_layer(atoms):
+        layer, atoms = atoms, atoms.copy()
+        atoms.calc = layer.calc.in_plane()
     found = softest_of(_settled(atoms), model, steps=steps)
-    return found.needed, found.q
+    return FoundationNeeded(found.needed, found.q)
 
 
 def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
@@ -330,7 +355,22 @@ def _leans(calc):
     return pull.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max()
 
 
-def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[float, float]:
+class SupportNeeded(NamedTuple):
+    """Stiffness out of the plane, N/mm.
+
+    Attributes
+    ----------
+    wave : float
+        That makes every wave out of the plane stable.
+    alone : float
+        For a particle that moves alone: the sum over its bonds, for the particle with the largest sum.
+    """
+
+    wave: float
+    alone: float
+
+
+def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> SupportNeeded:
     """Stiffness out of the plane that the supports of planar particles must provide.
 
     The energy of two rigid magnets obeys Laplace's equation.  For magnets normal to the plane and round it reads
@@ -346,10 +386,7 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[f
 
     Returns
     -------
-    wave : float
-        Stiffness that makes every wave out of the plane stable, N/mm.
-    alone : float
-        Stiffness for a particle that moves alone: the sum over its bonds, for the particle with the largest sum.
+    SupportNeeded
 
     Examples
     --------
@@ -370,7 +407,7 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> tuple[f
     free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(mobile)]
     K = per_bond[:, None, None]
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
-    return softest(calc.bonds, K, free, cell).needed, float(alone[mobile].max(initial=0.0))
+    return SupportNeeded(softest(calc.bonds, K, free, cell).needed, float(alone[mobile].max(initial=0.0)))
 
 
 STEPS = 12

@@ -1,12 +1,14 @@
-"""The verdict on a structure before it runs: equilibrium, stability, time step, supports and range of the linear theory.
+"""The verdict on a structure before it runs: independent checks, each of which finds a number and says it in words and SI units.
 
-A verdict on a structure: the numbers that were found, and what they mean in words and SI units.
+A new check is one function of a `Case`, the structure at its rest, that returns a `Finding`; the decorator `check` puts it on the
+list.  What cannot be a fault is decorated with `remark`: it is computed only if somebody asks for it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from ase.constraints import FixAtoms
@@ -25,8 +27,10 @@ from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, loaded, nearest_rest, placed
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
+    Softest,
     common_spring,
     common_support,
+    flat_layer,
     highest_squared,
     softest_of,
     softest_out_of_plane,
@@ -36,7 +40,7 @@ from .buckling import (
 from .escapes import escape_speeds
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from typing import Any
 
     from ase import Atoms
@@ -44,151 +48,90 @@ if TYPE_CHECKING:
 
 LARGE = 0.1
 """Largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted."""
+LINEAR_ERROR = 0.01
+"""Relative error of a frequency up to which the linear theory is accepted."""
+SPACED = 2000
+"""Largest number of degrees of freedom of a finite structure for which a stable spacing is searched; it needs about thirty lowest
+modes."""
 DERIVATIVE_ERROR = 1e-6
 """Largest relative error of the stiffness up to which a finite-difference displacement is called safe."""
+ROUND_OFF = 5e-17
+"""Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
+proportional to the displacement."""
+CENTRAL = Yukawa, Hertz
+"""Laws of particles that are not magnets."""
+DENSEST = 50e-3
+"""Mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3."""
 
 
 @dataclass(frozen=True)
-class OutOfPlane:
-    """Stability of a flat layer against motion out of its plane.
+class Finding:
+    """What one check found.
 
     Attributes
     ----------
-    support, needed : float
-        Stiffness along z of the softest support, and the least that holds the layer flat, N/mm.
-    softest : ndarray, shape (3,)
-        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
-    growth : float
-        Rate of the fastest unstable mode, 1/ms; zero for a layer that remains flat.
+    value : Any
+        The result in mm, g, ms; None if it does not apply or was not judged.
+    words : str
+        A sentence or two, in SI units; empty if there is nothing to say.
+    fault : bool
+        Whether a run would fail, or its result be meaningless.
+    unjudged : str
+        What was left out because it would take too long for so many particles.
     """
 
-    support: float
-    needed: float
-    softest: np.ndarray
-    growth: float
-
-    @property
-    def stable(self) -> bool:
-        """Whether the supports hold the layer flat."""
-        return self.needed <= self.support
-
-    def __str__(self) -> str:
-        have, need = _stiffness(self.support), _stiffness(self.needed)
-        if self.stable:
-            margin = f'{_times(self.support / self.needed)} the {need} that they need' if self.needed else 'more than they need'
-            return f'Stable out of the plane: the supports of {have} along z are {margin}.'
-        at = f' with the softest mode at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
-        return (f'It buckles out of the plane{at}: the motion grows e-fold in {1 / self.growth / u.s:.3g} s. Its supports need '
-                f'{need} along z and have {have}.')
+    value: Any = None
+    words: str = ''
+    fault: bool = False
+    unjudged: str = ''
 
 
-@dataclass(frozen=True)
+CHECKS: dict[str, Callable[[Case], Finding]] = {}
+"""The checks by name, in the order in which their words are told."""
+REMARKS: set[str] = set()
+"""Names of the checks that are never a fault."""
+
+
+def check(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Put a function on the list of checks, by its name."""
+    CHECKS[judge.__name__] = judge
+    return judge
+
+
+def remark(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
+    """Put a function on the list of checks that is never a fault, so that `Verdict.faults` need not wait for it."""
+    REMARKS.add(judge.__name__)
+    return check(judge)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Verdict:
-    """Numbers on a structure before it runs, in mm, g, ms; `str(verdict)` says them in words and SI units.
+    """What the checks find about a structure; `str(verdict)` tells all of it in words and SI units.
 
-    Attributes
-    ----------
-    planar : bool
-    model : str
-        Model of the calculator.  Stability is always judged by the complete model, because the others do not show buckling.
-    spacing, force : float
-        Shortest bond in mm and its static repulsion in N.
-    residual : float
-        Largest static force that nothing balances on a free particle, in N.
-    particle, pushed : int
-        The particle on which it acts, and how many are not in equilibrium.
-    foundation, needed : float
-        The present stiffness, and the smallest one that stabilises the structure, N/mm.  If springs differ, both are those of
-        the softest one, with the differences between springs kept.
-    uneven : bool
-        Whether the springs differ.
-    softest : ndarray, shape (3,)
-        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
-    repeated : bool
-        Whether only waves that fit into one or two cells are judged, for periodic cells of more than 200 degrees of freedom.
-    growth : float
-        Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
-    unguided : float or None
-        Foundation needed if FixedLine and FixedPlane guided nothing, N/mm; None without them.
-    held : float or None
-        Shortest bond at which the foundation begins or ceases to stabilise the structure, mm; None if there is none, or it
-        is not judged, such as for balls in contact.
-    omega_max : float
-        Highest angular frequency of the calculator's model, rad/ms.
-    timestep : float or None
-        The time step to be judged, ms.
-    support, alone, central : float or None
-        Stiffness that supports must provide out of the plane if the particles are magnets normal to it, for every wave and
-        for one that moves alone, and if the force is central, for every wave; N/mm.  None if they are impossible or
-        not judged.
-    amplitude : float or None
-        Displacement at which frequencies are 1 % off the linear ones, mm; None if unstable or not judged, such as when
-        the softest wave does not fit into two cells.
-    away : float
-        Largest present distance of a particle from its rest position, mm.
-    closest : float
-        The present shortest distance of bonded particles as a fraction of that in the reference.
-    safe, leaves : float or None
-        Speed of an impact on one particle below which no bond is lost, and speed at which a particle leaves its cage, mm/ms;
-        None if not judged, such as for particles that differ in law, strength or foundation, or if not found
-        (`magphonon.stability.escapes`).
-    unjudged : tuple of str
-        The quantities that were not judged because they would take too long for so many particles.
-    displacements : tuple of float
-        Smallest and largest displacement for accurate finite differences, mm.
-    distance : float
-        The displacement to be judged, mm.
-    supercell : str or None
-        Fault of the supercell, in words.
-    out_of_plane : OutOfPlane or None
-        Result for a flat layer whose particles move out of the plane (a foundation of three components).  All other attributes
-        then describe its motion in the plane, except `omega_max`.
+    Each check has an attribute of its name, the value that it found, and is made when this is first asked for: `residual` (N),
+    `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit`, `timestep` (ms), `away` (mm),
+    `contact`, `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `density`
+    (g/mm^3).  It is None where the question does not arise, or was not judged.
     """
 
-    planar: bool
-    model: str
-    spacing: float
-    force: float
-    residual: float
-    particle: int
-    pushed: int
-    foundation: float
-    needed: float
-    uneven: bool
-    softest: np.ndarray
-    repeated: bool
-    growth: float
-    unguided: float | None
-    held: float | None
-    omega_max: float
-    timestep: float | None
-    support: float | None
-    alone: float | None
-    central: float | None
-    amplitude: float | None
-    away: float
-    closest: float
-    safe: float | None
-    leaves: float | None
-    unjudged: tuple[str, ...]
-    displacements: tuple
-    distance: float
-    supercell: str | None
-    out_of_plane: OutOfPlane | None = None
+    case: Case
+    _found: dict[str, Finding] = field(default_factory=dict)
 
-    @property
-    def timestep_limit(self) -> float:
-        """2/omega_max in ms; infinite if no mode vibrates."""
-        return 2 / self.omega_max if self.omega_max > 0 else np.inf
+    def finding(self, name: str) -> Finding:
+        """What the check of this name found."""
+        if name not in self._found:
+            self._found[name] = CHECKS[name](self.case)
+        return self._found[name]
+
+    def __getattr__(self, name: str) -> Any:
+        if name in CHECKS:
+            return self.finding(name).value
+        raise AttributeError(f'a verdict has no {name!r}; its checks are {", ".join(CHECKS)}')
 
     @property
     def stable(self) -> bool:
-        """Whether the foundation holds the structure."""
-        return self._in_plane and (self.out_of_plane is None or self.out_of_plane.stable)
-
-    @property
-    def _in_plane(self):
-        return self.needed <= self.foundation
+        """Whether the foundation holds the structure, in its plane and out of it."""
+        return self.case.stable
 
     @property
     def fine(self) -> bool:
@@ -198,62 +141,14 @@ class Verdict:
     @property
     def faults(self) -> tuple[str, ...]:
         """The faults that make a run fail or its result meaningless, each in a sentence or two; a tuple of str."""
-        found = []
-        if self.residual:
-            many = f'; {self.pushed} particles are not in equilibrium' if self.pushed > 1 else ''
-            found.append(f'Particle {self.particle} is not in equilibrium: a net static force of {self.residual / u.N:.4g} N '
-                         f'acts on it, {self.residual / self.force:.4g} times the force in a bond{many}. '
-                         'Hold the edge, add the force that balances it, or relax the structure first (in a scene whose '
-                         'particles are in a file: relaxed = true in [lattice]).')
-        if not self._in_plane:
-            found.append(self._buckling())
-        if self.out_of_plane is not None and not self.out_of_plane.stable:
-            found.append(str(self.out_of_plane))
-        if not self.stable and self.model != 'complete':
-            found.append(f"The {self.model} model does not show this, because it leaves out D*. Use model='complete'.")
-        if self.timestep is not None and self.timestep > self.timestep_limit:
-            found.append(f'The time step of {self.timestep / u.s:.4g} s exceeds the stability limit 2/omega_max = '
-                         f'{self.timestep_limit / u.s:.4g} s: the run would diverge. Use a tenth of the limit.')
-        if self.away > self.spacing:
-            found.append(f'Particles are up to {self.away / u.m:.4g} m away from their rest positions, '
-                         f'{self.away / self.spacing:.3g} times the spacing: they have moved away, or are listed in another '
-                         'order than in the calculator. Make a calculator for these positions.')
-        if self.closest < CONTACT:
-            found.append(f'Particles are in contact: two of them are at {self.closest:.3g} times their distance at rest. '
-                         'Start with a larger distance.')
-        if self.supercell:
-            found.append(f'Finite differences would be wrong: {self.supercell}.')
-        if not self.displacements[0] <= self.distance <= self.displacements[1]:
-            found.append(self._unsafe_distance())
-        return tuple(found)
+        found = [self.finding(name) for name in CHECKS if name not in REMARKS]
+        return tuple(each.words for each in found if each.fault)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Further facts about the structure; a tuple of str."""
-        said = []
-        if not self.residual:
-            said.append('The static forces balance on every free particle.')
-        if self._in_plane:
-            said.append(self._margin())
-        if self.out_of_plane is not None and self.out_of_plane.stable:
-            said.append(str(self.out_of_plane))
-        if self.repeated:
-            said.append('The periodic cell is so large that only waves that fit into one or two cells were judged; another wave '
-                        'may be softer. Judge a smaller cell of the same lattice, or another number of repeats.')
-        if self.unguided is not None and self.stable and self.unguided > self.foundation:
-            said.append('It is stable only because a constraint blocks sideways motion; without the constraint it would need a '
-                        f'foundation of {_stiffness(self.unguided)}.')
-        if np.isfinite(self.timestep_limit):
-            said.append(f'Time steps up to {self.timestep_limit / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
-                        f'of {u.hertz(self.omega_max):.4g} Hz); a tenth of that is accurate.')
-        if self.central and self.out_of_plane is None:
-            said.append('Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
-                        + (f'{_stiffness(self.central)}.' if self.support is None else
-                           f'{_stiffness(self.support)} (upright magnets, all moving), {_stiffness(self.alone)} (upright '
-                           f'magnets, one moving) or {_stiffness(self.central)} (central force).'))
-        if self.amplitude is not None and np.isfinite(self.amplitude):
-            said.append(self._linear())
-        said += self._impacts()
+        found = [self.finding(name) for name in CHECKS]
+        said = [each.words for each in found if each.words and not each.fault]
         if self.unjudged:
             *others, last = self.unjudged
             named = f'{", ".join(others)} and {last}' if others else last
@@ -261,87 +156,17 @@ class Verdict:
         return tuple(said)
 
     @property
-    def _where(self):
-        return ' in the plane' if self.planar else ''
-
-    def _buckling(self):
-        at = f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in self.softest)})' if self.softest.any() else ''
-        room = f' A spacing above {self.held / u.m:.4g} m would also make it stable.' if self.held else ''
-        return (f'It buckles{self._where}{at}: the motion grows e-fold in {1 / self.growth / u.s:.3g} s. It needs a foundation '
-                f'of {_stiffness(self.needed)} and has {_stiffness(self.foundation)}{self._softest_spring}.{room}')
-
-    @property
-    def _softest_spring(self):
-        return ' at its softest spring' if self.uneven else ''
-
-    def _margin(self):
-        if not self.needed and self.uneven:
-            softest = _stiffness(self.foundation)
-            return f'Stable{self._where}, and would be with every spring softer by {softest}, the stiffness of the softest one.'
-        if not self.needed:
-            room = '' if self.held is None else f' It would buckle below a spacing of {self.held / u.m:.4g} m.'
-            return f'Stable{self._where}; no foundation needed.{room}'
-        room = '' if self.held is None else f' It would be stable down to a spacing of {self.held / u.m:.4g} m.'
-        more = _times(self.foundation / self.needed)
-        return (f'Stable{self._where}: the foundation of {_stiffness(self.foundation)}{self._softest_spring} is {more} the '
-                f'{_stiffness(self.needed)} '
-                f'that it needs.{room}')
-
-    def _impacts(self):
-        """One speed rounded down, the other one up."""
-        if self.safe is not None:
-            yield (f'An impact on one particle at a speed below {_three_digits(self.safe, np.floor):g} m/s cannot break any '
-                   'bond, because its energy is too low.')
-        if self.leaves is not None:
-            yield (f'A particle with an initial speed of {_three_digits(self.leaves, np.ceil):g} m/s leaves, in at least '
-                   'one direction, the cage of its neighbours, which ends a run.')
-
-    def _linear(self):
-        share = self.amplitude / self.spacing
-        if share > LARGE:
-            return f'Frequencies stay within 1 % of the linear ones up to an amplitude of {100 * LARGE:g} % of the spacing.'
-        return (f'The linear theory holds for small motion: its frequencies are 1 % off at an amplitude of '
-                f'{self.amplitude / u.m:.2g} m, {100 * share:.2g} % of the spacing.')
-
-    def _unsafe_distance(self):
-        least, most = (distance / u.m for distance in self.displacements)
-        reason = 'small: round-off' if self.distance < self.displacements[0] else 'large: the curvature of the law'
-        return (f'A finite-difference displacement of {self.distance / u.m:.3g} m is too {reason} changes the stiffness by more '
-                f'than a fraction of {DERIVATIVE_ERROR:g}. Use {least:.2g} to {most:.2g} m.')
+    def unjudged(self) -> tuple[str, ...]:
+        """What was not judged because it would take too long for so many particles; a tuple of str."""
+        return tuple(left for name in CHECKS if (left := self.finding(name).unjudged))
 
     def __str__(self) -> str:
-        count = f'{len(self.faults)} problem{"s" * (len(self.faults) > 1)}'
-        head = 'OK' if self.fine else f'NOT OK ({count})' if self.stable else f'UNSTABLE ({count})'
-        return '\n'.join([head, *(f'  ! {text}' for text in self.faults), *(f'  - {text}' for text in self.notes)])
+        faults = self.faults
+        count = f'{len(faults)} problem{"s" * (len(faults) > 1)}'
+        head = 'OK' if not faults else f'NOT OK ({count})' if self.stable else f'UNSTABLE ({count})'
+        return '\n'.join([head, *(f'  ! {text}' for text in faults), *(f'  - {text}' for text in self.notes)])
 
-
-def _times(ratio):
-    return f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
-
-
-def _three_digits(speed, rounded):
-    """A speed in m/s, rounded down or up to three digits."""
-    speed = speed / (u.m / u.s)
-    digit = 10.0 ** (np.floor(np.log10(speed)) - 2)
-    return float(f'{rounded(speed / digit) * digit:.3g}')
-
-
-def _stiffness(k):
-    return f'{k / (u.N / u.m):.4g} N/m'
-
-
-CENTRAL = Yukawa, Hertz
-"""Laws of particles that are not magnets."""
-LINEAR_ERROR = 0.01
-"""Relative error of a frequency up to which the linear theory is accepted."""
-SPACED = 2000
-"""Largest number of degrees of freedom of a finite structure for which a stable spacing is searched; it needs about thirty lowest
-modes."""
-FLAT = 1e-9
-"""Largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat."""
-ROUND_OFF = 5e-17
-"""Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
-proportional to the displacement."""
+    __repr__ = __str__
 
 
 def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = None, supercell: Sequence[int] | None = None,
@@ -374,199 +199,423 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
     -------
     Verdict
 
-    Raises
-    ------
-    ValueError
-        For atoms with another calculator, constraints other than FixAtoms, FixedLine and FixedPlane, or a time step or
-        distance that is not positive.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, verdict
     >>> cell = lattices.square(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=3.0)
     >>> judged = verdict(cell)
-    >>> judged.fine, round(judged.needed, 9)  # it needs 4 f/L0
+    >>> judged.fine, round(judged.buckling.needed, 9)  # it needs 4 f/L0
     (False, 4.0)
     """
-    if isinstance(atoms.calc, Repulsion) and atoms.calc.layer and _flat(atoms):
-        return _of_layer(atoms, drives, timestep, supercell, distance)
-    return _judged(atoms, drives, timestep, supercell, distance, far=True)
-
-
-def _judged(atoms, drives, timestep, supercell, distance, far):
-    """The verdict; if `far`, also on motion that is not small."""
-    case = _at_rest(atoms, drives)
-    atoms, calc, structure, dense = case.atoms, case.calc, case.structure, case.dense
-    bond = calc.bonds.lengths.argmin()
-    shortest, k = calc.bonds.lengths[bond], common_spring(structure)
-    finite, size = case.pairwise and not atoms.pbc.any(), 0 if dense else structure.free.shape[1]
-    small = case.pairwise and dense
-    sparse = small or finite  # by a few factorisations
-    alike = far and not (isinstance(calc.law, BondLaws) or np.ndim(calc.foundation))
-    settled = not case.pushes.any()
-    bare = softest_of(structure)
-    stable = bare.needed <= k
-    touching = any(isinstance(law, Hertz) for law in laws_of(calc.potential))  # at other spacings spheres are not in contact
-    stretched = settled and not touching and (small or (finite and size <= SPACED))
-    held = spacing_held(structure) if stretched else None
-    # whether the softest wave is among those of `frequency_shifts`
-    shifted = settled and sparse and far and (not bare.needed or np.allclose(2 * bare.q, np.round(2 * bare.q)))
-    escape = escape_speeds(atoms) if settled and stable and small and alike and not touching else None
-    wave, alone, central = _supports(structure, calc) if settled and sparse and calc.dim == 2 else (None, None, None)
-    return Verdict(
-        planar=calc.dim == 2,
-        model=calc.model,
-        spacing=float(shortest),
-        force=float(-taken(calc.law, bond).dphi(shortest)),
-        residual=float(case.pushes.max(initial=0.0)),
-        particle=int(case.pushes.argmax()),
-        pushed=int(np.count_nonzero(case.pushes)),
-        foundation=k,
-        needed=bare.needed,
-        uneven=np.ndim(calc.foundation) > 0,
-        softest=bare.q,
-        repeated=bool(atoms.pbc.any()) and not dense,
-        growth=0.0 if stable else float(np.sqrt(-softest_of(structure, foundation=k, weighted=True).lowest)),
-        unguided=_unguided(atoms),
-        held=held and float(held * shortest),
-        omega_max=_omega_max(structure, zone=dense and atoms.pbc.any()),
-        timestep=None if timestep is None else positive('timestep', timestep, 'ms'),
-        support=wave,
-        alone=alone,
-        central=central,
-        amplitude=frequency_shifts(structure).amplitude(LINEAR_ERROR) if stable and shifted else None,
-        away=case.away,
-        closest=case.closest,
-        safe=escape.safe if escape else None,
-        leaves=escape.leaves if escape else None,
-        unjudged=_unjudged(finite, size, far) if settled else (),
-        displacements=_safe_displacements(calc),
-        distance=default_distance(calc) if distance is None else positive('distance', distance, 'mm'),
-        supercell=None if supercell is None else _supercell_fault(calc, supercell),
-    )
-
-
-def _supports(structure, calc):
-    """Stiffness out of the plane that supports need: for upright magnets, for one of them alone, and for central forces."""
-    magnets = not any(isinstance(law, CENTRAL) for law in laws_of(calc.potential))
-    wave, alone = support_needed(structure) if magnets else (None, None)
-    return wave, alone, support_needed(structure, magnets=False)[0]
-
-
-def _unjudged(finite, size, far):
-    """The quantities that take too long for a structure of `size` degrees of freedom, zero if it is small."""
-    left_out = ('the spacing',) * (size > (SPACED if finite else 0)) + ('impacts',) * (size > 0 and far)
-    return left_out if finite or not size else (*left_out, 'the supports', *('the linear amplitude',) * far)
-
-
-@dataclass(frozen=True)
-class _Case:
-    """A structure at its rest, or where the forces are nearest to balance, with all that a verdict needs of it.
-
-    Attributes
-    ----------
-    atoms : ase.Atoms
-        The structure at this rest.
-    calc : Repulsion
-    structure : LinearSystem or ase.Atoms
-        Argument for the linear tools.
-    dense : bool
-        Whether it is small enough for dense matrices.
-    pairwise : bool
-        Whether the repulsion is a list of bonds, and not a sum over all neighbours.
-    pushes : ndarray, shape (particles,)
-        Unbalanced static force on each particle, N.
-    away, closest : float
-        As in Verdict.
-    """
-
-    atoms: Atoms
-    calc: Any
-    structure: Any
-    dense: bool
-    pairwise: bool
-    pushes: NDArray[np.float64]
-    away: float = 0.0
-    closest: float = 1.0
-
-
-def _at_rest(atoms, drives):
+    layer = atoms if flat_layer(atoms) else None
+    if layer is not None:
+        atoms = layer.copy()
+        atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
+    run = {'layer': layer, 'supercell': supercell,
+           'timestep': timestep if timestep is None else positive('timestep', timestep, 'ms'),
+           'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
-        calc = cell_of_free_particles(atoms, 'with AllNeighbours a verdict is one')
-        return _Case(atoms, calc, atoms, dense=True, pairwise=False, pushes=np.zeros(1))
-    closest, atoms = _closest(repulsion_of(atoms), atoms), loaded(atoms, constant_push(drives, len(atoms)))
+        cell_of_free_particles(atoms, 'with AllNeighbours a verdict is one')
+        return Verdict(Case(atoms, atoms, np.zeros(1), **run))
+    calc = repulsion_of(atoms)
+    now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
+    closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
+    atoms = loaded(atoms, constant_push(drives, len(atoms)))
     freedom(atoms)  # refuses constraints that are not supported
     calc, pushes = nearest_rest(atoms)
     away = float(np.linalg.norm(calc.displacements(atoms), axis=1).max())
     atoms = placed(atoms, calc)
-    structure = LinearSystem.about(calc, atoms) if pushes.any() else LinearSystem.of(atoms)
-    dense = structure.free.shape[1] <= DENSE
-    return _Case(atoms, calc, structure, dense, pairwise=True, pushes=pushes, away=away, closest=closest)
+    system = LinearSystem.about(calc, atoms) if pushes.any() else LinearSystem.of(atoms)
+    return Verdict(Case(atoms, system, pushes, away, closest, **run))
 
 
-def _flat(atoms):
-    """Whether a layer is at rest in one plane."""
-    places, calc = (atoms.positions, atoms.calc.reference.positions), atoms.calc
-    pushed = calc.pairwise and (calc.load[:, 2].any() or calc.slack[:, 2].any())
-    return not pushed and max(np.ptp(place[:, 2]) for place in places) <= FLAT * calc.bonds.lengths.min()
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A structure at its rest, or where the forces are nearest to balance, and what several checks ask of it.
+
+    Attributes
+    ----------
+    atoms : ase.Atoms
+        The structure at this rest; of a flat layer its motion in the plane.
+    system : LinearSystem or ase.Atoms
+        Argument of the linear tools.
+    pushes : ndarray, shape (particles,)
+        Unbalanced static force on each particle, N.
+    away, closest : float
+        As `Verdict.away` and `Verdict.contact`.
+    layer : ase.Atoms or None
+        The flat layer with its motion out of the plane.
+    timestep, supercell, distance
+        As for `verdict`.
+    """
+
+    atoms: Atoms
+    system: Any
+    pushes: NDArray[np.float64]
+    away: float = 0.0
+    closest: float = 1.0
+    layer: Atoms | None = None
+    timestep: float | None = None
+    supercell: Sequence[int] | None = None
+    distance: float | None = None
+
+    @property
+    def calc(self) -> Any:
+        return self.atoms.calc
+
+    @cached_property
+    def spacing(self) -> float:
+        """Shortest bond, mm."""
+        return float(self.calc.bonds.lengths.min())
+
+    @cached_property
+    def force(self) -> float:
+        """Static force in the shortest bond, N."""
+        law = taken(self.calc.law, self.calc.bonds.lengths.argmin())
+        return float(abs(law.dphi(self.spacing)))
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the static forces balance."""
+        return not self.pushes.any()
+
+    @property
+    def listed(self) -> bool:
+        """Whether the repulsion is a list of bonds, and not a sum over all neighbours."""
+        return self.calc.pairwise
+
+    @property
+    def finite(self) -> bool:
+        return self.listed and not self.atoms.pbc.any()
+
+    @cached_property
+    def large(self) -> int:
+        """Number of degrees of freedom, if there are too many for dense matrices; otherwise zero."""
+        size = self.system.free.shape[1] if self.listed else 0
+        return size if size > DENSE else 0
+
+    @property
+    def touching(self) -> bool:
+        """Whether particles are in contact; at other spacings they would not be."""
+        return any(isinstance(law, Hertz) for law in laws_of(self.calc.potential))
+
+    @cached_property
+    def softest(self) -> Softest:
+        return softest_of(self.system)
+
+    @cached_property
+    def spring(self) -> float:
+        """Stiffness of the softest spring of the foundation, N/mm."""
+        return common_spring(self.system)
+
+    @property
+    def held(self) -> bool:
+        """Whether the foundation holds the structure in its plane, or in space."""
+        return self.softest.needed <= self.spring
+
+    @cached_property
+    def above(self) -> tuple[Buckling, float] | None:
+        """Stability of a flat layer out of its plane, and the highest angular frequency of this motion in rad/ms."""
+        if self.layer is None:
+            return None
+        structure = LinearSystem.nearest(self.layer) if self.listed else self.layer
+        spring, soft = common_support(structure), softest_out_of_plane(structure)
+        moving = softest_out_of_plane(structure, spring, weighted=True)
+        growth = 0.0 if soft.needed <= spring else float(np.sqrt(-moving.lowest))
+        return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
+
+    @property
+    def stable(self) -> bool:
+        return self.held and (self.above is None or self.above[0].stable)
 
 
-def _of_layer(atoms, drives, timestep, supercell, distance):
-    """The verdict on the motion in the plane, with that on the motion out of it."""
-    calc = atoms.calc
-    flat = atoms.copy()
-    flat.calc = calc.in_plane()
-    judged = _judged(flat, drives, timestep, supercell, distance, far=False)  # at large amplitudes they leave the plane
-    above, highest = out_of_plane(atoms)
-    return replace(judged, omega_max=max(judged.omega_max, highest), out_of_plane=above)
+@dataclass(frozen=True)
+class Buckling:
+    """Whether a foundation holds a structure against its static forces.
+
+    Attributes
+    ----------
+    spring, needed : float
+        The present stiffness, and the smallest one that holds the structure, N/mm.  If springs differ, both are those of the
+        softest one, with the differences between springs kept.
+    softest : ndarray, shape (3,)
+        Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
+    growth : float
+        Rate of the fastest unstable mode, 1/ms; zero for a stable structure.
+    spacing : float or None
+        Shortest bond at which the foundation begins or ceases to hold the structure, mm; None if there is none, or it is not
+        judged, such as for balls in contact.
+    """
+
+    spring: float
+    needed: float
+    softest: np.ndarray
+    growth: float
+    spacing: float | None = None
+
+    @property
+    def stable(self) -> bool:
+        return self.needed <= self.spring
 
 
-def out_of_plane(atoms: Atoms) -> tuple[OutOfPlane, float]:
-    """Stability of a flat layer against motion out of its plane, and the highest angular frequency of that motion in rad/ms."""
-    structure = LinearSystem.nearest(atoms) if atoms.calc.pairwise else atoms
-    there = common_support(structure)
-    needed = softest_out_of_plane(structure)
-    moving = softest_out_of_plane(structure, there, weighted=True)
-    growth = 0.0 if needed.needed <= there else float(np.sqrt(-moving.lowest))
-    return OutOfPlane(there, needed.needed, needed.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
+
+class Supports(NamedTuple):
+    """Stiffness in N/mm that supports must have out of the plane.
+
+    Attributes
+    ----------
+    wave, alone : float or None
+        For magnets normal to the plane, of every wave and of one magnet that moves alone; None for other particles.
+    central : float
+        If the force is central, of every wave.
+    """
+
+    wave: float | None
+    alone: float | None
+    central: float
 
 
-def _unguided(atoms):
-    """Foundation needed with FixAtoms alone; None if there is nothing else."""
-    fixed = [constraint for constraint in atoms.constraints if isinstance(constraint, FixAtoms)]
-    if len(fixed) == len(atoms.constraints):
-        return None
-    free = atoms.copy()
-    free.calc = atoms.calc
+# --- the checks ----------------------------------------------------------------------------------------------------------------
+
+@check
+def residual(case: Case) -> Finding:
+    """Largest static force that nothing balances on a free particle, in N."""
+    if case.balanced:
+        return Finding(0.0, 'The static forces balance on every free particle.')
+    left, share, many = float(case.pushes.max()), case.pushes.max() / case.force, np.count_nonzero(case.pushes)
+    size = 'as large as' if f'{share:.4g}' == '1' else f'{share:.4g} times'
+    return Finding(left, f'Particle {case.pushes.argmax()} is not in equilibrium: a net static force of {left / u.N:.4g} N acts '
+                   f'on it, {size} the force in a bond' + (f'; {many} particles are not in equilibrium' if many > 1 else '')
+                   + '. Hold the edge, add the force that balances it, or relax the structure first (in a scene whose particles '
+                   'are in a file: relaxed = true in [lattice]).', fault=True)
+
+
+@check
+def buckling(case: Case) -> Finding:
+    """Stability in the plane, or in space: of the complete model, because the others do not show buckling."""
+    search = case.balanced and case.listed and not case.touching
+    scale = spacing_held(case.system) if search and case.large <= (SPACED if case.finite else 0) else None
+    unjudged = 'the spacing' if search and case.large > (SPACED if case.finite else 0) else ''
+    growth = 0.0
+    if not case.held:
+        growth = float(np.sqrt(-softest_of(case.system, foundation=case.spring, weighted=True).lowest))
+    found = Buckling(case.spring, case.softest.needed, case.softest.q, growth, scale and scale * case.spacing)
+    where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
+    uneven = np.ndim(case.calc.foundation) > 0
+    spring, needed = _stiffness(found.spring), _stiffness(found.needed)
+    own = ' at its softest spring' if uneven else ''
+    if not found.stable:
+        room = f' A spacing above {at} would also make it stable.' if at else ''
+        words = f'It buckles{where}{_growth(found)}. It needs a foundation of {needed} and has {spring}{own}.{room}'
+    elif found.needed:
+        room = f' It would be stable down to a spacing of {at}.' if at else ''
+        more = _times(found.spring / found.needed)
+        words = f'Stable{where}: the foundation of {spring}{own} is {more} the {needed} that it needs.{room}'
+    elif uneven:
+        words = f'Stable{where}, and would be with every spring softer by {spring}, the stiffness of the softest one.'
+    else:
+        words = f'Stable{where}; no foundation needed.' + (f' It would buckle below a spacing of {at}.' if at else '')
+    if case.large and case.atoms.pbc.any():
+        words += (' The periodic cell is so large that only waves that fit into one or two cells were judged; another wave may '
+                  'be softer. Judge a smaller cell of the same lattice, or another number of repeats.')
+    return Finding(found, words, not found.stable, unjudged)
+
+
+@check
+def out_of_plane(case: Case) -> Finding:
+    """Stability of a flat layer, whose foundation has three components, against motion out of its plane."""
+    if case.above is None:
+        return Finding()
+    found, _ = case.above
+    have, need = _stiffness(found.spring), _stiffness(found.needed)
+    if found.stable:
+        margin = f'{_times(found.spring / found.needed)} the {need} that they need' if found.needed else 'more than they need'
+        return Finding(found, f'Stable out of the plane: the supports of {have} along z are {margin}.')
+    return Finding(found, f'It buckles out of the plane{_growth(found)}. Its supports need {need} along z and have {have}.', True)
+
+
+@check
+def model(case: Case) -> Finding:
+    """Model of the calculator."""
+    if case.stable or case.calc.model == 'complete':
+        return Finding(case.calc.model)
+    return Finding(case.calc.model, f"The {case.calc.model} model does not show this, because it leaves out D*. Use "
+                   "model='complete'.", fault=True)
+
+
+@remark
+def guided(case: Case) -> Finding:
+    """Foundation needed if FixedLine and FixedPlane guided nothing, N/mm; None without them."""
+    fixed = [constraint for constraint in case.atoms.constraints if isinstance(constraint, FixAtoms)]
+    if len(fixed) == len(case.atoms.constraints):
+        return Finding()
+    free = case.atoms.copy()
+    free.calc = case.calc
     free.set_constraint(fixed)
-    return softest_of(free).needed
+    needed = softest_of(free).needed
+    if not case.stable or needed <= case.spring:
+        return Finding(needed)
+    return Finding(needed, 'It is stable only because a constraint blocks sideways motion; without the constraint it would need '
+                   f'a foundation of {_stiffness(needed)}.')
 
 
-def _omega_max(structure, zone):
-    """Highest frequency in a run of the structure, or, with `zone`, of all waves in a lattice of which it is the cell."""
-    if not zone:
-        return float(highest_frequency(structure))
-    return float(np.sqrt(max(highest_squared(structure), 0.0)))
+@check
+def timestep_limit(case: Case) -> Finding:
+    """2/omega_max in ms, infinite if no mode vibrates: of the structure, or of all waves of a lattice with a small cell."""
+    waves = case.atoms.pbc.any() and not case.large
+    highest = np.sqrt(max(highest_squared(case.system), 0.0)) if waves else highest_frequency(case.system)
+    highest = max(float(highest), case.above[1] if case.above else 0.0)
+    if not highest:
+        return Finding(np.inf)
+    return Finding(2 / highest, f'Time steps up to {2 / highest / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
+                   f'of {u.hertz(highest):.4g} Hz); a tenth of that is accurate.')
 
 
-def _closest(calc, atoms):
-    """Shortest present distance of bonded particles as a fraction of that in the reference."""
-    now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
-    return float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
+@check
+def timestep(case: Case) -> Finding:
+    """The time step to be judged, ms."""
+    dt = case.timestep
+    limit = np.inf if dt is None else timestep_limit(case).value
+    if dt is None or dt <= limit:
+        return Finding(dt)
+    return Finding(dt, f'The time step of {dt / u.s:.4g} s exceeds the stability limit 2/omega_max = {limit / u.s:.4g} s: the '
+                   'run would diverge. Use a tenth of the limit.', fault=True)
 
 
-def _safe_displacements(calc):
-    """The least displacement in mm, by round-off, and the largest, by the curvature of a law: phi'''' d^2/6 of its stiffness."""
-    lengths = calc.bonds.lengths
-    nearest = [(law, lengths[own].min()) for law, own in groups(calc.law, len(lengths))]
-    curvature = max(abs(higher_derivatives(law, np.array([r]))[1][0] / law.d2phi(r)) for law, r in nearest)
-    return float(ROUND_OFF / DERIVATIVE_ERROR * lengths.min()), float(np.sqrt(6 * DERIVATIVE_ERROR / curvature))
+@check
+def away(case: Case) -> Finding:
+    """Largest distance of a particle from its rest position, mm."""
+    if case.away <= case.spacing:
+        return Finding(case.away)
+    return Finding(case.away, f'Particles are up to {case.away / u.m:.4g} m away from their rest positions, '
+                   f'{case.away / case.spacing:.3g} times the spacing: they have moved away, or are listed in another order than '
+                   'in the calculator. Make a calculator for these positions.', fault=True)
 
 
-def _supercell_fault(calc, supercell):
+@check
+def contact(case: Case) -> Finding:
+    """Shortest present distance of bonded particles, as a fraction of that in the reference."""
+    if case.closest >= CONTACT:
+        return Finding(case.closest)
+    return Finding(case.closest, f'Particles are in contact: two of them are at {case.closest:.3g} times their distance at rest. '
+                   'Start with a larger distance.', fault=True)
+
+
+@check
+def supercell(case: Case) -> Finding:
+    """Supercell for phonopy's finite displacements."""
+    if case.supercell is None:
+        return Finding()
     try:
-        checked_supercell(calc, supercell)
+        return Finding(checked_supercell(case.calc, case.supercell))
     except ValueError as error:
-        return str(error)
-    return None
+        return Finding(None, f'Finite differences would be wrong: {error}.', fault=True)
+
+
+@check
+def displacements(case: Case) -> Finding:
+    """Smallest and largest displacement for accurate finite differences, mm: from round-off to the curvature
+    of a law, which is phi'''' d^2/6 of its stiffness.
+    """
+    lengths = case.calc.bonds.lengths
+    nearest = [(law, lengths[own].min()) for law, own in groups(case.calc.law, len(lengths))]
+    curvature = max(abs(higher_derivatives(law, np.array([r]))[1][0] / law.d2phi(r)) for law, r in nearest)
+    least, most = float(ROUND_OFF / DERIVATIVE_ERROR * case.spacing), float(np.sqrt(6 * DERIVATIVE_ERROR / curvature))
+    distance = default_distance(case.calc) if case.distance is None else case.distance
+    if least <= distance <= most:
+        return Finding((least, most))
+    reason = 'small: round-off' if distance < least else 'large: the curvature of the law'
+    return Finding((least, most), f'A finite-difference displacement of {distance / u.m:.3g} m is too {reason} changes the '
+                   f'stiffness by more than a fraction of {DERIVATIVE_ERROR:g}. Use {least / u.m:.2g} to {most / u.m:.2g} m.',
+                   fault=True)
+
+
+@remark
+def supports(case: Case) -> Finding:
+    """Stiffness that supports must have out of the plane."""
+    if case.calc.dim != 2 or case.layer is not None or not (case.balanced and case.listed):
+        return Finding()
+    if case.large and not case.finite:
+        return Finding(unjudged='the supports')
+    magnets = not any(isinstance(law, CENTRAL) for law in laws_of(case.calc.potential))
+    wave, alone = support_needed(case.system) if magnets else (None, None)
+    found = Supports(wave, alone, support_needed(case.system, magnets=False).wave)
+    need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '
+    if not found.central:
+        return Finding(found)
+    if wave is None or alone is None:
+        return Finding(found, f'{need}{_stiffness(found.central)}.')
+    return Finding(found, f'{need}{_stiffness(wave)} (upright magnets, all moving), {_stiffness(alone)} (upright magnets, one '
+                   f'moving) or {_stiffness(found.central)} (central force).')
+
+
+@remark
+def amplitude(case: Case) -> Finding:
+    """Displacement at which frequencies are 1 % off the linear ones, mm."""
+    if case.layer is not None or not (case.balanced and case.listed):  # a layer leaves its plane at large amplitudes
+        return Finding()
+    if case.large and not case.finite:
+        return Finding(unjudged='the linear amplitude')
+    soft = case.softest
+    if not case.held or (soft.needed and not np.allclose(2 * soft.q, np.round(2 * soft.q))):
+        return Finding()  # `frequency_shifts` does not contain the softest wave
+    found = frequency_shifts(case.system).amplitude(LINEAR_ERROR)
+    share = found / case.spacing
+    if not np.isfinite(found):
+        return Finding(found)
+    if share > LARGE:
+        return Finding(found, f'Frequencies stay within 1 % of the linear ones up to an amplitude of {100 * LARGE:g} % of the '
+                       'spacing.')
+    return Finding(found, f'The linear theory holds for small motion: its frequencies are 1 % off at an amplitude of '
+                   f'{found / u.m:.2g} m, {100 * share:.2g} % of the spacing.')
+
+
+@remark
+def impacts(case: Case) -> Finding:
+    """Speeds of an impact that leaves a particle in its cage, and that takes it out; not judged of particles that differ."""
+    if case.layer is not None or not (case.balanced and case.listed):
+        return Finding()
+    if case.large:
+        return Finding(unjudged='impacts')
+    unlike = isinstance(case.calc.law, BondLaws) or np.ndim(case.calc.foundation)
+    found = escape_speeds(case.atoms) if case.held and not unlike and not case.touching else None
+    if found is None:
+        return Finding()
+    words = (f'A particle that is hit at a speed below {_three_digits(found.safe, np.floor):g} m/s stays among its neighbours: '
+             'its energy is too low to leave them.')
+    if found.leaves is not None:
+        words += f' At {_three_digits(found.leaves, np.ceil):g} m/s it can escape between them, which ends a run.'
+    return Finding(found, words)
+
+
+@remark
+def density(case: Case) -> Finding:
+    """Mass over the cube of the spacing, g/mm^3."""
+    heaviest = case.atoms.get_masses().max()
+    found = float(heaviest / case.spacing**3)
+    if found <= DENSEST:
+        return Finding(found)
+    return Finding(found, f'Check the units: a particle of {heaviest / u.kg:.3g} kg at a spacing of {case.spacing / u.m:.3g} m '
+                   f'make {1e3 * found:.2g} g/cm3, denser than any metal. In Python lengths are in mm, masses in g, forces in '
+                   'N.')
+
+
+def _growth(found):
+    at = f', with the softest mode at q = ({", ".join(f"{x:.4g}" for x in found.softest)})' if found.softest.any() else ''
+    return f'{at}: the motion grows e-fold in {1 / found.growth / u.s:.3g} s'
+
+
+def _times(ratio):
+    return f'{100 * (ratio - 1):.2g} % more than' if ratio < 1.995 else f'{ratio:.3g} times'
+
+
+def _three_digits(speed, rounded):
+    """A speed in m/s, rounded down or up to three digits."""
+    speed = speed / (u.m / u.s)
+    digit = 10.0 ** (np.floor(np.log10(speed)) - 2)
+    return float(f'{rounded(speed / digit) * digit:.3g}')
+
+
+def _stiffness(k):
+    return f'{k / (u.N / u.m):.4g} N/m'

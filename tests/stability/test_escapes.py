@@ -93,16 +93,17 @@ def test_one_particle_on_a_line_spends_all_its_energy_on_the_way(foundation, ene
     pair.set_constraint([FixAtoms([0]), FixedLine([1], (1, 0, 0))])
     pair.calc = MagneticRepulsion(pair, InversePower(1.0, 2.0), foundation=foundation).balanced([1])
     judged = verdict(pair)
-    assert judged.safe == pytest.approx(np.sqrt(energy), rel=2e-3)  # the drag ends within 1e-3 of the distance
-    assert judged.safe <= judged.leaves < 1.1 * judged.safe  # two speeds tried are 5 % apart; runs are looked at by steps
-    assert f'below {np.floor(judged.safe * 100) / 100:g} m/s' in str(judged)
+    safe, leaves = judged.impacts.safe, judged.impacts.leaves
+    assert safe == pytest.approx(np.sqrt(energy), rel=2e-3)  # the drag ends within 1e-3 of the distance
+    assert safe <= leaves < 1.1 * safe  # two speeds tried are 5 % apart; runs are looked at by steps
+    assert f'below {np.floor(safe * 100) / 100:g} m/s' in str(judged)
 
 
 def test_what_has_no_energy_or_a_law_that_ends_near_is_not_judged():
     cell = prototype()
     cell.calc.set(model='literal')
     assert escape_speeds(cell) is None
-    assert verdict(cell).safe is None
+    assert verdict(cell).impacts is None
     cell.calc = MagneticRepulsion(cell, LAW, shells=4, foundation=0.0196757)  # 30 bonds each
     assert escape_speeds(cell) is None
     r = np.linspace(0.7, 4, 100) * L0  # on the way through the gap two neighbours are at 0.58

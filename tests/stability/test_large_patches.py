@@ -35,7 +35,7 @@ def test_supports_of_a_large_patch(seed):
         needed[magnets] = -np.linalg.eigvalsh(D[free][:, free])[0]
         assert support_needed(patch, magnets=magnets)[0] == pytest.approx(needed[magnets], rel=1e-10)  # digits of the eigenvalue
     judged = verdict(patch)
-    assert (judged.support, judged.central) == (pytest.approx(needed[True]), pytest.approx(needed[False]))
+    assert (judged.supports.wave, judged.supports.central) == (pytest.approx(needed[True]), pytest.approx(needed[False]))
     assert needed[True] > 1.2 * needed[False]  # the control: another law out of the plane is seen
 
 
@@ -62,11 +62,11 @@ def test_what_is_not_judged_is_said(monkeypatch):
     assert judged.unjudged == ('impacts',)
     assert 'Not judged for so many particles: impacts.' in str(judged)
     held = spacing_held(patch)
-    assert judged.held is None if held is None else judged.held == pytest.approx(10.0 * held)
+    assert judged.buckling.spacing is None if held is None else judged.buckling.spacing == pytest.approx(10.0 * held)
     monkeypatch.setattr(verdicts, 'SPACED', size - 1)
     judged = verdict(patch)
     assert judged.unjudged == ('the spacing', 'impacts')
-    assert judged.held is None
+    assert judged.buckling.spacing is None
     small = lattices.hexagon(lattices.triangular(10.0, 1.0), 30.0)
     small.calc = MagneticRepulsion(small, InversePower(1e3, 4.0), foundation=1.0)
     assert verdict(small).unjudged == ()

@@ -9,7 +9,7 @@ from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
 from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analytic_bands, foundation_needed, lattices, verdict
-from magphonon.stability import spacing_held, support_needed
+from magphonon.stability import softest_of, spacing_held, support_needed, verdicts
 from magphonon.stiffness.matrices import hessian
 
 pytestmark = pytest.mark.usefixtures('no_impacts')
@@ -81,8 +81,8 @@ def test_balanced_by_a_constant_force():
     atoms = lattices.oscillator(0.0, 1.0, 1.0)
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), bonds=lattices.OSCILLATOR_BONDS)
     found = verdict(atoms)
-    assert (found.residual, found.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet alone: the outer two cancel
-    assert '1 times the force in a bond' in found.faults[0]
+    assert (found.residual, found.case.force) == pytest.approx((1.0, 1.0), rel=1e-12)  # the lower magnet: the outer two cancel
+    assert 'as large as the force in a bond' in found.faults[0]
     assert verdict(atoms, [Constant(3, (0, -1), 1.0)]).fine
 
 
@@ -161,11 +161,11 @@ def test_supports_out_of_the_plane(lattice, wave, alone):
     assert_allclose(support_needed(atoms), (3 * wave, 3 * alone), rtol=1e-12)
     assert_allclose(support_needed(atoms, magnets=False), (wave, alone), rtol=1e-12)
     found = verdict(atoms)
-    assert_allclose((found.support, found.alone, found.central), (3 * wave, 3 * alone, wave), rtol=1e-12)
+    assert_allclose(found.supports, (3 * wave, 3 * alone, wave), rtol=1e-12)
     atoms.calc = MagneticRepulsion(atoms, Yukawa(c=1.0, kappa=0.5))  # particles that are no magnets
     found = verdict(atoms)
-    assert found.support is found.alone is None
-    assert_allclose(found.central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
+    assert found.supports.wave is found.supports.alone is None
+    assert_allclose(found.supports.central, wave * 1.5 * np.exp(-0.5), rtol=1e-12)  # f = c (1/r + kappa) e^{-kappa r}/r
 
 
 def test_out_of_plane_stiffness_of_dipoles_is_that_of_their_field():
@@ -212,16 +212,16 @@ def test_a_large_periodic_cell_says_which_waves_are_judged(name, repeats, needed
     atoms = atoms.repeat((repeats, repeats, 1))
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), foundation=0.999 * needed)
     found = verdict(atoms)
-    assert_allclose(found.needed, needed, rtol=1e-9)  # round-off
+    assert_allclose(found.buckling.needed, needed, rtol=1e-9)  # round-off
     assert not found.stable
-    assert found.repeated == ('fit into one or two' in str(found)) == (repeats > 1)
-    assert found.softest.any() == (repeats != 12)
+    assert ('fit into one or two' in str(found)) == (repeats > 1)
+    assert found.buckling.softest.any() == (repeats != 12)
     H = hessian(atoms.calc.bonds, atoms.calc.rest_stiffness(), 0.0)
     alone = -np.linalg.eigvalsh(H.toarray())[0]  # the control: q = 0 of the large cell
     assert (alone < 0.99 * needed) == (repeats != 12)
     if repeats == 11:
         # what a run of such a cell does repeats from cell to cell
-        assert found.omega_max == pytest.approx(np.sqrt(np.linalg.eigvalsh(H.toarray())[-1] + 0.999 * needed), rel=1e-6)
+        assert 2 / found.timestep_limit == pytest.approx(np.sqrt(np.linalg.eigvalsh(H.toarray())[-1] + 0.999 * needed), rel=1e-6)
     if name == 'square' and repeats == 11:
         assert alone == pytest.approx(4 * np.sin(5 * np.pi / 11) ** 2, rel=1e-9)
 
@@ -271,3 +271,69 @@ def test_constraints_of_which_nobody_knows_what_they_hold_are_refused():
     patch.set_constraint([*patch.constraints, FixBondLength(17, 18)])
     with pytest.raises(ValueError, match='only FixAtoms, FixedLine and FixedPlane are supported'):
         verdict(patch)
+
+
+# --- the list of checks ------------------------------------------------------------------------------------------------------
+
+def test_a_new_check_is_one_function(monkeypatch):
+    """Here of the mass: its value is an attribute, its words are told, and it makes the verdict bad; without it, nothing is."""
+    cell = lattices.triangular(1.0, 2.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    assert verdict(cell).fine
+    monkeypatch.setattr(verdicts, 'CHECKS', dict(verdicts.CHECKS))
+
+    @verdicts.check
+    def weight(case):
+        heaviest = case.atoms.get_masses().max()
+        return verdicts.Finding(heaviest, f'The heaviest has {heaviest:g} g.', fault=heaviest > 1)
+
+    judged = verdict(cell)
+    assert judged.weight == 2.0
+    assert judged.faults == ('The heaviest has 2 g.',)
+    assert '! The heaviest has 2 g.' in str(judged)
+    cell.set_masses([0.5])
+    judged = verdict(cell)
+    assert judged.fine
+    assert '- The heaviest has 0.5 g.' in str(judged)
+
+
+def test_costly_checks_wait_until_they_are_asked_for(monkeypatch):
+    asked = []
+    for name in verdicts.REMARKS:
+        monkeypatch.setitem(verdicts.CHECKS, name, lambda case, name=name: asked.append(name) or verdicts.Finding())
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    judged = verdict(cell)
+    assert (judged.fine, judged.stable, judged.timestep_limit > 0, asked) == (True, True, True, [])
+    assert judged.impacts is judged.impacts is None
+    assert asked == ['impacts']
+    assert str(judged)
+    assert sorted(asked) == sorted(verdicts.REMARKS)
+    with pytest.raises(AttributeError, match=r"no 'speed'; its checks are residual, buckling"):
+        _ = judged.speed
+
+
+@pytest.mark.parametrize(('factor', 'doubtful'), [(1.01, True), (0.99, False)])
+def test_matter_denser_than_any_metal_is_a_slip_of_units(factor, doubtful):
+    """50 g/cm3 at a spacing of 10 mm are 50 g; the prototype in m, kg and N in place of mm, g and N is 7e5 g/cm3."""
+    cell = lattices.triangular(10.0, factor * 50.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    assert ('Check the units' in str(verdict(cell))) == doubtful
+    assert verdict(cell).fine  # a remark: lattices of unit mass and spacing are none the worse
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_the_foundation_that_a_layer_needs_is_that_of_its_motion_in_the_plane(seed):
+    """Whatever its supports along z: against the planar cell; supports softer than the springs would count otherwise."""
+    rng = np.random.default_rng(seed)
+    cell = getattr(lattices, rng.choice(['square', 'honeycomb', 'triangular', 'kagome']))(rng.uniform(5, 15), 0.7)
+    law, springs = InversePower(1e4, rng.uniform(1.5, 2.9)), rng.uniform(0.1, 2, (len(cell), 2))
+    cell.calc = MagneticRepulsion(cell, law, foundation=springs)
+    planar = foundation_needed(cell)
+    assert planar.k > 0
+    for support in (30.0, 0.01):
+        cell.calc = MagneticRepulsion(cell, law, foundation=np.column_stack([springs, np.full(len(cell), support)]))
+        layer = foundation_needed(cell)
+        assert layer.k == pytest.approx(planar.k, rel=1e-12)
+        assert_allclose(layer.q, planar.q)
+    assert softest_of(cell).needed != pytest.approx(planar.k, rel=1e-3)  # the control: of all three components

@@ -300,7 +300,7 @@ def test_the_verdict_on_a_saddle_is_that_it_buckles():
     judged = verdict(atoms)
     assert judged.residual == 0
     assert not judged.stable
-    assert judged.growth == pytest.approx(np.sqrt(-squares[0]), rel=1e-8)
+    assert judged.buckling.growth == pytest.approx(np.sqrt(-squares[0]), rel=1e-8)
 
 
 def test_magnets_placed_by_hand_assemble_themselves():
