@@ -213,7 +213,6 @@ CASES = {
     'displaced to NaN': (lambda: moved(push(2, NAN)), 'particle 2', 'finite number'),
     'displaced onto another': (lambda: moved(push(2, (0, 0, 0))), '0 and 2 coincide', 'start from smaller displacements'),
     'Hessian part': (lambda: repulsion().get_hessian(magnets(), part='D1'), "'D1'", "one of 'D0', 'Dstar'"),
-    'literal energy': (lambda: repulsion(model='literal').get_potential_energy(magnets()), 'literal', "model='conventional'"),
     'supercell of another': (lambda: cell().calc.on(lattices.square(1, 1) * (3, 3, 1)),
                              'images of the cell', 'build it with repeat()'),
 

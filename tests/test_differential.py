@@ -115,7 +115,7 @@ def patch_of(rng, kind, most):
         return patch_of(rng, kind, most)
 
 
-def drawn(seed, kinds=tuple(REACHES), most=2000, shells=3, models=('complete', 'conventional', 'literal'), foundation=(0.5, 2.0)):
+def drawn(seed, kinds=tuple(REACHES), most=2000, shells=3, models=('complete', 'conventional'), foundation=(0.5, 2.0)):
     rng = np.random.default_rng(seed)
     kind = rng.choice(kinds)
     patch = patch_of(rng, kind, most)
@@ -176,7 +176,7 @@ def crystal(seed):
 
 def _prestressed(atoms, rng, shells, reaches, free):
     shape = len(atoms), len(free)
-    case = Case(atoms, reaches[shells - 1] * L0, shells, str(rng.choice(('complete', 'conventional', 'literal'))),
+    case = Case(atoms, reaches[shells - 1] * L0, shells, str(rng.choice(('complete', 'conventional'))),
                 rng.uniform(0.5, 2.0), 0.05 * rng.random(shape[0]), rng.permutation(np.arange(1, shape[0] - 1))[:3],
                 10 ** rng.uniform(-2, -0.3) * rng.uniform(-1, 1, shape))
     return replace(case, load=0.05 * rng.normal(size=shape), shift=0.02 * L0 * rng.normal(size=shape) * free)

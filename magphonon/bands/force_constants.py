@@ -21,8 +21,7 @@ from tqdm import tqdm
 
 from .. import units
 from ..errors import positive, whole
-from ..interactions.bond_laws import groups, taken
-from ..stiffness.bond import bond_stiffness
+from ..interactions.bond_laws import groups
 from ..stiffness.matrices import signed_root
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
@@ -193,7 +192,10 @@ def default_distance(calc: Repulsion) -> float:
         f, slope = -law.dphi(shortest), law.d2phi(shortest)
         return min(shortest, STEEPEST * f / slope) if f > 0 and slope > 0 else shortest
 
-    return DISTANCE * min(scale(law, lengths[own].min()) for law, own in groups(calc.law, len(lengths)))
+    law = calc.interaction.central(calc.dim)
+    if law is None:
+        return DISTANCE * lengths.min()
+    return DISTANCE * min(scale(one, lengths[own].min()) for one, own in groups(law, len(lengths)))
 
 
 def _checked_distance(distance, shortest):
@@ -318,7 +320,7 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     supercell = calc.on(_supercell_atoms(phonon, calc.reference.pbc))
     of_cell = np.isin(supercell.bonds.i, home)  # of the images of each bond, the one that starts in the cell
     i, j = supercell.bonds.i[of_cell], supercell.bonds.j[of_cell]
-    D0, _ = bond_stiffness(supercell.bonds.vectors[of_cell, : calc.dim], taken(supercell.law, of_cell))
+    D0 = supercell.rest_stiffness('conventional')[of_cell]
     return -FC[np.searchsorted(home, i), j] - D0
 
 

@@ -1,13 +1,9 @@
 """Grueneisen parameters: how the frequencies of the bands change with the spacing.
 
 As a lattice grows in all its d periodic directions, the bond vectors change by dR = R + C u per relative change d ln L of the
-spacing.  The particles of a basis follow by the displacement u that balances the forces again, `Phi u = -C^T phi'' r n` with the
-Hessian Phi of the cell.  The stiffness
-K = phi'' n(x)n + g (1 - n(x)n) of a bond with g = phi'/r then changes by
-
-    dK = phi''' dr n(x)n + (phi'' - g) dr/r (1 - n(x)n) + (phi'' - g) (dn(x)n + n(x)dn)
-
-and with the Bloch matrix D, whose foundation does not change, `gamma = -d ln w/d ln V = -v^+ dD v/(2 d w^2)`.
+spacing.  The particles of a basis follow by the displacement u that balances the forces again, `Phi u = -C^T K R` with the
+stiffness K of the bonds and the Hessian Phi of the cell.  With the change dK of the stiffness (`stiffness_change`) and the Bloch
+matrix D, whose foundation does not change, `gamma = -d ln w/d ln V = -v^+ dD v/(2 d w^2)`.
 """
 
 from __future__ import annotations
@@ -17,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import one_of
-from ..stiffness.bond import MODELS, refuse_upright
+from ..stiffness.bond import MODELS, stiffness_change
 from ..stiffness.matrices import bloch_matrix, mass_weighted
 from ..stiffness.repulsion import repulsion_of
 from .bloch import _wavevectors, bloch_modes, cell_at_rest
@@ -28,7 +24,6 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from ..interactions.pair_laws import PairLaw
     from ..stiffness.calculator import MagneticRepulsion
 
 FLOPPY = 1e-12
@@ -80,8 +75,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
         raise ValueError('a dead load or stretched springs of the foundation hold the particles, and it is not known how they '
                          'follow the spacing; take differences of relaxed structures')
     one_of('model', model, MODELS)
-    refuse_upright(calc.bond_vectors, calc.law, 'Grueneisen parameters')
-    dK = stiffness_change(calc.bond_vectors, growth(calc, free), calc.law, model)
+    dK = stiffness_change(calc.bond_vectors, growth(calc, free), calc.interaction, model)
     omega, vectors = bloch_modes(atoms, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)
     dD = mass_weighted(bloch_matrix(calc.bonds, dK, _wavevectors(q)), atoms.get_masses())
@@ -108,38 +102,7 @@ def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.flo
         Orthonormal directions that constraints leave free.
     """
     R, C = calc.bond_vectors, calc.bonds.incidence
-    r = np.linalg.norm(R, axis=1)
-    push = -(C.T @ (calc.law.d2phi(r)[:, None] * R)).ravel()
+    push = -(C.T @ np.einsum('bxy,by->bx', calc.rest_stiffness(), R)).ravel()
     Phi = free.T @ calc.rest_hessian() @ free
     u = free @ (np.linalg.pinv(Phi, FLOPPY, hermitian=True) @ (free.T @ push))
     return R + C @ u.reshape(-1, calc.dim)
-
-
-def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], law: PairLaw,
-                     model: str = 'complete') -> NDArray[np.float64]:
-    """Derivative of the stiffness of bonds as their vectors change, in N/mm, shape (bonds, dim, dim).
-
-    Parameters
-    ----------
-    vectors, change : ndarray, shape (bonds, dim)
-        In mm.
-    law : PairLaw
-    model : {'complete', 'conventional'}
-    """
-    r = np.linalg.norm(vectors, axis=1)
-    n = vectors / r[:, None]
-    dr = np.einsum('bx,bx->b', n, change)
-    dn = (change - n * dr[:, None]) / r[:, None]
-    nn, turn = n[:, :, None] * n[:, None, :], dn[:, :, None] * n[:, None, :]
-    turn = turn + turn.swapaxes(1, 2)
-    d2phi, d3phi = (x[:, None, None] for x in (law.d2phi(r), _third_derivative(law, r)))
-    r, dr = r[:, None, None], dr[:, None, None]
-    if model == 'conventional':
-        return d3phi * dr * nn + d2phi * turn
-    across = d2phi - law.dphi(r) / r
-    return d3phi * dr * nn + across * (dr / r * (np.eye(vectors.shape[1]) - nn) + turn)
-
-
-def _third_derivative(law, r):
-    step = 1e-20 * r  # complex step: exact to round-off, for any law
-    return np.imag(law.d2phi(r + 1j * step)) / step

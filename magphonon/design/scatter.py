@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
-from ..bands.gruneisen import stiffness_change
 from ..errors import not_negative
 from ..response.frf import resolvents
 from ..response.normal_modes import modes
-from ..stiffness.bond import refuse_upright
+from ..stiffness.bond import stiffness_change
 from ..stiffness.matrices import hessian
 from ..stiffness.rest import LinearSystem
 
@@ -92,13 +91,11 @@ class SiteSlopes:
 
     @cached_property
     def _bonds(self):
-        """Stiffness K, its derivative with respect to the bond vector, and the tension phi' n of each bond."""
+        """Stiffness K, its derivative with respect to the bond vector, and the gradient phi' n of each bond."""
         calc, dim = self.system.calc, self.system.dim
         R = calc.bond_vectors
-        refuse_upright(R, calc.law, 'uncertainties of each magnet')
-        r = np.linalg.norm(R, axis=1)
-        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.law, calc.linear_model) for axis in np.eye(dim)]
-        return calc.rest_stiffness(calc.linear_model), np.stack(turns, axis=-1), (calc.law.dphi(r) / r)[:, None] * R
+        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.interaction, calc.linear_model) for axis in np.eye(dim)]
+        return calc.rest_stiffness(calc.linear_model), np.stack(turns, axis=-1), calc.interaction.forces(R)[1]
 
     @cached_property
     def _statics(self):

@@ -9,7 +9,6 @@ and pulls its far end j (and pushes its near end i) with the force, counted from
     H(e) R + (g + t H(e)) du
 
     complete      q = 1, t = 1    H = f(r)/r - f(r0)/r0       r = r0 sqrt(1 + e)      g = f(r0)/r0
-    literal       q = 1, t = 0    H = (f(r) - f(r0))/r0       r = r0 sqrt(1 + e)      g = 0
     conventional  q = 0, t = 0    H = (f(r) - f(r0))/r0       r = r0 (1 + e/2)        g = 0
 
 H has no constant term: nothing large is ever subtracted.  It is fitted through its slope, in which nothing cancels.
@@ -62,7 +61,7 @@ class Increments:
     ----------
     potential : PairLaw
         The law of all bonds, or the laws of the kinds of bonds.
-    model : {'complete', 'conventional', 'literal'}
+    model : {'complete', 'conventional'}
     r0 : ndarray, shape (kinds,)
         Rest length of each kind of bond, mm.
     """
@@ -120,7 +119,7 @@ class Increments:
         r = self.length(e, r0)
         if self.model == 'complete':
             return -(r0**2 / (2 * r**2)) * (self._along(self.potential.d2phi, r) - self._along(self.potential.dphi, r) / r)
-        return -self._along(self.potential.d2phi, r) * (r0 / (2 * r) if self.model == 'literal' else 0.5)
+        return -self._along(self.potential.d2phi, r) / 2
 
     def exact(self, e: NDArray[np.float64], r0: ArrayLike, near: float = NEAR) -> NDArray[np.float64]:
         """H(e) from the law itself, N/mm: for increments less than `near` the integral of the slope, unless the slope jumps."""

@@ -137,6 +137,8 @@ def refusal(atoms: Atoms) -> str | None:
         return f'the calculator is {atoms.calc!r}, not MagneticRepulsion'
     if atoms.calc.dim != 2:
         return 'the structure is not planar'
+    if atoms.calc.interaction.central(2) is None:
+        return 'the forces are not along the bonds'
     if out_of_plane(atoms).any():
         return 'particles move out of the plane'
     try:

@@ -29,7 +29,7 @@ from ase.constraints import FixAtoms
 
 from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
-from ..interactions.bond_laws import BondLaws, UprightMagnets, labels, taken
+from ..interactions.bond_laws import BondLaws, labels, taken
 from ..stiffness.calculator import MagneticRepulsion
 from .drives import Drives, ToneBurst
 from .motion import Motion
@@ -227,9 +227,7 @@ def _scene(atoms):
     if atoms.pbc.any():
         raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
-    if isinstance(calc.law, UprightMagnets):
-        raise ValueError('LAMMPS computes forces along the line between two particles, not those of UprightMagnets out of '
-                         'the plane; use atoms.calc = atoms.calc.in_plane()')
+    calc.central('LAMMPS runs')
     if calc.bonds.cutoff is None:
         raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
     if calc.offset.any():

@@ -1,9 +1,7 @@
 from .bond_laws import (
     BondLaws as BondLaws,
-    UprightMagnets as UprightMagnets,
     groups as groups,
     labels as labels,
-    law_along as law_along,
     laws_of as laws_of,
     taken as taken,
 )
@@ -43,6 +41,7 @@ from .pair_laws import (
     GaussianMixture as GaussianMixture,
     Hertz as Hertz,
     InversePower as InversePower,
+    PairInteraction as PairInteraction,
     PairLaw as PairLaw,
     Tabulated as Tabulated,
     Yukawa as Yukawa,
@@ -53,4 +52,7 @@ from .pair_laws import (
 from .smooth_laws import (
     explained as explained,
     fit_spline as fit_spline,
+)
+from .upright import (
+    UprightMagnets as UprightMagnets,
 )

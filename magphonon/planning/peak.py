@@ -222,5 +222,5 @@ def turning(calc: MagneticRepulsion, peak: Peak) -> NDArray[np.float64]:
     sideways = apart - np.einsum('mbx,bx->mb', apart, n)[..., None] * n
     if abs(sideways).max() <= 1e-12 * abs(e).max():
         return np.zeros(len(e))
-    Dstar = bond_stiffness(R, calc.law)[1]
+    Dstar = bond_stiffness(R, calc.interaction)[1]
     return np.einsum('mbx,bxy,mby->m', sideways, Dstar, sideways) / peak.linear.omega[peak.rivals] ** 2

@@ -93,7 +93,7 @@ def strip(cell: Atoms, rows: int) -> Atoms:
     row = np.repeat(np.arange(rows), len(cell))
     atoms.set_tags(np.where((row == 0) | (row == rows - 1), RIM, 0))
     atoms.set_constraint(FixAtoms(mask=atoms.get_tags() == RIM))
-    atoms.calc = MagneticRepulsion(atoms, calc.law, bonds=bonds, anchors=periodic.anchors, load=periodic.load,
+    atoms.calc = MagneticRepulsion(atoms, calc.interaction, bonds=bonds, anchors=periodic.anchors, load=periodic.load,
                                    **calc.parameters)
     return atoms
 

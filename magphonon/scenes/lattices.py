@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from .. import lattices, units as u
 from ..bands.bands import band_path
 from ..errors import MOST, not_negative, positive, shown, whole
-from ..interactions.bond_laws import UprightMagnets
+from ..interactions.upright import UprightMagnets
 from .fields import (
     Allowed,
     Count,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from ase.dft.kpoints import BandPath
 
+    from ..interactions.bond_laws import Law
     from ..interactions.pair_laws import PairLaw
 
 def _poisson_ratio(value):
@@ -103,7 +104,7 @@ class Foundation(Table):
         kz = self.out_of_plane.stiffness_N_per_m * u.N / u.m
         return np.atleast_2d(np.stack(np.broadcast_arrays(in_plane, in_plane, kz), axis=-1))
 
-    def law(self, in_plane: PairLaw) -> PairLaw:
+    def law(self, in_plane: PairLaw) -> Law:
         """The pair law of the particles, `in_plane` at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
 

@@ -20,7 +20,7 @@ from .lattices import Shells, _poisson_ratio
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from ..interactions.bond_laws import Potential
+    from ..interactions.bond_laws import Laws
     from ..interactions.pair_laws import PairLaw
 
 Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_T)))]
@@ -275,7 +275,7 @@ class LawOfKinds(Table):
     law: Law = Field(description='their law, a table like [law]')
 
 
-def laws_of_kinds(law: PairLaw, others: tuple[LawOfKinds, ...], kinds: Iterable[int]) -> Potential:
+def laws_of_kinds(law: PairLaw, others: tuple[LawOfKinds, ...], kinds: Iterable[int]) -> Laws:
     """One law, or one for each pair of the `kinds` and of those that `others` name."""
     if not others:
         return law

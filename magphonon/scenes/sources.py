@@ -19,7 +19,7 @@ from ..bands.bands import band_path
 from ..bands.force_constants import enough_cells
 from ..errors import nearest, one_of
 from ..files import MEGABYTE, refuse_endless, whole_file
-from ..interactions.bond_laws import potential_from_dict, potential_to_dict
+from ..interactions.bond_laws import laws_from_dict, laws_to_dict
 from ..stiffness.repulsion import Repulsion
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def checked_atoms(atoms: Atoms) -> Atoms:
     calc: Any = atoms.calc
     if not isinstance(calc, Repulsion):
         raise ValueError(f'a scene is made of atoms with MagneticRepulsion or AllNeighbours, not with {calc!r}; attach one')
-    potential_from_dict(potential_to_dict(calc.potential))
+    laws_from_dict(laws_to_dict(calc.potential))
     calc.displacements(atoms)  # refuses atoms that are not those of the calculator
     return atoms
 

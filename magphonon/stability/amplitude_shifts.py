@@ -11,7 +11,6 @@ from scipy import sparse
 
 from .. import units
 from ..interactions.pair_laws import higher_derivatives
-from ..stiffness.bond import refuse_upright
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import LinearSystem
 
@@ -83,9 +82,9 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
     def stiffness(q):
         return P.T @ calc.bloch_matrix(np.array([q]))[0].real @ P if zone else P.T @ calc.rest_hessian() @ P
 
-    refuse_upright(calc.bond_vectors, calc.law, 'shifts of frequencies')
+    law = calc.central('shifts of frequencies')
     rest = stiffness((0.0, 0.0, 0.0))
-    shifts = _SecondOrder(R, *law_derivatives(calc.law, bonds.lengths), bonds.incidence, P, rest, M)
+    shifts = _SecondOrder(R, *law_derivatives(law, bonds.lengths), bonds.incidence, P, rest, M)
     edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     rows = []
     for q in edges:

@@ -149,7 +149,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
             return _softest_of_sums(atoms, model, foundation, weighted, steps)
         atoms = LinearSystem.about(atoms.calc, atoms)  # pyright: ignore[reportArgumentType]  it is pairwise
     calc, cell = atoms.calc, atoms.atoms
-    K = model_stiffness(scale * calc.bond_vectors, calc.law, model)
+    K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model)
     springs = calc.foundation - common_spring(atoms) + foundation
     return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
 

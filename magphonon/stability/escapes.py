@@ -116,7 +116,7 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
         mobile = freedom(atoms)[0]
     except ValueError:
         return None
-    if atoms.calc.parameters.model == 'literal' or atoms.calc.bonds.coordination.max() > NEIGHBOURS:
+    if atoms.calc.bonds.coordination.max() > NEIGHBOURS:
         return None
     with np.errstate(all='ignore'):  # overflow in a search that diverges
         cheapest, least = None, np.inf
@@ -166,7 +166,7 @@ def surroundings(atoms: Atoms, particle: int, radius: float) -> Atoms:
     listed = Bonds(place[bonds.i[inside]], place[bonds.j[inside]], 0 * bonds.shift[inside], bonds.vectors[inside], len(near))
     load = np.zeros((len(near), 3))
     load[:, : calc.dim] = big.calc.offset[members]  # the springs are slack here, because their anchors move with the particles
-    near.calc = MagneticRepulsion(near, calc.law, bonds=listed, load=load, **calc.parameters)
+    near.calc = MagneticRepulsion(near, calc.interaction, bonds=listed, load=load, **calc.parameters)
     return near
 
 

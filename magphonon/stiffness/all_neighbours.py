@@ -20,10 +20,10 @@ from ase.calculators.calculator import all_changes
 from ase.geometry import find_mic
 
 from ..errors import one_of, positive
-from ..interactions.bond_laws import law_along
+from ..interactions.bond_laws import laid, laws_along
 from ..interactions.pair_laws import GaussianMixture
 from ..lattices.bonds import ON_SHELL, bonds_within, image_of
-from .bond import MODELS
+from .bond import MODELS, Central
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .restartable import Restartable
@@ -212,7 +212,8 @@ class AllNeighbours(Restartable):
         self.parameters.foundation = site_springs(foundation, len(reference), self.dim, self.layer)
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
-        self._law = law_along(potential, self.bonds.i, self.bonds.j, np.zeros(len(reference), int), self.strengths)
+        kinds = np.zeros(len(reference), int)
+        self._law = laid(*laws_along(potential, self.bonds.i, self.bonds.j, kinds, self.strengths))
         warn_of_units(self)
 
     @property
@@ -224,6 +225,11 @@ class AllNeighbours(Restartable):
     def law(self) -> PairLaw:
         """The law of each of the nearest pairs."""
         return self._law
+
+    @property
+    def interaction(self) -> Central:
+        """The interaction of each of the nearest pairs."""
+        return Central(self._law)
 
     @property
     def strengths(self) -> NDArray[np.float64]:

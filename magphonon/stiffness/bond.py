@@ -1,47 +1,126 @@
-"""Stiffness of one bond against stretching and rotation, D0 + D* (Eq. 4), in the complete and the conventional model.
+"""What two particles do to each other, as a function of the vector R between them: energy, gradient, stiffness D0 + D* (Eq. 4).
 
-For motion out of its plane a flat lattice has only D*: phi'/r for a force along the bond, or that of upright magnets.
+`Central` is the force along the bond, from a law of the distance: Eq. 4 is its `stiffness`.  Where forces depend on more than
+the distance, as between upright magnets that leave their plane, the law answers for vectors itself (`PairInteraction`).  `Mixed`
+holds the interactions of bonds that differ.  Code above asks one of these three, and need not know which.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import one_of
-from ..interactions.bond_laws import UprightMagnets
+from ..interactions.bond_laws import laid, laws_along
 
 if TYPE_CHECKING:
-    from typing import TypeGuard
+    from typing import Any
 
     from numpy.typing import NDArray
 
-    from ..interactions.pair_laws import PairLaw
+    from ..interactions.bond_laws import Law, Laws
+    from ..interactions.pair_laws import PairInteraction, PairLaw
     from ..lattices.bonds import Bonds
 
 MODELS = ('complete', 'conventional')
+STEP = 1e-20
+"""Relative size of a complex step: no difference is taken, so it may be as small as numbers allow."""
 
 
-def bond_stiffness(vectors: NDArray[np.float64], law: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+@dataclass(frozen=True, eq=False)
+class Central:
+    """The interaction of two particles with a force along the line between them, by phi, phi' and phi''."""
+
+    law: PairLaw
+
+    def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Energy `phi` and its gradient `phi' n`."""
+        r = _lengths(R)
+        return self.law.phi(r), (self.law.dphi(r) / r)[:, None] * R
+
+    def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Eq. 4 of the paper: `D0 = phi'' n(x)n` and `D* = phi'/r (1 - n(x)n)`."""
+        r = _lengths(R)[:, None, None]
+        nn = R[:, :, None] / r * (R[:, None, :] / r)
+        D0 = self.law.d2phi(r) * nn
+        Dstar = self.law.dphi(r) / r * (np.eye(R.shape[1]) - nn)
+        return D0, Dstar
+
+    def central(self, dim: int) -> PairLaw:
+        """The law of the distance."""
+        return self.law
+
+
+@dataclass(frozen=True, eq=False)
+class Mixed:
+    """Interactions that differ from bond to bond: `strength` times one of the `parts`.
+
+    Attributes
+    ----------
+    parts : tuple of PairInteraction
+    which : ndarray of int, shape (bonds,)
+        Index of the part of each bond.
+    strength : ndarray, shape (bonds,)
+    """
+
+    parts: tuple[PairInteraction, ...]
+    which: NDArray[np.intp]
+    strength: NDArray[np.float64]
+
+    def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+        """Energy and gradient of each bond."""
+        return self._each('forces', R)
+
+    def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+        """D0 and D* of each bond."""
+        return self._each('stiffness', R)
+
+    def central(self, dim: int) -> PairLaw | None:
+        """The law of each bond's length (`BondLaws`), if all parts have one."""
+        laws = tuple(part.central(dim) for part in self.parts)
+        return None if None in laws else laid(laws, self.which, self.strength)  # pyright: ignore[reportArgumentType]
+
+    def _each(self, method, R):
+        found = []
+        for k, part in enumerate(self.parts):
+            own = np.flatnonzero(self.which == k)
+            answers = getattr(part, method)(R[own])
+            found = found or [np.empty((len(R), *answer.shape[1:]), answer.dtype) for answer in answers]
+            for every, answer in zip(found, answers, strict=True):
+                every[own] = (self.strength[own] * answer.T).T
+        return tuple(found)
+
+
+def interaction_of(law: Law, dim: int) -> PairInteraction:
+    """What answers for vectors of `dim` components: the law as a force along the bond where it is one, else the law itself."""
+    given: Any = law
+    found = given.central(dim) if hasattr(given, 'central') else given
+    return given if found is None else Central(found)
+
+
+def interaction_along(laws: Laws, bonds: Bonds, kinds: NDArray[np.intp], strengths: NDArray[np.float64],
+                      dim: int) -> PairInteraction:
+    """The interaction of all bonds; see `laws_along`."""
+    each, which, strength = laws_along(laws, bonds.i, bonds.j, kinds, strengths)
+    return interaction_of(Mixed(tuple(interaction_of(law, dim) for law in each), which, strength), dim)
+
+
+def bond_stiffness(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Stiffness of each bond, split as in Eq. 4 of the paper.
 
     Parameters
     ----------
     vectors : ndarray, shape (bonds, dim)
         Bond vectors in mm.
-    law : PairLaw
-        One law for all bonds, or the laws of the bonds (`magphonon.interactions.BondLaws`), as `calc.law`.
+    law : PairLaw or PairInteraction
+        One law for all bonds, or what the bonds of a calculator do, `calc.interaction`.
 
     Returns
     -------
     D0, Dstar : ndarray, shape (bonds, dim, dim)
         In N/mm.
-
-    Raises
-    ------
-    ValueError
-        If a vector has no length.
 
     Examples
     --------
@@ -54,110 +133,10 @@ def bond_stiffness(vectors: NDArray[np.float64], law: PairLaw) -> tuple[NDArray[
     >>> (Dstar[0] + 0).tolist()  # phi'/r across it
     [[0.0, 0.0], [0.0, -1.0]]
     """
-    if leaves_the_plane(law, vectors):
-        return _upright_stiffness(vectors, law)
-    r, nn = _lengths_and_axes(vectors)
-    D0 = law.d2phi(r) * nn
-    Dstar = law.dphi(r) / r * (np.eye(vectors.shape[1]) - nn)
-    return D0, Dstar
+    return interaction_of(law, vectors.shape[1]).stiffness(vectors)
 
 
-def displaced(bonds: Bonds, rest: tuple[NDArray[np.float64], ...], moved: NDArray[np.float64],
-              model: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lengths of displaced bonds that enter the law, and the directions along which the force acts, in a model of the forces.
-
-    Parameters
-    ----------
-    bonds : Bonds
-    rest : three ndarrays, shapes (bonds, dim), (bonds,) and (bonds, dim)
-        Vectors R and lengths r0 of the bonds at rest in mm, and their unit vectors n.
-    moved : ndarray, shape (bonds, dim)
-        Relative displacement of the ends of each bond in mm.
-    model : {'complete', 'conventional', 'literal'}
-
-    Returns
-    -------
-    lengths : ndarray, shape (bonds,)
-        In mm.
-    directions : ndarray, shape (bonds, dim)
-        Unit vectors.
-
-    Raises
-    ------
-    ValueError
-        If two bonded particles coincide or have passed through each other.
-    """
-    R, r0, n = rest
-    vectors = R + moved
-    if model == 'conventional':
-        lengths = r0 + np.einsum('bx,bx->b', n, moved)
-    else:
-        lengths = np.sqrt(np.einsum('bx,bx->b', vectors, vectors))
-    if lengths.size and not lengths.min() > 0:
-        b = lengths.argmin()
-        raise ValueError(f'particles {bonds.i[b]} and {bonds.j[b]} coincide or have passed through each other '
-                         f'(distance {lengths[b]:g} mm along their bond); start from smaller displacements')
-    return lengths, vectors / lengths[:, None] if model == 'complete' else n
-
-
-def leaves_the_plane(law: PairLaw, vectors: NDArray[np.float64]) -> TypeGuard[UprightMagnets]:
-    """Whether bonds of these vectors move out of the plane by the law of `UprightMagnets`."""
-    return isinstance(law, UprightMagnets) and vectors.shape[1] == 3
-
-
-def refuse_upright(vectors: NDArray[np.float64], law: PairLaw, what: str) -> None:
-    """Refuse upright magnets that leave the plane, because `what` supposes forces along the line between two particles."""
-    if leaves_the_plane(law, vectors):
-        raise ValueError(f'{what} of UprightMagnets that move out of the plane are not known; take the motion in the plane, '
-                         'atoms.calc = atoms.calc.in_plane()')
-
-
-def upright_forces(vectors: NDArray[np.float64], law: UprightMagnets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Energy of upright magnets, `phi + g z^2/2`, and its gradient.
-
-    Parameters
-    ----------
-    vectors : ndarray, shape (bonds, 3)
-        In mm.
-    law : UprightMagnets
-
-    Returns
-    -------
-    energy : ndarray, shape (bonds,)
-        In mJ.
-    gradient : ndarray, shape (bonds, 3)
-        In N.
-    """
-    z, rho = vectors[:, 2], np.hypot(vectors[:, 0], vectors[:, 1])
-    g, slope = law.vertical(rho), law.vertical_derivatives(rho)[0]
-    gradient = np.column_stack([((law.dphi(rho) + slope * z**2 / 2) / rho)[:, None] * vectors[:, :2], g * z])
-    return law.phi(rho) + g * z**2 / 2, gradient
-
-
-def _upright_stiffness(vectors, law):
-    """D0 and the rest of the second derivatives of `phi + g z^2/2`."""
-    e, z = np.array([0.0, 0.0, 1.0]), vectors[:, 2, None, None]
-    flat = vectors * (1 - e)
-    r, nn = _lengths_and_axes(flat)
-    n, vertical = flat / r[:, 0], np.outer(e, e)
-    g, (slope, curvature) = law.vertical(r), (f[:, None, None] for f in law.vertical_derivatives(r[:, 0, 0]))
-    ne = n[:, :, None] * e
-    D0 = law.d2phi(r) * nn
-    Dstar = ((law.dphi(r) + slope * z**2 / 2) / r * (np.eye(3) - vertical - nn) + curvature * z**2 / 2 * nn
-             + slope * z * (ne + ne.swapaxes(1, 2)) + g * vertical)
-    return D0, Dstar
-
-
-def _lengths_and_axes(vectors):
-    """Length r and n(x)n of each bond, shapes (bonds, 1, 1) and (bonds, dim, dim)."""
-    r = np.linalg.norm(vectors, axis=1)[:, None, None]
-    for k in np.flatnonzero(~((r > 0) & (r < np.inf)))[:1]:
-        raise ValueError(f'bond {k} has the vector {vectors[k]} mm; a bond joins two particles at a finite distance')
-    n = vectors / r[:, 0]
-    return r, n[:, :, None] * n[:, None, :]
-
-
-def model_stiffness(vectors: NDArray[np.float64], law: PairLaw, model: str = 'complete') -> NDArray[np.float64]:
+def model_stiffness(vectors: NDArray[Any], law: Law, model: str = 'complete') -> NDArray[Any]:
     """Stiffness of each bond in the given model: `D0 + D*`, or `D0` alone; see `bond_stiffness`.
 
     Examples
@@ -168,8 +147,79 @@ def model_stiffness(vectors: NDArray[np.float64], law: PairLaw, model: str = 'co
     >>> np.diag(model_stiffness(np.array([[1.0, 0.0]]), InversePower(1.0, 4.0))[0]).tolist()
     [4.0, -1.0]
     """
-    if one_of('model', model, MODELS) == 'conventional':
-        r, nn = _lengths_and_axes(vectors * [1, 1, 0] if leaves_the_plane(law, vectors) else vectors)
-        return law.d2phi(r) * nn
     D0, Dstar = bond_stiffness(vectors, law)
-    return D0 + Dstar
+    return D0 if one_of('model', model, MODELS) == 'conventional' else D0 + Dstar
+
+
+def stiffness_change(vectors: NDArray[np.float64], change: NDArray[np.float64], law: Law,
+                     model: str = 'complete') -> NDArray[np.float64]:
+    """Derivative of the stiffness as the vectors change, by a complex step: exact to round-off, for any interaction.
+
+    Parameters
+    ----------
+    vectors, change : ndarray, shape (bonds, dim)
+        In mm.
+    law, model
+        As for `model_stiffness`.
+
+    Returns
+    -------
+    ndarray, shape (bonds, dim, dim)
+        In N/mm per unit of the change.
+    """
+    return np.imag(model_stiffness(vectors + 1j * STEP * change, law, model)) / STEP
+
+
+def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Size of the force of each bond in N and of its stiffness against stretching in N/mm: of a central law |phi'|, |phi''|."""
+    acting = interaction_of(law, vectors.shape[1])
+    if isinstance(acting, Central):
+        r = _lengths(vectors)
+        return abs(acting.law.dphi(r)), abs(acting.law.d2phi(r))
+    return np.linalg.norm(acting.forces(vectors)[1], axis=1), abs(np.einsum('bxx->b', acting.stiffness(vectors)[0]))
+
+
+def displaced(bonds: Bonds, rest: tuple[NDArray[np.float64], ...], moved: NDArray[np.float64],
+              model: str) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """The vectors at which an interaction is asked, and the directions to which a model of the forces confines its gradient.
+
+    Parameters
+    ----------
+    bonds : Bonds
+    rest : three ndarrays, shapes (bonds, dim), (bonds,) and (bonds, dim)
+        Vectors R and lengths r0 of the bonds at rest in mm, and their unit vectors n.
+    moved : ndarray, shape (bonds, dim)
+        Relative displacement of the ends of each bond in mm.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    vectors : ndarray, shape (bonds, dim)
+        `R + moved` in mm; in the conventional model the vectors at rest, as long as the projection of these on them.
+    directions : ndarray, shape (bonds, dim), or None
+        n in the conventional model, None if the gradient stays as it is.
+
+    Raises
+    ------
+    ValueError
+        If two bonded particles coincide or have passed through each other.
+    """
+    R, r0, n = rest
+    vectors = R + moved
+    along = np.einsum('bx,bx->b', n if model == 'conventional' else vectors, vectors)
+    if along.size and not along.min() > 0:
+        b = along.argmin()
+        apart = along[b] if model == 'conventional' else np.sqrt(along[b])
+        raise ValueError(f'particles {bonds.i[b]} and {bonds.j[b]} coincide or have passed through each other '
+                         f'(distance {apart:g} mm along their bond); start from smaller displacements')
+    if model == 'complete':
+        return vectors, None
+    return (1 + np.einsum('bx,bx->b', n, moved) / r0)[:, None] * R, n  # R itself at rest, to the last bit
+
+
+def _lengths(R):
+    """Lengths of vectors, which may be complex; ValueError for a vector that joins nothing."""
+    r = np.sqrt(np.einsum('bx,bx->b', R, R))
+    for k in np.flatnonzero(~((r.real > 0) & (r.real < np.inf)))[:1]:
+        raise ValueError(f'bond {k} has the vector {R[k]} mm; a bond joins two particles at a finite distance')
+    return r

@@ -18,9 +18,9 @@ from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
 from ..errors import finite, one_of
-from ..interactions.bond_laws import UprightMagnets, checked_potential, law_along
+from ..interactions.bond_laws import checked_laws, laws_of
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
-from .bond import MODELS, bond_stiffness, displaced, leaves_the_plane, model_stiffness, refuse_upright, upright_forces
+from .bond import MODELS, displaced, interaction_along, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
 from .repulsion import masses_of
 from .restartable import Restartable
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from ..interactions.bond_laws import Potential
+    from ..interactions.bond_laws import Laws
     from ..interactions.pair_laws import PairLaw
     from .sites import Foundation
 
@@ -98,7 +98,7 @@ def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
 
 
 def bond_virial(calc: MagneticRepulsion, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
-    """Derivative of the energy of the bonds by the strain, `sum phi'/r R(x)R`, in mJ, shape (dim, dim).
+    """Derivative of the energy of the bonds by the strain, their gradients times R, in mJ, shape (dim, dim).
 
     Parameters
     ----------
@@ -107,9 +107,7 @@ def bond_virial(calc: MagneticRepulsion, u: NDArray[np.float64] | float = 0.0) -
         Displacements from the reference in mm; none by default.
     """
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
-    refuse_upright(R, calc.law, 'stresses')
-    r = np.linalg.norm(R, axis=1)
-    return np.einsum('b,bx,by->xy', calc.law.dphi(r) / r, R, R)
+    return np.einsum('bx,by->xy', calc.interaction.forces(R)[1], R)
 
 
 def stress_per_volume(calc: MagneticRepulsion, atoms: Atoms) -> NDArray[np.float64]:
@@ -138,9 +136,7 @@ def stress_per_volume(calc: MagneticRepulsion, atoms: Atoms) -> NDArray[np.float
     return full_3x3_to_voigt_6_stress(stress)
 
 
-CALCULATOR_MODELS = ('complete', 'conventional', 'literal')
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
-NO_ENERGY = "the literal conventional force does work around a closed loop: it has no energy or Hessian; use model='conventional'"
 
 
 class MagneticRepulsion(Restartable):
@@ -159,9 +155,8 @@ class MagneticRepulsion(Restartable):
     rest it pulls with -k (rest - anchor), which gives with the dead load the constant force h = load - k (rest - anchor).  In a
     perfect lattice both positions coincide and h = 0; after `magphonon.relaxed` they differ near defects and rims.
 
-    The conventional model keeps the bond directions fixed.  The words of the paper, "only the magnitude is updated", can also
-    mean the force -phi'(|R + du|) n: `model='literal'`.  That force is not conservative, so it has neither energy nor
-    Hessian; it serves for comparison only.
+    The conventional model keeps the bond directions fixed.  Where the forces of a pair are not along its bond the energy is that
+    of the vectors R + du, and in the conventional model that of the same vectors stretched, to (r0 + n.du)/r0 of R.
 
     Particles in a structure that is not periodic in all three directions are planar: they must share one z, and no force acts
     along z.  (Real magnets are unstable out of the plane, and supports hold them.)  A foundation with three components,
@@ -189,7 +184,7 @@ class MagneticRepulsion(Restartable):
     load : array_like, shape (particles, 3), optional
         Dead load: a constant force on each particle in N, such as the weight or the push that holds an oscillator against
         its magnets.  A load on a held particle has no effect.
-    model : {'complete', 'conventional', 'literal'}
+    model : {'complete', 'conventional'}
     shells : int
         Number of neighbour shells that interact.
     cutoff : float, optional
@@ -229,11 +224,11 @@ class MagneticRepulsion(Restartable):
     parameters: Any
     bloch_models = MODELS
 
-    def __init__(self, reference: Atoms, potential: Potential, *, foundation: Foundation | ArrayLike = 0.0,
+    def __init__(self, reference: Atoms, potential: Laws, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, model: str = 'complete', shells: int = 1, cutoff: float | None = None,
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
                  load: ArrayLike | None = None) -> None:
-        self._potential = checked_potential(potential)
+        self._potential = checked_laws(potential)
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
@@ -250,16 +245,15 @@ class MagneticRepulsion(Restartable):
             fixed.flags.writeable = False
         if self.dim == 2:
             refuse_load_along_z(self._load)
-        law = law_along(self._potential, bonds.i, bonds.j, self.reference.get_tags(), self._strengths)
-        self._law = law.planar if isinstance(law, UprightMagnets) and self.dim == 2 else law
-        refuse_height(self.reference, bonds, self.dim, upright=isinstance(self._law, UprightMagnets))
-        refuse_infinite(self._law, bonds)
+        self.interaction = interaction_along(self._potential, bonds, self.reference.get_tags(), self._strengths, self.dim)
+        refuse_height(self.reference, bonds, self.dim, central=self.interaction.central(self.dim) is not None)
+        refuse_infinite(self)
         super().__init__(foundation=foundation, model=model)
         if first:
             warn_of_units(self)
 
     @property
-    def potential(self) -> Potential:
+    def potential(self) -> Laws:
         """The pair law, or the laws of the pairs of kinds, as given; read-only: make a new calculator to change it."""
         return self._potential
 
@@ -267,9 +261,33 @@ class MagneticRepulsion(Restartable):
     def law(self) -> PairLaw:
         """The pair law of every bond, for arrays of distances whose first axis is that of the bonds.
 
-        A `magphonon.interactions.BondLaws`; or the law itself, if all bonds have the same law and all strengths are 1.
+        A `magphonon.interactions.bond_laws.BondLaws`; or the law itself, if all bonds have the same law and all strengths are 1.
+        Of magnets that leave their plane it is the law in the plane; what supposes forces along the bonds asks `central`.
         """
-        return self._law
+        found = self.interaction.central(self.dim)
+        found = self.interaction.central(2) if found is None else found
+        return self.central('tools that ask for calc.law') if found is None else found
+
+    def central(self, what: str) -> PairLaw:
+        """The law of every bond for `what` supposes that forces are along the bonds, or ValueError where they are not.
+
+        Examples
+        --------
+        >>> from magphonon import InversePower, MagneticRepulsion, lattices
+        >>> from magphonon.interactions import UprightMagnets
+        >>> cell = lattices.square(1.0, 1.0)
+        >>> calc = MagneticRepulsion(cell, UprightMagnets(InversePower(1.0, 4.0)), foundation=[[5.0, 5.0, 9.0]])
+        >>> calc.central('moduli')
+        Traceback (most recent call last):
+        ...
+        ValueError: moduli suppose forces along the line between two particles, which those of UprightMagnets are not; ...
+        """
+        law = self.interaction.central(self.dim)
+        if law is None:
+            names = ', '.join(sorted({type(law).__name__ for law in laws_of(self.potential)}))
+            raise ValueError(f'{what} suppose forces along the line between two particles, which those of {names} are not; for '
+                             'UprightMagnets take the motion in the plane, atoms.calc = atoms.calc.in_plane()')
+        return law
 
     @property
     def strengths(self) -> NDArray[np.float64]:
@@ -293,13 +311,13 @@ class MagneticRepulsion(Restartable):
 
     @property
     def model(self) -> str:
-        """Model of the forces: 'complete', 'conventional' or 'literal'."""
+        """Model of the forces and of their stiffness at rest: 'complete' or 'conventional'."""
         return self.parameters.model
 
     @property
     def linear_model(self) -> str:
-        """Model of the stiffness at rest, where the literal and the conventional forces have the same derivative."""
-        return 'complete' if self.model == 'complete' else 'conventional'
+        """Model of the stiffness at rest."""
+        return self.model
 
     @property
     def layer(self) -> bool:
@@ -324,7 +342,7 @@ class MagneticRepulsion(Restartable):
         if 'foundation' in parameters:
             parameters['foundation'] = site_springs(parameters['foundation'], len(self.reference), self.dim, self.layer)
         if 'model' in parameters:
-            one_of('model', parameters['model'], CALCULATOR_MODELS)
+            one_of('model', parameters['model'], MODELS)
         changed = super().set(**parameters)
         self.reset()
         return changed
@@ -375,8 +393,6 @@ class MagneticRepulsion(Restartable):
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
         if name == 'hessian':  # it is expensive and not part of a trajectory, so it is never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
-        if self.model == 'literal' and name in ('energy', 'free_energy', 'energies'):
-            raise PropertyNotImplementedError(NO_ENERGY)
         if name == 'stress' and (np.any(self.foundation) or self.load.any() or self.model != 'complete'):
             raise PropertyNotImplementedError(NO_STRESS)
         return super().get_property(name, atoms, allow_calculation)
@@ -388,11 +404,9 @@ class MagneticRepulsion(Restartable):
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, self.atoms)
         energy, gradient = here._repulsion(u)
-        self.results = {'forces': np.zeros((len(u), 3))}
-        self.results['forces'][:, : self.dim] = here._forces(u, gradient)
-        if self.model != 'literal':
-            energies = here._energies(u, energy - self._rest[3])
-            self.results.update(energies=energies, energy=energies.sum(), free_energy=energies.sum())
+        forces, energies = np.zeros((len(u), 3)), here._energies(u, energy - self._rest[3])
+        forces[:, : self.dim] = here._forces(u, gradient)
+        self.results = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
         if 'stress' in properties:
             self.results['stress'] = stress_per_volume(self, self.atoms)
 
@@ -415,10 +429,10 @@ class MagneticRepulsion(Restartable):
 
     @cached_property
     def _rest(self):
-        """Bond vectors R, lengths r0 and directions n at rest, and phi(r0)."""
-        R = self.bond_vectors
+        """Bond vectors R, lengths r0 and directions n at rest, and the energy of each bond."""
+        R = np.ascontiguousarray(self.bond_vectors)  # sums over other strides are rounded otherwise
         r0 = np.linalg.norm(R, axis=1)
-        return R, r0, R / r0[:, None], self.law.phi(r0)
+        return R, r0, R / r0[:, None], self.interaction.forces(R)[0]
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:
@@ -435,17 +449,14 @@ class MagneticRepulsion(Restartable):
         """Constant force `load - k (rest - anchor)` on each particle in N, shape (particles, dim)."""
         return self.load[:, : self.dim] + self.spring_forces
 
-    def _geometry(self, u):
-        """Bond lengths that enter the law, and the directions along which the force acts."""
+    def _displaced(self, u):
         return displaced(self.bonds, self._rest[:3], self.bonds.incidence @ u, self.model)
 
     def _repulsion(self, u):
         """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
-        law = self.law
-        if leaves_the_plane(law, self.bond_vectors) and self.model == 'complete':
-            return upright_forces(self.bond_vectors + self.bonds.incidence @ u, law)
-        length, n = self._geometry(u)
-        return law.phi(length), law.dphi(length)[:, None] * n
+        vectors, n = self._displaced(u)
+        energy, gradient = self.interaction.forces(vectors)
+        return energy, gradient if n is None else np.einsum('bx,bx->b', gradient, n)[:, None] * n
 
     def _forces(self, u, gradient):
         return self.offset - self.bonds.incidence.T @ gradient - self.foundation * u
@@ -457,7 +468,7 @@ class MagneticRepulsion(Restartable):
 
     def rest_stiffness(self, model: str = 'complete') -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
-        return model_stiffness(self.bond_vectors, self.law, model)
+        return model_stiffness(self.bond_vectors, self.interaction, model)
 
     def rest_hessian(self, model: str = 'complete') -> sparse.csr_array:
         """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
@@ -492,10 +503,8 @@ class MagneticRepulsion(Restartable):
             In N/mm, with the components in ASE's order.  Rows along z are empty for planar particles.
         """
         one_of('part', part, HESSIAN_PARTS)
-        if self.model == 'literal':
-            raise PropertyNotImplementedError(NO_ENERGY)
-        length, n = self._geometry(self.displacements(atoms))
-        D0, Dstar = bond_stiffness(length[:, None] * n, self.law)
+        vectors, _ = self._displaced(self.displacements(atoms))
+        D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]

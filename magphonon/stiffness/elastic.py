@@ -27,7 +27,6 @@ import numpy as np
 from .. import units
 from ..errors import finite
 from ..files import Saved
-from .bond import refuse_upright
 from .calculator import bond_virial, measure, same_cell
 from .matrices import signed_root
 from .repulsion import masses_of, repulsion_of
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
+    from ..interactions.pair_laws import PairLaw
     from .all_neighbours import AllNeighbours
     from .calculator import MagneticRepulsion
 
@@ -247,8 +247,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
         if calc.load.any() or calc.spring_forces.any():
             raise ValueError('a dead load or stretched springs of the foundation hold the particles, and the lattice has no '
                              'moduli without them; relax it with a calculator that has neither')
-        refuse_upright(calc.bond_vectors, calc.law, 'moduli')
-        slopes = _of_bonds(calc)
+        slopes = _of_bonds(calc, calc.central('moduli'))
     elif calc.singular(along).any():
         raise ValueError('the sum over all neighbours of this long-range law needs a uniform background, so the lattice has no '
                          'moduli of its own; use a law that falls faster, or a number of shells')
@@ -271,7 +270,7 @@ def _along_periods(atoms, dim):
     return np.linalg.pinv(periods) @ periods
 
 
-def _of_bonds(calc: MagneticRepulsion) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _of_bonds(calc: MagneticRepulsion, law: PairLaw) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """First and second strain derivative of the energy in mJ, and Lambda in N, shape (particles * dim, dim, dim).
 
     Lambda is valid only at rest, where the terms with the forces on a particle cancel.
@@ -279,8 +278,8 @@ def _of_bonds(calc: MagneticRepulsion) -> tuple[NDArray[np.float64], NDArray[np.
     bonds, R, dim = calc.bonds, calc.bond_vectors, calc.dim
     S = R @ _along_periods(calc.reference, dim)
     r = np.linalg.norm(R, axis=1)
-    g = calc.law.dphi(r) / r
-    curvature = (calc.law.d2phi(r) - g) / r**2
+    g = law.dphi(r) / r
+    curvature = (law.d2phi(r) - g) / r**2
     first = np.einsum('b,bi,bj->ij', g, S, S)
     second = np.einsum('b,bi,bj,bk,bl->ijkl', curvature, S, S, S, S, optimize=True)
     pulls = np.einsum('b,bx,bi,bj->bxij', curvature, R, S, S).reshape(len(bonds), -1)

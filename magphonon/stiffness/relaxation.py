@@ -18,7 +18,7 @@ from scipy import sparse
 from ..errors import Unstable, positive, whole
 from ..lattices.bonds import Bonds, pairs_within
 from ..units import hertz
-from .bond import model_stiffness
+from .bond import model_stiffness, sizes
 from .lowest import lowest_mode
 from .matrices import hessian, signed_root
 from .repulsion import repulsion_of
@@ -168,8 +168,8 @@ class _Descent:
         self.atoms.calc = self.calc
         self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
         self.length = self.calc.bonds.lengths.min()
-        lengths = self.calc.bonds.lengths
-        self.force = max(abs(calc.law.dphi(lengths)).max(), SLACK * self.length * abs(calc.law.d2phi(lengths)).max())
+        force, stiffness = sizes(self.calc.bond_vectors, self.calc.interaction)
+        self.force = max(force.max(), SLACK * self.length * stiffness.max())
         if not self.force:
             raise ValueError('no bond repels: at the lengths of all of them the law has neither force nor stiffness; check the '
                              'strengths of the particles and the reach of the law')
@@ -202,7 +202,7 @@ class _Descent:
         """Hessian of the free directions, in force over shortest bond."""
         if self._at is None or not np.array_equal(y, self._at[0]):
             R = self.calc.bond_vectors + self.calc.bonds.incidence @ self.displacements(y)
-            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.law), self.calc.foundation)
+            H = hessian(self.calc.bonds, model_stiffness(R, self.calc.interaction), self.calc.foundation)
             self._at = y.copy(), sparse.csr_array(self.P.T @ H @ self.P) * (self.length / self.force)
         return self._at[1]
 

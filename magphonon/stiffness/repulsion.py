@@ -9,13 +9,13 @@ from ase import Atoms
 from numpy.typing import NDArray
 
 from ..errors import positive
-from ..interactions.pair_laws import PairLaw
+from ..interactions.pair_laws import PairInteraction, PairLaw
 from ..lattices.bonds import Bonds
 
 if TYPE_CHECKING:
     from typing import Any
 
-    from ..interactions.bond_laws import Potential
+    from ..interactions.bond_laws import Laws
     from .calculator import MagneticRepulsion
     from .sites import Foundation
 
@@ -35,6 +35,8 @@ class Repulsion(Protocol):
         The potential, as it was given.
     law : PairLaw
         The law of every bond: it gives one number for each of them.
+    interaction : PairInteraction
+        Energy, gradient and stiffness of every bond, by its vector.
     bonds : Bonds
         The pairs that repel each other; for an infinite lattice, the nearest ones.
     pairwise : bool
@@ -58,13 +60,18 @@ class Repulsion(Protocol):
         ...
 
     @property
-    def potential(self) -> Potential:
+    def potential(self) -> Laws:
         """The pair law, or the laws of pairs of kinds."""
         ...
 
     @property
     def law(self) -> PairLaw:
         """The pair law of each bond."""
+        ...
+
+    @property
+    def interaction(self) -> PairInteraction:
+        """The interaction of each bond, by its vector."""
         ...
 
     @property

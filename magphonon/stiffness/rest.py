@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..errors import NotAtRest
-from .bond import leaves_the_plane, upright_forces
+from .bond import sizes
 from .calculator import MagneticRepulsion, same_cell
 from .lowest import none_negative
 from .repulsion import Repulsion, masses_of, repulsion_of
@@ -202,11 +202,7 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0, u: Any = 0.0) -> NDA
 
 def _repulsion(calc, u):
     """Force of each bond on its particle j at the displacements u, in N, shape (bonds, dim)."""
-    R, law = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0), calc.law
-    if leaves_the_plane(law, R):
-        return -upright_forces(R, law)[1]
-    r = np.linalg.norm(R, axis=1)
-    return -(law.dphi(r) / r)[:, None] * R
+    return -calc.interaction.forces(calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0))[1]
 
 
 def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
@@ -229,14 +225,14 @@ def unbalanced(atoms: Atoms, u: NDArray[np.float64] | float = 0.0) -> NDArray[np
 
 def _largest_force(calc, u):
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
-    return abs(calc.law.dphi(np.linalg.norm(R, axis=1))).max(initial=0.0)
+    return sizes(R, calc.interaction)[0].max(initial=0.0)
 
 
 def _shaken(calc):
     """The change of the force of the stiffest bond by round-off of the positions, in N."""
     lengths = calc.bonds.lengths
     size = max(abs(calc.reference.positions).max(), lengths.max(initial=0.0))
-    return PLACES * size * abs(calc.law.d2phi(lengths)).max(initial=0.0)
+    return PLACES * size * sizes(calc.bond_vectors, calc.interaction)[1].max(initial=0.0)
 
 
 def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     from ase import Atoms
 
-    from ..interactions.bond_laws import Potential
+    from ..interactions.bond_laws import Laws
 
 CALCULATORS = {calculator.__name__: calculator for calculator in (MagneticRepulsion, AllNeighbours)}
 
 
-def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: Potential | None = None) -> Atoms:
+def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: Laws | None = None) -> Atoms:
     """A copy of the atoms with the calculator that they had when they were written.
 
     Parameters

@@ -14,13 +14,13 @@ from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
 
 from ..errors import shown
-from ..interactions.bond_laws import potential_from_dict, potential_to_dict
+from ..interactions.bond_laws import laws_from_dict, laws_to_dict
 from ..lattices.bonds import Bonds
 
 if TYPE_CHECKING:
     from typing import Any, Self
 
-    from ..interactions.bond_laws import Potential
+    from ..interactions.bond_laws import Laws
 
 class Shared(Calculator):
     """An ASE calculator that several threads may use at once.
@@ -82,11 +82,11 @@ class Restartable(Shared):
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
         parts = {name: getattr(self, name) for name in self.saved}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
-                'potential': potential_to_dict(self.potential),
+                'potential': laws_to_dict(self.potential),
                 **{name: _bonds_to_dict(part) if isinstance(part, Bonds) else part for name, part in parts.items()}}
 
     @classmethod
-    def fromdict(cls, parameters: dict[str, Any], potential: Potential | None = None) -> Self:
+    def fromdict(cls, parameters: dict[str, Any], potential: Laws | None = None) -> Self:
         """The calculator that `todict` saved, without loss.
 
         Parameters
@@ -103,7 +103,7 @@ class Restartable(Shared):
         """
         parts = _checked(parameters, cls)
         reference = _reference_from_dict(parts['reference'])
-        law = potential_from_dict(parts['potential']) if potential is None else potential
+        law = laws_from_dict(parts['potential']) if potential is None else potential
         given: Any = {name: _bonds_from_dict(parts[name], reference) if name == 'bonds' else parts[name] for name in cls.saved}
         return cls(reference, law, **given)
 

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..errors import finite, not_negative
-from ..interactions.bond_laws import BondLaws, taken
+from ..errors import finite, not_negative, shown
+from ..interactions.bond_laws import BondLaws
+from .bond import sizes
 
 if TYPE_CHECKING:
     from typing import Any
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from ..interactions.pair_laws import PairLaw
     from ..lattices.bonds import Bonds
+    from .calculator import MagneticRepulsion
     from .repulsion import Repulsion
 
     Foundation = float | NDArray[np.float64]
@@ -37,7 +38,7 @@ FREQUENCIES_Hz = 1e-4, 1e13
 
 def frequency_scale(calc: Repulsion) -> float:
     """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
-    stiffest = abs(calc.law.d2phi(calc.bonds.lengths)).max(initial=0.0)
+    stiffest = sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[1].max(initial=0.0)
     return units.hertz(np.sqrt((stiffest + np.max(calc.foundation)) / calc.reference.get_masses().min()))
 
 
@@ -59,16 +60,17 @@ FLAT = 1e-9
 """Largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions."""
 
 
-def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, upright: bool) -> None:
-    """Refuse planar particles (`dim` 2), or `upright` magnets, whose z differ; periodic images count."""
+def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
+    """Refuse different z of planar particles (`dim` 2), or if forces are not `central`; periodic images count."""
     height = max(np.ptp(atoms.positions[:, 2]), abs(bonds.vectors[:, 2]).max())
     if height <= FLAT * bonds.lengths.min():
         return
     if dim == 2:
         raise ValueError(f'planar particles must share one z, but z ranges over {height:g} mm, periodic images included; '
                          'a structure in space is periodic along three vectors')
-    if upright:
-        raise ValueError(f'upright magnets stand on a plane, but z ranges over {height:g} mm; give them one z')
+    if not central:
+        raise ValueError('particles whose forces are not along the line between them, such as upright magnets, stand on a plane, '
+                         f'but z ranges over {height:g} mm; give them one z')
 
 
 def refuse_load_along_z(load: NDArray[np.float64]) -> None:
@@ -199,15 +201,14 @@ def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.
     return np.broadcast_to(foundation, (particles, dim)).ravel()
 
 
-def refuse_infinite(law: PairLaw, bonds: Bonds) -> None:
-    """Refuse a law whose force or stiffness at the length of some bond is not a finite number."""
-    r = bonds.lengths
-    for what, unit, value in (('force', 'N', -np.asarray(law.dphi(r))), ('stiffness', 'N/mm', np.asarray(law.d2phi(r)))):
+def refuse_infinite(calc: MagneticRepulsion) -> None:
+    """Refuse a law whose force or stiffness at some bond is not a finite number."""
+    bonds = calc.bonds
+    for what, unit, value in zip(('force', 'stiffness'), ('N', 'N/mm'), sizes(calc.bond_vectors, calc.interaction), strict=True):
         for b in np.flatnonzero(~np.isfinite(value))[:1]:
-            own = taken(law, b)
-            raise ValueError(f'the potential {own.laws[0] if isinstance(own, BondLaws) else own!r} gives the {what} {value[b]} '
-                             f'{unit} at the distance {r[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its '
-                             'parameters and their units (mm, N)')
+            raise ValueError(f'the law {shown(calc.potential)} gives the {what} {value[b]} {unit} at the distance '
+                             f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters and '
+                             'their units (mm, N)')
 
 
 def refuse_unlike(calc: Repulsion, tool: str, instead: str) -> None:

@@ -8,7 +8,6 @@ from oracles import lattice
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
 from magphonon.design import Scatter, mode_scatter, response_scatter
 from magphonon.design.scatter import SITES, SiteSlopes
-from magphonon.interactions import UprightMagnets
 from magphonon.response import Place, harmonic_response
 from magphonon.stiffness import LinearSystem
 
@@ -85,7 +84,3 @@ def test_waves_of_a_supercell():
 def test_refusals():
     with pytest.raises(ValueError, match=r'scatter of the strength must be a zero or positive number, not -0\.1'):
         Scatter(strength=-0.1)
-    layer = lattice('triangular')
-    layer.calc = MagneticRepulsion(layer, UprightMagnets(LAW), foundation=[[1.0, 1.0, 5.0]])
-    with pytest.raises(ValueError, match='each magnet of UprightMagnets that move out of the plane are not known'):
-        mode_scatter(layer, Scatter(strength=0.01))

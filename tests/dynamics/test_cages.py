@@ -88,7 +88,7 @@ def test_bonds_end_at_a_tenth_and_at_three_times_their_length(engine, speed, rea
     assert abs(at - before) < 2.1  # between two looks: a block of 32 steps, or 0.1 of the spacing and one step
 
 
-@pytest.mark.parametrize(('model', 'measure'), [('complete', 'length'), ('literal', 'length'), ('conventional', 'projection')])
+@pytest.mark.parametrize(('model', 'measure'), [('complete', 'length'), ('conventional', 'projection')])
 def test_bonds_are_measured_as_the_model_measures_them(model, measure):
     """At right angles to the bond and along it, on either side of a tenth and of three times its length."""
     atoms = pair(0.0, InversePower(b=1e-9, a=1.0))

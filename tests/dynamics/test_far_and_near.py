@@ -40,7 +40,7 @@ class Drawn:
             atoms = atoms[self.rng.permutation(len(atoms))]
         atoms.set_array('site', None)
         atoms.calc = MagneticRepulsion(atoms, law, foundation=0.5, cutoff=1.4 * L0,
-                                       model=str(self.rng.choice(['complete', 'conventional', 'literal'])))
+                                       model=str(self.rng.choice(['complete', 'conventional'])))
         free = np.flatnonzero(atoms.get_tags() != lattices.RIM)
         away = np.linalg.norm(atoms.positions - atoms.positions[self.rng.choice(free)], axis=1)
         size = np.where(away < 1.5 * L0, far, 1e-3)

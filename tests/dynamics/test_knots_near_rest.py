@@ -31,7 +31,7 @@ def drawn(seed):
     r = np.sort(np.concatenate([[0.5, 60], near, rng.uniform(1, 40, 20)]))
     f = np.sort(250 / (r + 5) ** 3 * rng.uniform(0.98, 1.02, len(r)))[::-1]
     law = (Broken if rng.random() < 0.5 else Tabulated)(r, f)
-    return Increments(law, str(rng.choice(['complete', 'conventional', 'literal'])), np.array([REST])), rng
+    return Increments(law, str(rng.choice(['complete', 'conventional'])), np.array([REST])), rng
 
 
 def difference(law, e):

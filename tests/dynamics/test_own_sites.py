@@ -41,7 +41,7 @@ class Drawn:
         few = rng.random() < 0.5  # a few strengths make kinds of bonds, all different ones do not
         self.strengths = rng.choice([0.0, 0.8, 1.0, 1.3], n) if few else rng.uniform(0.7, 1.3, n)
         self.springs = rng.uniform(0.2, 0.6, [(n, 2), (n, 1), (1, 2)][rng.integers(3)])
-        self.potential, self.model = LAWS[seed % len(LAWS)], str(rng.choice(['complete', 'conventional', 'literal']))
+        self.potential, self.model = LAWS[seed % len(LAWS)], str(rng.choice(['complete', 'conventional']))
         self.atoms, size = atoms, rng.choice([1e-3, 1.2])  # the laws in one polynomial, and in pieces
         self.u, self.v = size * rng.uniform(-1, 1, (2, n, 2)) * np.isin(np.arange(n), free)[:, None]
         self.v[free[-1]] = 0.0

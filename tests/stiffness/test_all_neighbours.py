@@ -263,7 +263,7 @@ def test_parts_that_diverge_are_refused():
     with pytest.raises(ValueError, match='only their sum converges'):
         sound_speeds(cell, model='conventional')
     with pytest.raises(ValueError, match='model must be one of'):
-        bloch_modes(cell, [[0, 0, 0]], model='literal')
+        bloch_modes(cell, [[0, 0, 0]], model='D0')
 
 
 def test_functions_of_bonds_refuse_all_neighbours():

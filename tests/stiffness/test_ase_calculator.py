@@ -116,15 +116,6 @@ def test_written_and_read_again(tmp_path, name):
     assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
 
 
-def test_a_literal_run_is_written_too(tmp_path):
-    import ase.io
-
-    atoms = triangular_patch(model='literal')
-    forces = atoms.get_forces()
-    ase.io.write(tmp_path / 'a.traj', atoms)
-    np.testing.assert_array_equal(ase.io.read(tmp_path / 'a.traj').get_forces(), forces)
-
-
 def test_repeated_atoms_need_a_calculator_of_their_own():
     atoms = triangular_patch()
     twice = atoms.repeat((2, 1, 1))

@@ -1,10 +1,11 @@
-"""The calculator as physics: forces are the slope of an energy, but of the literal model."""
+"""The calculator as physics: forces are the slope of an energy."""
+
+from itertools import product
 
 import numpy as np
 import pytest
 from ase import Atoms
 from ase.build import make_supercell
-from ase.calculators.calculator import PropertyNotImplementedError
 from cells import LAW, triangular_patch
 from oracles import LATTICES, LAWS, Energy, displaced, gradient, lattice
 
@@ -167,7 +168,7 @@ def test_on_a_supercell():
     np.testing.assert_allclose(planar_forces(atoms, there), planar_forces(atoms, direct), rtol=0, atol=1e-13)
 
 
-# The literal conventional model
+# Work round a loop
 
 
 def work_round_a_circle(calc, rest, radius, points=64):
@@ -184,40 +185,11 @@ def work_round_a_circle(calc, rest, radius, points=64):
     return work
 
 
-def test_literal_model_does_work_round_a_loop():
-    # One particle held, the other at R = L0 e_x from it.  The literal force on it, f(|R + u|) e_x, has a curl: Green's
-    # theorem gives W = - integral of df/du_y = - f_r/L0 integral of u_y over the disc = - f_r pi A^3/L0, to leading order
-    # in A, for a disc centred at u = (0, A).
+def test_both_models_do_no_work_round_a_loop():
     rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
-    f_r = -LAW.d2phi(10.0)
-    errors = []
-    for A in (0.2, 0.1):
-        work = work_round_a_circle(MagneticRepulsion(rest, LAW, model='literal'), rest, A)
-        errors.append(work / (-f_r * np.pi * A**3 / 10) - 1)
-        for model in ('complete', 'conventional'):  # the control: these two conserve energy
-            conserved = work_round_a_circle(MagneticRepulsion(rest, LAW, model=model), rest, A)
-            assert abs(conserved) < 1e-15 * repulsion(LAW, 10.0) * 2 * np.pi * A
-    assert abs(errors[1]) < 1e-3
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.02)  # the next term is (A/L0)^2 smaller
-
-
-def test_literal_model_has_forces_and_nothing_else():
-    atoms = triangular_patch(model='literal')
-    assert np.isfinite(atoms.get_forces()).all()
-    for question in (atoms.get_potential_energy, atoms.get_potential_energies, lambda: atoms.calc.get_property('hessian', atoms)):
-        with pytest.raises(PropertyNotImplementedError, match="use model='conventional'"):
-            question()
-
-
-def test_literal_and_projected_models_share_their_linear_part():
-    rest = lattice('triangular').repeat((4, 3, 1))  # in 2 x 2 every bond has an opposite one with the same ends
-    atoms = rest.copy()
-    atoms.positions[:, :2] += np.random.default_rng(5).uniform(-1e-4, 1e-4, (12, 2))
-    forces = {model: planar_forces(atoms, MagneticRepulsion(rest, LAW, model=model)) for model in ('literal', 'conventional')}
-    difference = abs(forces['literal'] - forces['conventional']).max()
-    linear = abs(forces['conventional']).max()
-    assert difference < 5 * 1e-4 / 10 * linear  # of the next order in u/L0
-    assert difference > 1e-7 * linear
+    for model, A in product(('complete', 'conventional'), (0.2, 0.1)):
+        work = work_round_a_circle(MagneticRepulsion(rest, LAW, model=model), rest, A)
+        assert abs(work) < 1e-15 * repulsion(LAW, 10.0) * 2 * np.pi * A
 
 
 # Contact
@@ -227,7 +199,7 @@ def test_coincident_particles_are_refused():
     rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
     atoms = rest.copy()
     atoms.positions[0, 0] = 10.0
-    for model in ('complete', 'conventional', 'literal'):
+    for model in ('complete', 'conventional'):
         with pytest.raises(ValueError, match='particles 0 and 1 coincide'):
             planar_forces(atoms, MagneticRepulsion(rest, LAW, model=model))
 

@@ -169,14 +169,6 @@ def test_upright_rings_have_the_stiffness_of_the_force_between_displaced_rings()
     assert law.vertical(r) == pytest.approx(-(ends[0] - ends[1]) / (2 * h), rel=1e-6)
 
 
-def test_kinds_with_and_without_moment_do_not_mix():
-    atoms = lattices.honeycomb(10.0, 0.7)
-    atoms.set_tags([0, 1])
-    law = InversePower(6000.0, 4.0)
-    with pytest.raises(ValueError, match='UprightMagnets, or none'):
-        MagneticRepulsion(atoms, {(0, 1): UprightMagnets(law), (0, 0): law, (1, 1): law}, foundation=[[0, 0, 1]])
-
-
 def test_a_layer_keeps_its_supports_on_a_supercell_and_when_they_are_set():
     atoms = lattices.triangular(10.0, 0.7)
     atoms.calc = MagneticRepulsion(atoms, InversePower(6000.0, 4.0), foundation=[[1.0, 1.0, 1.0]])
@@ -200,7 +192,7 @@ def test_a_layer_of_upright_magnets_comes_back_from_its_dictionary():
     assert (again.bloch_matrix(q) == atoms.calc.bloch_matrix(q)).all()
 
 
-def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_lattice_and_refused_for_upright_magnets():
+def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_lattice():
     law = InversePower(6000.0, 4.5824)
     planar, layer = lattices.honeycomb(10.0, 0.7), lattices.honeycomb(10.0, 0.7)
     planar.calc = MagneticRepulsion(planar, law, shells=2)
@@ -212,7 +204,7 @@ def test_moduli_and_grueneisen_parameters_in_the_plane_are_those_of_the_planar_l
     own = [abs(omega[0] - w).argmin() for w in flat[0]]
     assert gamma[0][own] == pytest.approx(expected[0], rel=1e-9)
     layer.calc = MagneticRepulsion(layer, UprightMagnets(law), shells=2, foundation=[[0.0, 0.0, 3.0]])
-    for tool in (elastic_moduli, lambda atoms: gruneisen_parameters(atoms, q), frequency_shifts):
+    for tool in (elastic_moduli, frequency_shifts):
         with pytest.raises(ValueError, match='take the motion in the plane'):
             tool(layer)
     layer.calc = layer.calc.in_plane()

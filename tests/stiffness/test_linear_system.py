@@ -47,7 +47,7 @@ def by_differences(atoms, step=1e-4):
     return np.array(columns)
 
 
-@pytest.mark.parametrize('model', ['complete', 'conventional', 'literal'])
+@pytest.mark.parametrize('model', ['complete', 'conventional'])
 @pytest.mark.parametrize('seed', range(3))
 def test_stiffness_and_masses_are_those_of_the_forces(seed, model):
     atoms = patch(seed, model)

@@ -98,7 +98,7 @@ def test_every_law_comes_back(law):
     again = MagneticRepulsion.fromdict(decode(encode(cell.calc.todict())))
     r = np.linspace(9.5, 12, 7)
     for name in ('phi', 'dphi', 'd2phi'):
-        assert np.array_equal(getattr(again.potential, name)(r), getattr(law, name)(r))
+        assert np.array_equal(getattr(again.law, name)(r), getattr(cell.calc.law, name)(r))
     assert type(again.potential) is type(law)
 
 
