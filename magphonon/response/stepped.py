@@ -13,7 +13,7 @@ from ..dynamics.drives import Harmonic
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
-from ..interactions.bond_laws import KNOWN, laws_of, potential_to_dict
+from ..interactions.bond_laws import KNOWN, laws_of, laws_to_dict
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.repulsion import repulsion_of
@@ -140,7 +140,7 @@ def _differing(one, other):
 def _same_law(one, other):
     """Whether two laws are equal in all that is saved of them; of a law that is not of this package only `==` can tell."""
     known = all(type(law) in KNOWN for law in laws_of(one))
-    return encode(potential_to_dict(one)) == encode(potential_to_dict(other)) if known else one == other
+    return encode(laws_to_dict(one)) == encode(laws_to_dict(other)) if known else one == other
 
 
 def _joined(constraints, first):

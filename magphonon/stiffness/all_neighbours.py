@@ -20,7 +20,7 @@ from ase.calculators.calculator import all_changes
 from ase.geometry import find_mic
 
 from ..errors import one_of, positive
-from ..interactions.bond_laws import laid, laws_along
+from ..interactions.bond_laws import laid
 from ..interactions.pair_laws import GaussianMixture
 from ..lattices.bonds import ON_SHELL, bonds_within, image_of
 from .bond import MODELS, Central
@@ -212,8 +212,8 @@ class AllNeighbours(Restartable):
         self.parameters.foundation = site_springs(foundation, len(reference), self.dim, self.layer)
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
-        kinds = np.zeros(len(reference), int)
-        self._law = laid(*laws_along(potential, self.bonds.i, self.bonds.j, kinds, self.strengths))
+        i, j = self.bonds.i, self.bonds.j
+        self._law = laid((potential,), np.zeros(len(i), int), self.strengths[i] * self.strengths[j])
         warn_of_units(self)
 
     @property

@@ -69,11 +69,11 @@ class Mixed:
     which: NDArray[np.intp]
     strength: NDArray[np.float64]
 
-    def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    def forces(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Energy and gradient of each bond."""
         return self._each('forces', R)
 
-    def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    def stiffness(self, R: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """D0 and D* of each bond."""
         return self._each('stiffness', R)
 
@@ -90,7 +90,7 @@ class Mixed:
             found = found or [np.empty((len(R), *answer.shape[1:]), answer.dtype) for answer in answers]
             for every, answer in zip(found, answers, strict=True):
                 every[own] = (self.strength[own] * answer.T).T
-        return tuple(found)
+        return found[0], found[1]
 
 
 def interaction_of(law: Law, dim: int) -> PairInteraction:

@@ -17,6 +17,7 @@ from magphonon import (
     DrivenVerlet,
     InversePower,
     MagneticRepulsion,
+    Unstable,
     analytic_bands,
     foundation_needed,
     frequency_response,
