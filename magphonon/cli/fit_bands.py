@@ -55,7 +55,7 @@ def report(found, points: int, fixed: list[str]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines += ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return '\n'.join([*lines, '', 'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
-                      *_undetermined(found), *_verdict(found), *_entries(found)])
+                      *_undetermined(found), *_biased(found), *_verdict(found), *_entries(found)])
 
 
 def _named(name):
@@ -106,6 +106,21 @@ def _entries(found):
     springs = ['[foundation]', f'stiffness_N_per_m = {scene.foundation.stiffness / (u.N / u.m):.8g}'] if scene.foundation else []
     return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
             '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {scene.law.shells}', *springs]
+
+
+def _biased(found):
+    """What the table makes of the fit before its numbers are looked at: ridges that are no branch, or that name no motion."""
+    points, lines = found.points, []
+    if points.biased and found.better.follows:
+        lines.append(f'Biased: {len(points.biased)} of the ridges ({", ".join(points.biased)}) are longitudinal ones of a point '
+                     'source, or of a source that the table does not name. Such a ridge is often off the longitudinal branch by '
+                     'more than its uncertainty, so force, exponent and foundation may be wrong by several times their intervals '
+                     'although the fit is accepted (docs/coverage.md). Leave these ridges out, or drive a row of sources.')
+    if not any(points.motions):
+        lines.append('The table has no column motion: which branch a ridge follows is told by its distance alone'
+                     + (', and all points are taken for one ridge. Name record and motion (transverse or longitudinal) of each.'
+                        if len(points.names) == 1 else '.'))
+    return lines
 
 
 def _verdict(found):

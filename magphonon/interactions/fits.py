@@ -257,9 +257,9 @@ def scene_entry(fit: Fit) -> str:
 
 
 def enough(r: NDArray[np.float64], least: int, what: str) -> None:
-    """Raise ValueError unless there are at least `least` points for `what`."""
-    if len(r) < least:
-        raise ValueError(f'{what} needs at least {least} points, not {len(r)}; measure more')
+    """Raise ValueError unless there are points at `least` distances at least, for `what`."""
+    if (count := len(np.unique(r))) < least:
+        raise ValueError(f'{what} needs at least {least} distances, not {count}; measure more')
 
 
 def curvature(forces: Forces) -> float:

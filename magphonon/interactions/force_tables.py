@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
 from ..errors import finite
-from ..files import MEGABYTE, table_text
+from ..tables import FORCE, LENGTH, read_table
 from .pair_laws import repulsion
 
 if TYPE_CHECKING:
@@ -22,11 +20,10 @@ if TYPE_CHECKING:
 
     from .pair_laws import PairLaw
 
-LENGTHS = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm}
-FORCES = {'N': u.N, 'mN': 1e-3 * u.N, 'uN': 1e-6 * u.N}
-HEADER = 'its header must be r_m,f_N or r_m,f_N,sigma_N (or in mm, um, mN, uN: r_mm,f_mN)'
-MOST_BYTES = 100 * MEGABYTE
-"""Largest size of a table of forces: two million lines, read in about ten seconds."""
+COLUMNS = {'r': LENGTH, 'f': FORCE, 'sigma': FORCE}
+LAYOUT = 'a table of forces has the columns r_m,f_N or r_m,f_N,sigma_N (or in mm, um, mN, uN: r_mm,f_mN)'
+MOST_NAMED = 5
+"""Number of lines that a message lists."""
 LARGEST_CLOSEST_PAIR = 1.0 * u.m
 """Largest distance of the closest pair in a column r_m; if it is larger, the column almost surely holds mm or um."""
 FORCES_N = 1e-30, 1e12
@@ -44,14 +41,9 @@ class Forces:
     Attributes
     ----------
     r, f : ndarray, shape (n,)
-        Distances in mm, increasing, and forces in N, all positive.
+        Distances in mm, ascending, each as often as it was measured, and forces in N, all positive.
     sigma : ndarray, shape (n,), optional
         Standard uncertainties of the forces, N.
-
-    Raises
-    ------
-    ValueError
-        If an array breaks these conditions; the message counts the points from 1.
     """
 
     r: np.ndarray
@@ -59,22 +51,12 @@ class Forces:
     sigma: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        columns = [('distance', 'm', self.r), ('force', 'N', self.f), ('sigma', 'N', self.sigma)]
-        for name, unit, column in columns:
-            if column is None:
-                continue
-            values = finite(name, column, np.shape(self.r))
-            if not (values > 0).all():
-                k = int(np.argmin(values > 0))
-                mend = {'distance': 'distances are those of the centres', 'sigma': 'leave the column out if it is not known',
-                        'force': 'repulsion is positive: turn the sign, or, if this is noise, drop this point and all '
-                                 'farther ones'}[name]
-                raise ValueError(f'{name} {k + 1} is {values[k] / getattr(u, unit):g} {unit}; {mend}')
-        steps = np.diff(self.r)
-        if not (steps > 0).all():
-            k = int(np.argmin(steps > 0))
-            what = 'occurs twice; average its forces' if steps[k] == 0 else 'comes after a larger one; sort the points'
-            raise ValueError(f'distance {k + 2} ({self.r[k + 1] / u.m:g} m) {what}')
+        for name, column in (('distances', self.r), ('forces', self.f), ('sigma', self.sigma)):
+            if column is not None and not (finite(name, column, np.shape(self.r)) > 0).all():
+                raise ValueError(f'{name} must be positive, and the least is {np.min(column):g}')
+        if (np.diff(self.r) < 0).any():
+            k = int(np.argmax(np.diff(self.r) < 0))
+            raise ValueError(f'distance {k + 2} ({self.r[k + 1] / u.m:g} m) comes after a larger one; sort the points')
 
     def check_reach(self, spacing: float) -> None:
         """Raise ValueError where the `spacing` (mm) lies more than a factor REACH beyond these distances."""
@@ -112,10 +94,9 @@ class Forces:
 
 
 def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
-    """Forces from a table of text with a header such as r_m,f_N or r_mm,f_mN,sigma_mN.
+    """Forces from a table of text with a header such as r_m,f_N or r_mm,f_mN,sigma_mN; see `magphonon.tables`.
 
-    Columns are separated by commas, semicolons, tabs or spaces.  Lines that begin with # are comments; the header may be
-    one of them.
+    Rows come in any order, and distances as often as they were measured, as on the way down and up again.
 
     Parameters
     ----------
@@ -126,7 +107,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     Raises
     ------
     OSError, ValueError
-        If the file cannot be read, or is not such a table; the message says what is wrong and where.
+        If the file cannot be read, or is not such a table; the message says all that is wrong, and where.
 
     Examples
     --------
@@ -136,83 +117,32 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     >>> len(forces.r), float(forces.r[0])  # in mm
     (15, 8.0)
     """
-    try:
-        text = table_text(path, MOST_BYTES)
-    except OSError as error:
-        raise type(error)(f'{path} cannot be read ({error.strerror})') from None
-    units, columns = _parsed(path, text)
-    try:
-        forces = Forces(*(column * unit for column, unit in zip(columns, units, strict=True)))
-        _refuse_absurd(forces)
-        if units[0] == u.m and forces.r[0] >= LARGEST_CLOSEST_PAIR:
-            raise ValueError(f'the distances are {forces.r[0] / u.m:g} to {forces.r[-1] / u.m:g} under the header r_m; if they '
-                             'are millimetres, head the column r_mm')
-        if forces.r[0] < contact:
-            raise ValueError(f'distance 1 is {forces.r[0] / u.m:g} m, below contact at {contact / u.m:g} m; give distances '
-                             'of the centres, not gaps')
-    except ValueError as error:
-        raise ValueError(f'{path}: {error}') from None
-    return forces
+    table = read_table(path, COLUMNS, ['r', 'f'], layout=LAYOUT)
+    order = np.argsort(table['r'], kind='stable')
+    faults = [_fault(table, *column) for column in (
+        ('r', u.m, 'm', max(DISTANCES_m[0], contact / u.m), DISTANCES_m[1],
+         'give distances of the centres, not gaps' if contact else 'distances are those of the centres; check the unit'),
+        ('f', u.N, 'N', *FORCES_N, 'repulsion is positive; check sign and unit or, if this is noise, drop these points'),
+        ('sigma', u.N, 'N', *FORCES_N, 'leave the column out if the uncertainty is not known, and check its unit'))]
+    if table.units['r'] == u.m and table['r'].min() >= LARGEST_CLOSEST_PAIR:
+        faults.append(f'the distances are {table["r"].min() / u.m:g} to {table["r"].max() / u.m:g} under the header r_m; if they '
+                      'are millimetres, head the column r_mm')
+    if any(faults):
+        raise ValueError(f'{path}: {"; also: ".join(filter(None, faults))}')
+    return Forces(*(table[name][order] for name in ('r', 'f', 'sigma') if name in table))
 
 
-def _refuse_absurd(forces):
-    for name, unit, (least, most), column in (('distance', 'm', DISTANCES_m, forces.r), ('force', 'N', FORCES_N, forces.f),
-                                              ('sigma', 'N', FORCES_N, forces.sigma)):
-        if column is not None:
-            values = column / getattr(u, unit)
-            for k in np.flatnonzero((values < least) | (values > most))[:1]:
-                raise ValueError(f'{name} {k + 1} is {values[k]:.3g} {unit}, and must lie between {least:g} and {most:g} {unit}; '
-                                 'check its unit and exponent')
-
-
-def _parsed(path, text):
-    """Units of the columns, and the columns themselves, shape (columns, n)."""
-    units, rows = None, []
-    for number, line in enumerate(text.splitlines(), 1):
-        line = line.strip()
-        named = _units(line.lstrip('#')) if 'r_' in line else None
-        if named and units and named != units:
-            raise ValueError(f'{path}, line {number}: {line[:60]!r} names other units than the header before it; '
-                             'keep one of them')
-        if named and not rows:
-            units = named
-        elif line and not line.startswith('#'):
-            if units is None:
-                raise ValueError(f'{path} begins with {line[:60]!r}; {HEADER}')
-            row = _numbers(line)
-            if len(row) != len(units):
-                raise ValueError(f'{path}, line {number}: {line[:60]!r} is not {len(units)} numbers')
-            rows.append(row)
-    if units is None:
-        raise ValueError(f"{path} begins with ''; {HEADER}")
-    if not rows:
-        raise ValueError(f'{path} holds no points below its header')
-    return units, np.array(rows).T
-
-
-def _cells(line):
-    return [re.sub('^"(.*)"$', r'\1', cell) for cell in re.split(r'\s*[,;\t]\s*|\s+', line.strip())]
-
-
-def _numbers(line):
-    """The numbers of a line, or None if one of its cells is not a finite number."""
-    for cells in (line.split(','), _cells(line)):  # most tables have commas, and splitting at commas takes a third of the time
-        try:
-            row = [float(cell) for cell in cells]
-        except ValueError:
-            row = []
-        else:
-            break
-    return row if all(map(isfinite, row)) else []
-
-
-def _units(line):
-    """The units that a header names, as r_mm,f_N,sigma_mN does, or None for any other line."""
-    match = re.fullmatch('r_(m|mm|um) f_(N|mN|uN)(?: sigma_(N|mN|uN))?', ' '.join(_cells(line)))
-    if match is None:
-        return None
-    r, *forces = (name for name in match.groups() if name is not None)
-    return [LENGTHS[r], *(FORCES[name] for name in forces)]
+def _fault(table, name, unit, spelled, least, most, mend):
+    """In words which lines of a column are out of their range, '' if none is."""
+    if name not in table:
+        return ''
+    values = table[name] / unit
+    wrong = np.flatnonzero((values < least) | (values > most))
+    if not len(wrong):
+        return ''
+    lines = ', '.join(f'{values[k]:.6g} {spelled} in line {table.lines[k]}' for k in wrong[:MOST_NAMED])
+    more = f' and {len(wrong) - MOST_NAMED} more' if len(wrong) > MOST_NAMED else ''
+    return (f'{table.header[name]} must lie between {least:g} and {most:g} {spelled}, and is {lines}{more}: {mend}')
 
 
 def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:

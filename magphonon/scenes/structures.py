@@ -7,12 +7,10 @@ Tables of particles as text: one row for each, in SI, with the unit in the name 
 
 from __future__ import annotations
 
-import csv
 import warnings
 from copy import deepcopy
 from functools import partial
 from hashlib import sha256
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -24,100 +22,56 @@ from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, comput
 
 from .. import units as u
 from ..bands.bands import band_path
-from ..errors import did_you_mean, whole
-from ..files import MEGABYTE, refuse_endless, table_text
+from ..errors import whole
+from ..files import MEGABYTE, refuse_endless
 from ..lattices.bonds import distances_within
 from ..stiffness.defects import LARGEST_SCATTER, Scatter, scattered, substituted, with_interstitial, without
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
 from ..stiffness.restartable import Restartable
+from ..tables import LENGTH, MASS, PURE, STIFFNESS, read_table
 from .fields import Allowed, Flag, Length, Mass, NotNegative, Point, Points, Positive, Table, Text, listed, within
 
 if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
-    from numpy.typing import NDArray
 
-PLACES = 'x_m', 'y_m', 'z_m'
-COLUMNS = (*PLACES, 'kind', 'held', 'mass_kg', 'strength', 'stiffness_N_per_m')
-"""Allowed names of columns; x_m and y_m are required."""
+COLUMNS = {'x': LENGTH, 'y': LENGTH, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
+           'stiffness': STIFFNESS}
+LAYOUT = 'a table of particles has the columns x_m,y_m and, where wanted, z_m,kind,held,mass_kg,strength,stiffness_N_per_m'
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
+MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m
+"""Largest number of a kind, and largest coordinate; what is farther is in another unit."""
 
 
 def read_particles(path: Path) -> Atoms:
-    """The particles of a table, without a cell.
-
-    Parameters
-    ----------
-    path : Path
-        Text with a header of `COLUMNS`, separated by commas; lines that begin with # are comments.
+    """The particles of a table of text, without a cell.
 
     Returns
     -------
     ase.Atoms
         In mm and g, with the kinds as tags, what is held by FixAtoms, and where the table has them the arrays 'strength' and
         'stiffness' (N/mm).
-
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read, or is no such table; the message says what and where.
     """
-    columns = _columns(path)
-    n = len(columns['x_m'])
-    places = np.stack([columns.get(name, np.zeros(n)) for name in PLACES], axis=1) * u.m
-    atoms = Atoms(['Nd'] * n, positions=places)
-    if 'mass_kg' in columns:
-        atoms.set_masses(columns['mass_kg'] * u.kg)  # pyright: ignore[reportArgumentType]  ASE declares text
-    if 'kind' in columns:
-        atoms.set_tags(columns['kind'].astype(int))
-    if 'held' in columns and columns['held'].any():
-        atoms.set_constraint(FixAtoms(mask=columns['held'] == 1))
-    if 'strength' in columns:
-        atoms.set_array('strength', columns['strength'])
-    if 'stiffness_N_per_m' in columns:
-        atoms.set_array('stiffness', columns['stiffness_N_per_m'] * u.N / u.m)
+    table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
+    for name in 'xyz':
+        table.refuse(name, abs(table.get(name, 0.0)) > FARTHEST, 'lie within 1e6 m')
+    for name, wrong, must in (('kind', lambda x: (x != np.round(x)) | (abs(x) > MOST_KINDS), 'be a whole number'),
+                              ('held', lambda x: (x != 0) & (x != 1), 'be 0 or 1'), ('mass', lambda x: x <= 0, 'be positive'),
+                              ('stiffness', lambda x: x < 0, 'not be negative')):
+        table.refuse(name, wrong(table.get(name, 1.0)), must)
+    atoms = Atoms(['Nd'] * len(table), positions=np.stack([table['x'], table['y'], table.get('z', 0.0)], axis=1))
+    if 'mass' in table:
+        atoms.set_masses(table['mass'])  # pyright: ignore[reportArgumentType]  ASE declares text
+    if 'kind' in table:
+        atoms.set_tags(table['kind'].astype(int))
+    if table.get('held', 0).any():
+        atoms.set_constraint(FixAtoms(mask=table['held'] == 1))
+    for name in ('strength', 'stiffness'):
+        if name in table:
+            atoms.set_array(name, table[name])
     return atoms
-
-
-def _columns(path: Path) -> dict[str, NDArray[np.float64]]:
-    lines = table_text(path, MOST_BYTES).splitlines()
-    rows = [(number, [cell.strip() for cell in row]) for number, row in enumerate(csv.reader(lines), 1)
-            if row and not row[0].lstrip().startswith('#')]
-    if len(rows) < 2:
-        raise ValueError(f'{path} holds no particles; it begins with a header such as x_m,y_m,kind,held,mass_kg')
-    names = rows[0][1]
-    for name in names:
-        if name not in COLUMNS:
-            raise ValueError(f'{path}: a table of particles has no column {name!r}'
-                             + did_you_mean(name, COLUMNS, f'its columns may be {", ".join(COLUMNS)}'))
-    if len(set(names)) < len(names) or not {'x_m', 'y_m'} <= set(names):
-        raise ValueError(f'{path} needs the columns x_m and y_m, each once, not {", ".join(names)}')
-    table = np.array([_numbers(path, number, cells, names) for number, cells in rows[1:]])
-    return {name: _checked(path, name, column) for name, column in zip(names, table.T, strict=True)}
-
-
-def _numbers(path, number, cells, names):
-    try:
-        row = [float(cell) for cell in cells]
-    except ValueError:
-        row = []
-    if len(row) != len(names) or not all(map(isfinite, row)):
-        raise ValueError(f'{path}, line {number}: {",".join(cells)[:60]!r} is not {len(names)} numbers')
-    return row
-
-
-def _checked(path, name, column):
-    wrong, must = {
-        'kind': (column != np.round(column), 'be a whole number'),
-        'held': ((column != 0) & (column != 1), 'be 0 or 1'),
-        'mass_kg': (column <= 0, 'be positive'),
-        'stiffness_N_per_m': (column < 0, 'not be negative'),
-    }.get(name, (np.zeros(len(column), bool), ''))
-    for k in np.flatnonzero(wrong)[:1]:
-        raise ValueError(f'{path}: {name} of particle {k + 1} must {must}, not {column[k]:g}')
-    return column
 
 
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
@@ -266,7 +220,8 @@ class FileLattice(Table):
 
     kind: Literal['file']
     file: Text = Field(description='the file with the particles, beside the scene: a table .csv with the columns x_m,y_m and, '
-                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m, or any file that ASE reads',
+                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m (or x_mm, mass_g and so on), or any file that '
+                       'ASE reads',
                        examples=['particles.csv'])
     length_unit_m: Annotated[Positive, within(1e-12, 1e6, 'metres')] = Field(
         PACKAGE_UNIT_m, description='what one unit of length in an ASE file is, in m; files that Python wrote with this package '
@@ -308,7 +263,7 @@ class FileLattice(Table):
     def _with_cell(self, atoms: Atoms) -> Atoms:
         """A table's particles with the lattice vectors of the scene; the vectors that are no period make a cell in space."""
         if self.planar or self.length_unit_m != PACKAGE_UNIT_m:
-            raise ValueError('a table .csv is in metres and in the plane; take length_unit_m and planar out')
+            raise ValueError('the columns of a table .csv say their units, and it is planar; take length_unit_m and planar out')
         extent = float(np.linalg.norm(np.ptp(atoms.positions, axis=0))) or u.m
         vectors = np.array(self.cell_m or np.zeros((0, 2))) * u.m
         if len(vectors) > 2:

@@ -31,7 +31,6 @@ from .wave_analysis import (
     Wave as Wave,
     branch as branch,
     compare as compare,
-    oblique_waves as oblique_waves,
     report as report,
     scan_waves as scan_waves,
     waves as waves,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-from dataclasses import dataclass, fields
-from math import isfinite
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units
-from ..files import MEGABYTE, refuse_overflow, table_text, whole_file
+from ..files import refuse_overflow, whole_file
+from ..tables import ANGLE, AREA, FREQUENCY, PURE, TEXT, read_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,16 +17,17 @@ if TYPE_CHECKING:
 
     from .wave_analysis import Wave
 
-RIDGE_COLUMNS = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with',
-                 'q1', 'q2', 'q3', 'bin_Hz')
-NUMBERS = tuple(name for name in RIDGE_COLUMNS if name not in ('record', 'motion', 'agrees_with'))
-NEEDED = ('xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'q1', 'q2')
+COLUMNS = {'record': TEXT, 'motion': TEXT, 'xi': ANGLE, 'sigma_xi': ANGLE, 'frequency': FREQUENCY, 'sigma_frequency': FREQUENCY,
+           'power': AREA, 'agrees_with': TEXT, 'q1': PURE, 'q2': PURE, 'q3': PURE, 'bin': FREQUENCY, 'source': TEXT}
+NEEDED = 'xi', 'sigma_xi', 'frequency', 'sigma_frequency', 'q1', 'q2'
+HEADER = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with',
+          'q1', 'q2', 'q3', 'bin_Hz', 'source')
+LAYOUT = f'a table of ridge points, as "magphonon spectrum" and "magphonon burst" write it, has {", ".join(HEADER)}'
 APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of
 gravity lies up to half a line from its own."""
 RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
 """Frequencies, and the largest component of a wavevector, of a table; others are in another unit."""
-MOST_BYTES = 100 * MEGABYTE
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,8 @@ class RidgePoints(units.InHertz):
         Relative weight of the points, in any unit.
     line : ndarray, shape (points,)
         Distance of the frequency lines of the record in rad/ms; zero where points share no noise.
+    sources : tuple of str, optional
+        What sent each ridge, 'row' or 'point'; taken for a point where it is not known.
     """
 
     names: tuple[str, ...]
@@ -62,13 +64,19 @@ class RidgePoints(units.InHertz):
     sigma_omega: np.ndarray
     power: np.ndarray
     line: np.ndarray
+    sources: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.omega)
 
     def __getitem__(self, kept: np.ndarray) -> RidgePoints:
-        texts, columns = (self.names, self.motions), [field.name for field in fields(self)][2:]
-        return RidgePoints(*texts, *(getattr(self, name)[kept] for name in columns))
+        return replace(self, **{name: column[kept] for name, column in vars(self).items() if isinstance(column, np.ndarray)})
+
+    @property
+    def biased(self) -> tuple[str, ...]:
+        """Names of the longitudinal ridges of a point source, which are not the longitudinal branch (docs/coverage.md)."""
+        sources = self.sources or ('point',) * len(self.names)
+        return tuple(self.names[k] for k in np.unique(self.ridge) if (self.motions[k], sources[k]) == ('longitudinal', 'point'))
 
     @property
     def independent(self) -> RidgePoints:
@@ -88,8 +96,8 @@ class RidgePoints(units.InHertz):
 def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]]) -> None:
     """Table of ridge points in SI, with the branches that the ridge agrees with or 'none'; written completely or not at all.
 
-    The columns q1, q2 and q3 are the wavevector of a point in fractions of the reciprocal vectors, and bin_Hz is the distance of
-    the frequency lines of the record.
+    The columns q1, q2 and q3 are the wavevector of a point in fractions of the reciprocal vectors, bin_Hz is the distance of the
+    frequency lines of the record, and source ('row' or 'point') what sent the wave.
 
     Parameters
     ----------
@@ -98,7 +106,7 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
         From the name of a record to its waves.
     """
     with whole_file(path) as file:
-        print(*RIDGE_COLUMNS, sep=',', file=file)
+        print(*HEADER, sep=',', file=file)
         for name, found in records.items():
             for wave in found:
                 if wave.ridge:
@@ -107,7 +115,8 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
                     refuse_overflow(path, {f'the ridge of {name}, {wave.motion} motion,': columns})
                     q = r.xi[:, None] / (2 * np.pi) * wave.wavevector
                     for point, at in zip(np.transpose(columns).tolist(), q.tolist(), strict=True):
-                        print(name, wave.motion, *point, on, *at, float(units.hertz(r.bin_omega)), sep=',', file=file)
+                        print(name, wave.motion, *point, on, *at, float(units.hertz(r.bin_omega)), wave.source, sep=',',
+                              file=file)
 
 
 def read_ridges(path: str | PathLike[str]) -> RidgePoints:
@@ -117,7 +126,8 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
     ----------
     path : path-like
         Text with the columns xi_rad, sigma_xi_rad, frequency_Hz, sigma_frequency_Hz, q1 and q2.  A table by hand may leave out
-        the others: record and motion, which tell ridges apart; power_m2 and bin_Hz, without which all points are independent.
+        the others: record and motion, which tell ridges apart; power_m2 and bin_Hz, without which all points are independent;
+        source, which is taken for a point.
 
     Returns
     -------
@@ -138,51 +148,30 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
     >>> read_ridges(file).frequencies_Hz.round(9).tolist()
     [40.0]
     """
-    lines = table_text(path, MOST_BYTES).splitlines()
-    rows = [(n, row) for n, row in enumerate(csv.reader(lines), 1) if row and not row[0].lstrip().startswith('#')]
-    header = [name.strip() for name in rows[0][1]] if rows else []
-    for name in NEEDED:
-        if name not in header:
-            raise ValueError(f'{path} lacks the column {name}; a table of ridge points, as "magphonon spectrum" and "magphonon '
-                             f'burst" write it, has {", ".join(RIDGE_COLUMNS)}')
-    if len(rows) < 2:
-        raise ValueError(f'{path} holds no ridge points below its header')
-    table = [dict(zip(header, row, strict=False)) for _, row in rows[1:]]
-    ridges = [(row.get('record', '').strip(), row.get('motion', '').strip()) for row in table]
+    table = read_table(path, COLUMNS, NEEDED, layout=LAYOUT)
+    _refuse_impossible(table)
+    ridges = list(zip(*(table.get(name, '').tolist() for name in ('record', 'motion', 'source')), strict=True))
     each = list(dict.fromkeys(ridges))
-    columns = {name: np.array([_number(path, n, row, name) for (n, _), row in zip(rows[1:], table, strict=True)])
-               for name in NUMBERS if name in header}
-    _refuse_impossible(path, columns, [number for number, _ in rows[1:]])
-    n = len(table)
-    q = np.stack([columns['q1'], columns['q2'], columns.get('q3', np.zeros(n))], axis=1)
-    to_omega = 2 * np.pi * units.Hz
-    return RidgePoints(tuple(', '.join(filter(None, one)) for one in each), tuple(motion for _, motion in each),
-                       np.array([each.index(one) for one in ridges]), q, columns['xi_rad'], columns['sigma_xi_rad'],
-                       columns['frequency_Hz'] * to_omega, columns['sigma_frequency_Hz'] * to_omega,
-                       columns.get('power_m2', np.ones(n)), columns.get('bin_Hz', np.zeros(n)) * to_omega)
+    names = tuple(', '.join(filter(None, (record, motion))) or 'of the whole table' for record, motion, _ in each)
+    motions, sources = tuple(motion for _, motion, _ in each), tuple(source or 'point' for *_, source in each)
+    ridge, q = np.array([each.index(one) for one in ridges]), np.stack([table['q1'], table['q2'], table.get('q3', 0.0)], axis=1)
+    return RidgePoints(names, motions, ridge, q, table['xi'], table['sigma_xi'], table['frequency'], table['sigma_frequency'],
+                       table.get('power', 1.0), table.get('bin', 0.0), sources)
 
 
-def _refuse_impossible(path, columns, lines):
-    """Raise ValueError for what no measured wave has; `lines` are the numbers of the lines."""
-    for name, least, most in (('xi_rad', 1e-9, 2 * np.pi), ('frequency_Hz', *RANGE_Hz), ('sigma_frequency_Hz', *RANGE_Hz)):
-        values = columns[name]
-        for k in np.flatnonzero((values < least) | (values > most))[:1]:
-            what = 'positive' if values[k] <= 0 else f'between {least:.3g} and {most:.3g}, in the unit of its name'
-            raise ValueError(f'line {lines[k]} of {path}: {name} must be {what}, not {values[k]:g}')
-    for k in np.flatnonzero((columns['sigma_xi_rad'] < 0) | (columns['sigma_xi_rad'] > 2 * np.pi))[:1]:
-        raise ValueError(f'line {lines[k]} of {path}: sigma_xi_rad must lie between 0 and 2 pi, not '
-                         f'{columns["sigma_xi_rad"][k]:g}')
+def _refuse_impossible(table):
+    """Raise ValueError for what no measured wave has."""
+    least, most = (value * FREQUENCY['Hz'] for value in RANGE_Hz)
+    frequency = table['frequency']
+    for name in ('frequency', 'sigma_frequency'):
+        table.refuse(name, table[name] <= 0, 'be positive')
+        table.refuse(name, (table[name] < least) | (table[name] > most), 'be a frequency in the unit of its name')
+    table.refuse('xi', (table['xi'] < 1e-9) | (table['xi'] > 2 * np.pi), 'be a positive phase per step, up to 2 pi')
+    table.refuse('sigma_xi', (table['sigma_xi'] < 0) | (table['sigma_xi'] > 2 * np.pi), 'lie between 0 and 2 pi')
+    for name in ('sigma_frequency', 'bin'):
+        table.refuse(name, table.get(name, 0.0) > frequency, 'be less than the frequency (are columns exchanged?)')
+    table.refuse('bin', table.get('bin', 0.0) < 0, 'not be negative')
     for name in ('q1', 'q2', 'q3'):
-        for k in np.flatnonzero(abs(columns.get(name, np.zeros(0))) > MOST_q)[:1]:
-            raise ValueError(f'line {lines[k]} of {path}: {name} is {columns[name][k]:g}; wavevectors are fractions of the '
-                             f'reciprocal vectors, of a size up to {MOST_q:g}')
-
-
-def _number(path, line, row, name):
-    try:
-        value = float(row[name])
-    except (KeyError, ValueError):
-        value = np.nan
-    if not isfinite(value):
-        raise ValueError(f'line {line} of {path}: {name} is {row.get(name, "").strip()!r}, not a finite number')
-    return value
+        table.refuse(name, abs(table.get(name, 0.0)) > MOST_q,
+                     f'be a fraction of the reciprocal vectors, of a size up to {MOST_q:g}')
+    table.refuse('source', ~np.isin(table.get('source', 'row'), ('row', 'point', '')), 'be row or point')

@@ -1,18 +1,14 @@
-"""Scans as tables of text: one sample a row, quantities and units by the names of the columns.
-
-Scans in universal files: records of dataset 58 and places of dataset 15 or 2411, as vibrometers write them.
-"""
+"""Scans as files: tables of text, one sample a row, and universal files, as vibrometers write them."""
 
 from __future__ import annotations
 
-import csv
-import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import units as u
-from ..files import MEGABYTE, refuse_endless, refuse_overflow, table_text, told_as_table, whole_file
+from ..files import MEGABYTE, refuse_endless, refuse_overflow, whole_file
+from ..tables import LENGTH, SPEED, TEXT, TIME, Table, read_table
 from .scans import Samples, Scan, assembled
 
 if TYPE_CHECKING:
@@ -22,93 +18,12 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 1000 * MEGABYTE
 """Largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB."""
-COLUMNS = 'time_s', 'particle', 'u_x_m', 'u_y_m'
-ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
-TIME_RESPONSES, TIME = (0, 1), (0, 17)
-"""Function types and abscissa types of records over time, 0 for unknown."""
-ORDINATES = {8: 'displacement', 11: 'velocity'}
-LABELS = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm, 'µm': 1e-3 * u.mm, 'nm': 1e-6 * u.mm, 'm/s': u.m / u.s, 'mm/s': u.mm / u.s,
-          'um/s': 1e-3 * u.mm / u.s, 'µm/s': 1e-3 * u.mm / u.s}
-AXES = {0: '', 1: 'x', 2: 'y', 3: 'z'}
-
-
-def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]:
-    """Samples of each point of a universal file, by its number, and whether they are velocities.
-
-    A label of the ordinate such as mm/s tells its unit; without one lengths are those of dataset 164, and in m without it.
-
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read, or holds no displacements or velocities over time.
-    """
-    sets = _sets(path)
-    metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
-    places = {}
-    for nodes in (one for one in sets if one['type'] in (15, 2411)):
-        numbers = np.atleast_1d(nodes['node_nums']).astype(int)
-        places |= {str(n): (x * u.m / metre, y * u.m / metre) for n, x, y in zip(numbers, *(
-            np.atleast_1d(nodes[axis]).tolist() for axis in 'xy'), strict=True)}
-    records = [one for one in sets if one['type'] == 58]
-    over_time = [one for one in records if one['func_type'] in TIME_RESPONSES and one['abscissa_spec_data_type'] in TIME]
-    kinds = {ORDINATES.get(one['ordinate_spec_data_type']) for one in over_time}
-    if len(kinds) != 1 or None in kinds:
-        types = sorted({one['func_type'] for one in records})
-        what = (f'its functions are of the types {types}, and records over time are 1' if records and not over_time else
-                'its records are of several kinds, or of none of these' if over_time else 'it has no dataset 58')
-        raise ValueError(f'{path} holds no displacements or velocities over time ({what}); export time records of one of the two')
-    own = u.m / metre / (u.s if kinds == {'velocity'} else 1)
-    found: dict[str, dict[str, Any]] = {}
-    for one in over_time:
-        axis = AXES.get(abs(int(one['rsp_dir'])))
-        if axis is None:
-            raise ValueError(f'{path}: node {one["rsp_node"]} is measured in the direction {one["rsp_dir"]}, a rotation; export '
-                             'translations')
-        unit = LABELS.get(str(one.get('ordinate_axis_units_lab', '')).strip(), own)
-        point = found.setdefault(str(int(one['rsp_node'])), {})
-        if axis in point:
-            raise ValueError(f'{path} holds two records of node {one["rsp_node"]} in the direction {one["rsp_dir"]}; keep one')
-        point[axis] = np.asarray(one['x'], float) * u.s, np.real(one['data']) * unit * (-1 if one['rsp_dir'] < 0 else 1)
-    _refuse_unlike(path, found)
-    return {name: Samples(next(iter(point.values()))[0], {axis: values for axis, (_, values) in point.items()}, places.get(name))
-            for name, point in found.items()}, kinds == {'velocity'}
-
-
-def _sets(path):
-    """The datasets of a universal file, as dicts of pyuff."""
-    try:
-        import pyuff
-    except ImportError:
-        raise ValueError(f"{path} is a universal file, which pyuff reads; install it with pip install 'magphonon[vibrometer]', "
-                         'or export the scan as CSV') from None
-    try:
-        sets = pyuff.UFF(str(path)).read_sets()
-    except OSError:
-        raise
-    except Exception as error:  # pyuff fails on other files in many ways
-        raise ValueError(f'{path} is no universal file that pyuff reads ({type(error).__name__}: {error}); export it again, '
-                         'or as CSV') from None
-    return [sets] if isinstance(sets, dict) else list(sets)
-
-
-def _refuse_unlike(path, found):
-    """Raise ValueError unless all points have the same components, each at the same times."""
-    parts = max((tuple(point) for point in found.values()), key=len)
-    for name, point in found.items():
-        if set(point) != set(parts):
-            raise ValueError(f'{path}: node {name} was measured along {", ".join(point)} and others along {", ".join(parts)}; '
-                             'export one direction, or the same for each node')
-        first, *others = (times for times, _ in point.values())
-        if any(len(times) != len(first) or not np.array_equal(times, first) for times in others):
-            raise ValueError(f'{path}: the directions of node {name} were recorded at different times; export one direction')
-
-
-LENGTHS = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm, 'nm': 1e-6 * u.mm}
-TIMES = {'s': u.s, 'ms': u.ms, 'us': 1e-3 * u.ms}
-NAMES = ('particle', 'point', 'node')
+NAMES = dict.fromkeys(('particle', 'point', 'node'), TEXT)
 """Allowed names of the column that numbers the points."""
+MOTIONS = {f'{kind}{axis}': unit for kind, unit in (('u', LENGTH), ('v', SPEED)) for axis in ('', '_x', '_y', '_z')}
 LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, then u_x_m, u_y_m or u_m (or v_y_m_per_s and '
           'so on); lengths in m, mm, um or nm and times in s, ms or us, as the header says')
+HEADER = 'time_s', 'particle', 'u_x_m', 'u_y_m'
 
 
 def read_scan(path: str | PathLike[str]) -> Scan:
@@ -169,7 +84,7 @@ def write_scan(path: str | PathLike[str], motion: Motion) -> None:
     t, moved = motion.times / u.s, motion.displacements / u.m
     refuse_overflow(path, {'time_s': t, 'u_x_m and u_y_m': moved})
     with whole_file(path) as file:
-        print(*COLUMNS, sep=',', file=file)
+        print(*HEADER, sep=',', file=file)
         for time, frame in zip(t.tolist(), moved.tolist(), strict=True):
             for particle, (x, y) in zip(motion.particles.tolist(), frame, strict=True):
                 print(time, particle, x, y, sep=',', file=file)
@@ -193,122 +108,129 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     >>> read_places(file)
     {'A1': (0.0, 0.0), 'A2': (10.0, 0.0)}
     """
-    lines = table_text(path, 100 * MEGABYTE).splitlines()
-    header, rows = _rows(path, lines)
-    columns = _columns(path, header)
-    if 'name' not in columns or 'x' not in columns:
-        raise ValueError(f'{path} must name each point and its place in the columns particle (or point), x_m and y_m; its header '
-                         f'is {",".join(header)!r}')
+    table = read_table(path, NAMES | {'x': LENGTH, 'y': LENGTH}, ['x'])
+    names = _names(table)
+    if names is None:
+        raise ValueError(f'{path} must name each point and its place in the columns particle (or point), x_m and y_m')
     found = {}
-    for line, row in rows:
-        name, (x, y) = row[columns['name'][0]].strip(), _place(path, line, row, header, columns)
-        if found.setdefault(name, (x, y)) != (x, y):
+    for line, name, *place in zip(table.lines, names.tolist(), table['x'].tolist(), table.get('y', 0.0).tolist(), strict=True):
+        if found.setdefault(name, tuple(place)) != tuple(place):
             raise ValueError(f'line {line} of {path}: point {name} stands there twice, at different places')
     return found
 
 
+def _names(table: Table) -> Any:
+    """The column that names the points, if there is one."""
+    columns = [name for name in NAMES if name in table]
+    if len(columns) > 1:
+        raise ValueError(f'{table.path}: the columns {" and ".join(columns)} say the same; keep one of them')
+    return table[columns[0]] if columns else None
+
+
 def _points(path) -> tuple[dict[str, Samples], bool]:
     """Samples of each point of a table, and whether they are velocities."""
-    with open(path, encoding='utf-8-sig', newline='') as file, told_as_table(path):
-        header, rows = _rows(path, file)
-        columns = _columns(path, header)
-        parts = _components(path, header, columns)
-        samples: dict[str, list[list[float]]] = {}
-        places = {}
-        for line, row in rows:
-            place = _place(path, line, row, header, columns) if 'x' in columns else None
-            name = row[columns['name'][0]].strip() if 'name' in columns else '({:g} mm, {:g} mm)'.format(*place or ())
-            if places.setdefault(name, place) != place:
-                raise ValueError(f'line {line} of {path}: point {name} stands at another place than before; give each '
-                                 'point its own name')
-            samples.setdefault(name, []).append([_number(path, line, row, header, columns['time']), *(
-                _number(path, line, row, header, columns[part], blank=True) for part in parts)])
-    if not samples:
-        raise ValueError(f'{path} holds no samples below its header')
+    table = read_table(path, {'time': TIME, 'x': LENGTH, 'y': LENGTH} | NAMES | MOTIONS, ['time'], blank=MOTIONS, layout=LAYOUT,
+                       most=MOST_BYTES)
+    names, placed, parts = _names(table), 'x' in table or 'y' in table, [part for part in MOTIONS if part in table]
+    for lacking, there in (('particle or x_m,y_m', placed or names is not None), ('u_x_m, u_y_m or u_m', parts)):
+        if not there:
+            raise ValueError(f'{path} lacks the column {lacking}; {LAYOUT}')
+    if len({(part[0], len(part)) for part in parts}) > 1:
+        raise ValueError(f'{path} holds motion of several kinds ({", ".join(table.header[part] for part in parts)}); keep '
+                         'displacements or velocities, with a direction or without')
+    for part in parts:
+        if np.isnan(table[part]).all():
+            raise ValueError(f'{path}: the column {table.header[part]} holds no number; take it out, or export it again')
+    places = np.stack([table.get('x', 0.0), table.get('y', 0.0)], axis=1)
+    if names is None:
+        names = np.array([f'({x:g} mm, {y:g} mm)' for x, y in places])
+    own, first, of, counts = np.unique(names, return_index=True, return_inverse=True, return_counts=True)
+    rows = np.split(np.argsort(of, kind='stable'), np.cumsum(counts)[:-1])
     points = {}
-    for name, found in samples.items():
-        time, *motions = np.array(found).T
-        points[name] = Samples(time, {part[2:]: motion for part, motion in zip(parts, motions, strict=True)}, places[name])
+    for k in np.argsort(first):
+        elsewhere = (places[rows[k]] != places[first[k]]).any(axis=1)
+        for row in rows[k][elsewhere][:1]:
+            raise ValueError(f'line {table.lines[row]} of {path}: point {own[k]} stands at another place than before; give each '
+                             'point its own name')
+        points[str(own[k])] = Samples(table['time'][rows[k]], {part[2:]: table[part][rows[k]] for part in parts},
+                                      tuple(places[first[k]].tolist()) if placed else None)
     return points, parts[0][0] == 'v'
 
 
-def _rows(path, lines):
-    """The header of a table and its rows with the numbers of their lines, without comments and blank lines."""
-    kept = ((n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith('#'))
-    _, first = next(kept, (0, ''))
-    if not first.strip():
-        raise ValueError(f'{path} is empty; {LAYOUT}')
-    comma = next((sign for sign in '\t;' if sign in first), ',')
-    header = [name.strip() for name in next(csv.reader([first], delimiter=comma))]
-
-    def each():
-        for n, line in kept:
-            row = next(csv.reader([line], delimiter=comma))
-            if len(row) != len(header):
-                raise ValueError(f'line {n} of {path} has {len(row)} values, not {len(header)}; '
-                                 'it was cut off or holds a stray comma: complete or delete it')
-            yield n, row
-
-    return header, each()
+ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
+TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)
+"""Function types and abscissa types of records over time, 0 for unknown."""
+ORDINATES = {8: 'displacement', 11: 'velocity'}
+LABELS = LENGTH | {name.replace('_per_', '/'): unit for name, unit in SPEED.items()}
+AXES = {0: '', 1: 'x', 2: 'y', 3: 'z'}
 
 
-def _columns(path, header: list[str]) -> dict[str, tuple[int, float]]:
-    """Number and unit of each column that a scan may have: 'time', 'name', 'x', 'y', 'u_x', 'v_y' and so on."""
-    found: dict[str, tuple[int, float]] = {}
-    for k, name in enumerate(header):
-        key, unit = ('name', 1.0) if name in NAMES else _quantity(name)
-        if key is None:
-            continue
-        if unit is None:
-            raise ValueError(f'{path}: the column {name!r} says no unit that is known; write {_example(key)}, with lengths in '
-                             f'{", ".join(LENGTHS)} and times in {", ".join(TIMES)}')
-        if key in found:
-            raise ValueError(f'{path}: the columns {header[found[key][0]]!r} and {name!r} say the same; keep one of them')
-        found[key] = k, unit
-    return found
+def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]:
+    """Samples of each point of a universal file, by its number, and whether they are velocities.
+
+    A label of the ordinate such as mm/s tells its unit; without one lengths are those of dataset 164, and in m without it.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or holds no displacements or velocities over time.
+    """
+    sets = _sets(path)
+    metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
+    places = {}
+    for nodes in (one for one in sets if one['type'] in (15, 2411)):
+        numbers = np.atleast_1d(nodes['node_nums']).astype(int)
+        places |= {str(n): (x * u.m / metre, y * u.m / metre) for n, x, y in zip(numbers, *(
+            np.atleast_1d(nodes[axis]).tolist() for axis in 'xy'), strict=True)}
+    records = [one for one in sets if one['type'] == 58]
+    over_time = [one for one in records if one['func_type'] in TIME_RESPONSES and one['abscissa_spec_data_type'] in ABSCISSAS]
+    kinds = {ORDINATES.get(one['ordinate_spec_data_type']) for one in over_time}
+    if len(kinds) != 1 or None in kinds:
+        types = sorted({one['func_type'] for one in records})
+        what = (f'its functions are of the types {types}, and records over time are 1' if records and not over_time else
+                'its records are of several kinds, or of none of these' if over_time else 'it has no dataset 58')
+        raise ValueError(f'{path} holds no displacements or velocities over time ({what}); export time records of one of the two')
+    own = u.m / metre / (u.s if kinds == {'velocity'} else 1)
+    found: dict[str, dict[str, Any]] = {}
+    for one in over_time:
+        axis = AXES.get(abs(int(one['rsp_dir'])))
+        if axis is None:
+            raise ValueError(f'{path}: node {one["rsp_node"]} is measured in the direction {one["rsp_dir"]}, a rotation; export '
+                             'translations')
+        unit = LABELS.get(str(one.get('ordinate_axis_units_lab', '')).strip().replace('µ', 'u'), own)
+        point = found.setdefault(str(int(one['rsp_node'])), {})
+        if axis in point:
+            raise ValueError(f'{path} holds two records of node {one["rsp_node"]} in the direction {one["rsp_dir"]}; keep one')
+        point[axis] = np.asarray(one['x'], float) * u.s, np.real(one['data']) * unit * (-1 if one['rsp_dir'] < 0 else 1)
+    _refuse_unlike(path, found)
+    return {name: Samples(next(iter(point.values()))[0], {axis: values for axis, (_, values) in point.items()}, places.get(name))
+            for name, point in found.items()}, kinds == {'velocity'}
 
 
-def _quantity(name: str) -> tuple[str | None, float | None]:
-    """What a column holds and its unit in mm and ms; None for what is not known."""
-    match = re.fullmatch(r'(time|x|y|[uv](?:_[xyz])?)(?:_(\w+))?', name)
-    if match is None:
-        return None, None
-    key, unit = match.groups()
-    if key == 'time':
-        return key, TIMES.get(unit)
-    if key[0] == 'v':
-        length, _, per = (unit or '').partition('_per_')
-        return key, LENGTHS[length] / TIMES[per] if length in LENGTHS and per in TIMES else None
-    return key, LENGTHS.get(unit)
-
-
-def _example(key):
-    return {'time': 'time_s', 'v': f'{key}_m_per_s'}.get(key if key == 'time' else key[0], f'{key}_m')
-
-
-def _components(path, header, columns):
-    """The columns of the motion, all displacements or all velocities."""
-    parts = [key for key in columns if key[0] in 'uv']
-    there = {'time_s': 'time' in columns, 'particle or x_m,y_m': {'name', 'x'} & columns.keys(), 'u_x_m, u_y_m or u_m': parts}
-    for lacking in (name for name, found in there.items() if not found):
-        raise ValueError(f'{path} lacks the column {lacking} (its header is {",".join(header)!r}); {LAYOUT}')
-    if len({(key[0], len(key)) for key in parts}) > 1:
-        raise ValueError(f'{path} holds motion of several kinds ({", ".join(header[columns[key][0]] for key in parts)}); keep '
-                         'displacements or velocities, with a direction or without')
-    return parts
-
-
-def _place(path, line, row, header, columns):
-    return tuple(_number(path, line, row, header, columns[key]) if key in columns else 0.0 for key in 'xy')
-
-
-def _number(path, line, row, header, column, blank=False):
-    """One value in mm and ms; a blank one is NaN where that is allowed."""
-    k, unit = column
+def _sets(path):
+    """The datasets of a universal file, as dicts of pyuff."""
     try:
-        value = float(row[k]) if row[k].strip() or not blank else np.nan
-    except ValueError:
-        value = np.inf
-    if np.isinf(value) or (np.isnan(value) and not blank):
-        raise ValueError(f'line {line} of {path}: {header[k]} is {row[k].strip()!r}, not a finite number')
-    return value * unit
+        import pyuff
+    except ImportError:
+        raise ValueError(f"{path} is a universal file, which pyuff reads; install it with pip install 'magphonon[vibrometer]', "
+                         'or export the scan as CSV') from None
+    try:
+        sets = pyuff.UFF(str(path)).read_sets()
+    except OSError:
+        raise
+    except Exception as error:  # pyuff fails on other files in many ways
+        raise ValueError(f'{path} is no universal file that pyuff reads ({type(error).__name__}: {error}); export it again, '
+                         'or as CSV') from None
+    return [sets] if isinstance(sets, dict) else list(sets)
+
+
+def _refuse_unlike(path, found):
+    """Raise ValueError unless all points have the same components, each at the same times."""
+    parts = max((tuple(point) for point in found.values()), key=len)
+    for name, point in found.items():
+        if set(point) != set(parts):
+            raise ValueError(f'{path}: node {name} was measured along {", ".join(point)} and others along {", ".join(parts)}; '
+                             'export one direction, or the same for each node')
+        first, *others = (times for times, _ in point.values())
+        if any(len(times) != len(first) or not np.array_equal(times, first) for times in others):
+            raise ValueError(f'{path}: the directions of node {name} were recorded at different times; export one direction')

@@ -1,18 +1,16 @@
 """Waves along a row of particles, simulated or measured: map and ridge of each polarisation, compared with the bands.
 
-Branches of the bands along a row, and the distance of a measured ridge from each.
-
-Oblique waves that a point source sends along a row: their energy runs along it, their wavevector does not.
-
-Waves of all directions leave a point.  Along a row of the lattice vector R those arrive whose group velocity points along R.  Let
-xi = k.R be the phase per step, and s a shift of the wavevector, in units of the primitive reciprocal vector across R, that leaves
-xi as it is.  The velocity has no component away from the row where
+A row shows more than the waves along it if they come from a point.  Waves of all directions leave a point; along a row of the
+lattice vector R those arrive whose group velocity points along R.  Let xi = k.R be the phase per step, and s a shift of the
+wavevector, in units of the primitive reciprocal vector across R, that leaves xi as it is.  The velocity has no component away
+from the row where
 
     d omega(xi, s) / ds = 0
 
-so that the row shows every extremum of omega over s; by symmetry the wave along the row, s = 0, is one of them.  Two waves nearer
-than the main lobe of the Hann window make one peak on a map, somewhere between them.  The ridge is then off at all frequencies in
-the same sense, so that neither noise, nor the halves of the row, nor jumps from line to line show it.
+so that the row shows every extremum of omega over s; by symmetry the wave along the row, s = 0, is one of them.  Of the others,
+oblique waves, only the energy runs along the row.  Two waves nearer than the main lobe of the Hann window make one peak on a map,
+somewhere between them.  The ridge is then off at all frequencies in the same sense, so that neither noise, nor the halves of the
+row, nor jumps from line to line show it: `Wave.blur` is how far it may be.
 """
 
 from __future__ import annotations
@@ -38,101 +36,6 @@ if TYPE_CHECKING:
     from ..dynamics.motion import Motion
     from .rows import Row
     from .scans import Scan
-
-SAMPLES = 96
-"""Samples of xi from 0 to pi, and of s over its period, in a cell of one particle; the zone of larger cells is smaller."""
-LOBE_bins = 2.0
-"""Half width of the main lobe of a Hann window in wavenumber bins: waves that are nearer make one peak."""
-
-
-def oblique_waves(cell: Atoms, q: ArrayLike, omega: ArrayLike, model: str = 'complete') -> NDArray[np.float64]:
-    """Phases per step of waves of which the energy runs along a row, away from the source, and the wavevector does not.
-
-    Parameters
-    ----------
-    cell : ase.Atoms
-        With its MagneticRepulsion.
-    q : array_like, shape (3,)
-        Wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
-    omega : array_like, shape (frequencies,)
-        In rad/ms.
-    model : {'complete', 'conventional'}
-
-    Returns
-    -------
-    ndarray, shape (frequencies, waves)
-        In rad; NaN where a wave does not have this frequency.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon import read_scene, ready_scene, units as u
-    >>> from magphonon.waves import oblique_waves, wavevector
-    >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> xi = oblique_waves(cell, wavevector(cell, 'point'), [2 * np.pi * 40 * u.Hz])
-    >>> np.unique(xi[np.isfinite(xi)].round(1)).tolist()
-    [1.3]
-    """
-    return _waves(cell, q, omega, model)[1]
-
-
-def blur(cell: Atoms, q: ArrayLike, xi: NDArray[np.float64], omega: NDArray[np.float64], lobe: float,
-         model: str = 'complete') -> NDArray[np.float64]:
-    """How far the ridge of a point source may lie from the wave along the row, where oblique waves blend with it.
-
-    Parameters
-    ----------
-    cell, q, model
-        As for `oblique_waves`.
-    xi, omega : ndarray, shape (points,)
-        The ridge.
-    lobe : float
-        Distance in xi within which waves make one peak, LOBE_bins bins.
-
-    Returns
-    -------
-    ndarray, shape (points,)
-        Distance in xi from the nearest wave along the row to the farthest oblique wave that is within the lobe about it and about
-        the point.
-    """
-    along, oblique = _waves(cell, q, omega, model)
-    away = abs(along - xi[:, None])
-    own = np.take_along_axis(along, np.where(np.isnan(away), np.inf, away).argmin(axis=1)[:, None], axis=1)
-    beside = (abs(oblique - xi[:, None]) < lobe) & (abs(oblique - own) < lobe)
-    return np.nanmax(np.where(beside, abs(oblique - own), 0), axis=1, initial=0)
-
-
-def _waves(cell, q, omega, model):
-    """Phases per step at these frequencies of the waves along the row, and of the oblique ones, each (frequencies, waves)."""
-    q = np.asarray(q, float)
-    samples = int(np.ceil(SAMPLES / np.sqrt(len(cell))))
-    xi, s = np.pi * (np.arange(samples) + 0.5) / samples, np.arange(samples) / samples
-    at = xi[:, None, None] / (2 * np.pi) * q + s[:, None] * _across(cell, q)
-    field = bloch_modes(cell, at.reshape(-1, 3), model)[0].reshape(samples, samples, -1)
-    before, after = np.roll(field, 1, axis=1), np.roll(field, -1, axis=1)
-    extreme = (field - before) * (field - after) > 0
-    along = np.zeros_like(extreme)
-    along[:, 0] = True
-    slope = np.gradient(field, xi, axis=0)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        peak = field - np.where(extreme, (after - before) ** 2 / (8 * (after + before - 2 * field)), 0)
-
-    def crossing(some):
-        start, runs = xi[np.nonzero(some)[0]], slope[some]
-        with np.errstate(divide='ignore', invalid='ignore'):
-            found = start + (np.reshape(omega, (-1, 1)) - peak[some]) / runs
-        return np.where((abs(found - start) <= xi[1] - xi[0]) & (runs > 0), found, np.nan)
-
-    return crossing(along), crossing(extreme & ~along)
-
-
-def _across(cell, q):
-    """The primitive reciprocal vector across the row, in fractions; zero in a chain, whose waves have one direction."""
-    fractions = np.linalg.pinv(cell.cell.array)
-    k = fractions @ q
-    R = np.rint(k @ fractions / (k @ k))  # the step of the row, in lattice vectors
-    return np.array([-R[1], R[0], 0]) * cell.pbc[:2].all()
-
 
 BRANCH_POINTS = 2001
 """Number of samples of a branch; linear interpolation between them is accurate to 1e-6 of its highest frequency."""
@@ -304,6 +207,8 @@ class Wave:
         That of xi = 2 pi, in fractions of the reciprocal vectors.
     ridge : Ridge or None
         None if no wave rises above the background, because it decays or was not driven.
+    source : {'row', 'point'}
+        What sent it.
     blur : ndarray, shape (points,), optional
         How far its wavenumbers may be off in rad, as oblique waves from a point source blend with it;
         None for a row of sources.
@@ -314,6 +219,7 @@ class Wave:
     branches: dict[tuple[str, str], Branch]
     wavevector: np.ndarray
     ridge: Ridge | None
+    source: str = 'point'
     blur: np.ndarray | None = None
 
     @property
@@ -346,7 +252,7 @@ def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
 
     Waves from a point source move the row both across and along its line: a ridge of one motion may follow the branch of the
     other.  A branch that falls with the wavenumber, such as shear in a square lattice on springs, carries backward waves (phase
-    and group velocity of opposite sign), for which no ridge is found.
+    and group velocity of opposite sign): in a row that is known to begin at the source, as here, no ridge is found for them.
 
     Parameters
     ----------
@@ -381,7 +287,8 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     source : {'row', 'point'}
         Fronts along R1, or across the measured row.
     row : Row, optional
-        By default the row of the lattice on which the points stand, begun at the end from which the stronger waves come.
+        By default the row of the lattice on which the points stand, begun at the end from which the phases of the stronger waves
+        come; for backward waves that is the far end, and their ridge is found.
 
     Returns
     -------
@@ -442,14 +349,13 @@ def _analysed(motions, dt, steps, cell, q, source):
     strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
     least = LEAST_POWER * maps[strongest_first[0]].peak
     branches = {(model, name): branch(cell, q, mode, model) for model in MODELS for name, mode in BRANCHES.items()}
-    found = [Wave(name, maps[name], branches, q, _ridge_of(maps[name])) for name in strongest_first if maps[name].peak > least]
-    return [_blurred(wave, cell) if source == 'point' and wave.ridge else wave for wave in found]
-
-
-def _blurred(wave, cell):
-    """The wave of a point source, with what oblique waves of either model do to its ridge."""
-    r, lobe = wave.ridge, LOBE_bins * wave.ridge.bin_xi
-    return replace(wave, blur=np.max([blur(cell, wave.wavevector, r.xi, r.omega, lobe, model) for model in MODELS], axis=0))
+    found = [Wave(name, maps[name], branches, q, _ridge_of(maps[name]), source)
+             for name in strongest_first if maps[name].peak > least]
+    if source == 'row' or not any(wave.ridge for wave in found):
+        return found
+    stationary = [stationary_waves(cell, q, model) for model in MODELS]
+    return [replace(wave, blur=np.max([blur(*one, wave.ridge) for one in stationary], axis=0)) if wave.ridge else wave
+            for wave in found]
 
 
 def _ridge_of(spectrum):
@@ -457,6 +363,88 @@ def _ridge_of(spectrum):
         return ridge(spectrum)
     except ValueError:
         return None
+
+
+SAMPLES = 96
+"""Samples of xi from 0 to pi, and of s over its period, in a cell of one particle; the zone of larger cells is smaller."""
+LOBE_bins = 2.0
+"""Half width of the main lobe of a Hann window in wavenumber bins: waves that are nearer make one peak."""
+
+
+@dataclass(frozen=True)
+class Stationary:
+    """Waves on a grid of the zone of which the energy runs along a row: their phases per step, frequencies and slopes.
+
+    Attributes
+    ----------
+    xi, omega, slope : ndarray, shape (waves,)
+        In rad, rad/ms, and d omega/d xi along the row.
+    step : float
+        Distance of the grid in xi.
+    """
+
+    xi: np.ndarray
+    omega: np.ndarray
+    slope: np.ndarray
+    step: float
+
+    def phases(self, omega: ArrayLike) -> NDArray[np.float64]:
+        """Phases per step in rad at these frequencies of those that run away from the source, shape (frequencies, waves).
+
+        NaN where a wave does not have this frequency.
+        """
+        with np.errstate(divide='ignore', invalid='ignore'):
+            found = self.xi + (np.reshape(omega, (-1, 1)) - self.omega) / self.slope
+        return np.where((abs(found - self.xi) <= self.step) & (self.slope > 0), found, np.nan)
+
+
+def stationary_waves(cell: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[Stationary, Stationary]:
+    """The waves of a point source of which the energy runs along a row: those along it, and the oblique ones.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        With its MagneticRepulsion.
+    q : array_like, shape (3,)
+        Wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
+    model : {'complete', 'conventional'}
+    """
+    q = np.asarray(q, float)
+    samples = int(np.ceil(SAMPLES / np.sqrt(len(cell))))
+    xi, s = np.pi * (np.arange(samples) + 0.5) / samples, np.arange(samples) / samples
+    at = xi[:, None, None] / (2 * np.pi) * q + s[:, None] * _across(cell, q)
+    field = bloch_modes(cell, at.reshape(-1, 3), model)[0].reshape(samples, samples, -1)
+    before, after = np.roll(field, 1, axis=1), np.roll(field, -1, axis=1)
+    oblique = (field - before) * (field - after) > 0
+    with np.errstate(divide='ignore', invalid='ignore'):  # the top of the parabola through three samples of s
+        peak = field - np.where(oblique, (after - before) ** 2 / (8 * (after + before - 2 * field)), 0)
+    along = np.zeros_like(oblique)
+    along[:, 0] = True
+    slope = np.asarray(np.gradient(field, xi, axis=0))
+    step = xi[1] - xi[0]
+    one, other = (Stationary(xi[some[0]], peak[some], slope[some], step) for some in map(np.nonzero, (along, oblique & ~along)))
+    return one, other
+
+
+def _across(cell, q):
+    """The primitive reciprocal vector across the row, in fractions; zero in a chain, whose waves have one direction."""
+    fractions = np.linalg.pinv(cell.cell.array)
+    k = fractions @ q
+    R = np.rint(k @ fractions / (k @ k))  # the step of the row, in lattice vectors
+    return np.array([-R[1], R[0], 0]) * cell.pbc[:2].all()
+
+
+def blur(along: Stationary, oblique: Stationary, ridge: Ridge) -> NDArray[np.float64]:
+    """How far each point of a ridge may lie from the wave along the row, where oblique waves blend with it, shape (points,).
+
+    It is the distance in xi from the nearest wave along the row to the farthest oblique wave that is within the lobe about it and
+    about the point.
+    """
+    lobe, xi = LOBE_bins * ridge.bin_xi, ridge.xi[:, None]
+    own, others = along.phases(ridge.omega), oblique.phases(ridge.omega)
+    own = np.take_along_axis(own, np.where(np.isnan(own), np.inf, abs(own - xi)).argmin(axis=1)[:, None], axis=1)
+    beside = (abs(others - xi) < lobe) & (abs(others - own) < lobe)
+    return np.nanmax(np.where(beside, abs(others - own), 0), axis=1, initial=0)
 
 
 def report(records: Mapping[str, Sequence[Wave]]) -> str:
@@ -494,18 +482,23 @@ def report(records: Mapping[str, Sequence[Wave]]) -> str:
 
 def _verdicts(records):
     """For each ridge, the branches that it agrees with, in words."""
-    lines, astray = [], False
+    lines, astray, longitudinal = [], False, False
     for record, found in records.items():
         for wave in found:
             misfits, on = wave.misfits, wave.agrees_with
             if on:
                 branches = ', '.join(f'{model} {name} ({misfits[model, name].bins:.2f} bins)' for model, name in on)
-                lines.append(f'{record}, {wave.motion} motion: agrees with {branches}')
+                both = ': it does not tell the models apart' if {model for model, _ in on} == {*MODELS} else ''
+                lines.append(f'{record}, {wave.motion} motion: agrees with {branches}{both}')
+                longitudinal |= any(name == 'longitudinal' for _, name in on)
             elif misfits:
                 astray = True
                 model, name = min(misfits, key=lambda name: misfits[name].bins)
                 lines.append(f'{record}, {wave.motion} motion: agrees with no branch; the nearest is {model} {name} '
                              f'({misfits[model, name].bins:.2f} bins)')
+    if longitudinal:
+        lines += ['', 'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much. Which of',
+                  'the models a longitudinal ridge agrees with is no evidence for D* or against it.']
     if astray:
         lines += ['', 'A ridge that agrees with no branch may come from several waves, from an oblique wave of which only the',
                   'energy runs along the row (a point source in an anisotropic lattice), from the ends of a beam, or from',

@@ -155,14 +155,11 @@ def test_refusals_name_the_keys(command, changes, scene, words, scene_file, tmp_
 
 
 @pytest.mark.parametrize(('table', 'words'), [
-    ('r_m,f_N\n0.008,0.3\n0.009,0.2\n', 'an inverse power needs at least 3 points, not 2; measure more'),
-    ('r_m,f_N\n0.008,0.3e300\n0.009,0.2e300\n0.01,0.1e300\n', 'force 1 is 3e+299 N, and must lie between 1e-30 and 1e+12 N'),
-    ('r_m,f_N,sigma_N\n0.008,0.3,1e-300\n0.009,0.2,1\n0.01,0.1,1\n', 'sigma 1 is 1e-300 N, and must lie between'),
-    ('r_m,f_N\n1e-300,0.3\n0.009,0.2\n0.01,0.1\n', 'distance 1 is 1e-300 m, and must lie between 1e-12 and 1e+06 m'),
+    ('r_m,f_N\n0.008,0.3e300\n0.009,0.2e300\n0.01,0.1e300\n', 'f_N must lie between 1e-30 and 1e+12 N, and is 3e+299 N'),
+    ('r_m,f_N,sigma_N\n0.008,0.3,1e-300\n0.009,0.2,1\n0.01,0.1,1\n', 'sigma_N must lie between'),
+    ('r_m,f_N\n1e-300,0.3\n0.009,0.2\n0.01,0.1\n', 'r_m must lie between 1e-12 and 1e+06 m, and is 1e-300 m in line 2'),
     ('r_m,f_N\n0.008,5e8\n0.009,0.2\n0.01,0.1\n0.011,0.08\n', 'the forces fall as r^-'),
-    ('r_m,f_N\n0.008,0.1\n0.009,0.2\n0.01,0.3\n', 'the forces do not fall with the distance'),
-    ('r_m,f_N\n0.008,"0.1\n2"\n0.01,0.3\n', "line 2: '0.008,\"0.1' is not 2 numbers"),
-    ('r_m,f_N\n0.008,' + 140_000 * '1' + '\n0.01,0.3\n', 'is not 2 numbers')], ids=range(8))
+    ('r_m,f_N\n0.008,0.1\n0.009,0.2\n0.01,0.3\n', 'the forces do not fall with the distance')], ids=range(5))
 def test_refusals_name_the_table(table, words, tmp_path, capsys):
     file = tmp_path / 'forces.csv'
     file.write_text(table)

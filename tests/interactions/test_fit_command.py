@@ -74,22 +74,16 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
 
 
 @pytest.mark.parametrize(('rows', 'message'), [
-    (['r_m,f_N'], 'holds no points below its header'),
-    ([], "begins with ''; its header must be r_m,f_N"),
-    (['distance,force', *GOOD], "begins with 'distance,force'; its header must be r_m,f_N or r_m,f_N,sigma_N"),
-    (['\x89PNG\r', 'x'], 'its header must be'),
-    (['r_m,f_N', *GOOD[:2]], 'an inverse power needs at least 3 points, not 2; measure more'),
-    (['r_m,f_N', *GOOD, '0.02'], "line 10: '0.02' is not 2 numbers"),
-    (['r_m,f_N', *GOOD, '0.02,nan'], "line 10: '0.02,nan' is not 2 numbers"),
-    (['r_m,f_N', *GOOD, '0.02,much'], "line 10: '0.02,much' is not 2 numbers"),
-    (['# a comment', 'r_m,f_N', *GOOD, '0.02,0.1,0.2'], "line 11: '0.02,0.1,0.2' is not 2 numbers"),
-    (['r_m,f_N', *GOOD, '0.02,-0.1'], 'force 9 is -0.1 N; repulsion is positive'),
-    (['r_m,f_N', '0,1', *GOOD], 'distance 1 is 0 m; distances are those of the centres'),
-    (['r_m,f_N', '-0.001,1', *GOOD], 'distance 1 is -0.001 m'),
-    (['r_m,f_N', *GOOD, GOOD[-1]], 'distance 9 (0.0115 m) occurs twice; average its forces'),
-    (['r_m,f_N', *GOOD, GOOD[0]], 'distance 9 (0.008 m) comes after a larger one; sort the points'),
-    (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], 'sigma 1 is 0 N; leave the column out'),
-    (['r_m,f_N', '0.005,2', *GOOD], 'distance 1 is 0.005 m, below contact at 0.00635 m; give distances of the centres, not gaps'),
+    (['r_m,f_N'], 'holds no rows below its header'),
+    ([], 'is empty'),
+    (['distance,force', *GOOD], "lacks the column r_m (its header is 'distance,force'); a table of forces has the columns r_m,"),
+    (['\x89PNG\r', 'x'], 'a table of forces has the columns'),
+    (['r_m,f_N', *GOOD[:2]], 'an inverse power needs at least 3 distances, not 2; measure more'),
+    (['# a comment', 'r_m,f_N', *GOOD, '0.02'], 'line 11 of '),
+    (['r_m,f_N', *GOOD, '0.02,-0.1'], 'and 1e+12 N, and is -0.1 N in line 10: repulsion is positive;'),
+    (['r_m,f_N', '0,1', *GOOD], 'is 0 m in line 2: give distances of the centres'),
+    (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], '0 N in line 5, 0 N in line 6 and 3 more: leave the column out'),
+    (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, and is 0.005 m in line 2: give distances of the centres'),
     (['r_m,f_N', *(f'{r},{r}' for r in (0.01, 0.02, 0.03, 0.04))], 'do not fall with the distance (a = -1); are the columns'),
 ])
 def test_unusable_measurements_are_refused(tmp_path, capsys, rows, message):
@@ -114,9 +108,9 @@ def test_files_that_are_no_text_or_not_there_are_refused(tmp_path, capsys):
     assert main(['fit', str(tmp_path / 'binary')]) == 2
     assert 'is not a text file' in capsys.readouterr().err
     assert main(['fit', str(tmp_path / 'none.csv')]) == 2
-    assert 'cannot be read (No such file or directory)' in capsys.readouterr().err
+    assert 'none.csv cannot be opened (No such file or directory)' in capsys.readouterr().err
     assert main(['fit', str(ready_scene('prototype'))]) == 2
-    assert 'its header must be r_m,f_N' in capsys.readouterr().err
+    assert 'a table of forces has the columns r_m,f_N' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('spacing', 'message'), [

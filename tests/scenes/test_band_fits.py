@@ -215,6 +215,22 @@ def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path)
     assert intervals(capsys.readouterr().out)['force'][0] == pytest.approx(1.3 * found['force'][0], rel=0.05)
 
 
+def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
+    """Longitudinal ridges of a point source, which an unknown source is taken for; points that name no motion."""
+    scene, points = scene_of(tmp_path, START), measured(np.random.default_rng(8), TRUTH, (0, 1))
+
+    def said(points):
+        found = fit_bands(scene, points)
+        assert found.better.follows
+        return report(found, len(points), [])
+
+    for sources, biased in (((), True), (('point', 'point'), True), (('point', 'row'), False), (('row', 'row'), False)):
+        assert ('Biased: 1 of the ridges (longitudinal) are' in said(replace(points, sources=sources))) == biased
+    assert 'Biased' not in (shear := said(points[points.ridge == 0]))
+    assert 'no column motion' not in shear
+    assert 'The table has no column motion: which branch' in said(replace(points, motions=('', '')))
+
+
 @pytest.mark.parametrize(('words', 'message'), [
     (['--fix', 'force,a,foundation'], 'all parameters are fixed'),
     (['--fix', 'b'], "the fixed parameter must be one of 'force', 'a', 'foundation', not 'b'"),
@@ -228,10 +244,13 @@ def test_wrong_words_are_refused(words, message, experiment, capsys):
 
 @pytest.mark.parametrize(('spoil', 'message'), [
     (lambda a: [','.join(line.split(',')[:8]) for line in a], 'lacks the column q1'),
-    (lambda a: a[:1], 'no ridge points'),
+    (lambda a: a[:1], 'holds no rows below its header'),
     (lambda a: a[:3], '2 points are too few|independent points are too few for 3 parameters'),
     (lambda a: [*a[:4], a[4].replace('longitudinal', 'x').replace(',0.', ',zero.')], r"line 5 of .* is 'zero\."),
-    (lambda a: [a[0], re.sub(r'(motion|verse|dinal),[\d.]+', r'\1,-1', a[1])], 'xi_rad must be positive, not -1'),
+    (lambda a: [a[0], re.sub(r'(motion|verse|dinal),[\d.]+', r'\1,-1', a[1])], 'xi_rad must be a positive phase.*, not -1'),
+    (lambda a: [re.sub('(frequency_Hz),sigma_(frequency_Hz)', r'sigma_\1,\2', a[0]), *a[1:]],
+     r'line 2 of .*sigma_frequency_Hz must be less than the frequency \(are columns exchanged'),
+    (lambda a: [a[0].replace('motion', 'xi_rad'), *a[1:]], "the columns 'xi_rad' and 'xi_rad' say the same"),
     (lambda a: [a[0], *('60Hz_complete' + line[line.index(','):] for line in a[1:9]),
                 *('60Hz_conventional' + line[line.index(','):] for line in a[9:])], 'ridges of both models'),
 ])

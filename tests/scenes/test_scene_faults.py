@@ -172,13 +172,14 @@ def test_refused_with_its_name_and_value_and_the_mend(changes, message, scene_fi
 
 
 @pytest.mark.parametrize(('content', 'reason'), [
-    ('', "begins with ''; its header must be r_m,f_N"), ('r,f\n1,2\n', "begins with 'r,f'; its header must be r_m,f_N"),
-    ('r_m,f_N\n0.01,strong\n', "line 2: '0.01,strong' is not 2 numbers"), ('r_m,f_N\n0.01\n', "line 2: '0.01' is not 2 numbers"),
-    ('r_m,f_N\n0.01,nan\n', "line 2: '0.01,nan' is not 2 numbers"), ('r_m,f_N\n0.01,-1\n', 'force 1 is -1 N')])
+    ('', 'is empty'), ('r,f\n1,2\n', "the column 'r' says no unit that is known; write r_m, r_mm"),
+    ('r_m,f_N\n0.01,strong\n', "f_N is 'strong', not a finite number"), ('r_m,f_N\n0.01\n', 'it has 1 values, not 2'),
+    ('r_m,f_N\n0.01,-1\n', 'is -1 N in line 2'), ('r_mm,f_N\n9,2\n9,1\n', 'holds the distance 0.009 m more than once')])
 def test_refused_file_of_a_law(content, reason, scene_file, tmp_path):
     (tmp_path / 'law.csv').write_text(content)
     message = refusal(scene_file({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}}))
-    assert message.startswith(f'law.file: {tmp_path / "law.csv"}')
+    assert message.startswith('law.file: ')
+    assert f'{tmp_path / "law.csv"}' in message
     assert reason in message
 
 

@@ -117,6 +117,9 @@ def test_a_table_of_positions_in_metres_is_a_lattice(tmp_path):
     # bonds of both honeycombs differ by round-off, and perhaps by a rotation by 120 degrees, which M and K do not see
     assert_allclose(found[:2], bloch_modes(ready, q)[0][:2], rtol=1e-7, atol=1e-9)
     assert atoms.pbc.tolist() == [True, True, False]
+    in_mm = csv(tmp_path, 'y_mm;x_mm;mass_g\n0;0;0,7\n10,0;0;1,05\n', cell_m=vectors).atoms()
+    assert_allclose(in_mm.positions, atoms.positions, atol=1e-14)
+    assert_allclose(in_mm.get_masses(), atoms.get_masses(), rtol=1e-14)
     lighter = csv(tmp_path, text.replace('0.00105', '0.0007'), cell_m=vectors).atoms()
     assert abs(bloch_modes(lighter, q)[0] - found).max() > 0.05 * found.max()  # the control
 
@@ -220,13 +223,15 @@ def test_scattered_positions_repel_within_a_cutoff_and_relax(tmp_path):
     ('x_m,y_m\n0,0\n', {'mass_kg': 1e-3}, 'one particle without periodic images'),
     ('x_m,y_m\n0,0\n0.01,0\n', {}, 'mass_kg is missing'),
     ('x_m,y_m,mass_kg\n0,0,1\n0.01,0,1\n', {'mass_kg': 1e-3}, 'the file has masses of its own'),
-    ('x_m,y\n0,0\n', {'mass_kg': 1e-3}, "no column 'y'.*did you mean"),
-    ('x_m\n0\n', {'mass_kg': 1e-3}, 'needs the columns x_m and y_m'),
-    ('x_m,y_m\n0,0\n0.01\n', {'mass_kg': 1e-3}, "line 3: '0.01' is not 2 numbers"),
+    ('x_m,y\n0,0\n', {'mass_kg': 1e-3}, "the column 'y' says no unit that is known; write y_m"),
+    ('x_m\n0\n', {'mass_kg': 1e-3}, 'lacks the column y_m'),
+    ('x_m,y_m\n0,0\n0.01\n', {'mass_kg': 1e-3}, r'line 3 of .*p\.csv: it has 1 values, not 2'),
     ('x_m,y_m\n0,nan\n0.01,0\n', {'mass_kg': 1e-3}, 'line 2'),
-    ('x_m,y_m,held\n0,0,2\n0.01,0,1\n', {'mass_kg': 1e-3}, 'held of particle 1 must be 0 or 1, not 2'),
-    ('x_m,y_m,mass_kg\n0,0,1\n0.01,0,-1\n', {}, 'mass_kg of particle 2 must be positive, not -1'),
-    ('x_m,y_m\n', {'mass_kg': 1e-3}, 'holds no particles'),
+    ('x_m,y_m,held\n0,0,2\n0.01,0,1\n', {'mass_kg': 1e-3}, 'line 2 of .*: held must be 0 or 1, not 2'),
+    ('x_m,y_m,mass_kg\n0,0,1\n0.01,0,-1\n', {}, 'line 3 of .*: mass_kg must be positive, not -1'),
+    ('x_m,y_m\n', {'mass_kg': 1e-3}, 'holds no rows below its header'),
+    ('x_m,y_m,kind\n0,0,1\n0.01,0,1.5\n', {'mass_kg': 1e-3}, 'line 3 of .*: kind must be a whole number, not 1.5'),
+    ('x_m,y_m\n0,0\n0,1e300\n', {'mass_kg': 1e-3}, 'line 3 of .*: y_m must lie within 1e6 m, not 1e'),
     ('x_m,y_m\n0,0\n0,0\n', {'mass_kg': 1e-3}, 'nearest particles 0 m apart'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'cell_m': [[1, 0], [0, 1], [1, 1]]}, 'cell_m must hold one or two'),
     ('x_m,y_m\n0,0\n0.01,0\n', {'mass_kg': 1e-3, 'planar': True}, 'take length_unit_m and planar out'),

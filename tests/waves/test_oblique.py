@@ -6,7 +6,8 @@ from scans import scene_text, triangular_branches
 
 from magphonon import MagneticRepulsion, lattices, propagate, read_scene, units as u
 from magphonon.dynamics import Motion
-from magphonon.waves import oblique_waves, sampled, site, waves, wavevector
+from magphonon.waves import sampled, site, waves, wavevector
+from magphonon.waves.wave_analysis import stationary_waves
 
 NORMAL = 1.96
 XI = np.linspace(0, np.pi, 1001)
@@ -44,7 +45,7 @@ def test_the_row_sees_the_oblique_wave_where_the_bands_say(seed, tmp_path):
     cell = scene_of(tmp_path, *lattice).atoms()
     own = rng.uniform(0.8, 1.3)
     omega = np.interp(own, XI, triangular_branches(XI, 60, 1.0, m, tension, stiffness, k)[:, 1])
-    found = oblique_waves(cell, wavevector(cell, 'point'), [omega])
+    found = stationary_waves(cell, wavevector(cell, 'point'))[1].phases([omega])
     n = np.arange(20, 140)
     row = seen_from_a_point(omega, np.array([0.5, 3**0.5 / 2]), m, tension, stiffness, k)[n]
     window = np.sin(np.pi * (n - 19.5) / len(n)) ** 2

@@ -261,6 +261,7 @@ def test_rows_of_the_lattice_are_found_in_any_order_from_any_origin(degrees, pro
     ('time_s,u_y_m,other', 'lacks the column particle or x_m,y_m'),
     ('time_s,point,speed', 'lacks the column u_x_m, u_y_m or u_m'),
     ('time_s,u_y_m,u_y_mm', "'u_y_m' and 'u_y_mm' say the same"),
+    ('particle,point,u_y_m,time_s', 'the columns particle and point say the same'),
     ('point,u_x_m,v_y_m_per_s,time_s', r'motion of several kinds \(u_x_m, v_y_m_per_s\)'),
     ('point,u_x_m,u_m,time_s', 'with a direction or without'),
 ])
