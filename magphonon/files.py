@@ -9,10 +9,10 @@ import csv
 import errno
 import json
 import os
-import re
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
+from secrets import token_hex
 from stat import S_ISREG
 from typing import TYPE_CHECKING
 
@@ -120,20 +120,11 @@ def lock(file: Any, wait: bool = False) -> bool:
     return True
 
 
-def still_there(file: Any, path: str | PathLike[str]) -> bool:
-    """Whether the open `file` is the file at `path`: another process may have removed it before it was locked."""
-    try:
-        return os.path.samestat(os.fstat(file), os.stat(path))
-    except FileNotFoundError:
-        return False
-
-
 @contextmanager
 def whole_file(path: str | PathLike[str], mode: str = 'w') -> Iterator[Any]:
-    """Open `path` for writing so that it appears only when it is complete.
+    """Open `path` for writing so that it appears, or replaces what is there, only when it is complete.
 
-    The incomplete file is `.NAME.PID.partial` in the same directory, locked by the process that writes it.  Such files of
-    killed processes are removed.
+    The incomplete file is `.NAME.XXXXXXXX.partial` in the same directory.  Only a process that is killed leaves it.
 
     Raises
     ------
@@ -141,10 +132,9 @@ def whole_file(path: str | PathLike[str], mode: str = 'w') -> Iterator[Any]:
         If the directory does not exist or cannot be written, or the disk is full; no incomplete file remains.
     """
     path = Path(path)
-    partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
-    _collect(path)
+    partial = path.with_name(f'.{path.name}.{token_hex(4)}.partial')
     try:
-        out = _open_locked(partial, mode)
+        out = open(partial, mode.replace('w', 'x'))  # noqa: SIM115, who writes it closes it
     except OSError as error:
         raise type(error)(f'{path} cannot be written ({error.strerror}); choose another place') from None
     try:
@@ -156,25 +146,6 @@ def whole_file(path: str | PathLike[str], mode: str = 'w') -> Iterator[Any]:
             os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
-
-
-def _open_locked(partial, mode):
-    while True:
-        out = open(partial, mode)  # noqa: SIM115, who writes it closes it
-        lock(out, wait=True)
-        if still_there(out.fileno(), partial):
-            return out
-        out.close()
-
-
-def _collect(path):
-    """Remove incomplete files that killed processes left of the file `path`."""
-    with suppress(OSError):  # an error of the directory is reported when the file is opened
-        for left in path.parent.iterdir():
-            if re.fullmatch(rf'\.{re.escape(path.name)}\.\d+\.partial', left.name) and left.is_file() and not left.is_symlink():
-                with open(left, 'rb') as file:
-                    if lock(file) and still_there(file.fileno(), left):
-                        left.unlink()
 
 
 def refuse_overflow(path: str | PathLike[str], arrays: Mapping[str, Any], missing: Collection[str] = ()) -> None:

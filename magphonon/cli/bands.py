@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
+RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'
 ZERO_FRACTION = 1e-5
 """Fraction of the highest frequency below which a number is shown as zero: it is the square root of a rounded eigenvalue."""
 LEAST_WRITTEN_N_per_mm = 1e-6

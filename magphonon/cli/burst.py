@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
 HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
+RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', 'row.csv', 'ridges.*'
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .costs import Cost
 
 HELP = 'density of states of the lattice and of a patch, and the unfolded bands of the patch'
+RESULTS = 'dos.*', 'dos_*', 'spectral.*'
 FREQUENCIES = 400
 """Number of bins of the density of a lattice."""
 MOMENTS, VECTORS, SPECTRAL_MOMENTS = 512, 16, 256

@@ -6,6 +6,8 @@ and the foundation; marks on them show where the lattice buckles.  A click on a 
 
 from __future__ import annotations
 
+import os
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +19,8 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 HELP = 'a page with sliders for spacing, exponent and foundation that move the bands, for a browser'
-MARK = b'<meta name="generator" content="magphonon explore">'
-"""Text near the beginning of every such page; a file without it is not replaced."""
+SUM = b'<!-- magphonon explore, sha256 '
+"""Begins the last line of every such page, which holds the checksum of the rest: any other file is not replaced."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -44,27 +46,31 @@ def run(options: Namespace) -> None:
     else:
         border = border_over_spacings(atoms, explorer.scales)
     perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
-    page = explorer.page(scene.title, options.scene.text, border, perfect)
+    page = explorer.page(scene.title, options.scene.text, border, perfect).encode()
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file, 'wb') as out:
-        out.write(page.encode())
+        out.write(page + _signature(page))
     options.written = file
     print(f'{file} is written; open it in a browser')
 
 
+def _signature(page):
+    return SUM + sha256(page).hexdigest().encode() + b' -->\n'
+
+
 def _refuse_foreign(file):
-    """Refuse a name that does not end in .html, or a file that is not such a page."""
+    """Refuse a name that does not end in .html, or a file that is not such a page, or was edited."""
     if file.suffix.lower() not in ('.html', '.htm'):
         raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
     if file.is_dir():
         raise IsADirectoryError(f'{file} is a directory; name a file in it, such as {file / "explorer.html"}')
-    if file.exists():
-        if not file.is_file():
-            raise ValueError(f'{file} is no regular file, such as a pipe; choose another name')
-        with open(file, 'rb') as there:
-            if MARK not in there.read(1000):
-                raise ValueError(f'{file} is not a page of "magphonon explore" and is not replaced; choose another name, or move '
-                                 'it away')
+    if os.path.lexists(file):
+        if file.is_symlink() or not file.is_file():
+            raise ValueError(f'{file} is no regular file, such as a pipe or a link; choose another name')
+        page, mark, rest = file.read_bytes().rpartition(SUM)
+        if mark + rest != _signature(page):
+            raise ValueError(f'{file} is not a page as "magphonon explore" wrote it and is not replaced; choose another name, or '
+                             'move it away')
 
 
 def _refuse_unknown(scene: Scene) -> None:

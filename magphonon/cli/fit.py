@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
 HELP = 'the law of repulsion from measured forces, or the lattice from measured ridges'
+RESULTS = 'fit.*', 'law_*.toml', 'band_fit.*'
 
 
 def add_arguments(parser: ArgumentParser) -> None:

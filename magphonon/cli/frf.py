@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
 HELP = 'frequency response of the oscillator or of a patch'
+RESULTS = 'frf.*', 'frf_*.npz'
 SHOWN_PEAKS = 12
 """Number of peaks shown on the terminal, the highest ones; the table holds the whole curve."""
 MOST_TICKS = 100

@@ -72,7 +72,10 @@ def _status(options):
     try:
         with _termination_unwinds(), _no_silent_overflow(), _no_messages_about_fonts():
             find_inputs(options)
-            return options.run(options) or 0
+            status = options.run(options) or 0
+            for note in getattr(options, 'notes', ()):  # about what else is in the folder of the results
+                _tell(note)
+            return status
     except RuntimeWarning as warning:
         return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents in '
                         f'{_tables(options)}{_inputs(options)}')
@@ -206,5 +209,5 @@ def whole_parser():
         subparser = commands.add_parser(name, help=command.HELP, description=told)
         command.add_arguments(subparser)
         flags = [flag for action in subparser._actions for flag in action.option_strings]
-        subparser.set_defaults(run=command.run, command=name, flags=flags)
+        subparser.set_defaults(run=command.run, command=name, flags=flags, results=getattr(command, 'RESULTS', ()))
     return parser

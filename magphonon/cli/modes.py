@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .costs import Cost
 
 HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, and which are local'
+RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif'
 MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
 LOWEST = 60

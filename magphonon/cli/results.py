@@ -1,12 +1,9 @@
-"""Folders of results: each belongs to one scene, records its origin, and changes as a whole or not at all.
+"""Folders of results: a command writes its files beside, and they take their names when all of them are complete.
 
-A command writes into a hidden directory within the folder.  When its files are complete, they are moved together:
-
-1. the files of the same command's earlier run are set aside, `provenance.json` first;
-2. the new ones are moved in, `provenance.json` last: a folder without it is not complete.
-
-If a step fails, the earlier files are restored.  If the process is killed meanwhile, the next command finishes the move.
-Commands that use the same folder at the same time wait for each other.
+Nothing is deleted but the hidden directory that this process made.  A file is replaced only by a result of the same name, after
+its checksum has shown that it still is what the command wrote: so no file of a user is touched, whatever stands in the folder.
+The checksums are in `provenance.json`.  It is written before the first file takes its name, with the command marked as not
+complete, and again after the last one; a run that is killed between them can be repeated.
 """
 
 from __future__ import annotations
@@ -16,18 +13,22 @@ import os
 import platform
 import shlex
 import shutil
-import tempfile
 import tomllib
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from errno import ENOSPC
-from hashlib import sha256
+from fnmatch import fnmatch
+from hashlib import file_digest, sha256
 from importlib.metadata import version
 from pathlib import Path
+from stat import S_ISDIR, S_ISLNK, S_ISREG, S_IWUSR
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from pydantic import BaseModel
+
 from .. import __version__
-from ..files import lock, still_there, whole_file
+from ..files import MEGABYTE, text_of
 from ..scenes.sources import source_of
 
 if TYPE_CHECKING:
@@ -40,285 +41,257 @@ if TYPE_CHECKING:
 PROVENANCE, SCENE = 'provenance.json', 'scene.toml'
 PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib')
 """Packages whose versions are recorded with the results."""
-READY, ASIDE = '.ready', '.aside'
-"""In the hidden directory: the list of files to remove, written when all new files are complete; the files that were replaced."""
+COPY = 'a copy of the scene'
+"""What a file is `by` that no command computed."""
+OTHERWISE = 'name another directory with -o'
+
+
+class File(BaseModel, extra='forbid'):
+    """A file: the command that wrote it, its SHA-256 and that of the file which it replaced."""
+
+    by: str
+    sha256: str
+    replaced: str = ''
+
+
+class Run(BaseModel, extra='forbid'):
+    """The last run of a command: `inputs` are its measured tables with their SHA-256; if `complete`, all its files are there."""
+
+    command: str
+    date: str
+    versions: dict[str, str]
+    inputs: dict[str, str]
+    complete: bool = False
+
+
+class Origin(BaseModel, extra='forbid'):
+    """The scene of a folder, and the SHA-256 of each of its tables."""
+
+    title: str
+    tables: dict[str, str]
+
+
+class Provenance(BaseModel, extra='forbid'):
+    """What is known of a folder; `sha256` is the checksum of the rest."""
+
+    sha256: str = ''
+    scene: Origin | None = None
+    results: dict[str, Run] = {}
+    files: dict[str, File] = {}
+
+    def checksum(self) -> str:
+        """The right `sha256`."""
+        return _digest(self.model_dump_json(exclude={'sha256'}).encode())
 
 
 @contextmanager
 def results(options: Namespace, scene: Scene | None = None, table: str | PathLike[str] | None = None) -> Iterator[Path]:
-    """A directory to write into, whose files appear in the folder `options.output` together, when all are complete.
+    """A directory to write into, whose files appear in the folder `options.output` when all of them are complete.
 
-    The folder is made if it does not exist, with its parents.  Files of an earlier run of the same command for the same scene
-    (and a table of the same name) are replaced, also those that are not written again.
+    The folder is made if it does not exist, with its parents.  Files of an earlier run of the same command are replaced, unless
+    they were edited; those that are not written again are left.
 
     Parameters
     ----------
     options : argparse.Namespace
-        With `output`, the name of the `command`, its `words` and the `scene`, a path or a Source.
+        With `output`, the name of the `command`, patterns of the names of its `results`, its `words` and the `scene`, a path or
+        a Source.  It gets `written`, the folder, and `notes`, sentences about what else is there.
     scene : Scene, optional
     table : path-like, optional
         The measured table, if the command reads one.
-
-    Yields
-    ------
-    pathlib.Path
 
     Raises
     ------
     OSError
         At once if `output` is no directory, or cannot be made or written.
     ValueError
-        If the folder holds results of another scene or table, or a file of the same name that is not a result of this command.
-        After any error the folder is unchanged.
+        At once if the folder holds results of another scene or table, or edited ones, or if the scene names a file that is
+        called like a result; at the end if a new file would replace one that no command wrote.  The folder is unchanged.
     """
-    folder = Path(options.output)
-    missing = [path for path in (folder, *folder.parents) if not os.path.isdir(path)]
+    folder, made = Path(options.output), []
     try:
-        _make(folder, missing)
-        with _hidden(folder) as stage:
-            origin = _Origin(options, scene, table)
-            with _alone(folder):
-                origin.refuse_mixture(_provenance(folder))
+        _make(folder, made)
+        with _beside(folder) as stage:
+            left = sorted(file.name for file in folder.iterdir() if file != stage
+                          and (fnmatch(file.name, '.partial-*') or fnmatch(file.name, '.*.partial')))
+            run = _Run(options, scene, table)
+            run.refuse_mixture(_provenance(folder))
             yield stage
-            copies = origin.copy_scene(stage)
-            with _alone(folder):
-                _move_in(stage, folder, origin, copies)
+            run.copy_scene(stage)
+            stale = run.move(stage)
     except OSError as error:
         if error.errno != ENOSPC or (error.filename and folder not in Path(error.filename).parents):
             raise  # such as a full disk that holds a long record elsewhere
         raise OSError(f'no space left for results in {folder}, nothing was written; make room or choose another place') from None
     finally:
-        for made in missing:
+        for path in reversed(made):
             with suppress(OSError):  # it stays if there is anything in it
-                made.rmdir()
-    options.written = folder
+                path.rmdir()
+    options.written, options.notes = folder, []
+    if stale:
+        options.notes.append(f'{", ".join(stale)} in {folder} are of an earlier run; this one did not write them again')
+    if left:
+        options.notes.append(f'{", ".join(left)} in {folder} may be left of a command that was killed; nothing reads them')
 
 
-def _make(folder, missing):
-    """Make the folder and its parents; the `missing` ones do not exist yet, the innermost first."""
+def _make(folder, made):
+    """Make the folder and its parents; those that this process made are added to `made`, the outermost first."""
     if os.path.lexists(folder) and not os.path.isdir(folder):  # unlike Path.is_dir, it returns False for a name that is too long
         raise NotADirectoryError(f'{folder} is a file; name a directory for the results')
     try:
-        for path in reversed(missing):
-            path.mkdir(exist_ok=True)
+        for path in reversed([path for path in (folder, *folder.parents) if not os.path.isdir(path)]):
+            with suppress(FileExistsError):  # another command was faster
+                path.mkdir()
+                made.append(path)
     except OSError as error:
         raise type(error)(f'{folder} cannot be made ({error.strerror}); choose another place for the results') from None
 
 
 @contextmanager
-def _hidden(folder):
-    """A hidden directory within the folder, locked as long as its process lives."""
+def _beside(folder):
+    """A hidden directory within the folder, from which files take their names without being copied."""
     try:
-        while True:
-            stage = Path(tempfile.mkdtemp(prefix='.partial-', dir=folder))
-            with suppress(FileNotFoundError):  # another command may remove it before it is locked
-                handle = os.open(stage, os.O_RDONLY)
-                lock(handle, wait=True)
-                if still_there(handle, stage):
-                    break
-                os.close(handle)
+        stage = TemporaryDirectory(prefix='.partial-', dir=folder, ignore_cleanup_errors=True)
     except OSError as error:
         raise type(error)(f'{folder} cannot be written ({error.strerror}); choose another place for the results') from None
-    try:
-        yield stage
-    finally:
-        if not (stage / READY).exists():  # otherwise a move could neither be finished nor undone: the next command tries again
-            shutil.rmtree(stage)
-        os.close(handle)
+    with stage as name:
+        yield Path(name)
 
 
-@contextmanager
-def _alone(folder):
-    """Keep other commands from changing the folder, and finish or remove the work of killed ones."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        lock(handle, wait=True)
-        for left in folder.glob('.partial-*'):
-            _collect(left, folder)
-        yield
-    finally:
-        os.close(handle)
-
-
-def _collect(stage, folder):
-    """Finish or remove the work of another process, if that process has ended."""
-    try:
-        handle = os.open(stage, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        if lock(handle) and still_there(handle, stage):
-            if (stage / READY).exists():
-                _finish(stage, folder)
-            shutil.rmtree(stage)
-    finally:
-        os.close(handle)
-
-
-class _Origin:
-    """Where the results of one command come from.
-
-    A scene counts as the same if all its earlier tables are unchanged: results computed from them remain valid when another
-    table is added.
-
-    Parameters
-    ----------
-    options, scene, table
-        As `results` takes them.
-    """
+class _Run:
+    """One run of a command, whose results go into a folder."""
 
     def __init__(self, options, scene, table):
+        self.folder, self.scene, self.tables = Path(options.output), None, {}
         self.name = options.command if table is None or scene is None else f'{options.command} {Path(table).stem}'
-        self.folder, self.scene, self.source = options.output, scene, None
-        self.record = {'command': shlex.join(['magphonon', *options.words]),
-                       'date': datetime.now(UTC).isoformat(timespec='seconds'),
-                       'versions': {'magphonon': __version__, 'python': platform.python_version()}
-                       | {name: version(name) for name in PACKAGES},
-                       'inputs': {}}
-        if scene is not None:
-            self.source = source_of(options.scene)
-            self.tables = {key: _digest(value) for key, value in scene.model_dump(mode='json').items() if value is not None}
-        if table is not None:
-            self.record['inputs'][Path(table).name] = _sum(table)
+        self.record = Run(command=shlex.join(['magphonon', *options.words]), date=datetime.now(UTC).isoformat(timespec='seconds'),
+                          versions={'magphonon': __version__, 'python': platform.python_version()}
+                          | {package: version(package) for package in PACKAGES},
+                          inputs={} if table is None else {str(table): _sum(table)})
+        if scene is None:
+            return
+        self.source = source_of(options.scene)
+        self.scene = Origin(title=scene.title, tables={key: _digest(json.dumps(value, sort_keys=True).encode()) for key, value
+                                                       in scene.model_dump(mode='json').items() if value is not None})
+        for key, named in tomllib.loads(self.source.text).items():
+            file = named.get('file', '') if key in ('law', 'lattice') else ''
+            if file and Path(file).name == file:  # it stands beside the scene, and is copied with it
+                if file.lower() in (PROVENANCE, SCENE) or any(fnmatch(file.lower(), pattern) for pattern in options.results):
+                    raise ValueError(f'{key}.file = "{file}" has the name of a result of "magphonon {self.name}", beside which '
+                                     'it is copied; give the file another name')
+                self.tables[file] = self.source.folder / file
 
     def refuse_mixture(self, known):
-        """Raise ValueError if the folder, whose provenance is `known`, holds results of another scene or table.
+        """Raise ValueError if the folder holds results of another scene or table, or edited ones.
 
-        An edited scene with the same title may replace the results of its own command, if there are no results of others.
+        A scene counts as the same if all its earlier tables are unchanged: results computed from them remain valid when another
+        table is added.  One of the same title may replace the results of its own command, if there are none of others; so may
+        a measured table of the same path.
         """
-        there = known.get('scene')
-        edited = there is not None and self.scene is not None and there['title'] == self.scene.title
-        if self.scene is not None and there is not None and not (edited and set(known['results']) <= {self.name}):
-            differ = [f'[{key}]' if key != 'title' else key
-                      for key, digest in there['tables'].items() if self.tables.get(key) != digest]
+        there, run = known.scene, known.results.get(self.name, self.record)
+        edited = there and self.scene and there.title == self.scene.title and known.results.keys() <= {self.name}
+        if there and self.scene and not edited:
+            differ = ['title'] * (there.title != self.scene.title) + [
+                f'[{key}]' for key, digest in there.tables.items() if key != 'title' and self.scene.tables.get(key) != digest]
             if differ:
-                raise ValueError(f'{self.folder} holds results ({", ".join(known["results"])}) of the scene {there["title"]!r}, '
-                                 f'from which the scene {self.scene.title!r} in {self.source} differs in {", ".join(differ)}; '
-                                 'name another directory with -o, or remove this one')
-        inputs = known['results'].get(self.name, self.record)['inputs']
-        for table in inputs:
-            if inputs[table] != self.record['inputs'].get(table):
-                raise ValueError(f'{self.folder} holds the results of "magphonon {self.name}" for another table {table}; '
-                                 'name another directory with -o, or remove this one')
+                raise ValueError(f'{self.folder} holds results ({", ".join(known.results)}) of the scene {there.title!r}, from '
+                                 f'which the scene {self.scene.title!r} in {self.source} differs in {", ".join(differ)}; '
+                                 f'{OTHERWISE}')
+        for table, digest in self.record.inputs.items():
+            if table not in run.inputs and digest not in run.inputs.values():
+                raise ValueError(f'{self.folder} holds the results of "magphonon {self.name}" for another table, '
+                                 f'{", ".join(run.inputs)}; {OTHERWISE}')
+        for name, path in self.tables.items():
+            self.replaces(name, _sum(path), COPY, known)
+        for name, file in known.files.items():
+            if file.by == self.name:
+                self.replaces(name, file.sha256, self.name, known)
 
     def copy_scene(self, stage):
-        """Copy the scene, and the tables in its directory, to its results; return the names of all copies."""
-        if self.source is None:
-            return []
-        (stage / SCENE).write_bytes(self.source.content)
-        tables = tomllib.loads(self.source.text)
-        beside = [tables[name]['file'] for name in ('law', 'lattice') if 'file' in tables[name]]
-        # a table elsewhere is not copied: the scene still names it
-        copied = [name for name in dict.fromkeys(beside) if Path(name).name == name]
-        for name in copied:
-            shutil.copyfile(self.source.folder / name, stage / name)
-        return [SCENE, *copied]
+        """Copy the scene and the files beside it that it names."""
+        if self.scene is not None:
+            (stage / SCENE).write_bytes(self.source.content)
+        for name, path in self.tables.items():
+            with open(path, 'rb') as table, open(stage / name, 'xb') as copy:
+                shutil.copyfileobj(table, copy)
 
-    def provenance(self, known, files):
-        """The provenance of the folder with these `files`, a dict of checksums by name, added to what is `known`."""
-        scene = known.get('scene') if self.scene is None else {'title': self.scene.title, 'file': SCENE, 'tables': self.tables}
-        return {'complete': True, 'scene': scene, 'results': known['results'] | {self.name: self.record | {'files': files}}}
+    def move(self, stage):
+        """Let the new files take their names; return the files of earlier runs that stay beside them."""
+        known = _provenance(self.folder)
+        self.refuse_mixture(known)
+        new = {file.name: _sum(file) for file in sorted(stage.iterdir())}
+        by = {name: COPY if name in (SCENE, *self.tables) else self.name for name in new}
+        moved = [name for name, digest in new.items() if self.replaces(name, digest, by[name], known)]
+        files = known.files | {name: File(by=by[name], sha256=digest) for name, digest in new.items()}
+        for name in moved:
+            if os.path.lexists(self.folder / name):
+                files[name].replaced = _sum(self.folder / name)
+        now = Provenance(scene=self.scene or known.scene, results=known.results | {self.name: self.record}, files=files)
+        try:
+            _write(now, stage, self.folder)  # first, so that a run that is killed now can be repeated
+            for name in moved:
+                if self.replaces(name, new[name], by[name], known):
+                    os.replace(stage / name, self.folder / name)
+            self.record.complete = True
+            _write(now, stage, self.folder)
+        except OSError as error:
+            raise OSError(f'{self.folder} may hold only some of the new files ({error.strerror}); '
+                          'give the command again') from error
+        return [name for name, file in files.items()
+                if file.by == self.name and name not in new and os.path.lexists(self.folder / name)]
+
+    def replaces(self, name, digest, by, known):
+        """Whether a new file is to take this name; False if it is there already, ValueError if another is in the way."""
+        there, file = self.folder / name, known.files.get(name)
+        if not os.path.lexists(there):
+            return True
+        found, mode = _sum(there) if there.is_file() else None, there.lstat().st_mode
+        if found == digest:
+            return False
+        if not S_ISREG(mode):
+            why = 'is a directory' if S_ISDIR(mode) else 'is a symbolic link' if S_ISLNK(mode) else 'is a pipe or a device'
+        elif file is None:
+            why = 'is not known as a result'
+        elif file.by != by:
+            why = f'is a result of "magphonon {file.by}"' if file.by != COPY else f'is {COPY}'
+        elif found not in (file.sha256, file.replaced):
+            why = 'was edited since it was written'
+        elif not mode & S_IWUSR:
+            why = 'is read-only'
+        else:
+            return True
+        raise ValueError(f'{there} {why} and is not replaced; {OTHERWISE}, or move it away')
 
 
 def _provenance(folder):
-    """What is known of the results in a folder."""
+    """What is known of the results in a folder.
+
+    Raises
+    ------
+    ValueError
+        If the file is not one that this package wrote, or was edited.
+    """
     file = folder / PROVENANCE
-    try:
-        known = json.loads(file.read_text(encoding='utf-8'))
-    except FileNotFoundError:
-        return {'results': {}}
-    except (OSError, ValueError, RecursionError):
-        known = None
-    if not _tells_origin(known):
-        raise ValueError(f'{file} does not say where the results beside it come from; name another directory with -o, or remove '
-                         'this one')
-    return known
+    if not os.path.lexists(file):
+        return Provenance()
+    with suppress(OSError, ValueError):
+        known = Provenance.model_validate_json(text_of(file, 10 * MEGABYTE))
+        if not file.is_symlink() and known.sha256 == known.checksum() and all(Path(name).name == name for name in known.files):
+            return known
+    raise ValueError(f'{file} does not say where the results beside it come from, or was edited; {OTHERWISE}')
 
 
-def _tells_origin(known):
-    """Whether an object has the form of a provenance."""
-    if not isinstance(known, dict) or not isinstance(known.get('results'), dict):
-        return False
-    scene = known.get('scene')
-    return (all(isinstance(part, dict) and isinstance(part.get('files'), dict) and isinstance(part.get('inputs'), dict)
-                for part in known['results'].values())
-            and (scene is None or (isinstance(scene, dict) and 'title' in scene and isinstance(scene.get('tables'), dict))))
+def _write(provenance, stage, folder):
+    provenance.sha256 = provenance.checksum()
+    (stage / PROVENANCE).write_text(provenance.model_dump_json(indent=1), encoding='utf-8')
+    os.replace(stage / PROVENANCE, folder / PROVENANCE)
 
 
-def _move_in(stage, folder, origin, copies):
-    """Check that no file of another origin would be replaced, and move the new files in."""
-    known = _provenance(folder)
-    origin.refuse_mixture(known)
-    new = sorted(file.name for file in stage.iterdir())
-    earlier = known['results'].get(origin.name, {'files': ()})['files']
-    for name in new:
-        _refuse_foreign(stage / name, folder / name, known, origin.name)
-    sums = {name: _sum(stage / name, sync=True) for name in new}
-    with whole_file(stage / PROVENANCE) as file:
-        json.dump(origin.provenance(known, {name: value for name, value in sums.items() if name not in copies}), file, indent=1)
-    gone = [name for name in earlier if name not in new and (folder / name).is_file()]
-    with whole_file(stage / READY) as file:
-        json.dump(gone, file)
-    _replace(stage, folder, gone, new)
-    (stage / READY).unlink()
+def _digest(content):
+    return sha256(content).hexdigest()
 
 
-def _refuse_foreign(new, there, known, name):
-    """Raise ValueError if a new file would replace a file that is not an earlier result of the command `name`."""
-    owner = next((other for other, part in known['results'].items() if there.name in part['files']), None)
-    if not os.path.lexists(there):
-        return
-    ours = owner == name or (new.name == SCENE and known.get('scene') is not None)
-    if not there.is_dir() and (ours or there.read_bytes() == new.read_bytes()):  # such as the scene itself
-        return
-    whose = 'is a directory' if there.is_dir() else f'is a result of "magphonon {owner}"' if owner else 'is not known as a result'
-    raise ValueError(f'{there} {whose} and is not replaced, so nothing was written; name another directory with -o, or move it '
-                     'away')
-
-
-def _replace(stage, folder, gone, new):
-    """Set aside what is there under these names, and move the new files in; put everything back if that fails."""
-    aside, moved = [], []
-    (stage / ASIDE).mkdir()
-    try:
-        for name in (PROVENANCE, *gone, *new):
-            aside.append(name)
-            if os.path.lexists(folder / name):
-                os.replace(folder / name, stage / ASIDE / name)
-        for name in (*new, PROVENANCE):
-            moved.append(name)
-            os.replace(stage / name, folder / name)
-    except BaseException:
-        for name in moved:
-            if not (stage / name).exists():
-                os.replace(folder / name, stage / name)
-        for name in reversed(aside):
-            if (stage / ASIDE / name).exists():
-                os.replace(stage / ASIDE / name, folder / name)
-        (stage / READY).unlink()
-        raise
-
-
-def _finish(stage, folder):
-    """Finish the move of a process that was killed during it."""
-    for name in json.loads((stage / READY).read_text(encoding='utf-8')):
-        (folder / name).unlink(missing_ok=True)
-    new = sorted(file.name for file in stage.iterdir() if file.name not in (READY, ASIDE, PROVENANCE))
-    for name in (*new, PROVENANCE):
-        if (stage / name).exists():
-            os.replace(stage / name, folder / name)
-
-
-def _digest(value):
-    return sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
-
-
-def _sum(path, sync=False):
-    """Checksum of a file; with `sync` it is made sure that the file is on the disk."""
-    total = sha256()
+def _sum(path):
+    """Checksum of a file."""
     with open(path, 'rb') as file:
-        while piece := file.read(2**20):
-            total.update(piece)
-        if sync:
-            os.fsync(file.fileno())
-    return total.hexdigest()
+        return file_digest(file, 'sha256').hexdigest()

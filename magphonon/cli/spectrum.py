@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
 HELP = 'map and ridges of a measured scan of a row, over the bands of a scene'
+RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*.pdf'
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 HELP = 'maps of bands, stability or responses over keys of a scene, on all cores, Dask or MPI'
+RESULTS = 'sweep.*', 'sweep_*'
 EXECUTORS = 'processes', 'here', 'dask', 'mpi'
 JOURNAL = 'sweep.journal'
 SHOWN_REASONS = 6
@@ -79,13 +80,19 @@ def _lead(options, executor):
     if len(dict(axes)) < len(axes):
         raise ValueError('--over names a key twice; give each axis once')
     journal = Path(options.output) / JOURNAL
+    if journal.is_symlink():
+        raise ValueError(f'{journal} is a symbolic link, through which no journal is written; move it away')
+    begun = not journal.exists()
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         answers = sweep(scene, dict(axes), options.ask, executor, journal)
         answers.to_netcdf(folder / 'sweep.nc', engine='h5netcdf')
         for name in options.ask:
             save(plot_sweep(answers, name).figure, f'sweep_{name}')
         report = _report(scene.title, answers, options.ask)
-    journal.unlink()
+    if begun:  # by this very process
+        journal.unlink()
+    else:
+        options.notes.append(f'{journal} belongs to the sweep that is now complete; remove it before the next one')
     print(report)
     print(f'pictures and data are in {options.output}')
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
 HELP = 'bands and responses with the uncertainty that follows from tolerances'
+RESULTS = 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*'
 SAMPLES = 1000
 """Number of lattices drawn at random to check the linear propagation.  The relative sampling error of their standard deviation is
 1/sqrt(2 SAMPLES), 2.2 %."""

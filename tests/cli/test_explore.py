@@ -54,7 +54,7 @@ def test_a_structure_from_a_file_is_refused(tmp_path, capsys):
 def test_other_files_are_not_replaced(tmp_path, capsys):
     (tmp_path / 'mine.html').write_text('<html>my own page</html>')
     os.mkfifo(tmp_path / 'pipe.html')
-    for name, words in (('mine.html', 'is not a page of "magphonon explore" and is not replaced'),
+    for name, words in (('mine.html', 'is not a page as "magphonon explore" wrote it'),
                         ('pipe.html', 'is no regular file'), ('mine.toml', 'must be the name of a page, ending in .html'),
                         ('', 'must be the name of a page')):
         assert main(['explore', 'square', '-o', str(tmp_path / name)]) == 2

@@ -7,8 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from fnmatch import fnmatch
 from hashlib import sha256
 from types import SimpleNamespace
 
@@ -21,6 +21,7 @@ from magphonon.files import whole_file
 
 CHAIN = ready_scene('chain').read_text().replace('points = 200', 'points = 20')
 OTHER = CHAIN.replace('mass_kg = 1.0', 'mass_kg = 2.0').replace('title = "Chain', 'title = "Heavy chain')
+PATTERNS = 'bands.*', 'zone.*'
 FILES = {'bands.csv': 'q,f\n', 'bands.png': 'a picture', 'zone.png': 'another'}
 
 
@@ -30,13 +31,14 @@ def scene_file(folder, text=CHAIN, name='my.toml'):
     return folder / name
 
 
-def write(out, scene, files=FILES, command='bands', version='', pause=0.0):
-    """What a command does: files of which each says which run it is of."""
-    options = SimpleNamespace(output=str(out), scene=str(scene), command=command, words=[command, str(scene), '-o', str(out)])
+def write(out, scene, files=FILES, command='bands', version=''):
+    """What a command does: files of which each says which run it is of; returns the notes."""
+    options = SimpleNamespace(output=str(out), scene=str(scene), command=command, words=[command, str(scene), '-o', str(out)],
+                              results=PATTERNS)
     with results(options, read_scene(scene)) as folder:
         for name, text in files.items():
             (folder / name).write_text(text + version)
-            time.sleep(pause)
+    return options.notes
 
 
 def contents(folder):
@@ -46,9 +48,9 @@ def contents(folder):
 def whole(folder):
     """Whether the provenance vouches for every file there, and for no other."""
     known = json.loads((folder / 'provenance.json').read_text())
-    sums = {name: part for run in known['results'].values() for name, part in run['files'].items()}
-    there = {name: sha256(content).hexdigest() for name, content in contents(folder).items()}
-    return known['complete'] and {name: there[name] for name in there if name not in ('provenance.json', 'scene.toml')} == sums
+    there = {name: sha256(content).hexdigest() for name, content in contents(folder).items() if name != 'provenance.json'}
+    return (all(run['complete'] for run in known['results'].values())
+            and there == {name: file['sha256'] for name, file in known['files'].items()})
 
 
 # --- what it says ----------------------------------------------------------------------------------------------------
@@ -68,7 +70,7 @@ def test_results_say_where_they_came_from(tmp_path, capsys):
         assert part['versions']['magphonon'] == __version__
         assert {'python', 'ase', 'phonopy', 'numpy'} < part['versions'].keys()
     assert known['scene']['title'] == read_scene(scene).title
-    assert (out / known['scene']['file']).read_bytes() == scene.read_bytes()
+    assert (out / 'scene.toml').read_bytes() == scene.read_bytes()
     columns = [(out / file).read_text().split('\n')[0] for file in ('bands.csv', 'plan_bands.csv')]
     assert columns[0] != columns[1]  # which is why one must not replace the other
 
@@ -103,8 +105,8 @@ def test_an_edited_scene_replaces_the_results_of_its_own_command_but_mixes_with_
     out, edited = tmp_path / 'out', CHAIN.replace('mass_kg = 1.0', 'mass_kg = 2.0')
     write(out, scene_file(tmp_path))
     write(out, scene_file(tmp_path, edited), {'bands.csv': 'new'})
-    assert set(contents(out)) == {'bands.csv', 'scene.toml', 'provenance.json'}  # nothing of the scene before the edit is left
     assert (out / 'scene.toml').read_text() == edited
+    assert (out / 'bands.csv').read_text() == 'new'
     write(out, tmp_path / 'my.toml', {'frf.csv': ''}, 'frf')
     with pytest.raises(ValueError, match=r'differs in \[lattice\]'):
         write(out, scene_file(tmp_path))
@@ -122,14 +124,14 @@ def test_comments_and_new_tables_make_no_other_scene(tmp_path):
 
 @pytest.mark.parametrize('text', [
     '{"scene": 1, "results": {}}', '{"scene": {"title": "x"}, "results": {}}', '[]', 'null', '[' * 100_000,
-    '{"results": {"bands": []}}', '{"results": {"bands": {"files": 1, "inputs": 1}}}'])
+    '{"results": {"bands": []}}', '{"results": {}}', '{"sha256": "' + 64 * '0' + '"}'])
 def test_a_provenance_of_another_form_is_refused(text, tmp_path, capsys):
     (tmp_path / 'chain.toml').write_text(ready_scene('chain').read_text())
     out = tmp_path / 'out'
     out.mkdir()
     (out / 'provenance.json').write_text(text)
     assert main(['bands', str(tmp_path / 'chain.toml'), '-o', str(out)]) == 2
-    assert 'provenance.json does not say where the results beside it come from; name another' in capsys.readouterr().err
+    assert 'provenance.json does not say where the results beside it come from' in capsys.readouterr().err
     assert [file.name for file in out.iterdir()] == ['provenance.json']
 
 
@@ -139,7 +141,7 @@ def test_two_tables_lie_side_by_side_but_another_one_of_the_same_name_is_refused
     def spectrum(table, content):
         table.parent.mkdir(exist_ok=True)
         table.write_text(content)
-        options = SimpleNamespace(output=tmp_path / 'out', scene=scene, command='spectrum', words=[])
+        options = SimpleNamespace(output=tmp_path / 'out', scene=scene, command='spectrum', words=[], results=())
         with results(options, read_scene(scene), table) as folder:
             (folder / f'spectrum_{table.stem}.csv').write_text(content)
 
@@ -147,9 +149,11 @@ def test_two_tables_lie_side_by_side_but_another_one_of_the_same_name_is_refused
     spectrum(tmp_path / 'b.csv', 'second')
     spectrum(tmp_path / 'a.csv', 'first')
     before = contents(tmp_path / 'out')
-    with pytest.raises(ValueError, match=r'"magphonon spectrum a" for another table a.csv; name another directory'):
+    with pytest.raises(ValueError, match=r'"magphonon spectrum a" for another table'):
         spectrum(tmp_path / 'elsewhere' / 'a.csv', 'third')
     assert contents(tmp_path / 'out') == before
+    spectrum(tmp_path / 'a.csv', 'measured again')
+    assert (tmp_path / 'out' / 'spectrum_a.csv').read_text() == 'measured again'
     assert {'spectrum_a.csv', 'spectrum_b.csv'} < set(before)
 
 
@@ -181,108 +185,82 @@ def test_a_scene_in_the_folder_of_its_own_results_stays(tmp_path):
 
 # --- whole or untouched ----------------------------------------------------------------------------------------------
 
-MOVES = 9  # three files, the scene and the provenance, each set aside and moved in; the last file is gone the second time
-
-
-def struck(monkeypatch, at, strike):
-    """Make the move number `at` of a commit fail; returns the list of moves."""
-    moves, replace = [], os.replace
-
-    def move(a, b):
-        if not str(a).endswith('.partial'):  # not whole_file's
-            moves.append((a, b))
-            if len(moves) == at + 1:
-                strike()
-        replace(a, b)
-
-    monkeypatch.setattr(os, 'replace', move)
-    return moves
-
-
 SECOND = dict(list(FILES.items())[:2])
 
 
-def second_run(tmp_path):
-    """A folder with results, and the run that will replace them with fewer files."""
+def test_files_that_are_not_written_again_stay_and_are_named(tmp_path):
     scene, out = scene_file(tmp_path), tmp_path / 'out'
     write(out, scene)
-    return out, lambda: write(out, scene, SECOND, version=' second')
-
-
-def raises(error):
-    def strike():
-        raise error
-    return strike
-
-
-@pytest.mark.parametrize('error', [OSError(5, 'Input/output error'), KeyboardInterrupt()], ids=['disk', 'interrupt'])
-def test_a_commit_that_fails_leaves_the_old_folder_as_it_was(error, tmp_path, monkeypatch):
-    out, again = second_run(tmp_path)
-    before = contents(out)
-    for at in range(MOVES):
-        with monkeypatch.context() as patch:
-            struck(patch, at, raises(error))
-            with pytest.raises(type(error)):
-                again()
-        assert contents(out) == before
-        assert not list(out.glob('.*'))
-    again()
-    assert set(contents(out)) == {*SECOND, 'scene.toml', 'provenance.json'}  # the control
+    (out / '.partial-x').mkdir()
+    notes = write(out, scene, SECOND, version=' second')
+    assert ['zone.png' in note for note in notes] == [True, False]
+    assert '.partial-x' in notes[1]
+    assert (out / 'zone.png').read_text() == FILES['zone.png']
     assert whole(out)
 
 
-@pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')
-def test_a_commit_that_is_killed_is_finished_by_the_next_command(tmp_path, monkeypatch):
-    steps = set()
-    for at in range(MOVES + 1):
-        out, again = second_run(tmp_path / str(at)) if (tmp_path / str(at)).mkdir() is None else None
-        pid = os.fork()
-        if not pid:
-            try:
-                struck(monkeypatch, at, lambda: os.kill(os.getpid(), signal.SIGKILL))
-                again()
-            finally:
-                os._exit(0)
-        killed = os.WIFSIGNALED(os.waitpid(pid, 0)[1])
-        assert killed == (at < MOVES)
-        if killed:
-            assert not (out / 'provenance.json').exists() or whole_but_hidden(out)  # nothing vouches for a mixture
-            steps.add((out / 'provenance.json').exists())
-        write(out, tmp_path / str(at) / 'my.toml', {'frf.csv': ''}, 'frf')
-        assert whole(out)
-        assert set(contents(out)) == {*SECOND, 'frf.csv', 'scene.toml', 'provenance.json'}
-        assert (out / 'bands.csv').read_text().endswith('second')
-    assert steps == {False, True}
+def test_an_edited_result_is_not_replaced_and_nothing_is_computed(tmp_path):
+    scene, out = scene_file(tmp_path), tmp_path / 'out'
+    write(out, scene)
+    (out / 'bands.csv').write_text('mine')
+    before = contents(out)
+    options = SimpleNamespace(output=out, scene=scene, command='bands', words=[], results=PATTERNS)
+    with pytest.raises(ValueError, match=r'bands\.csv was edited'), results(options, read_scene(scene)):
+        pytest.fail('the command has begun')
+    assert contents(out) == before
 
 
-def whole_but_hidden(out):
-    known = json.loads((out / 'provenance.json').read_text())['results']['bands']['files']
-    return all(sha256((out / name).read_bytes()).hexdigest() == value for name, value in known.items())
+@pytest.mark.parametrize('key', ['law', 'lattice'])
+@pytest.mark.parametrize('name', ['bands.csv', 'Bands.csv', 'provenance.json', 'scene.toml'])
+def test_a_file_of_the_scene_named_like_a_result_is_refused_before_anything_is_computed(key, name, tmp_path):
+    """Its copy beside the results would have taken the place of one."""
+    text = CHAIN.replace(f'[{key}]', f'[{key}]\nfile = "{name}"')
+    options = SimpleNamespace(output=tmp_path, scene=scene_file(tmp_path, text), command='bands', words=[], results=PATTERNS)
+    with pytest.raises(ValueError, match=re.escape(f'{key}.file = "{name}"')), results(options, read_scene('chain')):
+        pytest.fail('the command has begun')
+    assert [file.name for file in tmp_path.iterdir()] == ['my.toml']
 
 
 @pytest.mark.slow
-def test_leftovers_of_killed_commands_are_collected_and_those_of_living_ones_are_not(tmp_path):
-    scene, out = scene_file(tmp_path), tmp_path / 'out'
-    program = ('import os, signal, sys; sys.path.insert(0, sys.argv[3]); from test_results import *\n'
-               'options = SimpleNamespace(output=sys.argv[2], scene=sys.argv[1], command="bands", words=[])\n'
-               'with results(options, read_scene(sys.argv[1])) as folder, whole_file(folder / "bands.csv") as file, '
-               'whole_file(sys.argv[2] + "/state.npz"):\n'
-               '    print("in", flush=True); sys.stdin.readline()\n')
-    start = [sys.executable, '-c', program, str(scene), str(out), os.path.dirname(__file__)]
-    with subprocess.Popen(start, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as living:
-        assert living.stdout.readline() == 'in\n'
-        dead = subprocess.Popen(start, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        assert dead.stdout.readline() == 'in\n'
-        assert len(list(out.glob('.partial-*'))) == len(list(out.glob('.state.npz.*.partial'))) == 2
-        dead.kill()
-        dead.communicate()
+def test_each_command_says_which_names_its_results_have(tmp_path):
+    """Otherwise a table of such a name would not be refused at once."""
+    from magphonon.cli import bands, burst, dos, fit, frf, modes, plan, sweep, uncertainty
+
+    forces = tmp_path / 'forces.csv'
+    forces.write_text('r_m,f_N\n' + '\n'.join(f'{r},{1e-8 * r**-4}' for r in (0.008, 0.009, 0.01, 0.012, 0.014)))
+    runs = {bands: 'bands chain --pdf', dos: 'dos chain', modes: 'modes vacancy --animate 2', frf: 'frf oscillator',
+            plan: 'plan chain --run', uncertainty: 'uncertainty oscillator', fit: f'fit {forces}',
+            burst: 'burst square', sweep: 'sweep chain --over law.a=3,4 --ask stability.needed --executor here'}
+    for command, words in runs.items():
+        out = tmp_path / words.split()[0]
+        assert main([*words.split(), '-o', str(out)]) == 0
+        for file in set(contents(out)) - {'provenance.json', 'scene.toml'}:
+            assert any(fnmatch(file, pattern) for pattern in command.RESULTS), file
+
+
+@pytest.mark.parametrize('error', [OSError(5, 'Input/output error'), KeyboardInterrupt()], ids=['disk', 'interrupt'])
+def test_what_fails_while_files_take_their_names_is_not_vouched_for_and_can_be_repeated(error, tmp_path, monkeypatch):
+    """Test_hostile_folders kills it at every file operation."""
+    for at in range(4):
+        scene, out = scene_file(tmp_path / str(at)), tmp_path / str(at) / 'out'
         write(out, scene)
-        with whole_file(out / 'state.npz') as file:
-            file.write('state')
-        assert len(list(out.glob('.partial-*'))) == len(list(out.glob('.state.npz.*.partial'))) == 1
-        living.communicate('go on\n')
-        assert living.returncode == 0
-    assert not list(out.glob('.*'))
+        moved, replace = [], os.replace
+
+        def move(a, b, at=at, moved=moved, replace=replace):
+            moved.append(a)
+            if len(moved) == at + 1:
+                raise error
+            replace(a, b)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, 'replace', move)
+            with pytest.raises(type(error)):
+                write(out, scene, version=' second')
+        assert whole(out) == (at == 0)
+        assert not list(out.glob('.*'))
+        write(out, scene, version=' third')
+        assert whole(out)
+        assert (out / 'bands.csv').read_text().endswith('third')
 
 
 @pytest.mark.slow
@@ -303,42 +281,6 @@ def test_a_closed_terminal_leaves_nothing(tmp_path):
     process.communicate()
     assert process.returncode == 129
     assert not list(out.iterdir())
-
-
-# --- at the same time ------------------------------------------------------------------------------------------------
-
-@pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')
-def test_commands_at_once_in_one_folder_leave_one_whole_result(tmp_path):
-    """Six processes, each with files of its own version and one more of its own: the last one's stay, and only those."""
-    for attempt in range(2):
-        scene, out = scene_file(tmp_path / f'{attempt}'), tmp_path / f'{attempt}' / 'out'
-        children = []
-        for k in range(6):
-            children.append(os.fork())
-            if not children[-1]:
-                with suppress(BaseException):
-                    write(out, scene, FILES | {f'own{k}.csv': ''}, version=f' {k}', pause=0.002)
-                    os._exit(0)
-                os._exit(1)
-        assert [os.waitpid(pid, 0)[1] for pid in children] == [0] * 6
-        assert whole(out)
-        versions = {(out / name).read_text()[-1] for name in FILES}
-        assert len(versions) == 1
-        assert set(contents(out)) == {*FILES, f'own{versions.pop()}.csv', 'scene.toml', 'provenance.json'}
-
-
-@pytest.mark.slow
-def test_two_scenes_at_once_in_one_folder_leave_one_whole_result(tmp_path):
-    out = tmp_path / 'out'
-    start = [[sys.executable, '-m', 'magphonon', 'bands', str(scene_file(tmp_path, text, name)), '-o', str(out)]
-             for text, name in ((CHAIN, 'my.toml'), (OTHER, 'other.toml'))]
-    both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for command in start]
-    said = [process.communicate()[1] for process in both]
-    assert sorted(process.returncode for process in both) == [0, 2]
-    assert any('holds results (bands) of the scene' in words for words in said)
-    assert whole(out)
-    winner = both[0].returncode == 2
-    assert (out / 'scene.toml').read_text() == (CHAIN, OTHER)[winner]
 
 
 # --- single files ----------------------------------------------------------------------------------------------------
@@ -363,11 +305,10 @@ def test_who_reads_a_file_while_it_is_replaced_reads_the_old_one(tmp_path):
     assert (tmp_path / 'x').read_text() == 'new'
 
 
-def test_unfinished_files_that_others_hold_or_that_only_look_like_it_stay(tmp_path):
-    for name in ('.x.partial', '.x.1.partials', '.y.99999.partial', 'x.1.partial'):
+def test_unfinished_files_that_others_left_stay(tmp_path):
+    names = ['.x.partial', '.x.1.partial', f'.x.{os.getpid()}.partial', '.y.99999.partial', 'x.1.partial']
+    for name in names:
         (tmp_path / name).write_text('')
-    (tmp_path / '.x.99999.partial').write_text('left by a process that is gone')
     with whole_file(tmp_path / 'x'):
         pass
-    assert sorted(file.name for file in tmp_path.iterdir()) == ['.x.1.partials', '.x.partial', '.y.99999.partial', 'x',
-                                                                'x.1.partial']
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted([*names, 'x'])
