@@ -11,8 +11,6 @@ from .bands import (
 )
 from .bloch import (
     bloch_modes as bloch_modes,
-    cell_at_rest as cell_at_rest,
-    cell_of_free_particles as cell_of_free_particles,
 )
 from .density import (
     DensityOfStates as DensityOfStates,

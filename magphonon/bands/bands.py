@@ -20,10 +20,9 @@ from .. import units
 from ..errors import finite, positive
 from ..files import not_saved, save_arrays, saved_arrays
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
-from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import freedom
+from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import each_spring
-from .bloch import _wavevectors, bloch_modes, cell_at_rest, cell_of_free_particles, in_batches
+from .bloch import bloch_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -278,14 +277,14 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
     >>> omega.shape, velocity.shape
     ((1, 2), (1, 2, 2))
     """
-    repulsion_of(atoms)
-    calc: Any = cell_at_rest(atoms)[0]  # one whose bonds are known
-    K, masses = calc.rest_stiffness(model), atoms.get_masses()
+    system = LinearSystem.of(atoms)
+    calc, masses = system.calc, system.masses
+    K = calc.rest_stiffness(model)
     omegas, slopes = [], []
-    for part in in_batches(_wavevectors(q), calc):
-        omega, vectors = bloch_modes(atoms, part, model, vectors=True)
+    for part in in_batches(wavevectors(q), calc):
+        omega, vectors = bloch_modes(system, part, model, vectors=True)
         v = vectors.reshape(*omega.shape, -1)
-        gradient = mass_weighted(bloch_gradient(calc.bonds, K, part, atoms.cell.array), masses)
+        gradient = mass_weighted(bloch_gradient(calc.bonds, K, part, system.atoms.cell.array), masses)
         omegas.append(omega)
         slopes.append(np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real)
     omega = np.concatenate(omegas)
@@ -357,14 +356,14 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 
     >>> (sound_speeds(cell) ** 2 * 8 / 3).round(9)  # a - 3 and 3 a - 1, times f L0/m
     array([ 2., 14.])
     """
-    calc = cell_of_free_particles(atoms, 'speeds of sound are those')
+    system = LinearSystem.of(atoms).unheld('speeds of sound are those')
+    calc: Any = system.atoms.calc
     along = finite('direction', np.eye(calc.dim)[0] if direction is None else direction, (calc.dim,))
     if not along.any():
         raise ValueError(f'the direction must not be zero, not {along}')
     along = along / np.linalg.norm(along)
-    masses = atoms.get_masses()
-    dim = calc.dim
-    A, B, C = (mass_weighted(term, masses) for term in calc.bloch_series(along, model))
+    masses, dim = system.masses, system.dim
+    A, B, C = (system.reduced(term) for term in calc.bloch_series(along, model))
 
     # the internal modes follow the translations u: second-order perturbation theory
     u = np.kron(np.sqrt(masses)[:, None], np.eye(dim)) / np.sqrt(masses.sum())
@@ -413,7 +412,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     ValueError
         For atoms that are no ribbon, bands without modes or of other atoms, a depth that is not positive.
     """
-    calc, _ = cell_at_rest(atoms)
+    calc: Any = LinearSystem.of(atoms).atoms.calc
     if atoms.pbc.sum() != 1:
         raise ValueError(f'only a ribbon has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
                          'lattices.ribbon cuts one out of a lattice')

@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from ..errors import finite, whole
 from ..stiffness.lowest import hermitian_eigenvalues, inverse_pays, lowest_eigenpairs
-from ..stiffness.matrices import hessian, mass_weighted, signed_root
-from ..stiffness.rest import free_motion, settled
+from ..stiffness.matrices import hessian, signed_root
+from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
     from typing import Any
@@ -30,45 +30,7 @@ DIVIDE = 400
 (relatively robust representations); at 800 it takes 1.3 times as long, at 1200 2.5 times."""
 
 
-def cell_at_rest(atoms: Atoms) -> tuple[Repulsion, NDArray[np.float64]]:
-    """The calculator of a cell, at rest, and the directions that its constraints leave free.
-
-    Returns
-    -------
-    calc : MagneticRepulsion or AllNeighbours
-    free : ndarray, shape (particles * dim, free)
-        Orthonormal directions P, each of one particle; held particles, such as the walls of a channel, have no such direction.
-
-    Raises
-    ------
-    ValueError
-        If there is no such calculator, the constraints are others than FixAtoms, FixedLine and FixedPlane or hold everything, or
-        the forces along free directions do not balance (`magphonon.stiffness.rest`).
-    """
-    calc: Any = settled(atoms).calc
-    return calc, free_motion(atoms).toarray() if atoms.constraints else np.eye(len(atoms) * calc.dim)
-
-
-def cell_of_free_particles(atoms: Atoms, what: str) -> Repulsion:
-    """The calculator of a cell, at rest, all of whose particles are free, as `what` supposes.
-
-    Raises
-    ------
-    ValueError
-        As for `cell_at_rest`; also if the cell holds a constraint.
-    """
-    if atoms.constraints:
-        raise ValueError(f'the cell holds the constraint {atoms.constraints[0]}, but {what} of free particles; '
-                         'remove it with atoms.set_constraint()')
-    return cell_at_rest(atoms)[0]
-
-
-def condensed(D: NDArray[Any], free: NDArray[np.float64]) -> NDArray[Any]:
-    """`P^T D P`: matrices of the free directions P, shape (..., free, free), while held particles stay at rest."""
-    return D if free.shape[0] == free.shape[1] else free.T @ D @ free
-
-
-def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete', vectors: bool = False,
+def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complete', vectors: bool = False,
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies of a periodic structure at any wavevectors.
 
@@ -77,7 +39,7 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete', vectors: bo
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         One cell with its MagneticRepulsion or AllNeighbours.
     q : array_like, shape (wavevectors, 3)
         In fractions of the reciprocal vectors.
@@ -109,59 +71,49 @@ def bloch_modes(atoms: Atoms, q: ArrayLike, model: str = 'complete', vectors: bo
     >>> omega.shape, shapes.shape
     ((2, 2), (2, 2, 1, 2))
     """
-    calc, free = cell_at_rest(atoms)
-    q = _wavevectors(q)
-    every = free.shape[1]
-    count = every if branches is None else _at_most(every, branches)
-    if len(q) and calc.pairwise and inverse_pays(every, count, real=False):
-        parts = _lowest_by_inverse(calc, free, atoms.get_masses(), q, model, count, vectors)
-    else:
-        parts = _by_lapack(calc, free, atoms.get_masses(), q, model, vectors)
+    system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
+    every = system.free.shape[1]
+    count = every if branches is None else whole('branches', branches)
+    if count > every:
+        raise ValueError(f'the cell has {every} branches, not {count}')
+    calc: Any = system.atoms.calc
+    sparse_pays = len(q) and calc.pairwise and inverse_pays(every, count, real=False)
+    parts = _lowest_by_inverse(system, q, model, count, vectors) if sparse_pays else _by_lapack(system, q, model, vectors)
     squares, columns = zip(*parts, strict=True)
     omega = signed_root(np.concatenate(squares)[:, :count])
     if not vectors:
         return omega, None
     modes = np.concatenate([part[..., :count].swapaxes(1, 2) for part in columns])
-    return omega, modes.reshape(*omega.shape, len(atoms), calc.dim)
+    return omega, modes.reshape(*omega.shape, len(system), system.dim)
 
 
-def _by_lapack(calc, free, masses, q, model, vectors):
+def _by_lapack(system, q, model, vectors):
     """All squared frequencies of batches of wavevectors, shape (batch, modes), and the columns of modes or None."""
-    parts = in_batches(q, calc)
+    parts = in_batches(q, system.atoms.calc)
     for part in tqdm(parts, desc='wavevectors', delay=2, disable=None, leave=False) if len(parts) > 1 else parts:
-        D = condensed(mass_weighted(calc.bloch_matrix(part, model), masses), free)
+        K = system.bloch(part, model)
         if not vectors:
-            yield hermitian_eigenvalues(D), None
+            yield hermitian_eigenvalues(K), None
             continue
-        squares, columns = _diagonalised(D)
-        yield squares, columns if columns.shape[1] == len(free) else free @ columns
+        if K.shape[-1] <= DIVIDE or not len(K):
+            squares, columns = np.linalg.eigh(K)
+        else:
+            squares, columns = map(np.stack, zip(*map(eigh, K), strict=True))
+        yield squares, system.free.toarray() @ columns if system.atoms.constraints else columns
 
 
-def _diagonalised(D):
-    """Eigenvalues and eigenvectors of a stack of matrices."""
-    if D.shape[-1] <= DIVIDE or not len(D):
-        return np.linalg.eigh(D)
-    squares, columns = zip(*(eigh(each) for each in D), strict=True)
-    return np.stack(squares), np.stack(columns)
-
-
-def _lowest_by_inverse(calc, free, masses, q, model, count, vectors):
+def _lowest_by_inverse(system, q, model, count, vectors):
     """The same for the lowest modes, one wavevector after the other; each result is the first estimate of the next."""
-    S = sparse.diags_array(1 / np.sqrt(np.repeat(masses, calc.dim))) @ sparse.csr_array(free)
-    K, squares = calc.rest_stiffness(model), None
+    calc, S, squares = system.calc, system.shapes, None
+    K = calc.rest_stiffness(model)
     for at in tqdm(q, desc='wavevectors', delay=2, disable=None, leave=False):
         D = sparse.csr_array(S.T @ hessian(calc.bonds, K, calc.foundation, at) @ S)
         squares, columns = lowest_eigenpairs(D, count, squares)
-        yield squares[None], (free @ columns)[None] if vectors else None
+        yield squares[None], (system.free @ columns)[None] if vectors else None
 
 
-def _at_most(every, branches):
-    if whole('branches', branches) > every:
-        raise ValueError(f'the cell has {every} branches, not {branches}')
-    return branches
-
-
-def _wavevectors(q):
+def wavevectors(q: ArrayLike) -> NDArray[np.float64]:
+    """The wavevectors as an array, shape (wavevectors, 3), or ValueError unless they are finite and of three fractions each."""
     q = finite('q', q)
     if q.shape[-1:] != (3,):
         raise ValueError(f'q must be wavevectors of three fractions, of the shape (wavevectors, 3), not {q.shape}')

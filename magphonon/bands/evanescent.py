@@ -28,10 +28,8 @@ from scipy import linalg
 
 from .. import units
 from ..errors import finite, one_of
-from ..stiffness.matrices import mass_weighted
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import each_spring
-from .bloch import condensed
 
 if TYPE_CHECKING:
     from typing import Any
@@ -223,15 +221,16 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     ([[0.0, 3.141592653589793]], True)
     """
     system = LinearSystem.of(atoms).moving()
-    calc, free = system.calc, system.free.toarray()
+    free = system.free.toarray()
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
     exponents, unit = _exponents(_steps(system) @ direction)
-    D = condensed(_laurent(calc, model, exponents, system.masses), free)
-    _refuse_flat(condensed(_far_from_symmetry(calc, model, direction, system.masses), free), omega)
+    D = system.reduced(_laurent(system.calc, model, exponents))
+    xi = np.array([0.7, 1.9, 2.6])  # far from symmetry: only a flat band has one frequency at all of them
+    _refuse_flat(system.bloch(xi[:, None] / (2 * np.pi) * direction, model), omega)
     waves = [_waves(D, w, unit) for w in omega]
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
-    return ComplexBands(omega, xi, (v @ free.T).reshape(*xi.shape, len(system), calc.dim))
+    return ComplexBands(omega, xi, (v @ free.T).reshape(*xi.shape, len(system), system.dim))
 
 
 def _steps(system):
@@ -255,7 +254,7 @@ def _exponents(steps):
     return exponents // common, common / d
 
 
-def _laurent(calc, model, exponents, masses):
+def _laurent(calc, model, exponents):
     """Coefficients D_p, p = -P ... P, of the Bloch matrix by powers of mu, bond by bond: what none couples is exactly zero."""
     K, i, j = calc.rest_stiffness(model), calc.bonds.i, calc.bonds.j
     n, P = calc.bonds.particles, abs(exponents).max()
@@ -266,13 +265,7 @@ def _laurent(calc, model, exponents, masses):
     np.subtract.at(D, (P - exponents, j, i), K)
     D = D.swapaxes(2, 3).reshape(2 * P + 1, n * calc.dim, -1)
     D[P] += np.diag(each_spring(calc.foundation, n, calc.dim))
-    return mass_weighted(D, masses)
-
-
-def _far_from_symmetry(calc, model, direction, masses):
-    """Bloch matrices at three phases: only a flat band has one frequency at all of them."""
-    xi = np.array([0.7, 1.9, 2.6])
-    return mass_weighted(calc.bloch_matrix(xi[:, None] / (2 * np.pi) * direction, model), masses)
+    return D
 
 
 def _refuse_flat(D, omega):

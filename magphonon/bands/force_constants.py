@@ -23,10 +23,8 @@ from .. import units
 from ..errors import positive, whole
 from ..interactions.bond_laws import groups
 from ..stiffness.matrices import signed_root
-from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import freedom
+from ..stiffness.rest import LinearSystem, freedom
 from .bands import Bands, analytic_bands, path_of
-from .bloch import cell_at_rest, cell_of_free_particles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -136,7 +134,7 @@ def _cell_calculator(atoms):
     """The calculator of a cell that phonopy can take, and which particles move, shape (particles,)."""
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic, it has no bands; displace the unit cell from which it was made')
-    calc, _ = cell_at_rest(atoms)
+    calc: Any = LinearSystem.of(atoms).moving().atoms.calc
     for guide in atoms.constraints:
         if not isinstance(guide, FixAtoms):
             raise ValueError(f'phonopy moves particles in every direction, but the cell holds the constraint {guide}; remove '
@@ -313,8 +311,7 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
     >>> Dstar.shape  # one matrix for each bond
     (3, 2, 2)
     """
-    calc: Any = cell_of_free_particles(atoms, 'D* is that of the bonds')
-    repulsion_of(atoms)
+    calc = LinearSystem.of(atoms).unheld('D* is that of the bonds').calc
     FC = force_constants_of(phonon)
     home = phonon.primitive.p2s_map
     supercell = calc.on(_supercell_atoms(phonon, calc.reference.pbc))

@@ -15,11 +15,10 @@ import numpy as np
 from ..errors import one_of
 from ..stiffness.bond import MODELS, stiffness_change
 from ..stiffness.matrices import bloch_matrix, mass_weighted
-from ..stiffness.repulsion import repulsion_of
-from .bloch import _wavevectors, bloch_modes, cell_at_rest
+from ..stiffness.rest import LinearSystem
+from .bloch import bloch_modes, wavevectors
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
@@ -68,17 +67,16 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
     >>> gamma.round(6).tolist()  # (a + 1)/4 for all modes, as omega^2 goes as r^-(a + 1) and an area as r^2
     [[1.25, 1.25]]
     """
-    repulsion_of(atoms)
-    given, free = cell_at_rest(atoms)
-    calc: Any = given  # one whose bonds are known
+    system = LinearSystem.of(atoms).moving()
+    calc = system.calc
     if calc.load.any() or calc.spring_forces.any():
         raise ValueError('a dead load or stretched springs of the foundation hold the particles, and it is not known how they '
                          'follow the spacing; take differences of relaxed structures')
     one_of('model', model, MODELS)
-    dK = stiffness_change(calc.bond_vectors, growth(calc, free), calc.interaction, model)
-    omega, vectors = bloch_modes(atoms, q, model, vectors=True)
+    dK = stiffness_change(calc.bond_vectors, growth(calc, system.free.toarray()), calc.interaction, model)
+    omega, vectors = bloch_modes(system, q, model, vectors=True)
     v = np.asarray(vectors).reshape(*omega.shape, -1)
-    dD = mass_weighted(bloch_matrix(calc.bonds, dK, _wavevectors(q)), atoms.get_masses())
+    dD = mass_weighted(bloch_matrix(calc.bonds, dK, wavevectors(q)), system.masses)
     W = v.conj() @ dD @ v.swapaxes(1, 2)
     slopes = np.einsum('qmm->qm', W).real.copy()
     highest = abs(omega).max()

@@ -18,15 +18,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..bands.bloch import bloch_modes, cell_of_free_particles
+from ..bands.bloch import bloch_modes
 from ..interactions.pair_laws import GaussianMixture
 from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
+from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import refuse_unlike
 from .plan import ALL, EIGENSOLVE, Method, Plan, Settings
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from ase import Atoms
     from ase.dft.kpoints import BandPath
 
@@ -126,7 +129,8 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
 
 def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     """Plan with the neighbours within `reach` spacings, compared at `q`; `spent` is the cost of earlier estimates."""
-    calc, size = cell_of_free_particles(atoms, 'plans for bands are those'), len(atoms) * atoms.calc.dim
+    calc: Any = LinearSystem.of(atoms).unheld('plans for bands are those').atoms.calc
+    size = len(atoms) * calc.dim
     shells = neighbour_shells(atoms, reach)
     counts = np.unique(np.floor(SHELL_RATIO ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(SHELL_RATIO)))).astype(int))
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
@@ -212,7 +216,7 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
     >>> [len(shell) for shell in neighbour_shells(read_scene(ready_scene('prototype')).atoms(), reach=2.1)]
     [3, 3, 3]
     """
-    calc = cell_of_free_particles(atoms, 'plans for bands are those')
+    calc: Any = LinearSystem.of(atoms).unheld('plans for bands are those').atoms.calc
     spacing = calc.bonds.lengths.min()
     every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else CHAIN_FACTOR * reach) * spacing)
     order = np.argsort(every.lengths, kind='stable')

@@ -27,7 +27,7 @@ import numpy as np
 from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, not_negative, positive
-from ..stiffness.rest import LinearSystem, components, rest_of_motion, static_forces
+from ..stiffness.rest import LinearSystem, components, static_forces
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
 from .normal_modes import recorded, sizes
 
@@ -275,10 +275,12 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     particles = recorded(particles, len(atoms))
     drives = list(drives)
     refuse_held_drives(drives, atoms)
-    calc = rest_of_motion(atoms, constant_push(drives, len(atoms)))
-    system = LinearSystem.about(calc, atoms).moving()
+    push = constant_push(drives, len(atoms))
+    system = LinearSystem.nearest(atoms).moving()
+    if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
+        system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
     rows, shapes = system.rows(particles)
-    state, load = _initial_state(atoms, system), _Load(system, drives, tolerance)
+    state, load = _initial_state(atoms, system), _Load(system, drives, push, tolerance)
 
     def moved(interval):
         asked = _Asked(system.K, interval, gamma, load, rows, sizes(shapes), tolerance)
@@ -312,9 +314,9 @@ def _initial_state(atoms, system):
 class _Load:
     """Forces on a structure, as time courses times patterns."""
 
-    def __init__(self, system, drives, tolerance):
+    def __init__(self, system, drives, push, tolerance):
         varying = [drive for drive in drives if not isinstance(drive, Constant)]
-        self.static = system.shapes.T @ static_forces(system.calc, constant_push(drives, len(system))).ravel()
+        self.static = system.shapes.T @ static_forces(system.calc, push).ravel()
         self._varying, self._dim, self._tolerance = Drives(varying, len(system)), system.dim, tolerance
         driven = self._varying.particles[:, None] * system.dim + np.arange(system.dim)
         self._shapes = system.shapes[driven.ravel()]

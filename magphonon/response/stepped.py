@@ -17,7 +17,7 @@ from ..interactions.bond_laws import KNOWN, laws_of, laws_to_dict
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import freedom, settled
+from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import each_spring
 from .frf import FrequencyResponse
 
@@ -61,7 +61,7 @@ def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLik
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
         raise ValueError(f'a response in time steps is seen along x or y, not along {answer.direction}; turn [frf.response]')
-    many = replicas(len(omega) * [settled(atoms)])
+    many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
     first = len(atoms) * np.arange(len(omega))
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
     dyn = DrivenVerlet(many, dt, [drive], damping)

@@ -25,7 +25,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, hessian
 from ..stiffness.repulsion import Repulsion
-from ..stiffness.rest import BALANCED, LinearSystem, freedom, settled
+from ..stiffness.rest import BALANCED, LinearSystem, freedom
 from .soft_waves import softest_wave
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
     K : ndarray, shape (bonds, components, components)
         Stiffness of each bond, N/mm.
     free : sparse array, shape (particles * components, free)
-        Directions that the constraints leave free, from `free_directions`.
+        Directions that the constraints leave free, `LinearSystem.free`.
     structure : ase.Atoms
         Structure, of which only the cell and its periodicity are used.
     foundation : float or ndarray, shape (particles, components)
@@ -345,7 +345,7 @@ def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
 def _settled(atoms):
     """The linear system of the atoms; a cell with AllNeighbours unchanged, if it is at rest."""
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
-        return settled(atoms)
+        return LinearSystem.of(atoms).atoms
     return LinearSystem.of(atoms)
 
 

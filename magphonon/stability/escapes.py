@@ -24,7 +24,7 @@ from ..dynamics.cages import APART, BROKEN_BOND, CONTACT, SURVEYED, Diverged, pa
 from ..dynamics.verlet import DrivenVerlet
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
-from ..stiffness.rest import free_directions, freedom
+from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import refuse_unlike
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ class _Drag:
 
     def __init__(self, near, place):
         self.calc, self.place = near.calc, place
-        self.P = free_directions(near)
+        self.P = LinearSystem(near).free
         self.R = near.calc.bonds.vectors[:, : near.calc.dim]
         self.r0 = near.calc.bonds.lengths
         self.length = self.r0.min()
@@ -322,7 +322,7 @@ class _Volley:
 
     def __init__(self, near, count):
         self.near, n = near, len(near)
-        P = free_directions(near).toarray().reshape(n, near.calc.dim, -1)[0]
+        P = LinearSystem(near).free.toarray().reshape(n, near.calc.dim, -1)[0]
         self.directions = _directions(P[:, P.any(axis=0)], count)
         self.all = near.repeat((1, len(self.directions), 1))
         self.all.calc = near.calc.on(self.all)

@@ -14,7 +14,6 @@ import numpy as np
 from ase.constraints import FixAtoms
 
 from .. import units as u
-from ..bands.bloch import cell_of_free_particles
 from ..bands.force_constants import checked_supercell, default_distance
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
@@ -24,7 +23,7 @@ from ..interactions.bond_laws import BondLaws, groups, laws_of, taken
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
-from ..stiffness.rest import LinearSystem, freedom, loaded, nearest_rest, placed
+from ..stiffness.rest import LinearSystem, freedom
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     Softest,
@@ -216,18 +215,15 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
            'timestep': timestep if timestep is None else positive('timestep', timestep, 'ms'),
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
-        cell_of_free_particles(atoms, 'with AllNeighbours a verdict is one')
+        LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
         return Verdict(Case(atoms, atoms, np.zeros(1), **run))
     calc = repulsion_of(atoms)
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
-    atoms = loaded(atoms, constant_push(drives, len(atoms)))
     freedom(atoms)  # refuses constraints that are not supported
-    calc, pushes = nearest_rest(atoms)
-    away = float(np.linalg.norm(calc.displacements(atoms), axis=1).max())
-    atoms = placed(atoms, calc)
-    system = LinearSystem.about(calc, atoms) if pushes.any() else LinearSystem.of(atoms)
-    return Verdict(Case(atoms, system, pushes, away, closest, **run))
+    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)))
+    away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())
+    return Verdict(Case(system.atoms, system, system.left, away, closest, **run))
 
 
 @dataclass(frozen=True, eq=False)

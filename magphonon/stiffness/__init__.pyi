@@ -61,19 +61,6 @@ from .repulsion import (
 )
 from .rest import (
     LinearSystem as LinearSystem,
-    at_rest as at_rest,
-    components as components,
-    free_directions as free_directions,
-    free_motion as free_motion,
-    freedom as freedom,
-    loaded as loaded,
-    nearest_rest as nearest_rest,
-    placed as placed,
-    refuse_held as refuse_held,
-    rest_of_motion as rest_of_motion,
-    settled as settled,
-    static_forces as static_forces,
-    unbalanced as unbalanced,
 )
 from .restart import (
     restored as restored,

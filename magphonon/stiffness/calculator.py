@@ -361,7 +361,7 @@ class MagneticRepulsion(Restartable):
         """The same calculator with the present positions of `atoms` as its rest, and optionally another load or parameters.
 
         The pairs of particles, the anchors and the load stay; the bond vectors are computed again.  The forces at the new
-        rest need not balance: `magphonon.stiffness.rest.at_rest` checks that.  The cell may differ if nothing is anchored
+        rest need not balance: `LinearSystem.of` checks that.  The cell may differ if nothing is anchored
         (`magphonon.stiffness.calculator`).
         """
         if not same_cell(self, atoms):

@@ -30,7 +30,7 @@ from ..files import Saved
 from .calculator import bond_virial, measure, same_cell
 from .matrices import signed_root
 from .repulsion import masses_of, repulsion_of
-from .rest import settled
+from .rest import LinearSystem
 
 if TYPE_CHECKING:
     from typing import Any
@@ -240,7 +240,7 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     (2, 2)
     """
     _refuse_patches(atoms)
-    atoms = settled(atoms)
+    atoms = LinearSystem.of(atoms).atoms
     calc: Any = atoms.calc
     along = np.eye(calc.dim)[0]
     if calc.pairwise:

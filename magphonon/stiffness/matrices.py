@@ -70,6 +70,10 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
                  foundation: Foundation = 0.0) -> NDArray[np.complex128]:
     """Bloch matrix `C(q)^+ K C(q) + k`, Eq. 18 of the paper for any number of particles per cell.
 
+        D_ii = sum_b K_b + k        D_ij = -sum_b K_b e^{2 pi i q.R_b}
+
+    over the bonds b of particle i, and those from i to j in the cell R_b.
+
     Parameters
     ----------
     bonds : Bonds
@@ -77,17 +81,19 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
         Stiffness of each bond in N/mm.
     q : ndarray, shape (wavevectors, 3)
         Wavevectors in fractions of the reciprocal lattice vectors.
-    foundation : float
+    foundation : float or ndarray, shape (particles, dim)
         Foundation stiffness k in N/mm.
 
     Returns
     -------
     ndarray of complex, shape (wavevectors, particles * dim, particles * dim)
-        In N/mm.  The displacement of the cell `shift` carries the phase e^{2 pi i q.shift}.
+        In N/mm.
     """
-    own, x = _onsite(bonds, K), np.arange(K.shape[1])
+    shifts, shift = bonds.distinct_shifts
+    phase = np.exp(2j * np.pi * (shifts @ np.transpose(q)))
+    own, x = _own(bonds, K), np.arange(K.shape[1])
     own[:, x, x] += foundation
-    return _hermitian(bonds, _fourier_sum(_by_shift(bonds, K), _phase(bonds, q)), own[..., None])
+    return _bloch_sum(bonds, K, own[..., None], phase, shift)
 
 
 def bloch_gradient(bonds: Bonds, K: NDArray[np.float64], q: ArrayLike, cell: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -105,8 +111,9 @@ def bloch_gradient(bonds: Bonds, K: NDArray[np.float64], q: ArrayLike, cell: NDA
     ndarray of complex, shape (dim, wavevectors, particles * dim, particles * dim)
         In N.
     """
-    shifts, sums, phase = bonds.distinct_shifts[0], _by_shift(bonds, K), _phase(bonds, q)
-    return np.array([_hermitian(bonds, _fourier_sum(sums * R, 1j * phase), 0.0) for R in (shifts @ cell).T[: K.shape[1]]])
+    shifts, shift = bonds.distinct_shifts
+    phase, R = np.exp(2j * np.pi * (shifts @ np.transpose(q))), shifts @ cell
+    return np.array([_bloch_sum(bonds, K, 0.0, 1j * R[:, [x]] * phase, shift) for x in range(K.shape[1])])
 
 
 def bloch_series(bonds: Bonds, K: NDArray[np.float64],
@@ -125,65 +132,42 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
     A, B, C : ndarray of complex, shape (particles * dim, particles * dim)
         In N/mm, N and N mm.
     """
-    i, _, pair = bonds.distinct_pairs
-    powers = np.stack([_sums(R[:, None, None] ** m * K, pair, len(i)) for m in range(3)], axis=-1)
-    coupling, own = powers * [1, 1j, -1 / 2], _onsite(bonds, K)[..., None] * [1, 0, 0]  # e^{ikR} = 1 + ikR - (kR)^2/2
-    A, B, C = _hermitian(bonds, coupling, own)
+    powers = np.stack([np.ones_like(R), 1j * R, -(R**2) / 2], axis=1)  # e^{ikR} = 1 + ikR - (kR)^2/2
+    A, B, C = _bloch_sum(bonds, K, _own(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
     return A, B, C
 
 
-def _phase(bonds, q):
-    """Phases e^{2 pi i q.shift} of the distinct shifts, shape (shifts, wavevectors)."""
-    return np.exp(2j * np.pi * (bonds.distinct_shifts[0] @ np.transpose(q)))
-
-
-def _sums(K, group, groups):
-    """Sum of the stiffness of the bonds in each group, shape (groups, dim, dim)."""
-    size = K[0].size
-    component = group[:, None] * size + np.arange(size)
-    return np.bincount(component.ravel(), K.ravel(), groups * size).reshape(groups, *K.shape[1:])
-
-
-def _onsite(bonds, K):
+def _own(bonds, K):
     """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
-    return _sums(np.concatenate([K, K]), np.concatenate([bonds.i, bonds.j]), bonds.particles)
+    entry = np.concatenate([bonds.i, bonds.j])[:, None] * K[0].size + np.arange(K[0].size)
+    return np.bincount(entry.ravel(), np.concatenate([K, K]).ravel(), bonds.particles * K[0].size).reshape(-1, *K.shape[1:])
 
 
-def _by_shift(bonds, K):
-    """Stiffness between two particles, summed over their bonds of the same shift, shape (pairs, dim, dim, shifts)."""
-    (shifts, shift), (i, _, pair) = bonds.distinct_shifts, bonds.distinct_pairs
-    sums = _sums(K, pair * len(shifts) + shift, len(i) * len(shifts))
-    return sums.reshape(len(i), len(shifts), *K.shape[1:]).transpose(0, 2, 3, 1)
-
-
-def _fourier_sum(sums, phase):
-    """Sum over the shifts of `sums phase`, shape (pairs, dim, dim, wavevectors)."""
-    parts = sums.reshape(-1, len(phase)) @ phase.view(float)  # with complex phases NumPy would copy the sums to complex numbers
-    return parts.view(complex).reshape(*sums.shape[:3], -1)
-
-
-def _hermitian(bonds, coupling, own):
-    """Matrices of `-coupling` between i and j, of its adjoint between j and i, and of `own` on each particle.
-
-    The stiffness of a bond is symmetric, and so the adjoint is the complex conjugate.
+def _bloch_sum(bonds, K, own, factors, which):
+    """`H + H^+`, where H is half of `own` on each particle, and -K_b times the factor of bond b, summed from i to j.
 
     Parameters
     ----------
-    coupling : ndarray, shape (pairs, dim, dim, any)
-    own : float or ndarray, shape (particles, dim, dim, any)
+    own : float or ndarray, shape (particles, dim, dim, 1 or matrices)
+    factors : ndarray of complex, shape (factors, matrices)
+    which : ndarray of int, shape (bonds,)
+        The factor of each bond.
 
     Returns
     -------
-    ndarray of complex, shape (any, particles * dim, particles * dim)
+    ndarray of complex, shape (matrices, particles * dim, particles * dim)
     """
-    n, dim, each = bonds.particles, coupling.shape[1], np.arange(bonds.particles)
-    i, j, _ = bonds.distinct_pairs
-    D = np.zeros((coupling.shape[-1], n, dim, n, dim), dtype=complex)
-    block = D.transpose(1, 3, 2, 4, 0)
-    block[i, j] = -coupling
-    block[j, i] -= coupling.conj()  # after the line above: bonds of a particle with its own images have i = j
-    block[each, each] += own
-    return D.reshape(-1, n * dim, n * dim)
+    n, dim, each = bonds.particles, K.shape[1], np.arange(bonds.particles)
+    i, j, pair = bonds.distinct_pairs
+    # bonds that join the same two and share a factor are added first
+    entry = (pair[:, None] * dim**2 + np.arange(dim**2)) * len(factors) + which[:, None]
+    sums = np.bincount(entry.ravel(), -K.ravel(), len(i) * dim**2 * len(factors)).reshape(-1, len(factors))
+    H = np.zeros((n, dim, n, dim, factors.shape[1]), dtype=complex)
+    H[i, :, j] = (sums @ factors.view(float)).view(complex).reshape(len(i), dim, dim, -1)  # a product of real numbers
+    H[each, :, each] += own / 2
+    H = H.reshape(n * dim, n * dim, -1)
+    H += H.conj().swapaxes(0, 1)
+    return H.transpose(2, 0, 1)
 
 
 def mass_weighted(D: NDArray[Any], masses: NDArray[np.float64]) -> NDArray[Any]:

@@ -22,7 +22,7 @@ from .bond import model_stiffness, sizes
 from .lowest import lowest_mode
 from .matrices import hessian, signed_root
 from .repulsion import repulsion_of
-from .rest import at_rest, free_motion, freedom
+from .rest import LinearSystem, freedom
 
 RESIDUAL = 1e-9
 """Largest force left on a particle, as a fraction of the largest bond force."""
@@ -163,7 +163,8 @@ class _Descent:
     """The energy of a structure as a function of the free displacements `y` in shortest bonds, with its derivatives."""
 
     def __init__(self, atoms, calc):
-        self.calc, self.P = calc.about(atoms, model='complete'), free_motion(atoms)
+        self.calc = calc.about(atoms, model='complete')
+        self.P = LinearSystem.about(self.calc, atoms).moving().free
         self.given, self.atoms = calc, self.calc.reference.copy()
         self.atoms.calc = self.calc
         self.masses = self.P.power(2).T @ np.repeat(atoms.get_masses(), calc.dim)  # guides may be oblique
@@ -255,7 +256,7 @@ class _Descent:
         rest.calc = self.given
         if steps:
             rest.positions[:, : self.calc.dim] += u
-        rest.calc = at_rest(rest)
+        rest.calc = LinearSystem.of(rest).calc
         moved = np.linalg.norm(u, axis=1) if steps else np.zeros(len(u))
         rms = np.sqrt((moved[freedom(self.source)[0]] ** 2).mean())
         return Relaxation(rest, before, self.residual(y), float(moved.max()), float(rms), steps, saddles, float(lowest))

@@ -91,8 +91,8 @@ def flat(result):
 
 
 def test_a_plan_asks_for_rest_once(monkeypatch):
-    calls, at_rest = [], rest.at_rest
-    monkeypatch.setattr(rest, 'at_rest', lambda atoms: calls.append(atoms) or at_rest(atoms))
+    calls, static_forces = [], rest.static_forces
+    monkeypatch.setattr(rest, 'static_forces', lambda *given: calls.append(given) or static_forces(*given))
     atoms = patch(4)
     place = Place(18, [1.0, 0.0, 0.0])
     plan_peak(atoms, place, place, np.linspace(0.5, 4.0, 40), 0.02, 0.05, force=1e-4)
