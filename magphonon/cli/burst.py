@@ -77,8 +77,6 @@ def _engine(options):
         raise ValueError('--ranks and --files apply to LAMMPS only; add --engine lammps')
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
     threads = None if options.threads is None else whole('--threads', options.threads)
-    if options.files is not None:
-        Path(options.files).mkdir(parents=True, exist_ok=True)
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS has no other model

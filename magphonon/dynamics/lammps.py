@@ -1,10 +1,8 @@
-"""Input for LAMMPS, an independent code, to compare forces, trajectories and speed, and for runs on clusters.
+"""LAMMPS, an independent code: input for it, runs by its program `lmp`, on any number of MPI ranks, and by its Python library.
 
-`write_lammps_input` writes three files for `lmp -in in.lammps`; `lammps_session` runs them through LAMMPS's Python library
-(extra `peers`).  LAMMPS computes forces from absolute positions, not from displacements, and interpolates the pair law in a
-table.
-
-Runs of a patch by the program `lmp` of LAMMPS, on any number of MPI ranks, instead of by `DrivenVerlet`.
+LAMMPS is given the same list of bonds as the other engines, each with its pair law (a table that it interpolates, exact to
+round-off) and its strength; the springs, masses and constant forces of each site; tone bursts and damping.  It computes forces
+from absolute positions, not from displacements.
 
 All files of a run are in one folder, which can be copied to a cluster: `submit.sh` runs it there, and continues from the newest
 restart file if it is submitted again.  `run_lammps` with the same arguments then reads the records.
@@ -29,7 +27,7 @@ from ase.constraints import FixAtoms
 
 from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
-from ..interactions.bond_laws import BondLaws, labels, taken
+from ..interactions.bond_laws import groups
 from ..stiffness.calculator import MagneticRepulsion
 from .drives import Drives, ToneBurst
 from .motion import Motion
@@ -42,19 +40,23 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
-MOST_TABLES, MOST_GROUPS = 100, 32
-"""Largest number of force tables in one file, of a megabyte each, and of groups of particles, the limit of LAMMPS."""
+GROUPS = 32
+"""Largest number of groups of particles that LAMMPS has, three of which are all, free and fixed."""
 INTERPOLATIONS = ('spline', 'linear')
-CLOSEST = 0.8
-"""Shortest distance in the force table as a fraction of the shortest bond; LAMMPS stops where a pair is closer."""
+CLOSEST, FARTHEST = 0.5, 2.0
+"""First and last distance of the force tables as fractions of the shortest and the longest bond; LAMMPS stops beyond."""
 INPUT = """\
 # {particles} particles written by magphonon: mm, g, ms, hence N and mJ; to LAMMPS any consistent units are "lj"
 units lj
 dimension {dim}
 boundary f f {across}
-atom_style atomic
+atom_style bond
 atom_modify map array
-read_data particles.data
+# a bond is a pair of the pair style below, times its factor; the list of pairs itself is empty
+special_bonds lj/coul 0 1 1
+bond_style special
+{sites}
+read_data particles.data fix sites NULL Sites
 group free type 1:{free_types}
 group fixed subtract all free
 {motion}"""
@@ -62,8 +64,8 @@ MOTION = """\
 
 pair_style table {interpolation} {points}
 {pairs}
-neighbor {skin:.17g} bin
-neigh_modify once yes exclude group fixed fixed
+neighbor 0 bin
+neigh_modify once yes exclude group all all
 
 fix motion free nve
 {fixes}
@@ -80,6 +82,7 @@ dump_modify {name} sort id format float %.17g
 CONTINUED = """\
 # continues the run of in.lammps: lmp -in in.restart -var state restart.a
 read_restart ${{state}}
+{sites}
 {motion}"""
 CAUGHT_UP = """\
 # damping acts on the velocity of the half step before, which a restart file does not hold: velocities that make up for it
@@ -95,7 +98,7 @@ RESTARTS = 'restart.a', 'restart.b'
 
 def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
                        drives: Sequence[ToneBurst] = (), damping: float = 0.0, interval: int | None = None,
-                       interpolation: str = 'spline', points: int = 10_000,
+                       interpolation: str = 'spline', points: int = 20_000,
                        records: Sequence[tuple[Any, int]] = (), restart: int | None = None) -> None:
     """Write in.lammps, particles.data and law.table, for the same motion of a patch from rest as by `DrivenVerlet`.
 
@@ -118,7 +121,7 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     interval : int, optional
         Steps between two frames of trajectory.dump; None writes no trajectory.
     interpolation : {'spline', 'linear'}
-        Interpolation between the points of the table, which are equidistant in r^2.  A spline of 10 000 points is exact to
+        Interpolation between the points of the table, which are equidistant in r^2.  A spline of 20 000 points is exact to
         round-off; 'linear' is faster.
     points : int
         Number of points of the table.
@@ -130,9 +133,8 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     Raises
     ------
     ValueError
-        If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, bonds that no
-        cutoff describes, drives other than tone bursts of one amplitude, or more kinds, strengths and springs of particles
-        than LAMMPS has tables and groups for.
+        If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, drives other than
+        tone bursts, magnets that leave the plane by their own law, or more drives and records than LAMMPS has groups for.
     OSError
         If the directory cannot be written.
 
@@ -148,64 +150,127 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     >>> sorted(os.listdir(folder))
     ['in.lammps', 'law.table', 'particles.data']
     """
-    calc, fixed = _scene(atoms)
+    calc, law, fixed = _scene(atoms)
     timestep, damping = positive('timestep', timestep, 'ms'), not_negative('damping', damping, '1/ms')
     steps, points = whole('steps', steps, least=0), whole('points', points, least=2)
     one_of('interpolation', interpolation, INTERPOLATIONS)
-    decay = np.exp(-damping * timestep)
-    masses = atoms.get_masses() * 2 / (1 + decay)
-    own = [calc.reference.get_tags(), calc.strengths] if isinstance(calc.law, BondLaws) else []
-    kinds, kind = np.unique(np.column_stack([fixed, masses, *own]), axis=0, return_inverse=True)  # free ones first
-    kind = kind.ravel()
-    free_types = int((kinds[:, 0] == 0).sum())
-    cutoff = calc.bonds.cutoff
-
-    recorded = sum(particles is not None for particles, _ in records)
-    fixes = _springs(calc.foundation, np.flatnonzero(~fixed), MOST_GROUPS - 3 - len(drives) - recorded)
-    viscous, caught_up = _damping(decay, timestep, kinds[:free_types, 1])
     Drives(drives, len(atoms))  # refuses indices of no particle, which LAMMPS would ignore
-    for n, drive in enumerate(drives):
-        fixes += _burst(n, drive)
-
     if calc.layer and (records or restart is not None):
         raise ValueError('records and restarts with LAMMPS are possible only for motion in the plane; use interval= to write '
                          'all particles, or atoms.calc = atoms.calc.in_plane()')
-    output = _output(len(atoms), interval, records, 'x y z' if calc.layer else 'x y')
+    if (named := len(drives) + sum(particles is not None for particles, _ in records)) > GROUPS - 3:
+        raise ValueError(f'LAMMPS has groups for {GROUPS - 3} drives and records of some particles, not for {named}')
+    axes = 'xyz'[: calc.dim]
+    decay = np.exp(-damping * timestep)
+    sites = {'rmass': atoms.get_masses() * 2 / (1 + decay)}
+    fixes = [*_springs(calc, sites, axes), *_offset(calc, sites, axes)]
+    for n, drive in enumerate(drives):
+        fixes += _burst(n, drive, sites, len(atoms))
+    slowed, caught_up = _damping(decay, timestep, sites['rmass'], axes)
+    laws = groups(law, len(calc.bonds))
+    tags = calc.reference.get_tags() * (len(laws) > 1)
+    kinds, types = np.unique(np.column_stack([fixed, tags]), axis=0, return_inverse=True)  # free ones first
+    types = types.ravel()
+
+    output = _output(len(atoms), interval, records, ' '.join(axes))
     if restart is not None:
         output += f'restart {whole("restart", restart)} {" ".join(RESTARTS)}\n'
-    pairs, tables = _pairs(calc, kind, cutoff)
-    motion = MOTION.format(interpolation=interpolation, points=points, pairs='\n'.join(pairs), fixes='\n'.join(fixes),
-                           timestep=timestep, skin=0.02 * cutoff)  # pyright: ignore[reportOperatorIssue]  `_scene` refuses None
+    motion = MOTION.format(interpolation=interpolation, points=points, pairs='\n'.join(_pairs(calc.bonds, laws, types)),
+                           fixes='\n'.join(fixes), timestep=timestep)
+    columns = f'fix sites all property/atom {" ".join(sites)}'
     run = f'run {steps} upto\n' + (AT_END if records else '')
     directory = Path(directory)
     with whole_file(directory / 'law.table') as file:
-        for name, law in tables.items():
-            _write_table(file, name, law, CLOSEST * calc.bonds.lengths.min(), cutoff, points)
+        for n, (law, _) in enumerate(laws):
+            _write_table(file, f'LAW{n}', law, CLOSEST * calc.bonds.lengths.min(), FARTHEST * calc.bonds.lengths.max(), points)
     with whole_file(directory / 'particles.data') as file:
-        _write_particles(file, atoms.positions, kind + 1, kinds[:, 1], margin=cutoff)
+        _write_particles(file, calc, types, sites)
     with whole_file(directory / 'in.lammps') as file:
-        file.write(INPUT.format(particles=len(atoms), dim=calc.dim, across='f' if calc.layer else 'p', free_types=free_types,
-                                motion=motion + viscous + output + run))
+        file.write(INPUT.format(particles=len(atoms), dim=calc.dim, across='f' if calc.layer else 'p', sites=columns,
+                                free_types=(kinds[:, 0] == 0).sum(), motion=motion + slowed + output + run))
     if restart is not None:
         with whole_file(directory / 'in.restart') as file:
             continued = output.replace('sort id', 'append yes sort id')
-            file.write(CONTINUED.format(motion=motion + caught_up + viscous + continued + run))
+            file.write(CONTINUED.format(sites=columns, motion=motion + caught_up + slowed + continued + run))
 
 
-def _damping(decay, timestep, masses):
+def _scene(atoms):
+    """Calculator and law of the patch, and which particles are fixed; refuses a scene that LAMMPS cannot run."""
+    calc = atoms.calc
+    if not isinstance(calc, MagneticRepulsion):
+        raise ValueError(f'atoms.calc must be a MagneticRepulsion, not {calc!r}')
+    if calc.parameters.model != 'complete':
+        raise ValueError(f"LAMMPS updates the bond directions: model='complete', not {calc.parameters.model!r}")
+    if atoms.pbc.any():
+        raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
+                         'cut one, for instance with lattices.parallelogram')
+    law = calc.central('LAMMPS runs')
+    if not len(calc.bonds):
+        raise ValueError('no two particles are bonded, so there is nothing for LAMMPS to compute')
+    if calc.displacements(atoms).any() or atoms.get_momenta().any():
+        raise ValueError('the particles must start at rest in their reference positions; set atoms.positions and momenta back')
+    fixed = np.zeros(len(atoms), dtype=bool)
+    for constraint in atoms.constraints:
+        if not isinstance(constraint, FixAtoms):
+            raise ValueError(f'LAMMPS can hold particles by FixAtoms only, not {constraint!r}')
+        fixed[constraint.index] = True
+    return calc, law, fixed
+
+
+def _springs(calc, sites, axes):
+    """Fixes for the foundation, whose springs are slack where LAMMPS finds the particles; `_offset` adds what they pull there."""
+    if not isinstance(calc.foundation, np.ndarray):
+        return [f'fix foundation free spring/self {calc.foundation:.17g}'] if calc.foundation else []
+    lines = []
+    for x, k in zip(axes, np.broadcast_to(calc.foundation, (len(calc.reference), len(axes))).T, strict=True):
+        sites[f'd_k{x}'] = k
+        lines += [f'variable k{x} atom d_k{x}', f'fix foundation{x} free spring/self v_k{x} {x}']
+    return lines
+
+
+def _offset(calc, sites, axes):
+    """The fix for constant forces: dead loads, and springs of the foundation that are not slack at rest."""
+    if not calc.offset.any():
+        return []
+    for x, h in zip(axes, calc.offset.T, strict=True):
+        sites[f'd_h{x}'] = h
+    return [*(f'variable h{x} atom d_h{x}' for x in axes),
+            f'fix offset free addforce {" ".join(f"v_h{x}" if x in axes else "0" for x in "xyz")}']
+
+
+def _burst(n, drive, sites, count):
+    """A tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
+    if not isinstance(drive, ToneBurst) or drive.start < 0:
+        raise ValueError(f'LAMMPS is given tone bursts that start at t >= 0 only, not {drive!r}')
+    sites[f'd_drive{n}'] = np.zeros(count)
+    sites[f'd_drive{n}'][drive.particles] = drive.amplitude
+    ids = ' '.join(str(i + 1) for i in drive.particles)
+    s, w = f'(time-{drive.start:.17g})', drive.omega
+    window = f'(time>={drive.start:.17g})*(time<={drive.end:.17g})*0.5*(1-cos({w / drive.cycles:.17g}*{s}))'
+    return [f'group driven{n} id {ids}',
+            f'variable burst{n} equal "{window}*sin({w:.17g}*{s})"',
+            *(f'variable f{x}{n} atom "{share:.17g}*v_burst{n}*d_drive{n}"'
+              for x, share in zip('xyz', drive.direction, strict=True)),
+            f'fix drive{n} driven{n} addforce v_fx{n} v_fy{n} v_fz{n}']
+
+
+def _damping(decay, timestep, masses, axes):
     """Commands that damp by the factor `decay` in each step, and those that make up for it after a restart."""
     if decay == 1:
         return '', ''
-    scale = ' '.join(f'scale {n + 1} {m:.17g}' for n, m in enumerate(masses))
-    half = (1 - decay) / 2
-    return (f'fix damping free viscous {(1 - decay) / timestep:.17g} {scale}\n',
-            CAUGHT_UP.format(h=half, k=timestep / 2, rest=1 - half))
+    rate, half = (1 - decay) / timestep, (1 - decay) / 2
+    if np.ptp(masses) == 0:
+        damping = f'fix damping free viscous {rate * masses[0]:.17g}\n'
+    else:
+        damping = ''.join(f'variable d{x} atom "-{rate:.17g}*mass*v{x}"\n' for x in axes)
+        damping += f'fix damping free addforce {" ".join(f"v_d{x}" if x in axes else "0" for x in "xyz")}\n'
+    return damping, CAUGHT_UP.format(h=half, k=timestep / 2, rest=1 - half)
 
 
 def _output(count, interval, records, axes):
     """LAMMPS commands that write trajectories."""
     lines = [] if interval is None else [OUTPUT.format(name='trajectory', group='all', axes=axes,
-                                                            interval=whole('interval', interval))]
+                                                       interval=whole('interval', interval))]
     for n, (particles, every) in enumerate(records):
         group = 'all' if particles is None else f'recorded{n}'
         if particles is not None:
@@ -217,96 +282,38 @@ def _output(count, interval, records, axes):
     return ''.join(lines)
 
 
-def _scene(atoms):
-    """The calculator of the patch and which particles are fixed; refuses a scene that LAMMPS cannot run."""
-    calc = atoms.calc
-    if not isinstance(calc, MagneticRepulsion):
-        raise ValueError(f'atoms.calc must be a MagneticRepulsion, not {calc!r}')
-    if calc.parameters.model != 'complete':
-        raise ValueError(f"LAMMPS updates the bond directions: model='complete', not {calc.parameters.model!r}")
-    if atoms.pbc.any():
-        raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
-                         'cut one, for instance with lattices.parallelogram')
-    calc.central('LAMMPS runs')
-    if calc.bonds.cutoff is None:
-        raise ValueError('LAMMPS finds pairs by their distance; give the calculator shells= or cutoff=, not a list of bonds')
-    if calc.offset.any():
-        raise ValueError('LAMMPS can run only foundations that are slack at rest, without dead load; give the calculator '
-                         'neither anchors= away from its reference nor load=')
-    if calc.displacements(atoms).any() or atoms.get_momenta().any():
-        raise ValueError('the particles must start at rest in their reference positions; set atoms.positions and momenta back')
-    fixed = np.zeros(len(atoms), dtype=bool)
-    for constraint in atoms.constraints:
-        if not isinstance(constraint, FixAtoms):
-            raise ValueError(f'LAMMPS can hold particles by FixAtoms only, not {constraint!r}')
-        fixed[constraint.index] = True
-    return calc, fixed
-
-
-def _springs(foundation, free, most):
-    """LAMMPS fixes for the foundation springs of free particles: one for all, or one for each group of equal springs."""
-    if not isinstance(foundation, np.ndarray):
-        return [f'fix foundation free spring/self {foundation:.17g}'] if foundation else []
-    springs, group = np.unique(foundation[free], axis=0, return_inverse=True)
-    if len(springs) > most:
-        raise ValueError(f'LAMMPS has groups for {most} different springs of the foundation, not for {len(springs)}; '
-                         'let DrivenVerlet integrate them')
-    lines = []
-    for n, components in enumerate(springs):
-        lines.append(f'group pillar{n} id {" ".join(map(str, free[group.ravel() == n] + 1))}')
-        lines += [f'fix foundation{n}{x} pillar{n} spring/self {k:.17g} {x}' for x, k in zip('xyz', components, strict=False)
-                  if k]
+def _pairs(bonds, laws, types):
+    """Lines that give pairs of types their table; that of the first law to pairs that no bond joins, which nobody asks for."""
+    lines = ['pair_coeff * * law.table LAW0']
+    for n, (_, own) in enumerate(laws[1:], 1):
+        joined = np.unique(np.sort(np.column_stack([types[bonds.i[own]], types[bonds.j[own]]]), axis=1), axis=0)
+        lines += [f'pair_coeff {a + 1} {b + 1} law.table LAW{n}' for a, b in joined]
     return lines
 
 
-def _pairs(calc, kind, cutoff):
-    """Lines that give pairs of types their table, and the laws to tabulate by the names of the tables."""
-    label = labels(calc.law, len(calc.bonds))
-    if not label.any():
-        return [f'pair_coeff * * law.table LAW {cutoff:.17g}'], {'LAW': taken(calc.law, 0)}
-    types = np.sort(np.column_stack([kind[calc.bonds.i], kind[calc.bonds.j]]), axis=1)
-    pairs, first = np.unique(types, axis=0, return_index=True)
-    if label.max() >= MOST_TABLES:
-        raise ValueError(f'LAMMPS can use at most {MOST_TABLES} force tables, but the bonds have {label.max() + 1} different '
-                         'laws and strengths; let DrivenVerlet integrate them')
-    lines = [f'pair_coeff * * law.table NONE {cutoff:.17g}']  # pairs that no bond joins
-    for (a, b), bond in zip(pairs, first, strict=True):
-        lines.append(f'pair_coeff {a + 1} {b + 1} law.table LAW{label[bond]} {cutoff:.17g}')
-    laws = {f'LAW{n}': taken(calc.law, int(np.argmax(label == n))) for n in range(label.max() + 1)}
-    return lines, {'NONE': None} | laws
-
-
-def _burst(n, drive):
-    """A tone burst as a force that LAMMPS evaluates at the end of each step, where Verlet needs it."""
-    if not isinstance(drive, ToneBurst) or np.ptp(drive.amplitude) or drive.start < 0:
-        raise ValueError(f'LAMMPS is given tone bursts of one amplitude that start at t >= 0 only, not {drive!r}')
-    ids = ' '.join(str(i + 1) for i in drive.particles)
-    s, w = f'(time-{drive.start:.17g})', drive.omega
-    window = f'(time>={drive.start:.17g})*(time<={drive.end:.17g})*0.5*(1-cos({w / drive.cycles:.17g}*{s}))'
-    force = [f'{component:.17g}*v_burst{n}' for component in drive.amplitude[0] * drive.direction]
-    return [f'group driven{n} id {ids}',
-            f'variable burst{n} equal "{window}*sin({w:.17g}*{s})"',
-            *(f'variable f{x}{n} equal {f}' for x, f in zip('xyz', force, strict=True)),
-            f'fix drive{n} driven{n} addforce v_fx{n} v_fy{n} v_fz{n}']
-
-
-def _write_table(file, name, law, shortest, cutoff, points):
-    if law is None:
-        file.write(f'{name}\nN 2 RSQ {shortest:.17g} {cutoff:.17g} FPRIME 0 0\n\n1 {shortest:.17g} 0 0\n2 {cutoff:.17g} 0 0\n\n')
-        return
-    r = np.sqrt(np.linspace(shortest**2, cutoff**2, points))
+def _write_table(file, name, law, shortest, longest, points):
+    r = np.sqrt(np.linspace(shortest**2, longest**2, points))
     file.write(f'# pair law by magphonon: number, r in mm, energy in mJ, force in N\n{name}\n'
-               f'N {points} RSQ {shortest:.17g} {cutoff:.17g} FPRIME {-law.d2phi(r[0]):.17g} {-law.d2phi(r[-1]):.17g}\n\n')
+               f'N {points} RSQ {shortest:.17g} {longest:.17g} FPRIME {-law.d2phi(r[0]):.17g} {-law.d2phi(r[-1]):.17g}\n\n')
     np.savetxt(file, np.column_stack([np.arange(1, points + 1), r, law.phi(r), -law.dphi(r)]), fmt='%d %.17g %.17g %.17g')
     file.write('\n')
 
 
-def _write_particles(file, positions, kind, masses, margin):
+def _write_particles(file, calc, types, sites):
+    positions, bonds, margin = calc.reference.positions, calc.bonds, calc.bonds.lengths.max()
     low, high = positions.min(axis=0) - margin, positions.max(axis=0) + margin
-    file.write(f'# patch by magphonon: mm, g\n{len(positions)} atoms\n{len(masses)} atom types\n'
+    factors, factor = np.unique(calc.strengths[bonds.i] * calc.strengths[bonds.j], return_inverse=True)
+    number = np.arange(1, len(types) + 1)
+    file.write(f'# patch by magphonon: mm, g\n{len(positions)} atoms\n{types.max() + 1} atom types\n'
+               f'{len(bonds)} bonds\n{len(factors)} bond types\n'
                + ''.join(f'{a:.17g} {b:.17g} {axis}lo {axis}hi\n' for a, b, axis in zip(low, high, 'xyz', strict=True))
-               + '\nMasses\n\n' + ''.join(f'{k + 1} {m:.17g}\n' for k, m in enumerate(masses)) + '\nAtoms # atomic\n\n')
-    np.savetxt(file, np.column_stack([np.arange(1, len(kind) + 1), kind, positions]), fmt='%d %d %.17g %.17g %.17g')
+               + '\nBond Coeffs # special\n\n' + ''.join(f'{n} {s:.17g} {s:.17g}\n' for n, s in enumerate(factors, 1))
+               + '\nAtoms # bond\n\n')
+    np.savetxt(file, np.column_stack([number, 0 * number, types + 1, positions]), fmt='%d %d %d %.17g %.17g %.17g')
+    file.write('\nBonds\n\n')
+    np.savetxt(file, np.column_stack([np.arange(1, len(bonds) + 1), factor + 1, bonds.i + 1, bonds.j + 1]), fmt='%d')
+    file.write('\nSites\n\n')
+    np.savetxt(file, np.column_stack([number, *sites.values()]), fmt='%d' + ' %.17g' * len(sites))
 
 
 @contextmanager
@@ -413,7 +420,8 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     Raises
     ------
     ValueError
-        If LAMMPS cannot run this scene, or stops, or if the folder holds the files of another run.
+        If LAMMPS cannot run this scene, or stops, or if the folder holds the files of another run, or records without all their
+        frames.  What is in a frame is not checked: a digit that somebody changes in a record is read as it is.
     ImportError
         If LAMMPS is not installed, or mpiexec for more than one rank.
     """
@@ -423,28 +431,32 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
             return run_lammps(atoms, timestep, steps, records=records, drives=drives, damping=damping, ranks=ranks,
                               directory=made)
     directory = Path(directory)
-    directory.mkdir(exist_ok=True)
-    _write(directory, atoms, timestep, steps, drives, damping, records)
-    with whole_file(directory / 'submit.sh') as file:
-        file.write(BATCH.format(ranks=ranks, restarts=' '.join(RESTARTS)))
+    _write(directory, atoms, timestep, steps, drives, damping, records, ranks)
     if not (directory / 'complete').exists():
         _run(directory, ranks)
-    return tuple(_record(directory / f'record{n}.dump', atoms, particles, timestep) for n, (particles, _) in enumerate(records))
+    return tuple(_record(directory / f'record{n}.dump', atoms, particles, timestep, range(0, steps + 1, interval))
+                 for n, (particles, interval) in enumerate(records))
 
 
-def _write(directory, atoms, timestep, steps, drives, damping, records):
-    """Write the input; refuse a folder whose input differs."""
+def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
+    """Write the input where it is not yet; refuse a folder that holds another one, or files of somebody else under our names."""
     with TemporaryDirectory() as made:
         stage = Path(made)
         write_lammps_input(stage, atoms, timestep, steps, drives=drives, damping=damping, records=records,
                            restart=max(1, steps // RESTARTS_OF_A_RUN))
         names = [file.name for file in stage.iterdir()]
         there = [name for name in names if (directory / name).exists()]
-        for name in there:
-            if (directory / name).read_bytes() != (stage / name).read_bytes():
-                raise ValueError(f'{directory / name} belongs to another run; name another folder, or remove this one')
+        written = [*(f'record{n}.dump' for n in range(len(records))), *RESTARTS, 'complete', 'log.lammps', 'submit.sh']
+        differing = [name for name in there if (directory / name).read_bytes() != (stage / name).read_bytes()]
+        foreign = [name for name in written if not there and (directory / name).exists()]
+        for name in differing + foreign:
+            raise ValueError(f'{directory / name} belongs to another run; name another folder, or remove this one')
+        directory.mkdir(parents=True, exist_ok=True)
         for name in set(names) - set(there):
             shutil.copyfile(stage / name, directory / name)
+    if not (directory / 'submit.sh').exists():  # which may have been fitted to a cluster
+        with whole_file(directory / 'submit.sh') as file:
+            file.write(BATCH.format(ranks=ranks, restarts=' '.join(RESTARTS)))
 
 
 def _run(directory, ranks):
@@ -476,16 +488,28 @@ def _program(name, package):
                       'cluster says')
 
 
-def _record(file, atoms, particles, timestep):
-    """Read a dump; of a frame that was written twice, before and after a restart, the later one counts."""
+def _record(file, atoms, particles, timestep, steps):
+    """Read a dump; of a frame that was written twice, before and after a restart, the later one counts.
+
+    Parameters
+    ----------
+    steps : range
+        The steps of which there must be a frame.
+    """
     particles = np.arange(len(atoms)) if particles is None else np.atleast_1d(particles)
     ordered, back = np.unique(particles, return_inverse=True)  # LAMMPS sorts by number
-    rest = atoms.positions[ordered, :2]
     frames = {}
-    for frame in file.read_text().split(FRAME)[1:]:
-        lines = frame.split('\n')
-        if len(lines) > HEADER + len(ordered):  # or cut off
-            rows = np.array(' '.join(lines[HEADER:HEADER + len(ordered)]).split(), dtype=float).reshape(-1, 3)
-            frames[int(lines[0])] = (rows[:, 1:] - rest)[back]
-    numbers = sorted(frames)
-    return Motion(timestep * np.array(numbers), particles, np.array([frames[n] for n in numbers]))
+    try:
+        for frame in file.read_text().split(FRAME)[1:]:
+            lines = frame.split('\n')
+            if len(lines) > HEADER + len(ordered):  # or cut off by a kill before a restart
+                rows = np.array(' '.join(lines[HEADER:HEADER + len(ordered)]).split(), dtype=float).reshape(-1, 3)
+                if np.array_equal(rows[:, 0], ordered + 1) and np.isfinite(rows).all():
+                    frames[int(lines[0])] = (rows[:, 1:] - atoms.positions[ordered, :2])[back]
+        lacking = sorted(set(steps) - set(frames))
+    except (OSError, ValueError) as error:
+        raise ValueError(f'{file} cannot be read ({error}); remove its folder, and LAMMPS runs again') from error
+    if lacking:
+        raise ValueError(f'{file} has no whole frame of step {lacking[0]} and lacks {len(lacking)} of {len(steps)}; remove its '
+                         'folder, and LAMMPS runs again')
+    return Motion(timestep * np.array(steps), particles, np.array([frames[n] for n in steps]))

