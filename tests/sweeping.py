@@ -1,7 +1,5 @@
 """Functions for tests of sweeps, which other processes import by the name of this file."""
 
-import os
-import signal
 import time
 from pathlib import Path
 
@@ -22,15 +20,6 @@ def noted(folder, x, y, pause=0.0):
     if x == 3.0:
         raise ValueError('three is refused')
     return x + y
-
-
-def deadly(folder, x, y, pause=0.0):
-    """The same; the process dies once at (1, 1), and whenever it computes (2, 0)."""
-    once = Path(folder) / 'died'
-    if (x, y) == (2.0, 0.0) or ((x, y) == (1.0, 1.0) and not once.exists()):
-        once.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return noted(folder, x, y, pause)
 
 
 def calls(folder):

@@ -19,7 +19,7 @@ TITLES = {
     'design': 'Sensitivities, uncertainty, wanted bands',
     'planning': 'The cheapest sufficient method (experimental)',
     'scenes': 'Scene files',
-    'sweeps': 'Maps over parameters, on any executor',
+    'sweeps': 'Maps over parameters',
 }
 """Rooms in the order of the page, from the ground up; a room that is not named here comes last."""
 

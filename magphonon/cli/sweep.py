@@ -5,22 +5,35 @@ A sweep that was killed continues where it stopped when the same command is give
 
 from __future__ import annotations
 
+import os
+import re
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..errors import finite, shown, whole
 from .arguments import add_output, add_scene
 from .pictures import add_pictures, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
+    from collections.abc import Iterator
+    from typing import Any
 
+    from numpy.typing import NDArray
     from xarray import Dataset
 
 HELP = 'maps of bands, stability or responses over keys of a scene, on all cores, Dask or MPI'
 RESULTS = 'sweep.*', 'sweep_*'
 EXECUTORS = 'processes', 'here', 'dask', 'mpi'
 JOURNAL = 'sweep.journal'
+MOST_VALUES = 10**6
+"""Largest number of values of an axis."""
 SHOWN_REASONS = 6
 """Number of reasons for bad points that are shown, the most frequent ones; the file holds all."""
+NUMBER = re.compile(r'(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)')
+"""A number within a reason, and not within the name of a question."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -41,68 +54,116 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..errors import whole
-    from ..sweeps.executors import Here, dask_workers, mpi_ranks, processes
-
     if options.workers is not None:
         whole('--workers', options.workers)
     if options.scheduler is not None and options.executor != 'dask':
         raise ValueError('--scheduler is the address of a Dask scheduler; add --executor dask')
     try:
-        if options.executor == 'dask':
-            with dask_workers(options.scheduler, options.workers) as executor:
-                _lead(options, executor)
-        elif options.executor == 'mpi':
-            with mpi_ranks() as executor:
-                if executor is not None:  # the first rank; the others have worked until now
-                    _lead(options, executor)
-        else:
-            _lead(options, Here() if options.executor == 'here' else processes(options.workers))
+        with _where(options) as workers:
+            if workers is not None:
+                _lead(options, workers)
     except ImportError as error:
         raise ValueError(f"{error}; pip install 'magphonon[sweep,dask,mpi]' installs all that sweeps need") from None
-    except RuntimeError as error:  # of an executor: BrokenExecutor, or Dask's
+    except RuntimeError as error:  # of joblib, where a process died, or of Dask
         why = ' '.join(str(error).split()).rstrip('.')
-        raise ValueError(f'the workers failed: {why}. See that each has this magphonon, and give the command again: it goes on '
-                         'where it stopped') from None
+        raise ValueError(f'the workers failed: {why}. See that each has this magphonon and memory enough, take fewer --workers, '
+                         'and give the command again: it goes on where it stopped') from None
 
 
-def _lead(options, executor):
+@contextmanager
+def _where(options: Namespace) -> Iterator[dict[str, Any] | None]:
+    """The arguments of `sweep` that say where the points are computed; None in a process that only worked for another one."""
+    if options.executor == 'processes':
+        yield {'workers': options.workers or -1}
+    elif options.executor == 'here':
+        yield {'workers': 1}
+    elif options.executor == 'dask':
+        from dask.distributed import Client
+        from joblib import cpu_count, parallel_config
+
+        own = {'n_workers': options.workers or cpu_count(), 'threads_per_worker': 1, 'dashboard_address': ':0'}
+        try:
+            client = Client(options.scheduler) if options.scheduler else Client(**own)
+        except (OSError, ValueError) as error:
+            raise OSError(f'no Dask scheduler answers at {options.scheduler} ({error}); '
+                          'start one with "dask scheduler"') from None
+        with client, parallel_config(backend='dask', client=client):
+            yield {}
+    else:
+        from mpi4py import MPI
+        from mpi4py.futures import MPICommExecutor
+
+        if MPI.COMM_WORLD.size < 2:
+            raise ValueError('MPI has one rank, and the first one only leads; '
+                             'start more, as in "mpiexec -n 3 magphonon sweep ..."')
+        with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:
+            yield None if executor is None else {'executor': executor}
+
+
+def axis_of(text: str) -> tuple[str, NDArray[np.float64]]:
+    """Key and values of an axis, `KEY=FROM:TO:COUNT`, `KEY=FROM:TO:COUNT:log` or `KEY=A,B,C`.
+
+    Raises
+    ------
+    ValueError
+        If it has another form.
+    """
+    key, equals, given = text.partition('=')
+    if not (key and equals and given):
+        raise ValueError(f'--over {text} must be KEY=FROM:TO:COUNT, KEY=FROM:TO:COUNT:log or KEY=A,B,C, as in '
+                         'lattice.spacing_m=0.008:0.012:50')
+    try:
+        if ':' not in given:
+            return key, finite(f'--over {key}', [float(value) for value in given.split(',')])
+        first, last, count, *logarithmic = given.split(':')
+        first, last = finite(f'--over {key}', [float(first), float(last)])
+        number = whole(f'the count of --over {key}', float(count))
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f'--over {text} is no range of numbers ({error}); write it as law.a=3:6:50 or law.a=3,4,6') from None
+    if number > MOST_VALUES:
+        raise ValueError(f'--over {text} has {number} values, and at most {MOST_VALUES} make an axis')
+    if logarithmic not in ([], ['log']):
+        raise ValueError(f"--over {text}: after the count only 'log' may follow, not {shown(':'.join(logarithmic))}")
+    if not logarithmic:
+        return key, np.linspace(first, last, number)
+    if min(first, last) <= 0:
+        raise ValueError(f'--over {text}: equal factors need two positive ends')
+    return key, np.geomspace(first, last, number)
+
+
+def _lead(options, workers):
     """Read the scene, run the sweep, write its results."""
     from pathlib import Path
 
     from ..plotting.sweeps import plot_sweep
     from ..scenes.scene import read_scene
     from ..sweeps.dataset import sweep
-    from ..sweeps.grid import axis_of
     from .results import results
 
     scene, axes = read_scene(options.scene), [axis_of(text) for text in options.over]
     if len(dict(axes)) < len(axes):
         raise ValueError('--over names a key twice; give each axis once')
     journal = Path(options.output) / JOURNAL
-    if journal.is_symlink():
-        raise ValueError(f'{journal} is a symbolic link, through which no journal is written; move it away')
-    begun = not journal.exists()
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        answers = sweep(scene, dict(axes), options.ask, executor, journal)
+        own = not os.path.lexists(journal)
+        answers = sweep(scene, dict(axes), options.ask, journal=journal, **workers)
+        answered = [name for name in options.ask if np.isfinite(answers[name]).any()]
+        if not answered:
+            raise ValueError('\n'.join(['no point has an answer, so nothing is written:', *_reasons(answers)]))
         answers.to_netcdf(folder / 'sweep.nc', engine='h5netcdf')
-        for name in options.ask:
+        for name in answered:
             save(plot_sweep(answers, name).figure, f'sweep_{name}')
         report = _report(scene.title, answers, options.ask)
-    if begun:  # by this very process
+    if own:
         journal.unlink()
     else:
-        options.notes.append(f'{journal} belongs to the sweep that is now complete; remove it before the next one')
+        options.notes.append(f'{journal} of an earlier command stays; it is complete, and may be removed')
     print(report)
     print(f'pictures and data are in {options.output}')
 
 
 def _report(title: str, answers: Dataset, asked: list[str]) -> str:
     """Range of each answer with the points where it is lowest and highest, and why points are bad."""
-    from collections import Counter
-
-    import numpy as np
-
     axes = list(answers.sizes)
     lines = [title, f'{answers.fault.size} points: ' + ' x '.join(f'{count} of {key}' for key, count in answers.sizes.items())]
     for name in asked:
@@ -112,10 +173,23 @@ def _report(title: str, answers: Dataset, asked: list[str]) -> str:
             at = np.unravel_index(place(values), values.shape)
             where = ', '.join(f'{key} = {float(answers[key][k]):.6g}' for key, k in zip(axes, at, strict=True))
             lines.append(f'  {word:7} {values[at]:.6g} at {where}')
-    reasons = Counter(fault for fault in answers.fault.to_numpy().ravel().tolist() if fault)
-    if reasons:
-        lines.append(f'\n{reasons.total()} points lack an answer, hatched in the pictures:')
-        lines += [f'  {count} times: {reason}' for reason, count in reasons.most_common(SHOWN_REASONS)]
-        if len(reasons) > SHOWN_REASONS:
-            lines.append(f'  and {len(reasons) - SHOWN_REASONS} other reasons, in sweep.nc under "fault"')
-    return '\n'.join(lines)
+    return '\n'.join([*lines, *_reasons(answers)])
+
+
+def _reasons(answers: Dataset) -> list[str]:
+    """Why points lack an answer: reasons that differ in their numbers only are one, with the range of each number."""
+    from collections import defaultdict
+
+    alike: defaultdict[str, list[list[str]]] = defaultdict(list)
+    for fault in filter(None, answers.fault.to_numpy().ravel().tolist()):
+        alike[NUMBER.sub('{}', fault.replace('{', '{{').replace('}', '}}'))].append(NUMBER.findall(fault))
+    if not alike:
+        return []
+    lines = [f'\n{sum(map(len, alike.values()))} points lack an answer, hatched in the pictures:']
+    for words, numbers in sorted(alike.items(), key=lambda item: -len(item[1]))[:SHOWN_REASONS]:
+        ends = [(min(column, key=float), max(column, key=float)) for column in zip(*numbers, strict=True)]
+        ranges = [low if low == high else f'{low} to {high}' for low, high in ends]
+        lines.append(f'  {len(numbers)} times: {words.format(*ranges)}')
+    if len(alike) > SHOWN_REASONS:
+        lines.append(f'  and {len(alike) - SHOWN_REASONS} other reasons, in sweep.nc under "fault"')
+    return lines

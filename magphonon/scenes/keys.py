@@ -25,6 +25,11 @@ UNITS = {'_N_m_a': 'N m^a', '_kg_per_m3': 'kg/m^3', '_N_per_m': 'N/m', '_A_m2': 
 TYPES = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false'}
 
 
+def unit_of(key: str) -> str:
+    """The unit that the end of a key tells, as 'N/m' of foundation.stiffness_N_per_m; '' if it tells none."""
+    return next((unit for end, unit in UNITS.items() if key.endswith(end)), '')
+
+
 @dataclass(frozen=True)
 class Key:
     """One key of a table of a scene.
@@ -134,7 +139,7 @@ def _key(table: str, kinds: tuple[str, ...], name: str, alike: list[tuple[tuple[
     found = [examples.get((place, of, name)) for place in similar for of in (kind, '')] + list(field.examples or ())
     value = next((one for one in found if one is not None), None)
     example = f'{name} = {_toml(value)}' if value is not None and not tables else ''
-    unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), '') if not tables else ''
+    unit = unit_of(name) if not tables else ''
     several = any(get_origin(part) is tuple for part in (field.annotation, *get_args(field.annotation)))
     of_tables = f'tables [[{whole}]]' if several else f'table [{whole}]'
     written = of_tables if tables else ' or '.join(dict.fromkeys(_types(field.annotation)))

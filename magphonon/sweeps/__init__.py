@@ -1,4 +1,7 @@
-"""One question asked of a scene at many values of its parameters, on any executor; results as an xarray Dataset."""
+"""One question asked of a scene at many values of its parameters; the answers as an xarray Dataset.
+
+`dataset` spreads the points over processes and keeps the journal; `questions` holds what can be asked.
+"""
 
 import lazy_loader
 

@@ -1,28 +1,31 @@
-"""Sweeps: a scene or a function asked at every point of a grid, the answers as an xarray Dataset."""
+"""Sweeps: a scene or a function asked at every point of a grid, the answers as an xarray Dataset.
+
+The journal of a sweep is a text of lines: the first tells what was asked, each further one is the answer at one point.  Each
+begins with a checksum of itself, and a line whose checksum is wrong is not believed: its point is computed again.
+"""
 
 from __future__ import annotations
 
-import inspect
 import json
-import pickle
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import asdict, is_dataclass
+import os
+from concurrent.futures import as_completed
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from hashlib import sha256
+from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING
+from warnings import warn
 
 import numpy as np
-from tqdm import tqdm
 
 from .. import __version__
-from .evaluation import Answer, one_thread
-from .grid import checked_axes, points_of, unit_of
-from .journal import fingerprint_of, journal
-from .running import completed
+from ..errors import finite, shown
+from ..files import MEGABYTE, refuse_endless
+from .questions import SceneAnswers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from concurrent.futures import Executor
     from os import PathLike
     from typing import Any
@@ -32,31 +35,42 @@ if TYPE_CHECKING:
 
     from ..scenes.scene import Scene
 
+MOST_POINTS = 10**8
+"""Largest number of points; the answers to more do not fit into memory."""
+MOST_BYTES = 10**5 * MEGABYTE
+"""Largest size of a journal."""
+REFUSALS = ValueError, ArithmeticError, MemoryError
+"""Errors that say that a point has no answer; any other is a mistake in a program, and ends the sweep."""
+_limited = False  # whether linear algebra in this process is limited to one thread
 
-def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask: str | Sequence[str] = (),
-          executor: Executor | Callable[[], Executor] | None = None, journal_file: str | PathLike[str] | None = None,
-          units: Mapping[str, str] | None = None) -> Dataset:
+
+def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask: str | Sequence[str] = (), *,
+          workers: int | None = None, executor: Executor | None = None, journal: str | PathLike[str] | None = None,
+          name: str | None = None, units: Mapping[str, str] | None = None) -> Dataset:
     """Ask a scene, or any function, at every point of a grid.
 
-    The answers have the same bits on every executor, as long as its machines have processors of one kind: every worker
-    computes with one thread.
+    The answers have the same bits wherever they are computed, on processors of one kind: linear algebra uses one thread.
 
     Parameters
     ----------
     asked : Scene or callable
         A function is called with one number for each axis by its name, and returns a number, an array of numbers, or a dict of
-        these.  A ValueError, an ArithmeticError, a MemoryError or Diverged says that a point is bad; another error ends the
-        sweep.  Other processes must be able to import the function.
+        these.  A ValueError, an ArithmeticError or a MemoryError says that a point is bad; another error ends the sweep.
     over : dict of str to array_like
         The axes: keys of the scene, such as 'law.a', or arguments of the function, and the values that they take.
     ask : str or sequence of str
         What is asked of a scene: see `magphonon.sweeps.known_questions()`.
-    executor : Executor or callable that makes one, optional
-        Any of `concurrent.futures`, Dask's `client.get_executor(pure=False)`, `mpi4py.futures.MPIPoolExecutor`; or
-        `magphonon.sweeps.processes(4)`, which is made anew if a process dies.  By default all is computed in this process.
-    journal_file : path-like, optional
+    workers : int, optional
+        Processes on this machine, -1 for one on each core; by default all is computed in this process, or where
+        `joblib.parallel_config` says, such as ``with joblib.parallel_config(backend='dask')``.
+    executor : Executor, optional
+        In place of workers, any of `concurrent.futures`, such as `mpi4py.futures.MPIPoolExecutor`.
+    journal : path-like, optional
         A file to which every answer is added as soon as it is known.  If the process is killed, the same sweep with the same
-        journal goes on where it stopped.
+        journal goes on where it stopped; the file is never replaced or deleted.
+    name : str, optional
+        What a function computes, which a journal of it needs: a sweep goes on from a journal of the same name, the same axes and
+        the same version of magphonon.  Give another name whenever the function gives other numbers; nothing else can tell.
     units : dict of str to str, optional
         Units of the axes and answers of a function; those of a scene are known.
 
@@ -69,71 +83,204 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
     Raises
     ------
     ValueError
-        For an axis, a key or a question that is none, or the journal of another sweep.
+        For an axis, a key or a question that is none, or a journal that is none of this sweep.
     ImportError
-        Without xarray; `pip install 'magphonon[sweep]'`.
-    BrokenExecutor
-        If processes die, unless the executor can be made anew.
+        Without joblib, threadpoolctl or xarray; `pip install 'magphonon[sweep]'`.
+    RuntimeError
+        If a process dies, mostly for want of memory.
 
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene, sweep
     >>> scene = read_scene(ready_scene('ideal'))
-    >>> found = sweep(scene, {'law.a': [3.5, 4.0, 5.0]}, 'bands.M.1')
+    >>> found = sweep(scene, {'lattice.mass_kg': [0.5, 1.0, 2.0]}, 'bands.M.1')
     >>> found['bands.M.1'].values.round(3).tolist()  # in Hz: the root of 2 (a - 3) f/(m L), by 2 pi
-    [15.915, 22.508, 31.831]
+    [31.831, 22.508, 15.915]
     """
     try:
-        import threadpoolctl  # noqa: F401  before anything is computed
+        import joblib  # noqa: F401  before anything is computed
+        import threadpoolctl  # noqa: F401
+        from tqdm import tqdm
         from xarray import Dataset
     except ImportError as error:
         raise ImportError(f"a sweep needs {error.name}, which is not installed; pip install 'magphonon[sweep]'") from None
-    axes = checked_axes(over)
-    function, told, about = _function(asked, tuple(axes), (ask,) if isinstance(ask, str) else tuple(ask))
-    points, answers = points_of(axes), dict[int, Answer]()
-    attributes = {'magphonon': __version__} | about
-    with ExitStack() as stack:
-        stack.enter_context(one_thread())
-        book = None
-        if journal_file is not None:
-            mark = fingerprint_of([attributes, _identity(function), {key: values.tolist() for key, values in axes.items()}])
-            attributes['fingerprint'] = mark
-            book = stack.enter_context(journal(journal_file, mark, len(points)))
-            answers |= book.known
-        progress = stack.enter_context(tqdm(total=len(points), initial=len(answers), desc='points', disable=None))
-        for found in completed(function, points, [k for k in range(len(points)) if k not in answers], executor):
-            if book is not None:
-                book.append(found)
-            answers |= dict(found)
-            progress.update(len(found))
-    told = {key: unit_of(key) for key in axes} | told | dict(units or {})
-    ordered = [answers[k] for k in range(len(points))]
-    return Dataset(_variables(axes, ordered, told), _coordinates(axes, told), attributes)
+    axes = _checked(over)
+    answers, about, told = _question(asked, axes, (ask,) if isinstance(ask, str) else tuple(ask))
+    about = {'magphonon': __version__} | about | ({} if name is None else {'name': name})
+    if journal is not None and callable(asked) and name is None:
+        raise ValueError('a journal cannot tell what a function computes; give it a name=, and another one whenever the function '
+                         'gives other numbers')
+    head = about | {'over': {key: values.tolist() for key, values in axes.items()}}
+    points = [dict(zip(axes, values, strict=True)) for values in product(*(values.tolist() for values in axes.values()))]
+    with (nullcontext(({}, None)) if journal is None else _journal(Path(journal), head, len(points)) as (known, file),
+          _one_thread(), tqdm(total=len(points), initial=len(known), desc='points', disable=None) as progress):
+        tasks = (partial(_answer, answers, k, point) for k, point in enumerate(points) if k not in known)
+        for k, values, fault in _computed(tasks, workers, executor):
+            known[k] = values, fault
+            if file is not None:
+                file.write(_line([k, values, fault]))
+            progress.update()
+    attributes = {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
+    told |= {key: {'units': unit} for key, unit in (units or {}).items()}
+    coordinates = {key: (key, values, told.get(key, {'units': ''})) for key, values in axes.items()}
+    return Dataset(_variables(axes, [known[k] for k in range(len(points))], told), coordinates, attributes)
 
 
-def _function(asked, keys, ask):
-    """What is evaluated, the units of its answers, and what the Dataset tells about it."""
+def _checked(over):
+    """The axes as arrays."""
+    if not over:
+        raise ValueError("over names no axis; give at least one, such as over={'law.a': np.linspace(3, 6, 50)}")
+    axes = {key: np.atleast_1d(finite(key, values)) for key, values in over.items()}
+    for key, values in axes.items():
+        if values.ndim != 1 or not len(values) or len(np.unique(values)) < len(values):
+            raise ValueError(f'{key} must be a list of different numbers, not {shown(values.tolist())}')
+    points = np.prod([len(values) for values in axes.values()], dtype=float)
+    if points > MOST_POINTS:
+        raise ValueError(f'over asks for {points:.3g} points, and at most {MOST_POINTS:g} are computed; take fewer values')
+    return axes
+
+
+def _question(asked, axes, ask):
+    """What gives values and fault at a point, all that these depend on, and attributes of axes and answers."""
     from ..scenes.scene import Scene
 
     if isinstance(asked, Scene):
-        from .scene_answers import SceneAnswers
-
-        function = SceneAnswers.of(asked, keys, ask)
-        return function, function.units, {'title': asked.title, 'scene': json.dumps(function.tables)}
+        answers = SceneAnswers.of(asked, axes, ask)
+        return answers, answers.about, answers.attributes(axes)
     if not callable(asked):
         raise ValueError(f'sweep asks a scene or a function, not {type(asked).__name__}; read a scene file with read_scene')
     if ask:
         raise ValueError('ask belongs to a scene; a function is asked what it returns')
-    return asked, {}, {'function': getattr(asked, '__qualname__', type(asked).__qualname__)}
+    return partial(_called, asked), {'function': getattr(asked, '__qualname__', type(asked).__qualname__)}, {}
 
 
-def _variables(axes, answers: Sequence[Answer], units: Mapping[str, str]) -> dict[str, Any]:
+def _called(function, point):
+    found = function(**point)
+    return found if isinstance(found, dict) else {'value': found}, ''
+
+
+def _answer(answers: Callable[..., Any], k: int, point: Mapping[str, float]) -> tuple[int, dict[str, Any], str]:
+    """Number, values and fault of one point, computed with one thread."""
+    global _limited
+    if not _limited:  # in a worker: the first process has seen to itself
+        _limits()
+        _limited = True
+    try:
+        found, fault = answers(point)
+    except REFUSALS as error:
+        return k, {}, str(error) or type(error).__name__
+    values, faults = {}, [fault] * bool(fault)
+    for name, value in found.items():
+        array = np.asarray(value)
+        if array.dtype.kind not in 'biuf':
+            raise TypeError(f'{name} is {value!r}; a function to be swept over returns real numbers, arrays of them, or a dict '
+                            'of these')
+        if np.isfinite(array).all():
+            values[name] = array.astype(float).tolist()
+        else:
+            faults.append(f'{name} is {array[~np.isfinite(array)].flat[0]}')
+    return k, values, '; '.join(faults)
+
+
+def _computed(tasks: Iterable[Callable[[], Any]], workers: int | None, executor: Executor | None) -> Iterator[Any]:
+    """The answers as they come."""
+    if executor is None:
+        from joblib import Parallel
+
+        here = {} if workers is None else {'backend': 'loky', 'n_jobs': workers}
+        yield from Parallel(return_as='generator_unordered', **here)((task, (), {}) for task in tasks)
+        return
+    futures = [executor.submit(task) for task in tasks]
+    try:
+        yield from (future.result() for future in as_completed(futures))
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compute with one thread meanwhile, as workers do: sums in another order differ in their last bits."""
+    global _limited
+    before = _limited
+    with _limits():
+        _limited = True
+        try:
+            yield
+        finally:
+            _limited = before
+
+
+def _limits():
+    import scipy.linalg  # noqa: F401  only libraries that are loaded already can be limited
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(1)
+
+
+def _line(entry: Any) -> bytes:
+    """A line of a journal."""
+    text = json.dumps(entry)
+    return f'{_checksum(text.encode())} {text}\n'.encode()
+
+
+def _checksum(text: bytes) -> str:
+    return sha256(text).hexdigest()[:16]
+
+
+@contextmanager
+def _journal(path: Path, head: Any, points: int) -> Iterator[tuple[dict[int, tuple[dict[str, Any], str]], Any]]:
+    """The answers that a journal holds, and the file to which more are added."""
+    known, new, whole = {}, not os.path.lexists(path), True
+    if not new:
+        if path.is_symlink():
+            raise ValueError(f'{path} is a link, into which no journal is written; name another place')
+        refuse_endless(path, MOST_BYTES)
+        text = path.read_bytes()
+        known, whole = _read(path, text, _line(head), points), text.endswith(b'\n')
+    flags = getattr(os, 'O_NOFOLLOW', 0)
+    try:
+        with open(path, 'xb' if new else 'ab', buffering=0, opener=lambda name, mode: os.open(name, mode | flags, 0o666)) as file:
+            file.write(_line(head) if new else b'' if whole else b'\n')
+            yield known, file
+    except OSError as error:
+        if error.filename is None or Path(error.filename) != path:
+            raise
+        raise type(error)(f'{path} cannot be written ({error.strerror}); choose another place for the journal') from None
+
+
+def _read(path, text, head, points):
+    """The answers in a journal, by the numbers of their points."""
+    first, *lines = text.splitlines(keepends=True) or [b'']
+    if first != head:
+        another = first[:16].decode(errors='replace') == _checksum(first[17:].rstrip(b'\n'))
+        raise ValueError(f'{path} is the journal of another sweep: of another scene or function, other axes or questions, or by '
+                         'another version; give that sweep again, or name another place' if another else
+                         f'{path} is no journal of a sweep; name another place for it')
+    known, damaged = {}, 0
+    for line in lines:
+        try:
+            if line[:17].decode() != f'{_checksum(line[17:-1])} ':
+                raise ValueError
+            k, values, fault = json.loads(line[17:])
+        except (ValueError, TypeError, RecursionError):
+            damaged += line.endswith(b'\n')
+            continue
+        if isinstance(k, int) and 0 <= k < points and isinstance(values, dict) and isinstance(fault, str):
+            known[k] = values, fault
+    if damaged:
+        warn(f'{path} has {damaged} damaged lines; their points are computed again', stacklevel=5)
+    return known
+
+
+def _variables(axes: Mapping[str, NDArray[np.float64]], answers: Sequence[tuple[dict[str, Any], str]],
+               told: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
     """The answers on the grid; an array has more axes of its own."""
     shape = tuple(len(values) for values in axes.values())
-    names = dict.fromkeys([*(name for name in units if name not in axes), *(name for found in answers for name in found.values)])
+    asked = [name for name in told if name not in axes]
     variables: dict[str, Any] = {}
-    for name in names:
-        known = {k: np.asarray(found.values[name], dtype=float) for k, found in enumerate(answers) if name in found.values}
+    for name in dict.fromkeys([*asked, *(name for values, _ in answers for name in values)]):
+        known = {k: np.asarray(values[name], dtype=float) for k, (values, _) in enumerate(answers) if name in values}
         inner = {array.shape for array in known.values()} or {()}
         if len(inner) > 1:
             raise ValueError(f'{name} has the shapes {sorted(inner)} at different points; return arrays of one shape')
@@ -142,44 +289,7 @@ def _variables(axes, answers: Sequence[Answer], units: Mapping[str, str]) -> dic
         for k, array in known.items():
             grid[k] = array
         dimensions = (*axes, *(f'{name}_{n}' for n in range(len(own))))
-        variables[name] = (dimensions, grid.reshape(shape + own), {'units': units.get(name, '')})
-    faults = np.array([found.fault for found in answers], dtype=object)
+        variables[name] = (dimensions, grid.reshape(shape + own), told.get(name, {'units': ''}))
+    faults = np.array([fault for _, fault in answers], dtype=object)
     variables['fault'] = (tuple(axes), faults.reshape(shape), {'long_name': 'why answers are missing'})
     return variables
-
-
-def _coordinates(axes: Mapping[str, NDArray[np.float64]], units: Mapping[str, str]) -> dict[str, Any]:
-    return {key: (key, values, {'units': units[key]}) for key, values in axes.items()}
-
-
-def _identity(function: Any) -> Any:
-    """What makes a function this one, in plain Python: its source and the values that it was made with.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be recognised again.
-    """
-    if isinstance(function, partial):
-        return ['partial', _identity(function.func), _digest(function, [function.args, function.keywords])]
-    if hasattr(function, 'identity'):  # it knows itself
-        return function.identity
-    if is_dataclass(function):
-        return [type(function).__qualname__, _digest(function, asdict(function))]  # pyright: ignore[reportArgumentType]  no class
-    try:
-        source = inspect.getsource(function)
-    except (OSError, TypeError) as error:
-        raise ValueError(f'a journal cannot tell whether it belongs to {function!r} ({error}); take a function that is defined '
-                         'in a file, functools.partial of one, or a dataclass that can be called') from None
-    held = [function.__defaults__, function.__kwdefaults__, [cell.cell_contents for cell in function.__closure__ or ()]]
-    return [function.__module__, function.__qualname__, source, _digest(function, held)]
-
-
-def _digest(function, values):
-    """A checksum; of what JSON does not know, by way of pickle."""
-    try:
-        text = json.dumps(values, sort_keys=True, default=lambda held: sha256(pickle.dumps(held)).hexdigest())
-    except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
-        raise ValueError(f'a journal cannot tell whether it belongs to {function!r}, which holds what cannot be written down '
-                         f'({error}); give it plain numbers and functions of a module') from None
-    return sha256(text.encode()).hexdigest()

@@ -14,15 +14,18 @@ import numpy as np
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
-from ..errors import did_you_mean, one_of, whole
+from ..errors import did_you_mean, one_of, shown, whole
 from ..response.frf import receptance
+from ..scenes.keys import UNITS, unit_of
+from ..scenes.scene import parts_of, scene_of
 from ..stability.amplitude_shifts import frequency_shifts
 from ..stability.buckling import common_spring, foundation_needed, softest_of, spacing_held
 from ..stability.verdicts import LINEAR_ERROR, verdict
 from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
 
     from ase import Atoms
     from numpy.typing import NDArray
@@ -58,7 +61,6 @@ class Situation:
     @cached_property
     def along_path(self) -> NDArray[np.float64]:
         """Frequencies along the path of [bands] in Hz, shape (wavevectors, branches)."""
-        self.refuse_finite()
         self.refuse_buckling()
         return u.hertz(bloch_modes(self.atoms, self.scene.band_path().kpts)[0])
 
@@ -71,11 +73,6 @@ class Situation:
         amplitude = abs(found.response)
         return float(u.hertz(found.omega[amplitude.argmax()])), float(amplitude.max() / (u.m / u.N))
 
-    def refuse_finite(self) -> None:
-        """Raise ValueError if the scene has no lattice."""
-        if not self.atoms.pbc.any():
-            raise ValueError('the structure is finite and has no bands; ask for frf.peak_Hz')
-
     def refuse_buckling(self) -> None:
         """Raise ValueError if the lattice buckles."""
         if self.margin < -BORDER * self.needed:
@@ -83,27 +80,15 @@ class Situation:
             raise ValueError(f'the lattice buckles: it needs a foundation of {needed:.4g} N/m and has {given:.4g} N/m')
 
 
-def band_frequency(situation: Situation, point: str, branch: str) -> float:
-    """Frequency of a branch at a special point, Hz."""
-    situation.refuse_finite()
-    points = situation.scene.special_points
+def _frequency(situation: Situation, point: str, branch: str) -> float:
     situation.refuse_buckling()
-    omega = bloch_modes(situation.atoms, points[one_of('the point', point, tuple(points))][None])[0][0]
-    return float(u.hertz(omega[_branch(branch, len(omega))]))
+    omega = bloch_modes(situation.atoms, situation.scene.special_points[point][None])[0][0]
+    return float(u.hertz(omega[int(branch) - 1]))
 
 
-def band_gap(situation: Situation, branch: str) -> float:
-    """From the top of a branch to the bottom of the next one along the path of [bands], Hz; negative where they overlap."""
-    f = situation.along_path
-    n = _branch(branch, f.shape[1] - 1)
-    return float(f[:, n + 1].min() - f[:, n].max())
-
-
-def _branch(text, count):
-    n = whole('the branch', float(text) if text.isdecimal() else text)
-    if n > count:
-        raise ValueError(f'the branch must be at most {count}, not {n}')
-    return n - 1
+def _gap(situation: Situation, branch: str) -> float:
+    f, n = situation.along_path, int(branch)
+    return float(f[:, n].min() - f[:, n - 1].max())
 
 
 def _needed(situation: Situation) -> float:
@@ -142,6 +127,34 @@ def _timestep(situation: Situation) -> float:
     return verdict(situation.atoms).timestep_limit / u.s
 
 
+def _point_and_branch(scene: Scene, point: str, branch: str) -> None:
+    _refuse_no_bands(scene)
+    one_of('the point', point, tuple(scene.special_points))
+    _branch(scene, branch, 0)
+
+
+def _branch_below(scene: Scene, branch: str) -> None:
+    _refuse_no_bands(scene)
+    scene.wanted('bands')
+    _branch(scene, branch, 1)
+
+
+def _refuse_no_bands(scene):
+    if scene.single or scene.finite:
+        raise ValueError(f'{"the oscillator" if scene.single else "a finite structure"} has no bands; ask for frf.peak_Hz')
+
+
+def _branch(scene, text, above):
+    atoms = scene.atoms()
+    most = len(atoms) * atoms.calc.dim - above
+    if whole('the branch', float(text) if text.isdecimal() else text) > most:
+        raise ValueError(f'the branch must be at most {most}, not {text}')
+
+
+def _with_frf(scene: Scene) -> None:
+    scene.wanted('frf')
+
+
 class Question(NamedTuple):
     """A question of the list.
 
@@ -151,25 +164,36 @@ class Question(NamedTuple):
     meaning : str
     answer : callable
         From a Situation, and the words that stand for the capitals in its name, to a number in that unit.
+    label : str
+        For the axis of a picture, with {} for each of these words.
+    check : callable, optional
+        From a Scene and these words; ValueError if no values of its numbers could give an answer.
     """
 
     unit: str
     meaning: str
     answer: Callable[..., float]
+    label: str
+    check: Callable[..., None] = lambda scene, *words: None
 
 
 QUESTIONS = {
-    'bands.gap.BRANCH': Question('Hz', 'gap above a branch along the path of [bands], negative where branches overlap', band_gap),
-    'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch at a special point, counted from 1', band_frequency),
-    'stability.needed': Question('N/m', 'foundation that the lattice needs', _needed),
-    'stability.margin': Question('N/m', 'foundation less what the lattice needs; negative where it buckles', _margin),
-    'stability.growth': Question('1/s', 'rate of the fastest growing motion, zero where it is stable', _growth),
-    'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing),
-    'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude),
-    'timestep.limit': Question('s', 'longest stable time step', _timestep),
-    'verdict.faults': Question('1', 'number of faults that "magphonon check" finds in the lattice', _faults),
-    'frf.peak_Hz': Question('Hz', 'frequency of the highest response of [frf]', lambda situation: situation.peak[0]),
-    'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1]),
+    'bands.gap.BRANCH': Question('Hz', 'gap above a branch along the path of [bands], negative where branches overlap', _gap,
+                                 'gap above branch {}', _branch_below),
+    'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch at a special point, counted from 1', _frequency,
+                                   'frequency at {}, branch {}', _point_and_branch),
+    'stability.needed': Question('N/m', 'foundation that the lattice needs', _needed, 'foundation needed'),
+    'stability.margin': Question('N/m', 'foundation less what the lattice needs; negative where it buckles', _margin,
+                                 'foundation less what is needed'),
+    'stability.growth': Question('1/s', 'rate of the fastest growing motion, zero where it is stable', _growth, 'growth rate'),
+    'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
+    'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
+                                 'amplitude for an error of 1 %'),
+    'timestep.limit': Question('s', 'longest stable time step', _timestep, 'longest time step'),
+    'verdict.faults': Question('1', 'number of faults that "magphonon check" finds in the lattice', _faults, 'faults'),
+    'frf.peak_Hz': Question('Hz', 'frequency of the highest response of [frf]', lambda situation: situation.peak[0],
+                            'frequency of the peak', _with_frf),
+    'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1], 'peak', _with_frf),
 }
 """Words in capitals stand for any word; what comes first in the list counts."""
 
@@ -193,3 +217,123 @@ def question(name: str) -> tuple[Question, tuple[str, ...]]:
         if len(places) == len(words) and all(place.isupper() or place == word for place, word in zip(places, words, strict=True)):
             return known, tuple(word for place, word in zip(places, words, strict=True) if place.isupper())
     raise ValueError(f'{name} is no question' + did_you_mean(name, QUESTIONS, f'the questions are {", ".join(QUESTIONS)}'))
+
+
+@dataclass(frozen=True)
+class SceneAnswers:
+    """The answers to some questions about a scene, as a function of some of its keys; it can be sent to other processes.
+
+    Attributes
+    ----------
+    tables : dict
+        The scene as its file has it, in plain Python.
+    asked : tuple of str
+        Names of questions.
+    particles : ase.Atoms, optional
+        Particles of the scene, if its lattice is a file.
+    contents : str
+        The checksum of that file.
+    """
+
+    tables: dict[str, Any]
+    asked: tuple[str, ...]
+    particles: Atoms | None = None
+    contents: str = ''
+
+    @classmethod
+    def of(cls, scene: Scene, over: Mapping[str, NDArray[np.float64]], asked: Sequence[str]) -> SceneAnswers:
+        """The function for a scene.
+
+        Raises
+        ------
+        ValueError
+            For a key that the scene does not have or whose value is no number, or a question that is not known or that this
+            scene cannot answer whatever its numbers are.
+        """
+        if not asked:
+            raise ValueError("ask names no question; give at least one, such as ask=['bands.M.1']")
+        tables = scene.model_dump(mode='json')
+        for key in over:
+            _refuse_unknown(tables, key)
+        for name in asked:
+            known, words = question(name)
+            try:
+                known.check(scene, *words)
+            except ValueError as error:
+                raise ValueError(f'{name}: {error}') from None
+        plain, particles = parts_of(scene)
+        return cls(plain, tuple(asked), particles, str(tables['lattice'].get('contents', '')))
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """All that the answers depend on, as plain Python objects."""
+        return {'title': self.tables['title'], 'scene': self.tables, 'particles': self.contents, 'ask': list(self.asked)}
+
+    def attributes(self, over: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+        """Unit and label of each axis and each answer."""
+        told = {key: {'units': unit_of(key), 'long_name': _label(key)} for key in over}
+        for name in self.asked:
+            known, words = question(name)
+            told[name] = {'units': known.unit, 'long_name': known.label.format(*words)}
+        return told
+
+    def __call__(self, point: Mapping[str, float]) -> tuple[dict[str, float], str]:
+        """The answers at one point, by the dotted keys of the scene, and why some are missing.
+
+        Raises
+        ------
+        ValueError
+            If there is no such scene, as with a law that decays too slowly for its shells.
+        """
+        situation = Situation(scene_of(_replaced(self.tables, point), self.particles))
+        values, faults = {}, []
+        for name in self.asked:
+            known, words = question(name)
+            try:
+                with np.errstate(over='raise', divide='raise', invalid='raise'):
+                    values[name] = known.answer(situation, *words)
+            except (ValueError, ArithmeticError, MemoryError) as error:
+                faults.append(f'{name}: {error}' if len(self.asked) > 1 else str(error))
+        return values, '; '.join(dict.fromkeys(faults))
+
+
+def _label(key):
+    """Of foundation.pillar.height_m 'pillar height'."""
+    *_, table, name = ['', *key.split('.')]
+    ends = [end for end in UNITS if name.endswith(end)]
+    return f'{table} {name.removesuffix(ends[0]) if ends else name}'.replace('_', ' ').strip()
+
+
+def _replaced(tables, point):
+    """The tables with the values of a point in their places; the rest is shared."""
+    made = dict(tables)
+    for key, value in point.items():
+        inner, (*outer, last) = made, key.split('.')
+        for name in outer:
+            inner[name] = dict(inner.get(name, {}))
+            inner = inner[name]
+        inner[last] = value
+    return made
+
+
+def _refuse_unknown(tables, key):
+    inner = tables
+    for name in key.split('.'):
+        if inner is None:  # an optional table that the scene does not have; the scene itself judges its keys
+            return
+        if not isinstance(inner, dict) or name not in inner:
+            raise ValueError(f'the scene has no number {key}'
+                             + did_you_mean(key, _numbers(tables), f'its numbers are {", ".join(_numbers(tables))}'))
+        inner = inner[name]
+    if inner is not None and (isinstance(inner, bool) or not isinstance(inner, int | float)):
+        raise ValueError(f'{key} is {shown(inner)} in the scene; only single numbers can be swept over')
+
+
+def _numbers(tables, before=''):
+    found = []
+    for name, value in tables.items():
+        if isinstance(value, dict):
+            found += _numbers(value, f'{before}{name}.')
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            found.append(before + name)
+    return found

@@ -1,6 +1,7 @@
-"""Sweeps in one process: scenes against closed forms, what is refused, and what a file keeps."""
+"""Sweeps: scenes against closed forms, what is refused, and what a file keeps."""
 
 import json
+import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -11,9 +12,10 @@ from sweeping import calls, formula, noted
 
 from magphonon import read_scene, ready_scene, units
 from magphonon.cli.main import main
+from magphonon.cli.sweep import axis_of
 from magphonon.plotting import plot_sweep
-from magphonon.sweeps import axis_of, known_questions, sweep
-from magphonon.sweeps.grid import unit_of
+from magphonon.sweeps import known_questions, sweep
+from magphonon.sweeps.dataset import _line
 
 xarray = pytest.importorskip('xarray')
 OVER = {'x': [0.0, 1.0, 2.0, 3.0], 'y': [0.0, 1.0]}
@@ -74,10 +76,11 @@ def test_scenes_with_files_and_disorder(tmp_path):
     lattice = '[lattice]\nkind = "file"\nfile = "three.csv"\nmass_kg = 7.07e-4\ncutoff_m = 0.012\n'
     law = '[law]\nkind = "inverse_power"\nb_N_m_a = 1.6209e-10\na = 4.5824\nshells = 1\n[foundation]\nstiffness_N_per_m = 20.0\n'
     (tmp_path / 'three.toml').write_text(f'title = "three"\n{lattice}{law}')
-    found = sweep(read_scene(tmp_path / 'three.toml'), {'law.a': [4.0, 4.5824]}, ['stability.needed', 'bands.G.1'])
-    sideways = 2 * 1.6209e-10 * 0.01 ** -(1 + found['law.a'].values)  # 2 f/L0
+    found = sweep(read_scene(tmp_path / 'three.toml'), {'law.b_N_m_a': [1e-10, 1.6209e-10]}, 'stability.needed')
+    sideways = 2 * found['law.b_N_m_a'].values * 0.01 ** -(1 + 4.5824)  # 2 f/L0
     assert_allclose(found['stability.needed'], sideways, rtol=1e-9, err_msg=str(found.fault.values))
-    assert 'is finite and has no bands' in found.fault.values[0]
+    with pytest.raises(ValueError, match='a finite structure has no bands'):
+        sweep(read_scene(tmp_path / 'three.toml'), {'law.a': [4.0]}, 'bands.G.1')
 
 
 @pytest.mark.parametrize(('over', 'ask', 'words'), [
@@ -89,6 +92,10 @@ def test_scenes_with_files_and_disorder(tmp_path):
     ({'law.a': [np.nan]}, 'bands.M.1', 'must be a finite number'),
     ({'law.a': [3.0]}, 'band.M.1', 'band.M.1 is no question'),
     ({'law.a': [3.0]}, (), 'no question'),
+    ({'law.a': [3.0]}, 'bands.Q.1', 'the point must be one of'),
+    ({'law.a': [3.0]}, 'bands.M.3', 'the branch must be at most 2, not 3'),
+    ({'law.a': [3.0]}, 'bands.gap.2', 'the branch must be at most 1, not 2'),
+    ({'law.a': [3.0]}, 'bands.M.x', 'a whole number'),
 ])
 def test_mistakes_are_refused_before_anything_is_computed(prototype, over, ask, words):
     with pytest.raises(ValueError, match=words):
@@ -102,11 +109,14 @@ def test_every_question_is_answered(prototype):
     found = sweep(prototype, {'law.a': [4.5824]}, of_lattice)
     assert found.fault.values[0].startswith('stability.spacing: no spacing')  # it holds itself, with a > 3
     assert all(np.isfinite(found[name].values[0]) for name in of_lattice if name != 'stability.spacing')
-    found = sweep(scene, {'frf.points': [501]}, ['frf.peak_Hz', 'frf.peak_m_per_N', 'bands.M.1'])
+    found = sweep(scene, {'frf.points': [501]}, ['frf.peak_Hz', 'frf.peak_m_per_N'])
     step = np.diff(units.hertz(scene.frf.omega[:2]))  # at least, as 501 points lie closer
     assert_allclose(found['frf.peak_Hz'].values[0], np.sqrt(4.5e4) / (2 * np.pi), atol=step[0], rtol=0)
     assert_allclose(found['frf.peak_m_per_N'].values[0], 1 / (12 * np.sqrt(4.5e4)), rtol=0.05)  # 1/(M gamma omega), on a grid
-    assert 'no bands' in found.fault.values[0]
+    with pytest.raises(ValueError, match='the oscillator has no bands'):
+        sweep(scene, {'frf.points': [501]}, 'bands.M.1')
+    with pytest.raises(ValueError, match=r'no table \[frf\]'):
+        sweep(read_scene('fcc'), {'lattice.mass_kg': [1.0]}, 'frf.peak_Hz')
 
 
 def test_a_function_returns_numbers_or_arrays(tmp_path):
@@ -159,51 +169,93 @@ def test_threads_compute_the_same_bits():
         assert sweep(formula, over, executor=pool).identical(sweep(formula, over))
 
 
+def test_processes_compute_the_same_bits():
+    over = {'x': np.linspace(0, 1, 5), 'y': [0.0, 1.0]}
+    assert sweep(formula, over, workers=2).identical(sweep(formula, over))
+
+
 def test_a_journal_goes_on_wherever_it_was_cut(tmp_path):
     function, file = noted_here(tmp_path), tmp_path / 'journal'
-    whole = sweep(function, OVER, journal_file=file)
+    whole = sweep(function, OVER, journal=file, name='noted')
     text = file.read_bytes()
+    head = text.index(b'\n') + 1
     assert set(calls(tmp_path / 'calls').values()) == {1}
-    for cut in range(0, len(text), 7):  # in the first line, at ends of lines, within numbers
+    for cut in range(head, len(text), 7):  # at ends of lines, within numbers
         file.write_bytes(text[:cut])
         before = calls(tmp_path / 'calls')
-        assert sweep(function, OVER, journal_file=file).identical(whole)
-        kept = max(text[:cut].count(b'\n') - 1, 0)
-        assert sum(calls(tmp_path / 'calls').values()) - sum(before.values()) == 8 - kept
+        assert sweep(function, OVER, journal=file, name='noted').identical(whole)
+        assert sum(calls(tmp_path / 'calls').values()) - sum(before.values()) == 8 - (text[:cut].count(b'\n') - 1)
+    for cut in range(0, head - 1, 7):
+        file.write_bytes(text[:cut])
+        with pytest.raises(ValueError, match='no journal'):
+            sweep(function, OVER, journal=file, name='noted')
+
+
+@pytest.mark.filterwarnings('ignore:.*damaged lines')
+def test_a_damaged_journal_gives_no_other_number(tmp_path):
+    file = tmp_path / 'journal'
+    whole = sweep(formula, OVER, journal=file, name='formula')
+    text, draw = file.read_bytes(), np.random.default_rng(5)
+    believed = refused = 0
+    for _ in range(200):
+        flipped = bytearray(text)
+        flipped[draw.integers(len(text))] ^= 1 << int(draw.integers(8))
+        file.write_bytes(flipped)
+        try:
+            found = sweep(formula, OVER, journal=file, name='formula')
+        except ValueError as error:
+            refused += 'no journal' in str(error)
+            continue
+        assert found.identical(whole)
+        believed += 1
+    assert believed + refused == 200
+    assert believed > 100
+
+
+@pytest.mark.parametrize('lines', [b'5\n', b'null\n', b'[[0], {}, ""]\n', b'[' * 10**5 + b'\n', _line(5), _line([0, 5, '']),
+                                   _line([99, {}, '']), _line([-1, {}, '']), _line([0, {}, 1.0]), _line([[0], {}, ''])])
+@pytest.mark.filterwarnings('ignore:.*damaged lines')
+def test_hostile_lines_are_not_believed(tmp_path, lines):
+    file = tmp_path / 'journal'
+    whole = sweep(formula, OVER, journal=file, name='formula')
+    file.write_bytes(file.read_bytes().splitlines(keepends=True)[0] + lines)
+    assert sweep(formula, OVER, journal=file, name='formula').identical(whole)
 
 
 def test_the_journal_of_another_sweep_is_refused(tmp_path):
     function, file = noted_here(tmp_path), tmp_path / 'journal'
-    sweep(function, OVER, journal_file=file)
-    for other, over in ((function, OVER | {'y': [0.0, 1.5]}), (partial(function, pause=1e-9), OVER), (infinite, OVER)):
+    with pytest.raises(ValueError, match='give it a name='):
+        sweep(function, OVER, journal=file)
+    sweep(function, OVER, journal=file, name='sums')
+    for over, name in ((OVER | {'y': [0.0, 1.5]}, 'sums'), (OVER, 'other sums')):
         with pytest.raises(ValueError, match='another sweep'):
-            sweep(other, over, journal_file=file)
-    file.write_text('my notes')
-    with pytest.raises(ValueError, match='no journal'):
-        sweep(function, OVER, journal_file=file)
-    assert file.read_text() == 'my notes'
-    (tmp_path / 'damaged').write_text('{"x\n[1, 2]\n')
-    with pytest.raises(ValueError, match='damaged in line 1'):
-        sweep(function, OVER, journal_file=tmp_path / 'damaged')
+            sweep(function, over, journal=file, name=name)
+    scene = read_scene('chain')
+    sweep(scene, {'lattice.mass_kg': [1.0]}, 'stability.needed', journal=tmp_path / 'chain')
+    for other, over, ask in ((read_scene('square'), [1.0], 'stability.needed'), (scene, [2.0], 'stability.needed'),
+                             (scene, [1.0], 'stability.margin')):
+        with pytest.raises(ValueError, match='another sweep'):
+            sweep(other, {'lattice.mass_kg': over}, ask, journal=tmp_path / 'chain')
 
 
-def test_two_sweeps_do_not_share_a_journal(tmp_path):
-    function, file = noted_here(tmp_path), tmp_path / 'journal'
-
-    def meddling(x, y):
-        with pytest.raises(ValueError, match='written by another sweep'):
-            sweep(function, OVER, journal_file=file)
-        return x
-
-    sweep(function, OVER, journal_file=tmp_path / 'other')
-    from magphonon.sweeps.journal import journal
-
-    with journal(file, 'mark', 8):
-        assert meddling(1.0, 1.0) == 1.0
+def test_no_file_of_a_user_becomes_a_journal(tmp_path):
+    notes, empty = tmp_path / 'notes', tmp_path / 'empty'
+    notes.write_text('my notes')
+    empty.touch()
+    (tmp_path / 'link').symlink_to(empty)
+    (tmp_path / 'dangling').symlink_to(tmp_path / 'nothing')
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'folder').mkdir()
+    for name, words in (('notes', 'no journal'), ('empty', 'no journal'), ('link', 'is a link'), ('dangling', 'is a link'),
+                        ('pipe', 'pipe'), ('folder', '.*'), ('none/there', 'cannot be written')):
+        with pytest.raises((ValueError, OSError), match=words):
+            sweep(formula, OVER, journal=tmp_path / name, name='formula')
+    assert (notes.read_text(), empty.read_text()) == ('my notes', '')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['dangling', 'empty', 'folder', 'link', 'notes', 'pipe']
 
 
 @pytest.mark.parametrize('text', ['law.a', 'law.a=', '=1:2:3', 'law.a=1:2', 'law.a=1:2:0', 'law.a=1:2:2.5', 'law.a=-1:2:3:log',
-                                  'law.a=1:2:3:lin', 'law.a=1,x', 'law.a=nan:1:3'])
+                                  'law.a=1:2:3:lin', 'law.a=1,x', 'law.a=1:2:1e9', 'law.a=nan:1:3'])
 def test_axes_that_are_none(text):
     with pytest.raises(ValueError, match='--over'):
         axis_of(text)
@@ -213,8 +265,6 @@ def test_axes():
     assert_array_equal(axis_of('law.a=3:6:4')[1], [3, 4, 5, 6])
     assert_allclose(axis_of('k=1e-2:1:3:log')[1], [0.01, 0.1, 1], rtol=1e-15)
     assert_array_equal(axis_of('k=4,2')[1], [4, 2])
-    assert [unit_of(key) for key in ('law.a', 'foundation.stiffness_N_per_m', 'frf.damping_per_s', 'law.b_N_m_a')] == [
-        '', 'N/m', '1/s', 'N m^a']
 
 
 def test_command(tmp_path, capsys):
@@ -235,6 +285,25 @@ def test_command(tmp_path, capsys):
     assert main([*words, '--scheduler', 'tcp://x']) == 2
     assert main([*words[:-2], '--over', 'law.a=5', '-o', str(out)]) == 2
     assert 'twice' in capsys.readouterr().err
+    buckled = [*words[:3], 'here', '--over', 'foundation.stiffness_N_per_m=1e4:3e4:3', '--ask', 'bands.X.1', '-o']
+    assert main([*buckled, str(tmp_path / 'empty')]) == 2
+    error = capsys.readouterr().err
+    assert '3 times: the lattice buckles: it needs a foundation of 4e+04 N/m and has 1e+04 to 3e+04 N/m' in error
+
+
+def test_the_journal_of_an_earlier_command_is_taken_up_and_stays(tmp_path, capsys):
+    file, out = tmp_path / 'chain.toml', tmp_path / 'out'
+    file.write_text(ready_scene('chain').read_text())
+    out.mkdir()
+    over = {'foundation.stiffness_N_per_m': [5e4, 6e4]}
+    sweep(read_scene(file), over, ['bands.X.1'], journal=out / 'sweep.journal')  # as a killed command leaves it
+    before = (out / 'sweep.journal').read_bytes()
+    words = ['sweep', str(file), '--executor', 'here', '--over', 'foundation.stiffness_N_per_m=5e4,6e4', '--ask', 'bands.X.1',
+             '-o', str(out)]
+    assert main(words) == 0
+    assert 'sweep.journal of an earlier command stays' in ''.join(capsys.readouterr())
+    assert (out / 'sweep.journal').read_bytes() == before
+    assert (out / 'sweep.nc').exists()
 
 
 def refusing(x, y):
