@@ -173,8 +173,33 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
         reach = 1.5 * reach + 1e-6 * extent  # the second term: if particle 0 coincides with another one, the reach starts at zero
 
 
+def clear_shells(atoms: Atoms, distances: NDArray[np.float64], counts: Iterable[int]) -> list[int]:
+    """Those of the numbers of shells that `find_bonds` accepts, because the next distance is another shell.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+    distances : ndarray, shape (n,)
+        Different distances in ascending order, beyond the shells.
+    counts : iterable of int
+    """
+    gaps = np.diff(distances) / distances[1:]
+    last = np.flatnonzero(gaps > SHELL_WIDTH)
+    return [shells for shells in counts if shells <= len(last) and _unclear(atoms, distances, gaps, last, shells) is None]
+
+
 def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
-    """Refuse a last shell that rounding may have split, or shells whose gaps are no wider than the rounding.
+    end = _unclear(atoms, distances, gaps, last, shells)
+    if end is None:
+        return
+    raise ValueError(f'the shells of neighbours are not clear: one ends at {distances[end]:.9g} mm, and the next '
+                     f'distance is {distances[end + 1]:.9g} mm, {100 * gaps[end]:.2g} % longer; if rounded or measured positions '
+                     'split one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
+                     f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
+
+
+def _unclear(atoms, distances, gaps, last, shells):
+    """Where rounding may have split the last shell, or gaps are no wider than the rounding: an index of `distances`, or None.
 
     Parameters
     ----------
@@ -197,13 +222,8 @@ def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
     split = ((between < narrow) | rounded) & (CONTRAST * between < beside)
     inside = gaps[:end][(gaps[:end] > EXACT) & (gaps[:end] <= SHELL_WIDTH)].max(initial=0)
     if not split.any() and between.min() >= CLEAR * inside:
-        return
-    if split.any():
-        end = last[split.argmax()]
-    raise ValueError(f'the shells of neighbours are not clear: one ends at {distances[end]:.9g} mm, and the next '
-                     f'distance is {distances[end + 1]:.9g} mm, {100 * gaps[end]:.2g} % longer; if rounded or measured positions '
-                     'split one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
-                     f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
+        return None
+    return last[split.argmax()] if split.any() else end
 
 
 def _last_decimal(atoms: Atoms) -> float:

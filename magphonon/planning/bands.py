@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..bands.bloch import bloch_modes
 from ..interactions.pair_laws import GaussianMixture
-from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within
+from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
@@ -113,7 +112,7 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
     """
     refuse_unlike(atoms.calc, 'the plan for bands', 'compare bands of several shells yourself')  # pyright: ignore[reportArgumentType]
     spent, q = 0.0, _looked_at(path) if edge is None else np.array([edge.q])
-    if edge is None and (omega := bloch_modes(atoms, q)[0]).min() < -ROUND_OFF * omega.max():
+    if edge is None and _buckles(atoms, q):
         q = path.kpts  # a few wavevectors may miss the largest error, because omega(q) is steep where its square changes sign
     for reach in REACHES:
         plan = _plan_within(atoms, path, tolerance, edge, q, reach, spent)
@@ -127,12 +126,25 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
     return plan
 
 
+def _buckles(atoms, q):
+    """Whether nearest neighbours alone let the lattice buckle."""
+    calc, (nearest, *_) = atoms.calc, neighbour_shells(atoms, REACHES[0])
+    D = bloch_matrix(nearest, sum(bond_stiffness(nearest.vectors[:, : calc.dim], calc.law)), q)
+    squares = np.linalg.eigvalsh(mass_weighted(D + calc.foundation * np.eye(D.shape[-1]), atoms.get_masses()))
+    return squares.min() < -(ROUND_OFF**2) * squares.max()
+
+
 def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     """Plan with the neighbours within `reach` spacings, compared at `q`; `spent` is the cost of earlier estimates."""
     calc: Any = LinearSystem.of(atoms).unheld('plans for bands are those').atoms.calc
     size = len(atoms) * calc.dim
     shells = neighbour_shells(atoms, reach)
     counts = np.unique(np.floor(SHELL_RATIO ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(SHELL_RATIO)))).astype(int))
+    around = distances_within(atoms, 1.1 * shells[-1].lengths.max() + atoms.cell.lengths()[atoms.pbc].max())
+    counts = np.array(clear_shells(atoms, around, counts))
+    if not len(counts):
+        raise ValueError('the shells of neighbours of this cell cannot be told apart, so no method has a number of them; give '
+                         'its vectors and positions with more digits')
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
     near = _within_half(shells)
     beyond = [(near, _continuum(atoms, shells[near - 1].lengths.mean(), q)), (len(shells), continuum)]
@@ -144,7 +156,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     methods = [Method(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
                       bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), DOUBT,
                       Settings(model, int(k)))
-               for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [1, *counts], errors, strict=True)]
+               for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [counts[0], *counts], errors, strict=True)]
     if isinstance(calc.law, GaussianMixture) and calc.law.decay > 0:
         methods.append(Method('complete linear, all neighbours', f'Ewald sums {at}',
                               bloch_cost(EWALD_BONDS * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,
@@ -164,7 +176,7 @@ def _within_half(shells):
 
 
 def _errors(atoms, q, edge, shells, counts, continua):
-    """Error of the conventional model with one shell, then of the complete one with each number of shells in `counts`.
+    """Error of the conventional model with the fewest shells of `counts`, then of the complete one with each of them.
 
     `continua` holds the number of summed shells and the continuum beyond them, for the two references: the nearer half of the
     shells and all of them.  Both are the same where a measured table knows only the nearest.
@@ -174,7 +186,7 @@ def _errors(atoms, q, edge, shells, counts, continua):
     D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
                  for k in (0, 1))
     references = [D0[n - 1] + Dstar[n - 1] + continuum for n, continuum in continua]
-    D = np.concatenate([D0[:1], (D0 + Dstar)[counts - 1], references]) + calc.foundation * np.eye(D0.shape[-1])
+    D = np.concatenate([D0[counts[:1] - 1], (D0 + Dstar)[counts - 1], references]) + calc.foundation * np.eye(D0.shape[-1])
     *omega, exact = signed_root(np.linalg.eigvalsh(mass_weighted(D, atoms.get_masses())))
     if edge is None:
         *errors, lacking = abs(omega - exact).max(axis=(1, 2)) / exact.max()

@@ -179,7 +179,7 @@ def scene_plans(scene: AskingScene, tolerance: float) -> Iterator[Wanted]:
             yield _burst(scene, cell, patch, tolerance, k, left_out)
 
 
-def _cell(scene, shells=1):
+def _cell(scene, shells):
     """The cell of a scene with the number of neighbour shells of a method, whatever the scene says."""
     from ..stiffness.all_neighbours import AllNeighbours
     from ..stiffness.calculator import MagneticRepulsion
@@ -196,7 +196,7 @@ def _cell(scene, shells=1):
 def _bands(scene, tolerance):
     from .bands import Edge, plan_bands
 
-    atoms, path, edge = _cell(scene), scene.band_path(), None
+    atoms, path, edge = scene.atoms(), scene.band_path(), None
     if scene.plan is not None and scene.plan.edge is not None:
         point, branch = scene.plan.edge, scene.plan.branch
         edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
@@ -207,7 +207,8 @@ def _bands(scene, tolerance):
 def _beyond_nearest(scene):
     """The effect of the neighbours that no method for a patch includes."""
     return ('These figures use nearest neighbours only, because a patch with further neighbours is not in equilibrium at its '
-            f'rim; including all neighbours would shift the bands by {percent(_error_of_shells(scene, 1)[0])}.')
+            f'rim; including all neighbours would shift the bands by up to {percent(_error_of_shells(scene, 1)[0])} of the '
+            'highest frequency.')
 
 
 def neglected(scene: AskingScene) -> list[str]:
@@ -229,15 +230,15 @@ def neglected(scene: AskingScene) -> list[str]:
     if scene.single or scene.law.shells == ALL or scene.lattice.kind == 'file' or scene.laws_of_kinds:
         return []
     counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
-    if len(neighbour_shells(_cell(scene), REACHES[0])) <= scene.law.shells:
+    if all(len(neighbour_shells(scene.atoms(), reach)) <= scene.law.shells for reach in REACHES):
         return [f'{counted}: the table of forces ends before the next ones, so that their effect is not known.']
     error, known = _error_of_shells(scene, scene.law.shells)
     if error < NEGLIGIBLE:
         return []
     if not known:
         return [f'{counted}, and the table of forces ends within the reach of the others: if the forces go on falling as they do '
-                f'at its end, all neighbours shift the bands by up to {percent(error)}.']
-    return [f'{counted}: including all neighbours would shift the bands by up to {percent(error)}; '
+                f'at its end, all neighbours shift the bands by up to {percent(error)} of the highest frequency.']
+    return [f'{counted}: including all neighbours would shift the bands by up to {percent(error)} of the highest frequency; '
             '"magphonon plan" shows the cost of including more.']
 
 
@@ -247,9 +248,10 @@ def _error_of_shells(scene, shells):
     """
     from .bands import TABLE_ENDS, plan_bands
 
-    plan = plan_bands(_cell(scene), scene.lattice.path(None, 60), NEGLIGIBLE)
+    plan = plan_bands(scene.atoms(), scene.lattice.path(None, 60), NEGLIGIBLE)
     summed = [method for method in plan.methods if method.settings.model == 'complete' and method.settings.shells != ALL]
-    return [method for method in summed if method.settings.shells <= shells][-1].error, TABLE_ENDS not in plan.evidence
+    fewer = [method for method in summed if method.settings.shells <= shells] or summed[:1]
+    return fewer[-1].error, TABLE_ENDS not in plan.evidence
 
 
 def _write_bands(scene, file, edge, settings):

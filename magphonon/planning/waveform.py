@@ -395,10 +395,9 @@ def _tried(trials, exact, particles, cost, tolerance, doubt):
 
 
 def steepness(calc: Repulsion) -> float:
-    """Exponent -d log phi''/d log r with which the stiffness of a nearest neighbour falls: a + 1 for a force r^-a."""
-    r = calc.bonds.lengths.min()
-    near, far = calc.law.d2phi(np.array([1 - 1e-4, 1 + 1e-4]) * r)
-    return float(np.log(near / far) / 2e-4)
+    """Largest exponent -d log phi''/d log r with which the stiffness of a bond falls: a + 1 for a force r^-a."""
+    near, far = (calc.law.d2phi(factor * calc.bonds.lengths) for factor in (1 - 1e-4, 1 + 1e-4))
+    return float(abs(np.log(near / far)).max() / 2e-4)
 
 
 def _strain(calc, u):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from ase import Atoms
 
-from magphonon import InversePower, Yukawa, read_scene, ready_scene
-from magphonon.planning import bands as planner, neglected, scene_plans
+from magphonon import InversePower, MagneticRepulsion, Yukawa, read_scene, ready_scene
+from magphonon.planning import bands as planner, neglected, plan_bands, scene_plans
 from workflows.situations import EDGES, Bands
 
 LAWS = {'2': InversePower(1.0, 2.0), '3': InversePower(1.0, 3.0), '4.58': InversePower(1.0, 4.58), 'Yukawa': Yukawa(1.0, 1.0)}
@@ -77,6 +78,48 @@ def test_the_continuum_is_the_sum_over_what_lies_beyond():
     # the sum has an edge of whole particles, which lie within half a spacing of R: 1/(2 R) of it at the most
     np.testing.assert_allclose(spring, summed * np.eye(2), rtol=0.5 / R, atol=1e-12)
     np.testing.assert_allclose(planner._continuum(cell, R, np.zeros((1, 3)))[0], 0, atol=1e-12)
+
+
+def _made(cell, shells):
+    try:
+        return len(MagneticRepulsion(cell, cell.calc.law, shells=shells).bonds) > 0
+    except ValueError:
+        return False
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_every_method_of_a_plan_can_be_made(seed):
+    """Of nearly rectangular and oblique cells, a quarter of whose numbers of shells are refused."""
+    rng, counts = np.random.default_rng(seed), []
+    while not counts:
+        vectors = np.diag([10.0, rng.choice([rng.uniform(8, 14), 11.0]), 20.0])
+        vectors[1, 0] = rng.choice([0.05, 0.2, 0.5, rng.uniform(0, 5)])
+        cell = Atoms('Nd', cell=vectors, pbc=(True, True, False), masses=[0.7])
+        law = InversePower(1e4, rng.uniform(2, 6))
+        try:
+            cell.calc = MagneticRepulsion(cell, law, foundation=5.0, shells=int(rng.integers(1, 4)))
+        except ValueError:
+            continue
+        path = cell.cell.bandpath('GX', npoints=20, pbc=cell.pbc)
+        plan = plan_bands(cell, path, 10 ** rng.uniform(-1.8, -1))
+        counts = [method.settings.shells for method in plan.methods if method.settings.shells != 'all']
+    assert all(_made(cell, shells) for shells in counts)
+
+
+def test_some_of_so_many_shells_cannot_be_made():
+    """The control: what a plan would offer without looking."""
+    cell = Atoms('Nd', cell=[[10.0, 0, 0], [0.2, 11, 0], [0, 0, 20]], pbc=(True, True, False), masses=[0.7])
+    cell.calc = MagneticRepulsion(cell, InversePower(1e4, 4.0), foundation=5.0)
+    for shells, clear in ((1, True), (2, True), (100, False)):
+        assert _made(cell, shells) == clear
+
+
+def test_five_shells_of_a_law_without_an_end_leave_out_what_is_known():
+    """They end within the nearest reach of a plan; that is no end of a table."""
+    scene = read_scene(ready_scene('disc'))
+    few, many = (neglected(scene.model_copy(update={'law': scene.law.model_copy(update={'shells': k})})) for k in (1, 5))
+    assert 'Nearest neighbours only: including all' in few[0]
+    assert '5 shells of neighbours only: including all' in many[0]
 
 
 def test_a_table_that_ends_at_the_nearest_neighbours_is_no_reason_to_fail():

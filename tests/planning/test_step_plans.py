@@ -46,7 +46,8 @@ class Verlet:
         i, j = np.nonzero(np.triu((lengths > 0) & (lengths < 10.1)))
         self.incidence = np.zeros((len(i), len(X)))
         self.incidence[np.arange(len(i)), j], self.incidence[np.arange(len(i)), i] = 1, -1
-        self.b, self.a, self.R = law.b, law.a, X[j] - X[i]
+        strengths = np.ones(len(X)) if patch.calc.strengths is None else patch.calc.strengths
+        self.b, self.a, self.R = law.b * (strengths[i] * strengths[j])[:, None], law.a, X[j] - X[i]
         self.free = (patch.get_tags() == 0)[:, None] / patch.get_masses()[:, None]
         self.rest = self.repulsion(0 * X)
 
@@ -94,6 +95,24 @@ def test_the_step_of_a_loud_burst_below_the_cut_off_meets_its_tolerance(seed):
     quiet = verlet.error(limit / 4, duration, 1e-6)
     naive = min(limit / 4 * np.sqrt(0.6 * tolerance / quiet), limit / 2)
     assert verlet.error(naive, duration) > tolerance
+
+
+@pytest.mark.parametrize('seed', [3, 8])
+def test_magnets_of_different_strengths_are_planned_for(seed):
+    """The nonlinearity that a plan tells, against time steps with the strengths; control: that of equal magnets is another."""
+    patch, burst, row, damping, duration, _ = drawn(seed)
+    equal, law, springs = Verlet(patch, burst, row, damping), patch.calc.law, patch.calc.foundation
+    free, strengths = np.flatnonzero(patch.get_tags() == 0), np.random.default_rng(seed).uniform(0.7, 1.3, len(patch))
+    patch.calc = MagneticRepulsion(patch, law, foundation=1.3**2 * springs, strengths=strengths).balanced(free)
+    plan = plan_waveform(patch, burst, row, damping, duration, 1e-3)
+    linear = next(method for method in plan.methods if method.name == 'complete linear')
+    dt = 0.1 / modes(patch).omega[-1]
+    errors = []
+    for verlet in (Verlet(patch, burst, row, damping), equal):
+        full, weak = (verlet.run(dt, int(duration / dt), 1, share) for share in (1, 1e-6))
+        errors.append(np.linalg.norm(full - weak) / np.linalg.norm(weak))
+    assert abs(errors[0] / linear.error - 1) < linear.doubt
+    assert abs(errors[1] / linear.error - 1) > linear.doubt
 
 
 def test_the_error_of_time_steps_is_bounded_without_a_trial_run():
