@@ -153,10 +153,11 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     waves = len(path.kpts) if edge is None else 1
     at = f'at {waves} wavevectors' if waves > 1 else 'at its wavevector'
     bonds = np.cumsum([len(shell) for shell in shells])
+    models = ['conventional'] + len(counts) * ['complete']
     methods = [Method(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
                       bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), DOUBT,
                       Settings(model, int(k)))
-               for model, k, error in zip(['conventional'] + ['complete'] * len(counts), [counts[0], *counts], errors, strict=True)]
+               for model, k, error in zip(models, [counts[0], *counts], errors, strict=True)]
     if isinstance(calc.law, GaussianMixture) and calc.law.decay > 0:
         methods.append(Method('complete linear, all neighbours', f'Ewald sums {at}',
                               bloch_cost(EWALD_BONDS * len(atoms), waves, size, calc.dim, 'complete'), 0.0, 0.0,

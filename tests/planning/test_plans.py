@@ -113,23 +113,6 @@ def test_plans_of_an_unstable_lattice_hold_where_its_squares_change_sign(toleran
 # --- what simple scenes are spared -----------------------------------------------------------------------------------
 
 
-class Counting:
-    """A law that counts how often its slope, the static force, is asked for."""
-
-    def __init__(self):
-        self.slopes = 0
-
-    def phi(self, r):
-        return LAW.phi(r)
-
-    def dphi(self, r):
-        self.slopes += 1
-        return LAW.dphi(r)
-
-    def d2phi(self, r):
-        return LAW.d2phi(r)
-
-
 def test_along_a_line_of_magnets_no_dstar_is_assembled(monkeypatch):
     """Pushed along its line between two neighbours nothing turns: the plan finds it without D*, and the run takes D0."""
     atoms = lattices.oscillator(np.pi / 2, 1.0, 1.0)[[0, 2, 3]]
@@ -142,15 +125,6 @@ def test_along_a_line_of_magnets_no_dstar_is_assembled(monkeypatch):
     assert plan.choice.name == 'conventional linear'
     assert plan.choice.error == 0.0
     assert not called
-
-
-def test_the_conventional_stiffness_does_not_ask_for_static_forces():
-    law, n = Counting(), np.array([[1.0, 0.0], [0.0, 2.0]])
-    conventional = bond.model_stiffness(n, law, 'conventional')
-    assert law.slopes == 0
-    assert conventional == pytest.approx(bond.bond_stiffness(n, LAW)[0])
-    bond.model_stiffness(n, law)
-    assert law.slopes == 1
 
 
 def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
