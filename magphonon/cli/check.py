@@ -24,17 +24,19 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Print the verdicts and return the exit status: 0 if no problem was found, 1 otherwise."""
+    from psutil import virtual_memory
+
     from .. import units
     from ..bands.bands import cut_off
     from ..planning.scene import neglected
     from ..scenes.lattices import Oscillator
     from ..scenes.scene import read_scene
     from ..stability.verdicts import verdict
-    from .costs import USABLE_FRACTION, costs, free_memory, too_much
+    from .costs import USABLE_FRACTION, costs, too_much
 
     scene = read_scene(options.scene)
     print(scene.title)
-    expected, free = costs(scene), free_memory()
+    expected, free = costs(scene), virtual_memory().available
     faults = [too_much(scene, cost, free) for cost in expected if cost.bytes > USABLE_FRACTION * free]
     atoms = scene.atoms()
     if scene.single:

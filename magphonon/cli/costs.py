@@ -10,13 +10,11 @@ Names end in the unit, bytes or seconds.
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import psutil
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
@@ -56,8 +54,6 @@ SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
 """Burst: cost of one particle of the row at one time, with its share of the map and its line of text."""
 DRAWN_s = 3.0
 """Uncertainty: time for the lattices drawn at random."""
-CONTAINER = Path('/sys/fs/cgroup')
-"""Directory in which Linux shows the limits of the container of this process."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +210,7 @@ def refuse_costly(scene: Scene, *tables: str) -> None:
 
 def refuse_cost(scene: Scene, cost: Cost) -> None:
     """Raise ValueError if a command needs more memory than is available; the message names the key."""
-    free = free_memory()
+    free = psutil.virtual_memory().available
     if cost.bytes > USABLE_FRACTION * free:
         raise ValueError(too_much(scene, cost, free))
 
@@ -227,29 +223,3 @@ def too_much(scene: Scene, cost: Cost, free: float) -> str:
     return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] need '
             f'{amount(cost.bytes)} of memory, more than {USABLE_FRACTION:.0%} of the {free / GIGABYTE:.3g} GB that are free; '
             'lower it')
-
-
-def free_memory() -> int:
-    """Number of bytes that this process may still allocate: what the system has left, within the limits of the process."""
-    free = [8 * GIGABYTE]  # if the system does not say how much is free
-    with suppress(ValueError, OSError, AttributeError):
-        free = [os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE')]
-    with suppress(ValueError, OSError, IndexError):
-        line = next(line for line in Path('/proc/meminfo').read_text().splitlines() if line.startswith('MemAvailable'))
-        free = [int(line.split()[1]) * 1024]
-    with suppress(ValueError, OSError, KeyError):
-        free.append(_free_in_container())
-    with suppress(ImportError, ValueError, OSError, IndexError):
-        import resource
-
-        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if limit != resource.RLIM_INFINITY:
-            free.append(limit - int(Path('/proc/self/statm').read_text().split()[0]) * os.sysconf('SC_PAGE_SIZE'))
-    return max(min(free), 0)
-
-
-def _free_in_container():
-    """Memory that the limit of a container leaves; cached files count as free, because the system drops them on demand."""
-    used = dict(line.split() for line in (CONTAINER / 'memory.stat').read_text().splitlines())
-    files = int(used['active_file']) + int(used['inactive_file'])
-    return int((CONTAINER / 'memory.max').read_text()) - int((CONTAINER / 'memory.current').read_text()) + files

@@ -1,8 +1,8 @@
 """The command `magphonon`: it runs the subcommands on scene files and prints ready scenes to start from.
 
 Exit status: 0 when all is written, 1 when `check` finds a fault in what the scene describes, 2 for an error in the command,
-the scene or the directory of the results (one message, nothing written), 3 when the results are written but the report could not
-be shown on the terminal, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
+the scene or the directory of the results (one message; nothing is written unless it says so), 3 when the results are written but
+the report could not be shown, 129 when the terminal was closed, 130 when interrupted, 143 when terminated.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import warnings
 from contextlib import contextmanager, redirect_stdout, suppress
 from importlib import import_module
 from io import StringIO
+from pkgutil import iter_modules
 from threading import current_thread, main_thread
 from typing import TYPE_CHECKING
 
@@ -25,16 +26,13 @@ from .arguments import find_inputs
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-COMMANDS = ('bands', 'burst', 'check', 'completion', 'design', 'dos', 'explore', 'fit', 'frf', 'modes', 'plan', 'reproduce',
-            'scene', 'spectrum', 'sweep', 'uncertainty')
-"""The commands; each is a module of `magphonon.cli`."""
+SHARED = 'arguments', 'costs', 'main', 'results'
+COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))
+"""The commands: each is a module beside this one, with its HELP, `add_arguments(parser)`, `run(options)` and, if it writes a
+folder of results, patterns of their names in RESULTS."""
 SYNONYMS = {'density': 'dos', 'dispersion': 'bands', 'response': 'frf', 'stability': 'check', 'verdict': 'check', 'wave': 'burst',
             'tolerances': 'uncertainty', 'keys': 'scene', 'shapes': 'modes'}
 """Common terms and the names of the commands that they mean."""
-VERBATIM = ('completion', 'design', 'scene')
-"""The commands whose output is to be copied into a file, and is therefore not wrapped on a terminal."""
-COMMANDS_WITH_TABLE = ('bands', 'burst', 'design', 'frf', 'uncertainty')
-"""The commands that need a table of the same name in the scene."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,11 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ['MPLBACKEND'] = 'agg'  # pictures go to files, whatever backend the shell sets for matplotlib
     options = _options(list(sys.argv[1:] if arguments is None else arguments))
     kept = StringIO()  # output to a file or a pipe is written at the end
-    shown = _terminal(options.command) if sys.stdout.isatty() else kept
-    with redirect_stdout(shown):
+    with redirect_stdout(sys.stdout if sys.stdout.isatty() else kept):
         status = _status(options)
     try:
-        shown.flush()
         sys.stdout.write(kept.getvalue())
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has finished
@@ -57,14 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _tell(f'the report could not be shown ({error.strerror})' + '; the results are written' * hasattr(options, 'written'))
         return status or 3
     return status
-
-
-def _terminal(command):
-    if command in VERBATIM:
-        return sys.stdout
-    from .terminal import Terminal
-
-    return Terminal(sys.stdout)
 
 
 def _status(options):
@@ -77,10 +65,10 @@ def _status(options):
                 _tell(note)
             return status
     except RuntimeWarning as warning:
-        return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents in '
-                        f'{_tables(options)}{_inputs(options)}')
+        return _refusal(f'numbers became too large or too small to compute with ({warning}); check units and exponents, first of '
+                        f'all in the law, in {_inputs(options)}')
     except FloatingPointError as error:
-        return _refusal(f'{error}; check units and exponents in {_tables(options)}{_inputs(options)}')
+        return _refusal(f'{error}; check units and exponents, first of all in the law, in {_inputs(options)}')
     except MemoryError as error:
         return _refusal(f'{_inputs(options)} needs more memory than is available ({error or "the system gave no more"}); '
                         'make it smaller')
@@ -103,11 +91,7 @@ def _refusal(words):
 
 
 def _tell(words):
-    text = f'magphonon: {words}'
-    if sys.stderr.isatty():
-        from .terminal import wrapped
-
-        text = wrapped(text)
+    text = ''.join(x if x.isprintable() or x in '\n\t' else repr(x)[1:-1] for x in f'magphonon: {words}')  # nor escape codes
     with suppress(OSError):  # a full disk behind `2>`: the exit status still reports the error
         print(text, file=sys.stderr, flush=True)
 
@@ -115,11 +99,6 @@ def _tell(words):
 def _inputs(options):
     """The files that the command reads, for a message."""
     return ' and '.join(str(getattr(options, name)) for name in ('table', 'file', 'scene') if getattr(options, name, None))
-
-
-def _tables(options):
-    """The tables of a scene that the command computes with, for a message."""
-    return f'[lattice], [law] and [{options.command}] of ' if options.command in COMMANDS_WITH_TABLE else ''
 
 
 def _open_streams():
@@ -184,6 +163,9 @@ def _no_messages_about_fonts():
 
 def _options(arguments):
     parser = whole_parser()
+    for word in arguments:
+        if any((x < ' ' and x not in '\n\t') or '\x7f' <= x < '\xa0' for x in word):
+            parser.error(f'{word!r} holds a control character; leave it out, or rename the file')
     first = next(iter(arguments), '-')
     if not first.startswith('-') and first not in COMMANDS:
         meant = did_you_mean(SYNONYMS.get(first, first), COMMANDS, f'the commands are {", ".join(COMMANDS)}')
@@ -194,8 +176,8 @@ def _options(arguments):
         wrong = f'has no option {word!r}{meant}' if word.startswith('-') else f'takes no further argument {word!r}'
         parser.error(f'"magphonon {options.command}" {wrong}')
     options.words = arguments  # kept with the results
-    if getattr(options, 'output', None) == '':
-        parser.error("-o '' names no directory; '.' is the current one")
+    if getattr(options, 'output', None) in ('', []):  # argparse makes a list of '--'
+        parser.error("-o names no directory; '.' is the current one")
     return options
 
 
@@ -211,3 +193,7 @@ def whole_parser():
         flags = [flag for action in subparser._actions for flag in action.option_strings]
         subparser.set_defaults(run=command.run, command=name, flags=flags, results=getattr(command, 'RESULTS', ()))
     return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

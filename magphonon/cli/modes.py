@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .arguments import add_output, add_scene
-from .pictures import add_pictures, drawing
+from .arguments import add_output, add_pictures, add_scene, drawing, lattice_and_patch
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -43,7 +42,6 @@ def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_cost
     from .results import results
-    from .structures import lattice_and_patch
 
     scene = read_scene(options.scene)
     refuse_cost(scene, cost(scene))

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .arguments import add_output, add_scene
-from .pictures import add_pictures, drawing
+from .arguments import add_output, add_pictures, add_scene, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace

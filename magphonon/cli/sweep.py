@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import finite, shown, whole
-from .arguments import add_output, add_scene
-from .pictures import add_pictures, drawing
+from .arguments import add_output, add_pictures, add_scene, drawing
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace

@@ -1,9 +1,9 @@
 """What a command will take: told before it starts, near to what it takes, and refused by its key where there is no such room."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -47,7 +47,7 @@ TOO_MUCH = [('bands', 'bands__points', '1_000_000_000_000'), ('bands', 'bands__p
 
 @pytest.mark.parametrize(('command', 'name', 'value'), TOO_MUCH)
 def test_sizes_that_no_memory_holds_are_refused_by_key(command, name, value, scene_file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(costs, 'free_memory', lambda: 16 * costs.GIGABYTE)
+    monkeypatch.setattr('psutil.virtual_memory', lambda: SimpleNamespace(available=16 * costs.GIGABYTE))
     changes = {name: value} | ({'vibrometer__sampling_rate_Hz': '200'} if 'duration' in name else {})
     file, key = scene_file(**changes), name.replace('__', '.')
     assert main.main([command, str(file), '-o', str(tmp_path / 'out')]) == 2
@@ -73,31 +73,6 @@ def test_check_tells_what_it_takes_and_what_is_too_much(scene_file, capsys):
 def test_sizes_that_only_take_time_end_too(name, value, words, scene_file):
     with pytest.raises(ValueError, match=words):
         read_scene(scene_file(**{name: value}))
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path('/proc/meminfo').exists(), reason='a system that tells memory otherwise')
-def test_free_memory_is_that_of_the_system_and_within_limits():
-    resource = pytest.importorskip('resource')
-    total = os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE')
-    assert 0 < costs.free_memory() <= total
-    done = subprocess.run([sys.executable, '-c', 'from magphonon.cli.costs import free_memory; print(free_memory())'], check=True,
-                          capture_output=True, text=True, timeout=600,
-                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30, 3 * 2**30)))
-    assert 0 < int(done.stdout) < 3 * 2**30
-
-
-@pytest.mark.skipif(not Path('/proc/meminfo').exists(), reason='a system that tells memory otherwise')
-def test_files_kept_in_memory_are_free_in_a_container(tmp_path, monkeypatch):
-    """200 kB of 1000 are left, and 150 of the 800 are files that were read or written."""
-    monkeypatch.setattr(costs, 'CONTAINER', tmp_path)
-    system = costs.free_memory()  # the control: no such limit
-    (tmp_path / 'memory.max').write_text('1000000\n')
-    (tmp_path / 'memory.current').write_text('800000\n')
-    (tmp_path / 'memory.stat').write_text('anon 650000\nactive_file 50000\ninactive_file 100000\n')
-    assert costs.free_memory() == 350_000 < system
-    (tmp_path / 'memory.max').write_text('max\n')
-    assert costs.free_memory() > 1e6
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from motion import L0, LAW, MASS
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed, write_scene
 from magphonon.bands import DensityOfStates
-from magphonon.cli import costs, dos
+from magphonon.cli import dos
 from magphonon.cli.main import main
 from magphonon.response import Extent, SpectralFunction
 from magphonon.scenes.scene import read_scene, ready_scene
@@ -136,7 +137,7 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch
         assert main([*arguments, '-o', str(tmp_path / 'out')]) == 2
         assert words in capsys.readouterr().err
         assert not (tmp_path / 'out').exists()
-    monkeypatch.setattr(costs, 'free_memory', lambda: 10**8)
+    monkeypatch.setattr('psutil.virtual_memory', lambda: SimpleNamespace(available=10**8))
     for command in ('dos', 'modes'):
         assert main([command, str(prototype), '-o', str(tmp_path / 'out')]) == 2
         assert f'makes [{command}] need' in capsys.readouterr().err

@@ -6,9 +6,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from magphonon import analytic_bands, read_scene, ready_scene
+from magphonon.cli.arguments import drawing
 from magphonon.cli.bands import _draw
 from magphonon.cli.main import main
-from magphonon.cli.pictures import drawing
 from magphonon.plotting.axes import label_frequencies
 
 DRAWING = ('bands', 'burst', 'dos', 'fit', 'frf', 'modes', 'spectrum', 'sweep', 'uncertainty')

@@ -17,7 +17,7 @@ from scipy.stats import binom
 
 from magphonon import InversePower, read_scene
 from magphonon.bands.bloch import bloch_modes
-from magphonon.cli.fit_bands import report
+from magphonon.cli.fit import band_report
 from magphonon.cli.main import main
 from magphonon.design.dispersion_fits import DETERMINED
 from magphonon.scenes import fit_bands
@@ -147,7 +147,7 @@ def test_where_no_model_follows_no_evidence_is_named(tmp_path):
     told = {}
     for name, motions in (('right', points.motions), ('wrong', points.motions[::-1])):
         found = fit_bands(scene, replace(points, motions=motions))
-        told[name] = report(found, len(points), [])
+        told[name] = band_report(found, len(points), [])
         assert found.better.follows == (name == 'right')
     assert 'No model follows these ridges' in told['wrong']
     assert not re.search(r'sigma|for a scene file', told['wrong'])
@@ -222,7 +222,7 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
     def said(points):
         found = fit_bands(scene, points)
         assert found.better.follows
-        return report(found, len(points), [])
+        return band_report(found, len(points), [])
 
     for sources, biased in (((), True), (('point', 'point'), True), (('point', 'row'), False), (('row', 'row'), False)):
         assert ('Biased: 1 of the ridges (longitudinal) are' in said(replace(points, sources=sources))) == biased
