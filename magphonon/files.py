@@ -1,11 +1,10 @@
 """Writing of files that appear only when complete: under a temporary name first, which is then changed.
 
-Reading of text files written by users: of limited size, with or without a byte order mark, and from regular files only.
+Files of users are read in a limited size and from regular files only.
 """
 
 from __future__ import annotations
 
-import csv
 import errno
 import json
 import os
@@ -24,43 +23,6 @@ if TYPE_CHECKING:
     from typing import Any, ClassVar, Self
 
 MEGABYTE = 2**20
-
-
-def text_of(path: str | PathLike[str], most: int) -> str:
-    """The text of a file in UTF-8.
-
-    Parameters
-    ----------
-    path : path-like
-    most : int
-        Largest number of bytes; a larger file is refused.
-
-    Raises
-    ------
-    OSError
-        If there is no such file, or it cannot be read.
-    ValueError
-        If it is not a regular file (a pipe or a device may never end), is too large, or is not text in UTF-8.
-    """
-    refuse_endless(path, most)
-    return Path(path).read_text(encoding='utf-8-sig')
-
-
-@contextmanager
-def told_as_table(path: str | PathLike[str]) -> Iterator[None]:
-    """Within it a file that is no table of text is refused with a hint how to save it."""
-    try:
-        yield
-    except UnicodeDecodeError:
-        raise ValueError(f'{path} is not a text file; export it as CSV') from None
-    except csv.Error as error:
-        raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from error
-
-
-def table_text(path: str | PathLike[str], most: int) -> str:
-    """The text of a table as by `text_of`; the error for a file that is not text says how to save it."""
-    with told_as_table(path):
-        return text_of(path, most)
 
 
 def refuse_endless(path: str | PathLike[str], most: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import units as u
 from .errors import did_you_mean, shown
-from .files import MEGABYTE, refuse_endless, told_as_table
+from .files import MEGABYTE, refuse_endless
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -134,9 +134,14 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
     layout = f'; {layout}' if layout else ''
     named = {f'{quantity}_{unit}'.rstrip('_'): (quantity, factor) for quantity, units in columns.items()
              for unit, factor in (units or {'': 0.0}).items()}
-    with open(path, encoding='utf-8-sig') as file, told_as_table(path):
-        lines = [(n, line.strip(' \r\n')) for n, line in enumerate(file, 1) if line.strip(' \t;,\r\n')]
+    try:
+        with open(path, encoding='utf-8-sig') as file:
+            lines = [(n, line.strip(' \r\n')) for n, line in enumerate(file, 1) if line.strip(' \t;,\r\n')]
         names, separator, rows = _divided(path, lines, lambda names: {*needed} <= {named.get(name, ('',))[0] for name in names})
+    except UnicodeDecodeError:
+        raise ValueError(f'{path} is not a text file; export it as CSV') from None
+    except csv.Error as error:
+        raise ValueError(f'{path} is no table of text ({error}); export it as CSV') from None
     places: dict[str, int] = {}
     for k, name in enumerate(names):
         quantity = named[name][0] if name in named else _passed_over(path, name, columns, others, layout)

@@ -1,14 +1,8 @@
 """Scans of a real instrument: points of its own numbering, some missing or dead, displacements or velocities, as one record.
 
-Samples that a record lacks, from the others: motion has a band, and more samples than it needs tell those that are missing.
-
-With the orthonormal cosines c_k of the record (DCT-II, which no offset or drift spoils) let B project on those below a limit K.
-The missing samples m that leave least outside the band are
-
-    u_m = (1 - B_mm)^-1 (B u_0)_m                    u_0: the record with zeros where it lacks samples
-
-The variance of each about the motion is then e^2 (1 - B_mm)^-1 + s^2 ((1 - B_mm)^-1 - 1) for white noise of variance s^2 and a
-motion that has the mean square e^2 outside the band.
+Samples that a point lacks, and those of points that were not sampled at equal times, come from a spline through the others, where
+they are near enough for it.  How far it is off is seen on what is known: it is led through samples of the fastest wave of the
+record, and of white noise, at the very times of the point.
 """
 
 from __future__ import annotations
@@ -26,71 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-LIMITS = 32
-"""Number of limits of the band that are tried; the one with the smallest error is taken."""
-SINGULAR = 1e9
-"""Variance of a missing sample, in that of a measured one, from which round-off tells more of it than the record."""
-WIDEST = 0.9
-"""Widest band, as a fraction of that of the record: what lies above tells the noise."""
-
-
-def filled(values: NDArray[np.float64], missing: NDArray[np.intp]) -> tuple[NDArray[np.float64], float, float]:
-    """A record with its missing samples.
-
-    Parameters
-    ----------
-    values : ndarray, shape (frames,)
-        Anything finite where samples are missing, best a first guess, which only serves to find the band.
-    missing : ndarray of int, shape (samples,)
-
-    Returns
-    -------
-    values : ndarray, shape (frames,)
-    error : float
-        Root mean square error that is to be expected of the worst of them.
-    noise : float
-        That of the measured samples, from the upper quarter of the frequencies.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon.waves.scans import filled
-    >>> t = np.arange(400)
-    >>> u = np.sin(2 * np.pi * t / 7) * np.sin(np.pi * t / 400) ** 2  # seven samples to a period
-    >>> missing = np.array([150, 151, 230])
-    >>> found, error, _ = filled(np.where(np.isin(t, missing), 0, u), missing)
-    >>> bool(abs(found - u).max() < 1e-3)
-    True
-    """
-    from scipy.fft import dct
-    from scipy.linalg import cho_factor, cho_solve
-
-    n, gappy = len(values), values.copy()
-    gappy[missing] = 0
-    power, inside = np.asarray(dct(values, norm='ortho')) ** 2, np.asarray(dct(gappy, norm='ortho'))
-    cosines = np.cos(np.pi * np.arange(n)[:, None] * (missing + 0.5) / n) * np.sqrt(2 / n)
-    cosines[0] /= np.sqrt(2)
-    noise = float(np.sqrt(power[3 * n // 4 :].mean()))
-    total = power.sum() or 1.0  # a component that does not move has no power at all
-    best, error, left, before = values, np.inf, np.eye(len(missing)), 0
-    for K in np.unique(np.linspace(1, WIDEST * n, LIMITS).astype(int)):
-        left -= cosines[before:K].T @ cosines[before:K]
-        before = K
-        try:
-            factor = cho_factor(left)
-        except np.linalg.LinAlgError:
-            break
-        worst = cho_solve(factor, np.eye(len(missing))).diagonal().max()
-        if worst > SINGULAR or noise**2 * (worst - 1) >= error**2:  # it grows with K: a wider band is no better
-            break
-        outside = max(power[K:].sum() - (n - K) * noise**2, 0) / total * abs(values).max() ** 2  # where it is strongest
-        own = float(np.sqrt(outside * worst + noise**2 * (worst - 1)))
-        if own < error:
-            error, best = own, gappy.copy()
-            best[missing] = cho_solve(factor, cosines[:K].T @ inside[:K])
-    return best, error, noise
-
-
 JITTER = 0.01
 """Largest deviation from equal time steps, as a fraction of a step; with ten samples per period it adds a background of -44
 dB."""
@@ -100,12 +29,13 @@ LEAST_TIME = 0.9
 """Part of the longest record that a point must have, to be used."""
 STRONG = 1e-2
 """Power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)."""
-NOISY = 3.0
-"""Largest error of an interpolated sample, in the noise of a measured one, if that is more than RESAMPLED of the motion: one
-sample of fifty that is so uncertain adds a fifth to the power of the noise."""
-RESAMPLED = 1e-2
-"""Largest error of a spline between samples, as a fraction of the motion; it is (omega h)^4/384 for the step h, so that this asks
-for 4.5 samples to a period."""
+RESAMPLED, NOISY = 1e-2, 3.0
+"""Largest error of an interpolated sample: as a fraction of the motion, or where that is more in the noise of a measured sample;
+one sample of fifty that is so uncertain adds a fifth to the power of the noise."""
+DEGREES = 3, 5, 7
+"""Degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap."""
+NOISES = 32
+"""Number of records of white noise by which it is seen how much of it a spline carries."""
 
 
 @dataclass(frozen=True)
@@ -198,9 +128,9 @@ def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> 
     """
     notes = []
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}
-    points = _alive(points, notes)
+    points = _alive(path, points, notes)
     times = _equal_times(path, points.values())
-    points, motions = _without_gaps(path, times, points, notes)
+    points, motions = _at_equal_times(path, times, points, notes)
     if velocities:
         motions = {part: integrated(v, times[1] - times[0]) for part, v in motions.items()}
         notes.append('velocities were integrated over time, in the frequency domain')
@@ -244,10 +174,12 @@ def _without_blanks(path, name, point):
     return Samples(t, {part: values[order] for part, values in point.motions.items()}, point.place)
 
 
-def _alive(points: Mapping[str, Samples], notes: list[str]) -> dict[str, Samples]:
+def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, Samples]:
     """The points that were recorded and moved; what is left out is noted."""
     recorded = {name: np.ptp(point.times) if len(point.times) else 0.0 for name, point in points.items()}
-    longest = max(recorded.values())
+    if not (longest := max(recorded.values())):
+        raise ValueError(f'{path} holds no point with two samples that have a value in every component; a wave needs a record '
+                         'over time')
     short = [name for name, length in recorded.items() if length < LEAST_TIME * longest]
     still = [name for name, point in points.items() if name not in short and not any(map(_moves, point.motions.values()))]
     if short:
@@ -266,8 +198,6 @@ def _moves(values):
 def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:
     """Equal times within all records, at the usual step."""
     steps = np.concatenate([np.diff(point.times) for point in points])
-    if not len(steps):
-        raise ValueError(f'{path} holds a single sample of each point; a wave needs a record over time')
     dt = steps[steps < 1.5 * np.median(steps)].mean()
     first, last = max(point.times[0] for point in points), min(point.times[-1] for point in points)
     frames = int((last - first) / dt + 2 * JITTER) + 1
@@ -280,74 +210,78 @@ def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:
     return first + dt * np.arange(frames)
 
 
-def _without_gaps(path, times, points: Mapping[str, Samples], notes: list[str]):
-    """The points at these times, without those that lack too much, and their motions by component, (frames, points)."""
-    found = {name: _at(times, point) for name, point in points.items()}
-    bad = [name for name, one in found.items() if one.error > 1]
-    if len(bad) == len(points):
-        raise ValueError(f'{path}: all of its points lack so many samples that interpolation is no better than the noise; export '
-                         'the record without gaps, or sample faster')
-    if bad:
-        notes.append(f'left out, as they lack more samples than the others tell: points {_listed(bad)}')
-    found = {name: one for name, one in found.items() if name not in bad}
-    some = next(iter(found.values())).motions
-    motions = {part: np.stack([one.motions[part] for one in found.values()], axis=1) for part in some}
-    if lacking := [one for one in found.values() if one.missing]:
-        worst = max(one.error * one.allowed for one in lacking)
-        notes.append(f'{sum(one.missing for one in lacking)} missing samples of {len(lacking)} points are interpolated within '
-                     f'the band of the motion, with an error of up to {100 * worst:.2g} % of the largest displacement')
-    if splined := [name for name, one in found.items() if one.splined]:
-        _refuse_coarse(path, times, motions, max(np.diff(points[name].times).max() for name in splined))
-        notes.append(f'{len(splined)} of {len(found)} points were not sampled at equal times: resampled by a cubic spline to '
-                     f'steps of {(times[1] - times[0]) / units.s:.4g} s')
-    return {name: points[name] for name in found}, motions
-
-
-@dataclass(frozen=True)
-class _AtTimes:
-    """Motions of a point at equal times; how many samples are filled in, their error in units of the largest `allowed` one."""
-
-    motions: dict[str, np.ndarray]
-    missing: int = 0
-    error: float = 0.0
-    allowed: float = 0.0
-    splined: bool = False
-
-
-def _at(times, point):
-    """The motions of a point at these times: measured, filled in between, or resampled."""
+def _at_equal_times(path, times, points: Mapping[str, Samples], notes: list[str]):
+    """The points without those that lack too much, and their motions by component at these times, shape (frames, points)."""
     from scipy.interpolate import CubicSpline
 
     dt = times[1] - times[0]
-    k = np.clip(np.searchsorted(point.times, times - dt / 2), 0, len(point.times) - 1)
-    there = abs(point.times[k] - times) <= JITTER * dt
-    if there.all():
-        return _AtTimes({part: values[k] for part, values in point.motions.items()})
-    guess = {part: CubicSpline(point.times, values)(times) for part, values in point.motions.items()}
-    place = (point.times - times[0]) / dt
-    if abs(place - np.rint(place)).max() > 2 * JITTER:  # no gaps, but other times
-        return _AtTimes(guess, splined=True)
-    largest, motions, error, allowed = max(abs(u).max() for u in point.motions.values()), {}, 0.0, 0.0
-    for part, values in guess.items():
-        values[there] = point.motions[part][k[there]]
-        motions[part], own, noise = filled(values, np.flatnonzero(~there))
-        limit = max(RESAMPLED * largest, NOISY * noise)
-        if own / limit >= error:
-            error, allowed = own / limit, limit / largest
-    return _AtTimes(motions, int((~there).sum()), error, allowed)
+    nearest = {name: np.clip(np.searchsorted(point.times, times - dt / 2), 0, len(point.times) - 1)
+               for name, point in points.items()}
+    there = {name: abs(point.times[nearest[name]] - times) <= JITTER * dt for name, point in points.items()}
+    found = {name: {part: u[nearest[name]] for part, u in point.motions.items()} for name, point in points.items()}
+    if lacking := [name for name in points if not there[name].all()]:
+        whole = [found[name] for name in points if there[name].all()]
+        fastest = _fastest(times, whole or [{part: CubicSpline(point.times, u)(times) for part, u in point.motions.items()}
+                                            for point in points.values()])
+        errors, filled, splined, left_out = [], 0, 0, []
+        for name in lacking:
+            places = (points[name].times - times[0]) / dt
+            uneven = abs(places - np.rint(places)).max() > 2 * JITTER  # not gaps, but other times
+            wanted = ~there[name] | uneven
+            found[name], error, allowed = _interpolated(times, wanted, points[name], found[name], fastest)
+            if error > allowed:
+                left_out.append(name)
+                continue
+            errors.append(error)
+            splined, filled = splined + uneven, filled + (0 if uneven else wanted.sum())
+        found = {name: motions for name, motions in found.items() if name not in left_out}
+        if not found:
+            gap = min(np.diff(point.times).max() for point in points.values())
+            raise ValueError(f'{path}: its samples are too far apart for motion at {units.hertz(fastest):.4g} Hz: all points '
+                             f'have gaps of {gap / units.s:.4g} s or more, where interpolation would be off by more than '
+                             f'{100 * RESAMPLED:g} % of the motion and {NOISY:g} times its noise; leave that part of the record '
+                             'out, or sample faster')
+        off = f'with an error of up to {100 * max(errors, default=0):.2g} % of the largest displacement'
+        if left_out:
+            notes.append(f'left out, as they lack more samples than the others tell: points {_listed(left_out)}')
+        if filled:
+            notes.append(f'{filled} missing samples of {len(errors) - splined} points are interpolated, {off}')
+        if splined:
+            notes.append(f'{splined} of {len(found)} points were not sampled at equal times: resampled to steps of '
+                         f'{dt / units.s:.4g} s, {off}')
+    parts = next(iter(found.values()))
+    return ({name: points[name] for name in found},
+            {part: np.stack([motions[part] for motions in found.values()], axis=1) for part in parts})
 
 
-def _refuse_coarse(path, times, motions, step):
-    """Raise ValueError if a spline over this time step may miss the motion between samples."""
-    dt = times[1] - times[0]
+def _fastest(times, motions):
+    """Highest angular frequency at which these motions are strong, in rad/ms."""
     window = np.sin(np.pi * (np.arange(len(times)) + 0.5) / len(times))[:, None] ** 2
-    power = np.sum([abs(np.fft.rfft(window * without_drift(u), axis=0)) ** 2 for u in motions.values()], axis=(0, 2))
-    fastest = 2 * np.pi * np.fft.rfftfreq(len(times), dt)[power >= STRONG * power.max()].max()
-    if (fastest * step) ** 4 / 384 > RESAMPLED:
-        most = (384 * RESAMPLED) ** 0.25 / fastest
-        raise ValueError(f'{path}: its times are not equally spaced, and cannot be resampled: a gap of {step / units.s:.4g} s is '
-                         f'too long for motion at {units.hertz(fastest):.4g} Hz (allowed {most / units.s:.3g} s); leave the '
-                         'point or the part of the record with the gap out, or sample faster')
+    u = without_drift(np.stack([values for one in motions for values in one.values()], axis=1))
+    power = np.sum(abs(np.fft.rfft(window * u, axis=0)) ** 2, axis=1)
+    return 2 * np.pi * np.fft.rfftfreq(len(times), times[1] - times[0])[power >= STRONG * power.max()].max()
+
+
+def _interpolated(times, wanted, point, measured, fastest):
+    """The motions of a point with the `wanted` samples filled in; their error and what is allowed, in the largest motion."""
+    from scipy.fft import dct
+    from scipy.interpolate import make_interp_spline
+
+    t, largest = point.times, max(abs(u).max() for u in measured.values()) or 1.0
+    wave, white = np.exp(1j * fastest * t), np.random.default_rng(0).normal(size=(len(t), NOISES))
+    known, found = np.column_stack([*point.motions.values(), wave.real, wave.imag, white]), []
+    for degree in (degree for degree in DEGREES if degree < len(t)):
+        values = make_interp_spline(t, known, degree)(times[wanted])
+        off = abs(values[:, -NOISES - 2] + 1j * values[:, -NOISES - 1] - np.exp(1j * fastest * times[wanted]))
+        carried = np.sqrt(np.mean(values[:, -NOISES:] ** 2, axis=1))
+        motions = {part: u.copy() for part, u in measured.items()}
+        for k, u in enumerate(motions.values()):
+            u[wanted] = values[:, k]
+        beyond = [np.asarray(dct(u, norm='ortho'))[3 * len(times) // 4 :] for u in motions.values()]  # where only noise is
+        found.append((motions, off, carried, np.sqrt(max(np.mean(one**2) for one in beyond)) / largest))
+    noise = min(one for *_, one in found)  # what a spline gets wrong can only add to it
+    error, best = min(((float(np.hypot(off, noise * carried).max()), k) for k, (_, off, carried, _) in enumerate(found)))
+    return found[best][0], error, max(RESAMPLED, NOISY * noise)
 
 
 def _listed(names):

@@ -1,10 +1,8 @@
-"""The source of a burst in a patch, and the row of particles along which it is measured.
+"""A tone burst in a patch at rest: where it enters, the row along which it is measured, and the burst sent through.
 
 It enters at the lowest row inside the held rim, along all of that row or at its middle, and is measured along the
 lattice vector R2.  A row of sources makes plane waves, whose fronts run along R1; from a point the waves spread,
 and along a direction of symmetry those seen run along the measured row.
-
-A tone burst sent through a patch at rest, and its record.
 """
 
 from __future__ import annotations
@@ -31,16 +29,170 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
+SOURCES = ('row', 'point')
+NEAR = 0.1
+"""Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
+STRAIGHT = 1e-6
+"""Largest component of R1 along y, as a fraction of R1."""
 STEP_FRACTION = 0.1
 """Time step as a fraction of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, lower ones by less."""
 SAMPLES = 20
 """Number of recorded frames per period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
 SNAPSHOTS = 24
 """Number of times at which the whole patch is recorded."""
-
-
 ROUND_OFF = 1e-9
 """Displacement, as a fraction of the shortest bond, below which a particle is at rest."""
+
+
+def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
+    """Wavevector of xi = 2 pi along R2, in fractions of the reciprocal vectors, for `branch` and `complex_bands`.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+    source : {'row', 'point'}
+        Fronts along R1, or across R2.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.waves import wavevector
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> wavevector(cell, 'row').tolist(), wavevector(cell, 'point').tolist()
+    ([0.0, 1.0, 0.0], [0.5000000000000001, 1.0, 0.0])
+    """
+    R1, R2 = cell.cell.array[:2]
+    return np.array([0.0 if one_of('source', source, SOURCES) == 'row' else R1 @ R2 / (R2 @ R2), 1.0, 0.0])
+
+
+def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
+    """Unit vectors across and along the wavevector: a dict of 'transverse' and 'longitudinal', each of shape (2,).
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.waves import polarisations
+    >>> list(polarisations(read_scene(ready_scene('prototype')).atoms(), 'row'))
+    ['transverse', 'longitudinal']
+    """
+    return across_and_along(cell, wavevector(cell, source))
+
+
+def across_and_along(cell: Atoms, q: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """The same for any wavevector q in fractions of the reciprocal vectors."""
+    k = (q @ cell.cell.reciprocal().array)[:2]
+    along = k / np.linalg.norm(k)
+    return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a burst enters a patch and where it is measured.
+
+    Attributes
+    ----------
+    driven : ndarray of int, shape (driven,)
+    weights : ndarray, shape (driven,)
+        Share of the force on each of them, at most one.
+    row : ndarray of int, shape (points,)
+        Particles measured, in equal steps of R2 away from the source.
+    """
+
+    driven: np.ndarray
+    weights: np.ndarray
+    row: np.ndarray
+
+    def burst(self, direction: ArrayLike, force: ArrayLike, omega: float, cycles: float = 5) -> ToneBurst:
+        """The ToneBurst of this site; `direction` in the plane, `force` in N, `omega` in rad/ms."""
+        return ToneBurst(self.driven, direction, force * self.weights, omega, cycles)
+
+
+def site(cell: Atoms, patch: Atoms, source: str) -> Site:
+    """Where to drive a patch and where to measure it.
+
+    Ends of a row of sources send waves of their own across the fronts: at the measured row they move the ridge by more
+    than a wavenumber bin.  So the force falls off as cos^2 towards the ends, and the measured row crosses the middle of the
+    beam half way up.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+    patch : ase.Atoms
+        Cut from that cell, see `magphonon.lattices`.
+    source : {'row', 'point'}
+
+    Returns
+    -------
+    Site
+
+    Raises
+    ------
+    ValueError
+        For a cell whose R1 does not lie along x or whose R2 does not point up, along y: then the lowest particles are no row.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.lattices import half_hexagon
+    >>> from magphonon.waves import site
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> where = site(cell, half_hexagon(cell, side=100.0), 'point')
+    >>> len(where.driven), len(where.row)
+    (1, 9)
+    """
+    one_of('source', source, SOURCES)
+    _refuse_turned(cell)
+    x, y = patch.positions[:, :2].T
+    inside = np.flatnonzero(freedom(patch)[0])  # not by tags, which may be kinds of magnets
+    row = inside[y[inside] < y[inside].min() + NEAR * cell.cell.lengths()[0]]
+    R2 = cell.cell.array[1, :2]
+    middle = (x[row].min() + x[row].max()) / 2
+    if source == 'point':
+        driven = row[[abs(x[row] - middle).argmin()]]
+        return Site(driven, np.ones(1), _row(patch, inside, driven[0], R2))
+    across = (x[row] - middle) / (np.ptp(x[row]) + 2 * cell.cell.lengths()[0])
+    below = middle - np.ptp(y[inside]) / 2 * R2[0] / R2[1]
+    return Site(row, np.cos(np.pi * across) ** 2, _row(patch, inside, row[abs(x[row] - below).argmin()], R2))
+
+
+def _refuse_turned(cell):
+    (x, y, _), R2 = cell.cell.array[:2]
+    if abs(y) > STRAIGHT * abs(x) or R2[1] <= 0:
+        mirrored = x * R2[1] - y * R2[0] < 0
+        turn = 180 * mirrored - np.degrees(np.arctan2(y, x))
+        raise ValueError('a burst enters along R1, at the lowest row, and is measured upwards along R2, but these are '
+                         f'({x:.6g}, {y:.6g}) and ({R2[0]:.6g}, {R2[1]:.6g}) mm; turn the cell with '
+                         f'cell.rotate({turn:.9g}, "z", rotate_cell=True), and cut the patch from it')
+
+
+def _row(patch, inside, start, R2):
+    """Those of the particles `inside` that lie at whole steps of R2 from `start`, in order."""
+    away = patch.positions[inside, :2] - patch.positions[start, :2]
+    n = np.rint(away @ R2 / (R2 @ R2))
+    on = (n >= 0) & (np.linalg.norm(away - n[:, None] * R2, axis=1) < NEAR * np.linalg.norm(R2))
+    return inside[on][np.argsort(n[on])]
+
+
+@dataclass(frozen=True)
+class Burst:
+    """A tone burst, the damping of the patch that it crosses, and how long it is recorded.
+
+    Attributes
+    ----------
+    drive : ToneBurst
+    damping : float
+        gamma in 1/ms.
+    duration : float
+        In ms, from the start of the burst.
+    """
+
+    drive: ToneBurst
+    damping: float
+    duration: float
 
 
 @dataclass(frozen=True)
@@ -147,163 +299,3 @@ def _at_rest(patch):
     copy = patch.copy()
     copy.calc = patch.calc
     return copy
-
-
-SOURCES = ('row', 'point')
-NEAR = 0.1
-"""Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
-
-
-STRAIGHT = 1e-6
-"""Largest component of R1 along y, as a fraction of R1."""
-
-
-@dataclass(frozen=True)
-class Burst:
-    """A tone burst, the damping of the patch that it crosses, and how long it is recorded.
-
-    Attributes
-    ----------
-    drive : ToneBurst
-    damping : float
-        gamma in 1/ms.
-    duration : float
-        In ms, from the start of the burst.
-    """
-
-    drive: ToneBurst
-    damping: float
-    duration: float
-
-
-@dataclass(frozen=True)
-class Site:
-    """Where a burst enters a patch and where it is measured.
-
-    Attributes
-    ----------
-    driven : ndarray of int, shape (driven,)
-    weights : ndarray, shape (driven,)
-        Share of the force on each of them, at most one.
-    row : ndarray of int, shape (points,)
-        Particles measured, in equal steps of R2 away from the source.
-    """
-
-    driven: np.ndarray
-    weights: np.ndarray
-    row: np.ndarray
-
-    def burst(self, direction: ArrayLike, force: ArrayLike, omega: float, cycles: float = 5) -> ToneBurst:
-        """The ToneBurst of this site; `direction` in the plane, `force` in N, `omega` in rad/ms."""
-        return ToneBurst(self.driven, direction, force * self.weights, omega, cycles)
-
-
-def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
-    """Wavevector of xi = 2 pi along R2, in fractions of the reciprocal vectors, for `branch` and `complex_bands`.
-
-    Parameters
-    ----------
-    cell : ase.Atoms
-    source : {'row', 'point'}
-        Fronts along R1, or across R2.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.waves import wavevector
-    >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> wavevector(cell, 'row').tolist(), wavevector(cell, 'point').tolist()
-    ([0.0, 1.0, 0.0], [0.5000000000000001, 1.0, 0.0])
-    """
-    R1, R2 = cell.cell.array[:2]
-    return np.array([0.0 if one_of('source', source, SOURCES) == 'row' else R1 @ R2 / (R2 @ R2), 1.0, 0.0])
-
-
-def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
-    """Unit vectors across and along the wavevector: a dict of 'transverse' and 'longitudinal', each of shape (2,).
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.waves import polarisations
-    >>> list(polarisations(read_scene(ready_scene('prototype')).atoms(), 'row'))
-    ['transverse', 'longitudinal']
-    """
-    return across_and_along(cell, wavevector(cell, source))
-
-
-def across_and_along(cell: Atoms, q: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """The same for any wavevector q in fractions of the reciprocal vectors."""
-    k = (q @ cell.cell.reciprocal().array)[:2]
-    along = k / np.linalg.norm(k)
-    return {'transverse': np.array([along[1], -along[0]]), 'longitudinal': along}
-
-
-def site(cell: Atoms, patch: Atoms, source: str) -> Site:
-    """Where to drive a patch and where to measure it.
-
-    Ends of a row of sources send waves of their own across the fronts: at the measured row they move the ridge by more
-    than a wavenumber bin.  So the force falls off as cos^2 towards the ends, and the measured row crosses the middle of the
-    beam half way up.
-
-    Parameters
-    ----------
-    cell : ase.Atoms
-    patch : ase.Atoms
-        Cut from that cell, see `magphonon.lattices`.
-    source : {'row', 'point'}
-
-    Returns
-    -------
-    Site
-
-    Raises
-    ------
-    ValueError
-        For a cell whose R1 does not lie along x or whose R2 does not point up, along y: then the lowest particles are no row.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.lattices import half_hexagon
-    >>> from magphonon.waves import site
-    >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> where = site(cell, half_hexagon(cell, side=100.0), 'point')
-    >>> len(where.driven), len(where.row)
-    (1, 9)
-    """
-    one_of('source', source, SOURCES)
-    _refuse_turned(cell)
-    x, y = patch.positions[:, :2].T
-    inside = np.flatnonzero(freedom(patch)[0])  # not by tags, which may be kinds of magnets
-    row = inside[y[inside] < y[inside].min() + NEAR * cell.cell.lengths()[0]]
-    R2 = cell.cell.array[1, :2]
-    middle = (x[row].min() + x[row].max()) / 2
-    if source == 'point':
-        driven = row[[abs(x[row] - middle).argmin()]]
-        return Site(driven, np.ones(1), _row(patch, inside, driven[0], R2))
-    across = (x[row] - middle) / (np.ptp(x[row]) + 2 * cell.cell.lengths()[0])
-    below = middle - np.ptp(y[inside]) / 2 * R2[0] / R2[1]
-    return Site(row, np.cos(np.pi * across) ** 2, _row(patch, inside, row[abs(x[row] - below).argmin()], R2))
-
-
-def _refuse_turned(cell):
-    (x, y, _), R2 = cell.cell.array[:2]
-    if abs(y) > STRAIGHT * abs(x) or R2[1] <= 0:
-        mirrored = x * R2[1] - y * R2[0] < 0
-        turn = 180 * mirrored - np.degrees(np.arctan2(y, x))
-        raise ValueError('a burst enters along R1, at the lowest row, and is measured upwards along R2, but these are '
-                         f'({x:.6g}, {y:.6g}) and ({R2[0]:.6g}, {R2[1]:.6g}) mm; turn the cell with '
-                         f'cell.rotate({turn:.9g}, "z", rotate_cell=True), and cut the patch from it')
-
-
-def _row(patch, inside, start, R2):
-    """Those of the particles `inside` that lie at whole steps of R2 from `start`, in order."""
-    away = patch.positions[inside, :2] - patch.positions[start, :2]
-    n = np.rint(away @ R2 / (R2 @ R2))
-    on = (n >= 0) & (np.linalg.norm(away - n[:, None] * R2, axis=1) < NEAR * np.linalg.norm(R2))
-    return inside[on][np.argsort(n[on])]
