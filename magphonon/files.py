@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 MEGABYTE = 2**20
 
 
+def text_of(path: str | PathLike[str], most: int) -> str:
+    """The text of a file in UTF-8 of at most so many bytes; ValueError for a larger one, and for a pipe or a device."""
+    refuse_endless(path, most)
+    return Path(path).read_text(encoding='utf-8-sig')
+
+
 def refuse_endless(path: str | PathLike[str], most: int) -> None:
     """Raise ValueError for a pipe or a device, and for a file of more than `most` bytes."""
     if not str(path):

@@ -207,6 +207,18 @@ def test_scattered_missing_samples_are_filled_in(step_ms, noise, tmp_path):
         assert np.sqrt(np.mean(np.concatenate(spline[:5]) ** 2)) > 10 * np.sqrt(np.mean(off[lacking] ** 2))
 
 
+@pytest.mark.parametrize(('rows', 'message'), [
+    ('{k},{p},nan,1e-6\n', 'the column u_x_m holds no number; take it out'),
+    ('{k},{p},,1e-6\n', 'the column u_x_m holds no number; take it out'),
+    ('{k},{p},1e-6,\n{k}.5,{p},,1e-6\n', 'holds no point with two samples that have a value in every component'),
+])
+def test_columns_without_numbers_are_refused_in_words(rows, message, tmp_path):
+    text = ''.join(rows.format(k=k, p=p) for k in range(20) for p in range(9))
+    (tmp_path / 'scan.csv').write_text('time_ms,point,u_x_m,u_y_m\n' + text)
+    with pytest.raises(ValueError, match=message):
+        read_scan(tmp_path / 'scan.csv')
+
+
 def test_a_component_that_does_not_move_at_all_may_lack_samples(tmp_path):
     rng, n, t = np.random.default_rng(1), np.arange(8), np.arange(300.0)[:, None]
     truth = np.sin(0.3 * t - 0.9 * n) * np.exp(-(((t - 120 - 8 * n) / 40) ** 2))

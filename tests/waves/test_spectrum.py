@@ -8,7 +8,7 @@ import pytest
 from magphonon import lattices, units
 from magphonon.interactions.pair_laws import InversePower
 from magphonon.stiffness.calculator import MagneticRepulsion
-from magphonon.waves.spectrum import Ridge, Spectrum, ridge, wavenumber_frequency
+from magphonon.waves.spectrum import Ridge, Spectrum, _jumps, ridge, wavenumber_frequency
 from magphonon.waves.wave_analysis import Branch, branch, compare
 
 # Sec. IV of the paper, gamma = 1e4 N m^4, a = 4, L0 = 1 m, M = 1 kg: omega = omega_M sin(xi/2) along Gamma-M, rad/ms
@@ -266,3 +266,23 @@ def test_saved_spectrum_comes_back_and_a_truncated_file_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(ValueError, match='no complete file of spectra'):
         Spectrum.load(path)
+
+
+def test_jumps_are_the_variance_that_points_have_about_a_smooth_branch():
+    """Every window of seven lines counts, the last one too; drawn jumps come back in the mean."""
+    rng, lines = np.random.default_rng(5), np.arange(20, 33)
+    omega = lines.astype(float)
+    smooth = np.arccos(0.9 - 1.5e-3 * omega**2)  # cos xi is a parabola of omega^2
+    still = np.zeros(len(lines))
+    assert len(_jumps(smooth, omega, still, still, lines)) == len(lines) - 6
+    np.testing.assert_allclose(_jumps(smooth, omega, still, still, lines), 0, atol=1e-20)
+    for k, hit in ((0, [0]), (-1, [-1])):  # only the windows with that point see it: the first, the last
+        moved = smooth.copy()
+        moved[k] += 1e-3
+        seen = np.flatnonzero(_jumps(moved, omega, still, still, lines) > 1e-9)
+        np.testing.assert_array_equal(seen, np.arange(len(lines) - 6)[hit])
+    drawn = [_jumps(smooth + 1e-3 * rng.normal(size=len(lines)), omega, still, still, lines).mean() for _ in range(2000)]
+    assert np.mean(drawn) == pytest.approx(1e-6, rel=0.1)  # 2000 means of seven windows that overlap scatter by 2 %
+    noise = np.full(len(lines), 1e-3)
+    drawn = [_jumps(smooth + 1e-3 * rng.normal(size=len(lines)), omega, noise, still, lines).mean() for _ in range(2000)]
+    assert abs(np.mean(drawn)) < 0.1e-6  # what noise makes of it is taken off
