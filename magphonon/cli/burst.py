@@ -12,6 +12,8 @@ from .arguments import add_output, add_pictures, add_scene, drawing
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
+FILM = 120
+"""Largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch."""
 HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
 RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', 'row.csv', 'ridges.*'
 
@@ -79,8 +81,9 @@ def _engine(options):
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS has no other model
-            return {'threads': threads}
-        return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name)}
+            return {'threads': threads, 'film': options.animation}
+        return {'engine': 'lammps', 'ranks': ranks, 'directory': options.files and Path(options.files, name),
+                'film': options.animation}
 
     return of
 
@@ -137,10 +140,13 @@ def _draw(save, name, carrier, passages, found):
 
 
 def _animate(folder, name, passages):
-    from ..plotting.waves import save_animation
+    """A film of each simulation, 12 frames a period."""
+    from ..plotting.animation import animate
 
     for model, (patch, site, passage) in passages.items():
-        save_animation(folder / f'{name}_{model}.gif', patch, passage.field, site)
+        field = passage.field
+        animate(folder / f'{name}_{model}.gif', patch, field.displacements[:FILM], field.times[:FILM],
+                title=f'{model} simulation', site=site)
 
 
 def _amplitudes(cell, largest, loud):

@@ -53,7 +53,7 @@ def run(options: Namespace) -> None:
         if lattice is not None:
             report += _of_lattice(save, scene, lattice)
         if patch is not None:
-            report += _of_patch(folder, save, lattice, patch, options.animate)
+            report += _of_patch(folder, save, lattice, patch, scene.defect_places(), options.animate)
         drawn = any(folder.glob('*.png'))
     print('\n'.join(report))
     print(f'pictures and data are in {options.output}' if drawn else 'no pictures: modes are drawn of planar lattices that have '
@@ -111,7 +111,7 @@ def _of_lattice(save, scene, atoms):
     return report
 
 
-def _of_patch(folder, save, lattice, patch, filmed):
+def _of_patch(folder, save, lattice, patch, defects, filmed):
     """Table and pictures of the modes of a patch; lines of the report."""
     import numpy as np
 
@@ -131,7 +131,9 @@ def _of_patch(folder, save, lattice, patch, filmed):
     outside = [k for k, omega in enumerate(found.omega) if not any(low - room <= omega <= high + room for low, high in ranges)]
     local = sorted(outside, key=lambda k: extent.participation[k]) if len(ranges) else []
     drawn = (local or [*(np.argsort(extent.participation) if not len(ranges) else range(len(found.omega)))])[:SHOWN]
-    _draw(save, system, found, extent, ranges, drawn)
+    # pictures and films show one image of a periodic patch, about its first defect or else its most local mode
+    about = {'defects': defects, 'centre': defects[0] if len(defects) else extent.centre[drawn[0], :2]}
+    _draw(save, system, found, extent, ranges, drawn, about)
     report = ['', f'modes of the patch: {"all" if every else "the lowest and those between the bands,"} {len(found.omega)}, from '
               f'{found.frequencies_Hz[0]:.6g} to {found.frequencies_Hz[-1]:.6g} Hz']
     if len(ranges):
@@ -139,11 +141,11 @@ def _of_patch(folder, save, lattice, patch, filmed):
     else:
         report.append('  the most local ones:')
     for k in drawn if local or not len(ranges) else []:
-        x, y = extent.centre[k, :2] / 1e3
+        centre = _place(system.atoms, extent.centre[k, :2], defects)
         report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g} Hz, {extent.participation[k]:.3g} particles take part, '
-                      f'centre at ({x:.4g}, {y:.4g}) m, localisation length {extent.length[k] / 1e3:.3g} m')
+                      f'{centre}, localisation length {extent.length[k] / 1e3:.3g} m')
     if filmed is not None:
-        report.append(_film(folder, system, found, filmed))
+        report.append(_film(folder, system, found, filmed, about))
     return report
 
 
@@ -179,7 +181,18 @@ def _write_table(file, extent):
                                 extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T])
 
 
-def _draw(save, system, found, extent, ranges, drawn):
+def _place(atoms, centre, defects):
+    """The centre of a mode by its distance from the nearest defect, or where it is if there is none."""
+    import numpy as np
+    from ase.geometry import find_mic
+
+    if not len(defects):
+        return 'centre at ({:.4g}, {:.4g}) m'.format(*centre / 1e3)
+    away = find_mic(np.pad(centre - defects, ((0, 0), (0, 1))), atoms.cell, atoms.pbc)[1].min()
+    return f'centre {away / 1e3:.2g} m from the defect' if len(defects) == 1 else f'centre {away / 1e3:.2g} m from a defect'
+
+
+def _draw(save, system, found, extent, ranges, drawn, about):
     """How many particles take part in each mode, and the shapes of the most local ones or of the lowest."""
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.modes import plot_extents, plot_shape
@@ -189,18 +202,19 @@ def _draw(save, system, found, extent, ranges, drawn):
     for ax in axes.flat[1 + len(drawn) :]:
         ax.remove()
     for k, ax in zip(drawn, axes.flat[1:], strict=False):
-        plot_shape(system.atoms, found.shapes[k], ax=ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz')
+        plot_shape(system.atoms, found.shapes[k], ax=ax, title=f'mode {k + 1}, {found.frequencies_Hz[k]:.5g} Hz', **about)
     letter_panels(axes.flat[: 1 + len(drawn)])
     legend_of_set(figure)
     save(figure, 'modes')
 
 
-def _film(folder, system, found, filmed):
+def _film(folder, system, found, filmed, about):
     """A film of one period of a mode whose largest displacement is a thousandth of the shortest bond; a line of the report."""
     from ..plotting.animation import animate, period
 
     amplitude = system.calc.bonds.lengths.min() / 1000
     title = f'mode {filmed}, {found.frequencies_Hz[filmed - 1]:.5g} Hz'
-    factor = animate(folder / f'mode_{filmed}.gif', system.atoms, period(found.shapes[filmed - 1], amplitude), title=title)
+    shown = period(found.shapes[filmed - 1], amplitude)
+    factor = animate(folder / f'mode_{filmed}.gif', system.atoms, shown, title=title, **about)
     return (f'  mode_{filmed}.gif: one period of mode {filmed}, with displacements of up to {amplitude / 1e3:.3g} m drawn '
             f'{factor:.3g} times as large')

@@ -50,7 +50,6 @@ from .waves import (
     plot_snapshot as plot_snapshot,
     plot_wave as plot_wave,
     plot_waves as plot_waves,
-    save_animation as save_animation,
 )
 from .zone import (
     plot_isofrequency as plot_isofrequency,

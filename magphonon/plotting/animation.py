@@ -13,8 +13,9 @@ import numpy as np
 from .. import units
 from ..errors import finite, positive
 from ..stiffness.repulsion import repulsion_of
-from .axes import COLOURS, new_axes
-from .structures import draw_bonds, draw_particles, frame, spacing
+from .axes import new_axes
+from .structures import draw_bonds, frame, mark_defects, seen_about, spacing
+from .waves import bar_of_crests, draw_crests, main_axis, mark_site, visible
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -22,9 +23,11 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
+    from ..waves.wave_source import Site
+
 LONGEST = 0.35
 """Largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for."""
-DOT = 0.33
+DOT = 0.6
 """Diameter of a particle in lengths of the shortest bond."""
 FRAMES = 24
 """Frames of one period of a mode."""
@@ -52,9 +55,13 @@ def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> ND
     return np.multiply.outer(np.cos(2 * np.pi * np.arange(frames) / frames), shape * amplitude / largest)
 
 
-def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, times: ArrayLike | None = None,
-            magnification: float | None = None, title: str = '', fps: float = 12) -> float:
+def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, times: ArrayLike | None = None, *,
+            magnification: float | None = None, title: str = '', fps: float = 12, site: Site | None = None,
+            centre: ArrayLike | None = None, defects: ArrayLike = ()) -> float:
     """Write a film of moving particles; every frame has the same scale, and the title states the magnification.
+
+    Particles are coloured by their displacement along the axis along which most of the motion is.  Of a wave there must be 12
+    frames a period, or its crests seem to run backwards.
 
     Parameters
     ----------
@@ -71,6 +78,12 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     title : str
     fps : float
         Frames per second.
+    site : Site, optional
+        Where a burst enters and where it is measured, to be marked.
+    centre : array_like, shape (2,), optional
+        Place in mm about which a periodic structure is drawn.
+    defects : array_like, shape (defects, 2), optional
+        Places in mm to be marked by a cross.
 
     Returns
     -------
@@ -91,21 +104,27 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
         raise ValueError(f'displacements must have the shape (frames, {len(atoms)}, 2 or 3), not {u.shape}')
     moments = None if times is None else finite('times', times, u.shape[:1])
     positive('fps', fps, '1/s')
-    largest = np.linalg.norm(u, axis=2).max()
+    largest = max(np.linalg.norm(moment, axis=1).max() for moment in u)
     if not largest:
         raise ValueError('nothing moves in any frame; there is nothing to film')
     bond = repulsion_of(atoms).bonds.lengths.min()
     factor = LONGEST * bond / largest if magnification is None else positive('magnification', magnification)
     writer = _writer(path, fps)
-    rest = atoms.positions[:, :2]
+    seen, axis = seen_about(atoms, centre), main_axis(u)
+    rest = seen.positions[:, :2]
     wide, high = np.ptp(rest, axis=0) + 2 * bond
-    ax = new_axes(5.0, 1.2 + 4.0 * min(1.5, high / wide))
-    draw_bonds(ax, atoms)
+    ax = new_axes(5.0, 1.2 + 3.6 * min(1.5, high / wide))
+    draw_bonds(ax, seen)
     frame(ax, rest / units.m, spacing(atoms))
-    dots = draw_particles(ax, rest / units.m, DOT * bond / units.m, facecolors=COLOURS[0])
+    dots, power = draw_crests(ax, seen, u[0, :, axis], visible(u[..., axis]), DOT)
+    bar_of_crests(dots, ax, axis, power)
+    if site is not None:
+        mark_site(ax, seen, site)
+    mark_defects(ax, seen, defects)
 
     def show(k):
         dots.set_offsets((rest + factor * u[k, :, :2]) / units.m)
+        dots.set_array(u[k, :, axis] / units.m / 10.0**power)
         when = '' if moments is None else f', {moments[k] / units.s:.4f} s'
         ax.set_title(f'{title}\ndisplacements drawn {factor:.3g} times as large{when}'.strip(), fontsize='medium')
 

@@ -10,7 +10,7 @@ from .. import units
 from ..bands.zone import ROUND_OFF
 from .axes import COLOURS, label_frequencies, label_places, legend_above, legend_of_set, new_axes, point_name
 from .bands import mode_names
-from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells, spacing, window
+from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells, mark_defects, seen_about, spacing, window
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from ase import Atoms
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from ..bands.bands import Bands
     from ..response.normal_modes import Extent
@@ -94,17 +94,22 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     return ax
 
 
-def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = None, title: str = '') -> Axes:
+def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = None, title: str = '',
+               centre: ArrayLike | None = None, defects: ArrayLike = ()) -> Axes:
     """Shape of a mode of a patch: an arrow on every particle, and darker the more of the kinetic energy it has.
 
     Parameters
     ----------
     atoms : ase.Atoms
-        A planar structure with its MagneticRepulsion, at rest.  A periodic one is drawn about the particle with the most energy.
+        A planar structure with its MagneticRepulsion, at rest.
     shape : ndarray, shape (particles, dim)
         A row of `Modes.shapes`.
     ax : matplotlib.axes.Axes, optional
     title : str
+    centre : array_like, shape (2,), optional
+        Place in mm about which a periodic structure is drawn; that of the particle with the most energy by default.
+    defects : array_like, shape (defects, 2), optional
+        Places in mm to be marked by a cross.
 
     Returns
     -------
@@ -112,9 +117,8 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     """
     ax = new_axes(height=3.4) if ax is None else ax
     share = atoms.get_masses() * (shape**2).sum(axis=1)
-    seen = atoms.copy()
-    if atoms.pbc.any():  # a local mode at the border of a periodic patch would be drawn in pieces
-        seen.wrap(center=atoms.get_scaled_positions(wrap=False)[share.argmax()])
+    # a local mode at the border of a periodic patch would be drawn in pieces
+    seen = seen_about(atoms, atoms.positions[share.argmax(), :2] if centre is None else centre)
     rest = seen.positions[:, :2] / units.m
     length = np.linalg.norm(shape, axis=1)
     moving = length > STILL * length.max()
@@ -124,6 +128,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     dots.set_clim(0, share.max())
     ax.quiver(*rest[moving].T, *arrows.T, color=COLOURS[1], angles='xy', scale_units='xy', scale=1, width=0.006, zorder=3)
     ax.set_title(title, loc='left')
+    mark_defects(ax, seen, defects)
     frame(ax, np.concatenate([rest, rest[moving] + arrows]), spacing(atoms))
     return ax
 

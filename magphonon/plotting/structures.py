@@ -6,8 +6,10 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
 
 from .. import units
+from ..errors import finite
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
 from .axes import COLOURS, label_places, legend_above, new_axes
@@ -16,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any
 
-    from ase import Atoms
     from matplotlib.axes import Axes
     from matplotlib.collections import EllipseCollection
     from numpy.typing import ArrayLike, NDArray
@@ -126,6 +127,27 @@ def window(atoms: Atoms) -> tuple[float, NDArray[np.int_]]:
 def in_cells(atoms: Atoms, cells: ArrayLike) -> NDArray[np.float64]:
     """Places of the particles in some cells in m, shape (cells, particles, 2)."""
     return ((np.asarray(cells) @ atoms.cell.array)[:, None] + atoms.positions)[..., :2] / units.m
+
+
+def seen_about(atoms: Atoms, centre: ArrayLike | None) -> Atoms:
+    """A copy of a periodic structure with every particle at its image in the cell about `centre` (mm, shape (2,))."""
+    seen = atoms.copy()
+    seen.calc = atoms.calc
+    if centre is not None and atoms.pbc.any():
+        place = np.append(finite('centre', centre, (2,)), atoms.positions[0, 2])
+        seen.wrap(center=atoms.cell.scaled_positions(place))
+    return seen
+
+
+def mark_defects(ax: Axes, seen: Atoms, defects: ArrayLike) -> None:
+    """Crosses at places in mm, each in the cell in which the particles of `seen` are drawn."""
+    places = np.reshape(np.asarray(defects, float), (-1, 2))
+    if not len(places):
+        return
+    there = Atoms(positions=np.pad(places, ((0, 0), (0, 1))), cell=seen.cell, pbc=seen.pbc)
+    if seen.pbc.any():
+        there.wrap(center=seen.cell.scaled_positions(seen.positions.mean(axis=0)))
+    ax.plot(*there.positions[:, :2].T / units.m, 'x', color=COLOURS[3], markersize=6, label='defect')
 
 
 def draw_bonds(ax: Axes, atoms: Atoms, cells: ArrayLike = ((0, 0, 0),)) -> None:

@@ -25,10 +25,11 @@ from .structures import draw_particles, frame, spacing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
+    from typing import Any
 
     from ase import Atoms
     from matplotlib.axes import Axes
+    from matplotlib.collections import EllipseCollection
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -183,9 +184,11 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Ax
         Coloured by the component u_x or u_y in which most of the motion is, on a scale that is symmetric about zero.
     """
     ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in)) if ax is None else ax
-    axis = _main_axis(field.displacements[frame])
-    dots, power = _draw_crests(ax, patch, field.displacements[frame, :, axis], site)
-    _bar_of_crests(dots, ax, axis, power)
+    axis = main_axis(field.displacements[frame])
+    crests = field.displacements[frame, :, axis]
+    dots, power = draw_crests(ax, patch, crests, visible([crests]))
+    mark_site(ax, patch, site)
+    bar_of_crests(dots, ax, axis, power)
     legend_above(ax, ncols=2, title=f'{patch.calc.parameters.model} model, {_moment(field, frame)}')
     return ax
 
@@ -204,16 +207,17 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure
     """
     frame = min(crossing(passage) for *_, passage in passages.values())
     fields = {name: passage.field for name, (*_, passage) in passages.items()}
-    axis = _main_axis(np.concatenate([field.displacements[frame] for field in fields.values()]))
+    axis = main_axis(np.concatenate([field.displacements[frame] for field in fields.values()]))
     shown = {name: field.displacements[frame, :, axis] for name, field in fields.items()}
     patch = next(iter(passages.values()))[0]
     figure, axes = panels(1, len(passages), height=_height(patch, (PAGE_in - BESIDE_in) / len(passages)))
     letter_panels(axes, [f'{name}, {field.times[frame] / units.s:.3f} s' for name, field in fields.items()])
-    largest = _visible(list(shown.values()))
+    largest = visible(list(shown.values()))
     for ax, (name, (patch, site, _)) in zip(axes.flat, passages.items(), strict=True):
-        dots, power = _draw_crests(ax, patch, shown[name], site, largest)
+        dots, power = draw_crests(ax, patch, shown[name], largest)
+        mark_site(ax, patch, site)
     _label_outer(axes, np.ones(axes.shape, bool))
-    _bar_of_crests(dots, axes, axis, power, pad=0.02)
+    bar_of_crests(dots, axes, axis, power, pad=0.02)
     legend_of_set(figure)
     return figure
 
@@ -224,58 +228,44 @@ def crossing(passage: Passage) -> int:
     return int(abs(passage.field.times - passage.row.times[u.argmax()]).argmin())
 
 
-def save_animation(path: str | Path, patch: Atoms, field: Motion, site: Site) -> None:
-    """Write a GIF of all frames on one scale and between fixed axes."""
-    from matplotlib.animation import FuncAnimation, PillowWriter
-
-    axis = _main_axis(field.displacements)
-    crests = field.displacements[..., axis]
-    ax = new_axes(height=_height(patch, COLUMN_in - BESIDE_in))
-    dots, power = _draw_crests(ax, patch, crests[len(crests) // 2], site, _visible(crests))
-    _bar_of_crests(dots, ax, axis, power)
-    title = legend_above(ax, ncols=2, title=_moment(field, 0)).get_title()
-    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]  no subfigure
-    ax.figure.set_layout_engine('none')  # pyright: ignore[reportAttributeAccessIssue]
-
-    def show(frame):
-        dots.set_array(crests[frame] / units.m / 10.0**power)
-        title.set_text(_moment(field, frame))
-
-    moving = FuncAnimation(ax.figure, show, frames=range(1, len(field.times)))  # pyright: ignore[reportArgumentType]  no subfigure
-    moving.save(path, writer=PillowWriter(fps=8), dpi=200)
-
-
 def _height(patch, width):
     """Height in inches of a figure whose axes around a patch are so wide."""
     wide, high = np.ptp(patch.calc.reference.positions[:, :2], axis=0)
     return BESIDE_in + width * min(1.2, high / wide)
 
 
-def _main_axis(displacements):
+def main_axis(displacements: NDArray[np.float64]) -> int:
     """Number of the axis along which most of the motion is, of displacements of shape (..., dim)."""
-    return int((displacements.reshape(-1, displacements.shape[-1]) ** 2).sum(axis=0).argmax())
+    flat = displacements.reshape(-1, displacements.shape[-1])
+    return int(np.einsum('ix,ix->x', flat, flat).argmax())
 
 
-def _visible(crests):
+def visible(crests: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> float:
     """Half the range in mm of a scale for some pictures on which particles can be told apart, except those next to the source."""
     seen = max(np.quantile(abs(u), 1 - SATURATED) for u in crests)
     return float(seen or max(abs(u).max() for u in crests) or 1.0)
 
 
-def _draw_crests(ax, patch, crests, site, largest=None):
-    """Particles coloured by a displacement in mm; the dots, and the power of ten of their unit in m."""
-    rest, largest = patch.calc.reference.positions[:, :2] / units.m, largest or _visible([crests])
+def draw_crests(ax: Axes, patch: Atoms, crests: NDArray[np.float64], largest: float,
+                diameter: float = 0.95) -> tuple[EllipseCollection, int]:
+    """Particles coloured by a displacement on a scale up to `largest`, both in mm; the dots, and the power of their unit."""
     power = prefix_power(largest / units.m)
-    dots = draw_particles(ax, rest, 0.95 * spacing(patch), linewidths=0, cmap='RdBu_r')
+    dots = draw_particles(ax, patch.positions[:, :2] / units.m, diameter * spacing(patch), linewidths=0, cmap='RdBu_r')
     dots.set_array(crests / units.m / 10.0**power)
     dots.set_clim(*(np.array([-1, 1]) * largest / units.m / 10.0**power))
-    ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')
-    ax.plot(*rest[site.driven].T, '^', color=COLOURS[3], markersize=4, label='driven')
-    frame(ax, rest, spacing(patch))
+    frame(ax, patch.positions[:, :2] / units.m, spacing(patch))
     return dots, power
 
 
-def _bar_of_crests(dots, axes, axis, power, **options):
+def mark_site(ax: Axes, patch: Atoms, site: Site) -> None:
+    """The row that is measured and the driven particles."""
+    rest = patch.positions[:, :2] / units.m
+    ax.plot(*rest[site.row].T, '--', color='black', linewidth=0.9, label='measured')
+    ax.plot(*rest[site.driven].T, '^', color=COLOURS[3], markersize=4, label='driven')
+
+
+def bar_of_crests(dots: EllipseCollection, axes: Any, axis: int, power: int, **options: Any) -> None:
+    """The colour bar of crests along an axis of the structure."""
     label = f'displacement $u_{"xyz"[axis]}$ ({PREFIXES[power]}m)'
     np.ravel(axes)[0].figure.colorbar(dots, ax=axes, label=label, extend='both', **options)
 

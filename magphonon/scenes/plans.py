@@ -329,7 +329,7 @@ class BurstPlan(Table):
     def send(self, k: int, cell: Atoms, patch: Atoms, **engine: Any) -> tuple[Site, Passage]:
         """Send burst number k through a patch; returns its Site and Passage.
 
-        `engine`, `threads`, `ranks` and `directory` are those of `magphonon.waves.wave_source.send`.
+        `engine`, `threads`, `ranks`, `directory` and `film` are those of `magphonon.waves.wave_source.send`.
         """
         from ..waves.spectrum import FEWEST
         from ..waves.wave_source import send, site

@@ -176,6 +176,10 @@ class Scene(Table):
             atoms = table.applied(atoms)
         return relaxed(atoms)
 
+    def defect_places(self) -> NDArray[np.float64]:
+        """Where the defects of the patch or the finite structure are, in mm, shape (defects, 2)."""
+        return np.zeros((0, 2)) if self.defects is None else self.defects.places(self._perfect('complete'))
+
     def _perfect(self, model: str) -> Atoms:
         """The patch or the finite structure before defects and disorder."""
         if self.finite:

@@ -35,6 +35,7 @@ from .fields import Allowed, Flag, Length, Mass, NotNegative, Point, Points, Pos
 
 if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
+    from numpy.typing import NDArray
 
 COLUMNS = {'x': LENGTH, 'y': LENGTH, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
            'stiffness': STIFFNESS}
@@ -148,6 +149,12 @@ class Defects(Table):
             except ValueError as error:
                 raise ValueError(f'defects.interstitials[{k}].at_m = {list(guest.at_m)}: {error}') from None
         return without(atoms, missing) if missing else atoms
+
+    def places(self, atoms: Atoms) -> NDArray[np.float64]:
+        """Where the defects of the perfect structure `atoms` are, in mm, shape (defects, 2)."""
+        hosts = [*self.vacancies_m, *(guest.at_m for guest in self.substitutions)]
+        sites = [atoms.positions[_site('', atoms, place), :2] for place in hosts]
+        return np.array([*sites, *(np.array(guest.at_m) * u.m for guest in self.interstitials)]).reshape(-1, 2)
 
 
 def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:

@@ -40,6 +40,8 @@ SAMPLES = 20
 """Number of recorded frames per period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
 SNAPSHOTS = 24
 """Number of times at which the whole patch is recorded."""
+FILMED = 12
+"""Number of times a period of the carrier at which it is recorded for a film; with few, crests seem to run backwards."""
 ROUND_OFF = 1e-9
 """Displacement, as a fraction of the shortest bond, below which a particle is at rest."""
 
@@ -215,7 +217,7 @@ class Passage:
 
 
 def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto', ranks: int = 1,
-         directory: str | PathLike[str] | None = None, threads: int | None = None) -> Passage:
+         directory: str | PathLike[str] | None = None, threads: int | None = None, film: bool = False) -> Passage:
     """Send a burst through a copy of a patch at rest and record it.
 
     Parameters
@@ -237,6 +239,8 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         Folder that keeps the files of LAMMPS, see `run_lammps`.
     threads : int, optional
         Number of threads, as for DrivenVerlet.
+    film : bool
+        Record the whole patch 12 times a period of the carrier, as a film needs it, instead of 24 times in all.
 
     Returns
     -------
@@ -272,11 +276,12 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
                          f'patch in the {model} model, {units.hertz(top):.6g} Hz, where nothing propagates; lower it'
                          + (' (the conventional model reaches higher)' if model == 'complete' else ''))
     dt = STEP_FRACTION * 2 / top
-    interval = max(1, int(2 * np.pi / drive.omega / SAMPLES / dt))
+    period = 2 * np.pi / drive.omega / dt
+    interval = max(1, int(period / SAMPLES))
     if not positive('duration', duration, 'ms') > drive.end:
         raise ValueError(f'the record of {duration:.6g} ms ends before the burst does, at {drive.end:.6g} ms; record longer')
     steps = int(duration / dt)
-    wanted = [(site.row, interval), (site.driven, interval), (None, max(1, steps // SNAPSHOTS))]
+    wanted = [(site.row, interval), (site.driven, interval), (None, max(1, int(period / FILMED) if film else steps // SNAPSHOTS))]
     if engine == 'lammps':
         row, source, field = run_lammps(patch, dt, steps, records=wanted, drives=[drive], damping=damping, ranks=ranks,
                                         directory=directory)
@@ -285,7 +290,7 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         recorders = [Recorder(dyn, particles, every) for particles, every in wanted]
         dyn.run(steps)
         row, source, field = (recorder.motion for recorder in recorders)
-    largest = max(np.linalg.norm(record.displacements, axis=2).max() for record in (row, source, field))
+    largest = max(np.linalg.norm(frame, axis=1).max() for record in (row, source, field) for frame in record.displacements)
     return Passage(row, field, float(largest))
 
 

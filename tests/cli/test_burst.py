@@ -155,7 +155,7 @@ def test_the_time_steps_take_as_many_threads_as_were_asked_for(scene_file, tmp_p
 
 @pytest.mark.slow
 def test_the_row_to_measure_and_an_animation_on_request(scene_file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('magphonon.waves.wave_source.SNAPSHOTS', 5)  # frames are slow to draw
+    monkeypatch.setattr('magphonon.cli.burst.FILM', 5)  # frames are slow to draw
     assert main(['burst', str(scene_file()), '-o', str(tmp_path / 'out'), '--animation']) == 0
     for name in NAMES:
         film = (tmp_path / 'out' / f'{name}.gif').read_bytes()

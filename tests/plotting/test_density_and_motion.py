@@ -93,6 +93,24 @@ def test_a_mode_at_the_border_of_a_periodic_patch_is_drawn_in_one_piece():
     assert far[1] > 0.06  # control: where nothing repeats, the corners are far apart
 
 
+def test_modes_are_drawn_about_the_defect_that_is_marked(tmp_path):
+    """Whatever image of the hole a mode is centred on, all pictures show the same one."""
+    cell = prototype()
+    sheet = cell.repeat((7, 8, 1))
+    sheet.calc = MagneticRepulsion(sheet, cell.calc.law, foundation=cell.calc.foundation)
+    hole = sheet.positions[0, :2]
+    rng = np.random.default_rng(1)
+    for image in ([0, 0, 0], [1, 0, 0], [-1, 1, 0], [2, -1, 0]):
+        shape = np.zeros((56, 2))
+        shape[rng.choice([1, 7, 48, 49, 8]), 0] = 1  # neighbours of the hole, at opposite ends of the patch
+        where = hole + (np.array(image) @ sheet.cell.array)[:2]
+        ax = plot_shape(sheet, shape, centre=where, defects=[hole])
+        cross = next(line for line in ax.lines if line.get_label() == 'defect')
+        np.testing.assert_allclose(np.ravel(cross.get_xydata()), where / 1e3, atol=1e-12)
+        drawn = ax.collections[1]
+        assert np.linalg.norm(drawn.XY - where / 1e3, axis=1).max() < 0.0101  # one spacing of 10 mm
+
+
 def patch_without_periods(sheet):
     alone = sheet.copy()
     alone.pbc = False

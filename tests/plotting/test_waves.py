@@ -6,8 +6,9 @@ from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, lattices, units as u
 from magphonon.dynamics.motion import Motion
+from magphonon.plotting.animation import animate
 from magphonon.plotting.axes import panels
-from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves, save_animation
+from magphonon.plotting.waves import crossing, plot_crossing, plot_snapshot, plot_wave, plot_waves
 from magphonon.waves.wave_analysis import waves
 from magphonon.waves.wave_source import Passage, polarisations, site
 
@@ -114,7 +115,7 @@ def test_a_film_has_one_scale_and_fixed_axes(passage, tmp_path):
 
     patch, where, left = passage
     left.field.displacements[:] *= np.exp(-np.arange(len(left.field.times)))[:, None, None]  # it decays
-    save_animation(tmp_path / 'film.gif', patch, left.field, where)
+    animate(tmp_path / 'film.gif', patch, left.field.displacements, left.field.times, site=where)
     with Image.open(tmp_path / 'film.gif') as film:
         frames = []
         for k in range(film.n_frames):
