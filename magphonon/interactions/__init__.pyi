@@ -7,19 +7,14 @@ from .bond_laws import (
 )
 from .fits import (
     Fit as Fit,
-    curvature as curvature,
-    enough as enough,
-    fit_inverse_power as fit_inverse_power,
+    SharedErrors as SharedErrors,
+    fit_forces as fit_forces,
     scene_entry as scene_entry,
 )
 from .force_tables import (
     Forces as Forces,
     read_forces as read_forces,
     synthetic_forces as synthetic_forces,
-)
-from .law_choice import (
-    LawChoice as LawChoice,
-    fit_laws as fit_laws,
 )
 from .magnet_pairs import (
     MagnetLaw as MagnetLaw,
@@ -48,10 +43,6 @@ from .pair_laws import (
     higher_derivatives as higher_derivatives,
     local_exponent as local_exponent,
     repulsion as repulsion,
-)
-from .smooth_laws import (
-    explained as explained,
-    fit_spline as fit_spline,
 )
 from .upright import (
     UprightMagnets as UprightMagnets,

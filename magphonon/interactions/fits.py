@@ -1,283 +1,380 @@
-"""The law of repulsion from measured forces: an inverse power, or a smooth curve where no power holds.
+r"""The law of repulsion from measured forces whose rows share errors: a zero of force, a zero of distance, hysteresis, backlash.
 
-The correlation of the strength b and the exponent a of `f = b r^-a` is very close to one when the data are far from r = 1,
-while the force and its slope at a working spacing r0 are known much better.  Therefore the parameters of the fit are f(r0)
-and a, and all other covariances follow from theirs.
+Each row of a table is
+
+    y = f(r + d + s b/2) + F0 + s h + noise        s = -1 on the approach, +1 on the return, 0 where it is not known
+
+and the force is a free smooth curve or, beside it, the law g of a magnet whose shape the user names,
+
+    ln f = ln f0 + ln g(r)/g(r0) - delta x + tau sum_k c_k x^k/sqrt(k!)        x = ln(r/r0),  k = 2 .. 6
+
+The free curve has g = r^-4, delta within 3 and tau = 1; a named law may depart by 3 % in both.  ln f(r0) and the exponent a(r0)
+are parameters themselves, so their covariance is the answer: -f'(r0) = a f/r0, and the bands of neighbours at r0 follow linearly.
+What a table cannot tell (F0 from the tail of the law, d from its exponent) is left to the priors of `SharedErrors`, and
+`Fit.shares` says what each of them costs.
+
+There is one least-squares problem for each law and each of three kinds of noise; the answers are averaged by their evidence
+(Laplace's method).  There is no list of laws to choose from: over 8 to 16 mm a disc, a ring and an inverse power cannot be told
+apart, and an average over such a list is as narrow as it is wrong.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
+from math import factorial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
-from ..errors import one_of, positive
-from .pair_laws import InversePower, repulsion
+from ..errors import not_negative, positive
+from .pair_laws import Tabulated, local_exponent, repulsion
 
 if TYPE_CHECKING:
-    from typing import Any
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
     from .force_tables import Forces
     from .pair_laws import PairLaw
 
-COVERED = 0.95
-"""Probability with which an interval contains the true value."""
-NORMAL = 1.959964
-"""Half width of this interval for a normal distribution, in standard deviations."""
-LEAST_EXPONENT = 0.01
-"""Smallest exponent of a fit: a force that falls more slowly than r^-0.01 is constant on the scale of a lattice."""
-FINEST = 1e-6
-"""Smallest relative uncertainty of a force; no balance is more accurate.  Without this limit, forces that were computed instead
-of measured would have intervals as small as round-off."""
-MOST_EXPONENT = 80.0
-"""Largest exponent of a fit: a force that falls faster belongs to a wall or an outlier, and b in N m^a soon overflows."""
+COVERED, NORMAL = 0.95, 1.959964
+"""Probability with which an interval contains the true value, and its half width in standard deviations where these are known."""
+BENDS = np.arange(2, 7)
+BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])
+"""Powers of ln(r/r0) by which a law may bend, and how much."""
+ANY_SIZE, EXPONENT, EXPONENT_SPREAD = 3.0, 4.0, 3.0
+"""Priors of the free curve: ln f0 wherever the table has it, an exponent of 4 +- 3."""
+SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
+"""How well a named magnet has its shape, and the weight of its law before the data speak: a near miss, such as dipoles for a
+screened law, cannot be seen over 8 to 16 mm, and with a weight of one half it would take the interval along."""
+NOISES = None, 0.5, 0.0
+"""Kinds of noise: the same everywhere, or proportional to the force above the middle one, or above the smallest one."""
+NEAREST = 0.3
+"""Least distance at which a law is asked, as a fraction of the nearest in the table, whatever the zero of the distances."""
+ROUNDS = 4
+"""Times that the noise and the force on which it depends are computed from each other: they settle to parts in a thousand."""
+LEAST_ROWS, MOST_ROWS = 6, 2000
+"""Least number of rows that tell their noise too, and the largest number that is fitted, every n-th of a longer table: what its
+rows share is no better known from more of them."""
+CONFLICT = 3.0
+"""Standard deviations from its prior beyond which a zero, or the named shape, is wrong."""
+WITH_CARE = 0.02
+"""A standard deviation of the zero of the distances, in mm, that can be reached; `Fit.with_care` is told for it."""
+CURVE = slice(0, 2 + len(BENDS))
+FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)
+"""Places of the parameters."""
+SHARED = 'zero of force', 'zero of distance', 'hysteresis', 'backlash'
+POINTS = 24
+"""Of the table of a fitted law; a spline through them follows it to 1e-5."""
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Standard deviations of the errors that all rows of a table share, known before it is read.
+
+    Attributes
+    ----------
+    distance : float
+        Of the zero of the distances in mm: touch, glue and tolerances of the magnets are 0.1 mm each.  It decides the width
+        of the answer: 9.5 % of the slope for each 0.1 mm at 10 mm.
+    zero : float, optional
+        Of the zero of the force in N; by default a tenth of the largest force.
+    hysteresis : float, optional
+        Of half the difference between return and approach in N; by default a hundredth of the largest force.
+    backlash : float
+        Of the drive in mm.
+    gain : float
+        Of the load cell, as a fraction of every force; no table shows it.
+    """
+
+    distance: float = 0.2
+    zero: float | None = None
+    hysteresis: float | None = None
+    backlash: float = 0.1
+    gain: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, unit in (('distance', 'mm'), ('zero', 'N'), ('hysteresis', 'N'), ('backlash', 'mm'), ('gain', '')):
+            if getattr(self, name) is not None:
+                not_negative(name, getattr(self, name), unit)
+
+    def sizes(self, largest: float) -> NDArray[np.float64]:
+        """Those of F0, d, h and b for a table whose largest force is `largest` N; what is exact is not quite zero."""
+        zero = largest / 10 if self.zero is None else self.zero
+        hysteresis = largest / 100 if self.hysteresis is None else self.hysteresis
+        return np.maximum([zero, self.distance, hysteresis, self.backlash], 1e-9 * np.array([largest, 1, largest, 1]))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted law.
+    """The force of two particles and its exponent at a spacing r0, with their uncertainty.
 
     Attributes
     ----------
-    law : InversePower or Tabulated
-        As a function of true distances: the measured ones minus `offset`.
-    name : str
+    law : Tabulated
+        The fitted curve over the distances of the table and r0: true ones, with the zero of the distances taken out.
     spacing : float
-        The working spacing r0 in mm, a true distance.
-    at_spacing : ndarray, shape (2,)
-        Force in N and its slope df/dr in N/mm at r0.
+        r0 in mm.
+    force, exponent : float
+        f(r0) in N, and a(r0) = -d ln f/d ln r.
     covariance : ndarray, shape (2, 2)
-        Covariance of the two parameters above.
-    half_width : ndarray, shape (2,)
-        Half the width of their intervals of 95 %.  With few points and unknown noise this is more than 1.96 standard
-        uncertainties.
-    exponent, exponent_sigma : float
-        Local exponent -d ln f/d ln r at r0, and its standard uncertainty.
-    residuals : ndarray, shape (n,)
-        Measured minus fitted force, N.
-    chi2 : float
-        Sum of the squared residuals divided by their variances, about `freedom` if the law holds; NaN without given
-        uncertainties.
-    freedom : float
-        Number of points minus number of parameters.
-    offset, offset_sigma, offset_half_width : float
-        Zero of the distance scale in mm, its standard uncertainty, and half the width of its interval of 95 %; 0 if it was
-        not fitted.
+        Of ln f and a, the gain of the load cell included.
+    wide : float
+        Half width of an interval of 95 % in standard deviations: Student's where the noise is learned from the table.
+    shares : dict of str to float
+        Shares of the variance of the slope by their cause; they add up to one.
+    with_care : float
+        Half width of the interval of ln(-f') if the zero of the distances were known to WITH_CARE.
+    zeros, zeros_sigma : ndarray, shape (4,)
+        F0 in N, d in mm, h in N and b in mm as the table has them, and their standard deviations.
+    weight : float
+        Of the named shape against the free curve; 0 where none is named.
+    conflicts : ndarray, shape (4,)
+        Distances of `zeros` from their priors, in the standard deviations that they have in tables; beyond CONFLICT one is
+        not as small as was told.
+    residuals, noise : ndarray, shape (rows,)
+        Measured minus fitted force and its standard deviation, N.
     """
 
-    law: PairLaw
-    name: str
+    law: Tabulated
     spacing: float
-    at_spacing: np.ndarray
-    covariance: np.ndarray
-    half_width: np.ndarray
+    force: float
     exponent: float
-    exponent_sigma: float
-    residuals: np.ndarray
-    chi2: float
-    freedom: float
-    offset: float = 0.0
-    offset_sigma: float = 0.0
-    offset_half_width: float = 0.0
+    covariance: NDArray[np.float64]
+    wide: float
+    shares: dict[str, float]
+    with_care: float
+    zeros: NDArray[np.float64]
+    zeros_sigma: NDArray[np.float64]
+    weight: float
+    conflicts: NDArray[np.float64]
+    residuals: NDArray[np.float64] = field(repr=False)
+    noise: NDArray[np.float64] = field(repr=False)
 
     @property
-    def sigma(self) -> NDArray[np.float64]:
-        """Standard uncertainties of force and slope at the spacing."""
-        return np.sqrt(np.diag(self.covariance))
+    def slope(self) -> float:
+        """df/dr at the spacing in N/mm, negative."""
+        return -self.exponent * self.force / self.spacing
 
     @property
-    def exponent_half_width(self) -> float:
-        """Half the width of the interval of 95 % of the exponent, as many standard uncertainties as that of the slope."""
-        return NORMAL * self.exponent_sigma * (self.half_width[1] / (NORMAL * self.sigma[1]) if self.sigma[1] > 0 else 1.0)
+    def half_widths(self) -> NDArray[np.float64]:
+        """Half widths of the intervals of 95 % of ln f, ln(-f') and a."""
+        turns = np.array([[1, 0], [1, 1 / self.exponent], [0, 1]])
+        return self.wide * np.sqrt(np.einsum('ta,ab,tb->t', turns, self.covariance, turns))
 
     @property
-    def strength_covariance(self) -> NDArray[np.float64]:
-        """Covariance of ln b, with b in N m^a, and a, shape (2, 2): of the inverse power that touches the law at r0.
-
-        Taken as normal, it gives the intervals of 95 % of the fit.
-        """
-        # ln b = ln f + a ln r0 and a = -r0 f'/f
-        f, slope = self.at_spacing
-        a = np.array([self.spacing * slope / f**2, -self.spacing / f])
-        turn = np.stack([np.array([1 / f, 0]) + a * np.log(self.spacing / u.m), a])
-        wider = self.half_width / (NORMAL * self.sigma)
-        return turn @ (self.covariance * np.outer(wider, wider)) @ turn.T
-
-    @property
-    def touching(self) -> Fit:
-        """The fit with the inverse power that has its force and slope at the spacing, and their uncertainties.
-
-        For a lattice whose neighbours are at that spacing both laws give the same results.
-        """
-        f, slope = self.at_spacing
-        a = -self.spacing * slope / f
-        return replace(self, law=InversePower(float(f * self.spacing**a), float(a)),
-                       name=f'inverse power that touches the {self.name}')
+    def intervals(self) -> NDArray[np.float64]:
+        """Ends of the intervals of 95 %, shape (3, 2): of f in N, of -df/dr in N/mm and of a."""
+        f, slope, a = self.half_widths[:, None] * (-1, 1)
+        return np.array([self.force * np.exp(f), -self.slope * np.exp(slope), self.exponent + a])
 
 
-def fit_inverse_power(forces: Forces, spacing: float, space: str = 'force', offset: bool = False, contact: float = 0.0) -> Fit:
-    """Least squares of `f = b (r - c)^-a`, with c = 0 unless `offset`.
+def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = None, shape: PairLaw | None = None) -> Fit:
+    """The force and its exponent at a spacing, from a table whose rows share errors.
 
     Parameters
     ----------
     forces : Forces
+        In any order, with repeats, with the negative ones far out, whose mean tells the zero of the force.
     spacing : float
-        Working spacing in mm.
-    space : {'force', 'log'}
-        Residuals in force, for a constant uncertainty of the force; or in log force, for a constant relative uncertainty.
-        With uncertainties given, both are weighted by them.
-    offset : bool
-        Fit the zero c of the distance scale too.
-    contact : float
-        Distance of the centres at contact in mm; an offset that moves a measurement closer than contact is refused.  Use 0
-        for point particles.
-
-    Returns
-    -------
-    Fit
+        r0 in mm.
+    shared : SharedErrors, optional
+    shape : PairLaw, optional
+        The law of the magnets, if their shape is known, such as `magnet_law(Ring(...))`; its strength stays free.
 
     Raises
     ------
     ValueError
-        If the points are too few, the spacing lies far outside them, the forces do not fall with the distance, the fit
-        does not converge, or its offset reaches contact.
+        For too few rows, or forces that need not fall with the distance.
 
     Examples
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import fit_inverse_power, synthetic_forces
+    >>> from magphonon.interactions import SharedErrors, fit_forces, synthetic_forces
     >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
-    >>> fit = fit_inverse_power(forces, spacing=10.0)
-    >>> bool(abs(fit.exponent - 4) < 3 * fit.exponent_sigma)
+    >>> fit = fit_forces(forces, 10.0, SharedErrors(distance=0.05))
+    >>> bool(abs(fit.exponent - 4) < fit.half_widths[2])
     True
     """
-    from scipy.optimize import curve_fit
-
-    positive('spacing', spacing, 'mm')
-    one_of('space', space, ('force', 'log'))
-    forces.check_reach(spacing)
-    r, f = forces.r, forces.f
-    enough(r, 3 + offset, 'an inverse power' + ' with an offset' * offset)
-
-    def model(r, ln_f, a, c=0.0):
-        ln = ln_f - a * np.log((r - c) / spacing)
-        return np.exp(ln) if space == 'force' else ln
-
-    def jacobian(r, ln_f, a, c=0.0):
-        slopes = np.stack([np.ones_like(r), -np.log((r - c) / spacing), a / (r - c)][:2 + offset], axis=-1)
-        return slopes * model(r, ln_f, a, c)[:, None] if space == 'force' else slopes
-
-    exponent, ln_f = np.polyfit(np.log(r / spacing), np.log(f), 1)
-    most = max(r[0] * (1 - 1e-9) - contact, 0.0)
-    bounds = ([-np.inf, -np.inf, -np.inf][:2 + offset], [np.inf, np.inf, most][:2 + offset])
-    y, sigma = (f, forces.sigma) if space == 'force' else (np.log(f), None if forces.sigma is None else forces.sigma / f)
-    try:
-        # too long a step overflows; it is rejected, or the fit fails because a residual is not finite
-        with np.errstate(over='ignore'):
-            p, covariance = curve_fit(model, r, y, [ln_f, -exponent, 0.0][:2 + offset], sigma, absolute_sigma=sigma is not None,
-                                      bounds=bounds, method='trf', jac=jacobian, x_scale='jac', xtol=1e-12)
-        relative = jacobian(r, *p) / (model(r, *p)[:, None] if space == 'force' else 1.0)
-        covariance = covariance + FINEST**2 * np.linalg.pinv(relative.T @ relative)
-    except (RuntimeError, ValueError):
-        raise ValueError('the fit does not converge; fit it without the offset, or look for an outlier') from None
-    if p[1] > LEAST_EXPONENT and not p[1] > 2 * np.sqrt(covariance[1, 1]):
-        mend = 'is all of it noise?' if sigma is None else 'is their column sigma, or its unit, right?'
-        raise ValueError('within their uncertainties, the forces need not fall with the distance '
-                         f'(a = {p[1]:.3g} with a standard uncertainty of {np.sqrt(covariance[1, 1]):.2g}); {mend}')
-    if not p[1] > LEAST_EXPONENT:
-        raise ValueError(f'the forces do not fall with the distance (a = {p[1]:.3g}); are the columns exchanged, or is all of it '
-                         'noise?')
-    if p[1] > MOST_EXPONENT:
-        raise ValueError(f'the forces fall as r^-{p[1]:.3g}, but no repulsion falls so steeply or so slowly; look for an outlier')
-    if offset and most - p[2] < 1e-6 * r[0]:
-        raise at_contact(r[0], contact)
-    return _power_fit(forces, spacing, space, p, covariance, y - model(r, *p), sigma)
-
-
-def _power_fit(forces, spacing, space, p, covariance, residuals, sigma):
-    """The fit from its parameters ln f(r0), a and perhaps c."""
     from scipy.stats import t
 
-    a, c = p[1], p[2] if len(p) == 3 else 0.0
-    force = np.exp(p[0])
-    law = InversePower(float(force * spacing**a), float(a))
-    turn = np.array([[force, 0], [-a * force / spacing, -force / spacing]])  # d(f, f')/d(ln f, a)
-    freedom = len(forces.r) - len(p)
-    local = turn @ covariance[:2, :2] @ turn.T
-    wide = NORMAL if sigma is not None else t.ppf((1 + COVERED) / 2, freedom)
-    c_sigma = float(np.sqrt(covariance[2, 2])) if len(p) == 3 else 0.0
-    return Fit(law, f'inverse power, least squares in {"force" if space == "force" else "log force"}', spacing,
-               np.array([force, -a * force / spacing]), local, wide * np.sqrt(np.diag(local)),
-               float(a), float(np.sqrt(covariance[1, 1])), forces.f - repulsion(law, forces.r - c),
-               float(np.nan if sigma is None else np.sum((residuals / sigma) ** 2)), freedom,
-               float(c), c_sigma, float(wide * c_sigma))
+    shared = shared or SharedErrors()
+    forces.check_reach(positive('spacing', spacing, 'mm'))
+    if forces.sigma is None and len(forces.r) < LEAST_ROWS:
+        raise ValueError(f'{len(forces.r)} rows cannot tell the law and their noise: measure at least {LEAST_ROWS}, or give the '
+                         'standard uncertainty of each force in a column sigma_N')
+    forces = forces.thinned(MOST_ROWS)
+    laws = [_Model(forces, spacing, shared, None)] + ([] if shape is None else [_Model(forces, spacing, shared, shape)])
+    noises = NOISES if forces.sigma is None else (None,)
+    found = [_solved(model, forces, noise) for model in laws for noise in noises]
+    before = [1.0] if shape is None else [1 - SHAPE_WEIGHT, SHAPE_WEIGHT]
+    evidence = np.array([part.evidence for part in found]) + np.log(np.repeat(before, len(noises)))
+    weights = np.exp(evidence - evidence.max())
+    weights /= weights.sum()
+
+    answers = np.array([part.answer for part in found])
+    ln_f, a = mean = weights @ answers
+    apart = np.einsum('i,ia,ib->ab', weights, answers - mean, answers - mean)
+    gain = np.diag([shared.gain**2, 0.0])
+    covariance = np.einsum('i,iab->ab', weights, [part.C[:2, :2] for part in found]) + apart + gain
+    if not a > 2 * np.sqrt(covariance[1, 1]):
+        raise ValueError(f'within their uncertainties, the forces need not fall with the distance (a = {a:.3g} with a standard '
+                         f'uncertainty of {np.sqrt(covariance[1, 1]):.2g}); are the columns exchanged, or is all of it noise?')
+    turn = np.array([1, 1 / a])  # from ln f and a to ln(-f') = ln f + ln a - ln r0
+    with_care = weights @ [part.knowing_distance(turn) for part in found] + turn @ (apart + gain) @ turn
+    causes = np.append(weights @ [part.causes(turn) for part in found], turn @ gain @ turn)
+    causes[0] += turn @ apart @ turn
+    wide = NORMAL if forces.sigma is not None else float(t.ppf((1 + COVERED) / 2, weights @ [part.freedom for part in found]))
+    best = found[int(weights.argmax())]
+    d, zeros, variances = best.p[DISTANCE_ZERO], best.p[FORCE_ZERO:], np.diag(best.C)[FORCE_ZERO:]
+    told = np.maximum(best.model.prior[FORCE_ZERO:] ** 2 - variances, 1e-6 * variances)  # of the estimates, from table to table
+    r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
+    curve = weights @ [part.model.curve(part.p, r)[0] for part in found]
+    return Fit(
+        Tabulated(r, np.exp(curve)), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
+        dict(zip(('unknown law', *SHARED, 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
+        float(wide * np.sqrt(with_care)), zeros, np.sqrt(variances), float(weights[len(noises):].sum()),
+        abs(zeros) / np.sqrt(told), best.residuals, best.noise)
 
 
-def at_contact(first: float, contact: float) -> ValueError:
-    """The error of an offset that moves the first distance down to contact, both in mm."""
-    return ValueError(f'the fit of the offset moves the first distance, {first / u.m:g} m, down to contact at '
-                      f'{contact / u.m:g} m: the zero of the distances is not what bends this law; leave --offset out')
+class _Model:
+    """What a table holds as a function of p = (ln f0, delta, c_2 .. c_6, F0, d, h, b), and the prior deviations of these."""
+
+    def __init__(self, forces, r0, shared, shape):
+        self.r, self.s, self.r0 = forces.r, forces.direction, r0
+        self.nearest = NEAREST * forces.r.min()
+        if shape is None:
+            self.log_law, self.tau, spread = lambda r: (-EXPONENT * np.log(r / r0), -EXPONENT), 1.0, EXPONENT_SPREAD
+        else:
+            self.log_law, self.tau, spread = _log_law(shape, r0), SHAPE_TOLERANCE, SHAPE_TOLERANCE
+        self.prior = np.concatenate([[ANY_SIZE, spread], np.ones(len(BENDS)), shared.sizes(abs(forces.f).max())])
+
+    def curve(self, p, r):
+        """Logarithm of f at true distances, its derivatives by the parameters of the curve, and d ln f/d ln r."""
+        x = np.log(r / self.r0)
+        ln_g, falls = self.log_law(r)
+        bends = self.tau * BEND_SIZES * x[:, None] ** BENDS
+        slopes = self.tau * BEND_SIZES * BENDS * x[:, None] ** (BENDS - 1)
+        by_p = np.column_stack([np.ones_like(x), -x, bends])
+        return ln_g + by_p @ p[CURVE], by_p, falls - p[1] + slopes @ p[2:CURVE.stop]
+
+    def rows(self, p):
+        """The forces in the table, their derivatives by p, and the true forces."""
+        away = self.r + p[DISTANCE_ZERO] + self.s * p[BACKLASH] / 2
+        r = np.maximum(away, self.nearest)
+        ln_f, by_p, falls = self.curve(p, r)
+        f = np.exp(np.minimum(ln_f, 600.0))  # too long a step of the solver would overflow
+        slope = np.where(away > self.nearest, f * falls / r, 0.0)
+        derivatives = np.column_stack([by_p * f[:, None], np.ones_like(f), slope, self.s, self.s * slope / 2])
+        return f + p[FORCE_ZERO] + self.s * p[HYSTERESIS], derivatives, f
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Parameters of a model, their covariance, the rows' noise and residuals, and the logarithm of the evidence."""
+
+    model: _Model
+    p: np.ndarray
+    C: np.ndarray
+    freedom: float
+    noise: np.ndarray
+    residuals: np.ndarray
+    evidence: float
+
+    @property
+    def answer(self):
+        """Those of ln f(r0) and a(r0)."""
+        return self.p[0], -float(self.model.curve(self.p, np.array([self.model.r0]))[2][0])
+
+    def causes(self, turn):
+        """Variances that the priors of the curve, of the shared errors (one by one) and the noise bring into turn . (ln f, a).
+
+        The estimate moves by C p_j/prior_j^2 with the value of a prior; the parts add up to the variance.
+        """
+        by_prior = (turn @ self.C[:2] / self.model.prior) ** 2
+        return np.array([by_prior[CURVE].sum(), *by_prior[CURVE.stop:], turn @ self.C[:2, :2] @ turn - by_prior.sum()])
+
+    def knowing_distance(self, turn):
+        """The variance of turn . (ln f, a) if the zero of the distances were known to WITH_CARE."""
+        precision = np.linalg.inv(self.C)
+        precision[DISTANCE_ZERO, DISTANCE_ZERO] += max(1 / WITH_CARE**2 - 1 / self.model.prior[DISTANCE_ZERO] ** 2, 0.0)
+        return turn @ np.linalg.inv(precision)[:2, :2] @ turn
+
+
+def _solved(model, forces, noise):
+    """Least squares with one kind of noise, whose size is learned from the residuals unless the table has it."""
+    from scipy.optimize import least_squares
+
+    y, prior, known = forces.f, model.prior, forces.sigma is not None
+    p = np.zeros(len(prior))
+    p[0] = np.log(max(y[abs(forces.r - model.r0).argmin()], 1e-3 * abs(y).max()))
+    shape, size = forces.sigma if known else np.ones_like(y), 1.0 if known else np.sqrt(np.mean((y - model.rows(p)[0]) ** 2))
+    for k in range(1 if known else ROUNDS + ROUNDS * (noise is not None)):
+        if noise is not None and k >= ROUNDS:  # when constant noise has shown about where the curve lies
+            f = model.rows(p)[2]
+            shape = np.sqrt(1 + (f / (max(f.min(), 1e-3 * f.max()) ** (1 - noise) * f.max() ** noise)) ** 2)
+        sigma = size * shape
+        found = least_squares(lambda p, sigma=sigma: np.concatenate([(y - model.rows(p)[0]) / sigma, p / prior]), p,
+                              lambda p, sigma=sigma: np.vstack([-model.rows(p)[1] / sigma[:, None],  # pyright: ignore[reportArgumentType]
+                                                                np.diag(1 / prior)]),
+                              x_scale=prior)
+        p, J = found.x, found.jac[: len(y)]
+        precision = found.jac.T @ found.jac
+        C = np.linalg.inv(precision)
+        freedom, e = max(len(y) - np.trace(C @ J.T @ J), 1.0), y - model.rows(p)[0]
+        size = 1.0 if known else np.sqrt(np.sum((e / shape) ** 2) / freedom)
+    evidence = -0.5 * (2 * np.log(sigma).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1] + 2 * np.log(prior).sum()
+                       + (0.0 if known else np.log(freedom)))
+    return _Solution(model, p, C, freedom, sigma, e, evidence)
+
+
+def _log_law(law: PairLaw, r0: float) -> Callable:
+    """Logarithm of g(r)/g(r0) for a law, and its derivative by ln r; nearer than the law is known it goes on as a power."""
+    nearest = getattr(law, 'nearest', getattr(law, 'contact', 0.0))
+    at_r0 = repulsion(law, max(r0, nearest))
+
+    def logarithm(r):
+        known = np.maximum(r, nearest)
+        falls = -local_exponent(law, known)
+        return np.log(repulsion(law, known) / at_r0) + falls * np.log(r / known), falls
+
+    return logarithm
 
 
 def scene_entry(fit: Fit) -> str:
-    """The table [law] of a scene file, TOML in SI units with all digits: b is meaningful only together with a.
-
-    An inverse power comes with the table [uncertainty], in which b, a and their correlation are meaningful only together.
+    """The tables [law] and [uncertainty] of a scene file, TOML in SI units, as `magphonon uncertainty` reads them.
 
     Examples
     --------
     >>> from importlib.resources import files
-    >>> from magphonon.interactions import fit_inverse_power, read_forces, scene_entry
-    >>> fit = fit_inverse_power(read_forces(files('magphonon.data') / 'synthetic_force.csv'), spacing=10.0)
+    >>> from magphonon.interactions import fit_forces, read_forces, scene_entry
+    >>> fit = fit_forces(read_forces(files('magphonon.data') / 'synthetic_force.csv'), spacing=10.0)
     >>> scene_entry(fit).splitlines()[0]
     '[law]'
     """
-    f, slope = (f'{value / unit:.6g} +- {half / unit:.2g} {name}' for value, half, unit, name in
-                zip(fit.at_spacing, fit.half_width, (u.N, u.N / u.m), ('N', 'N/m'), strict=True))
-    lines = ['[law]', f'# {fit.name}: f = {f}, df/dr = {slope} (intervals of 95 %) at {fit.spacing / u.m:g} m']
-    if fit.offset:
-        lines.append(f'# distances are those measured less {fit.offset / u.m:.4g} +- {fit.offset_half_width / u.m:.2g} m')
-    if isinstance(fit.law, InversePower):
-        lines += ['# all digits: b is meaningful only together with a', 'kind = "inverse_power"',
-                  f'b_N_m_a = {fit.law.b / (u.N * u.m**fit.law.a)!r}', f'a = {fit.law.a!r}']
-    else:
-        table: Any = fit.law  # the other law of a fit is a table
-        lines += ['kind = "table"', f'distances_m = {(table.r / u.m).tolist()}', f'forces_N = {(table.f / u.N).tolist()}']
-    lines.append('shells = 1   # the number of shells of neighbours that interact')
-    (b, both), (_, a) = fit.strength_covariance if fit.sigma.all() else np.zeros((2, 2))
-    if isinstance(fit.law, InversePower) and b * a > both**2:
-        lines += ['', '[uncertainty]', f'b_percent = {float(100 * np.sqrt(b))!r}', f'a = {float(np.sqrt(a))!r}',
-                  f'correlation_a_b = {float(both / np.sqrt(b * a))!r}']
-    return '\n'.join([*lines, ''])
+    (f, f_a), (_, a) = fit.covariance * (fit.wide / NORMAL) ** 2
+    reach = fit.law.r[-1] / fit.spacing
+    return '\n'.join([
+        '[law]', f'# a smooth curve through measured forces, for a spacing of {fit.spacing / u.m:g} m',
+        'kind = "table"', *(f'{key} = [{", ".join(f"{value:.7g}" for value in column)}]'
+                                  for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
+        f'shells = {shells_within(reach)}   # the table reaches to {reach:.3g} spacings', '',
+        '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
+        f'force_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
+        f'correlation_force_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
 
 
-def enough(r: NDArray[np.float64], least: int, what: str) -> None:
-    """Raise ValueError unless there are points at `least` distances at least, for `what`."""
-    if (count := len(np.unique(r))) < least:
-        raise ValueError(f'{what} needs at least {least} distances, not {count}; measure more')
-
-
-def curvature(forces: Forces) -> float:
-    """Change of the local exponent with ln r divided by its uncertainty; beyond about 3 in size, no inverse power holds.
-
-    It is computed from the quadratic term of log f as a function of log r, and negative if the exponent falls.
+def shells_within(reach: float) -> int:
+    """Number of shells within `reach` spacings in the square or triangular lattice, whichever has fewer; at least one.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from magphonon import InversePower
-    >>> from magphonon.interactions import curvature, synthetic_forces
-    >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
-    >>> bool(abs(curvature(forces)) < 2)  # an inverse power does not bend on logarithmic axes
-    True
+    >>> from magphonon.interactions.fits import shells_within
+    >>> shells_within(1.5), shells_within(2.08)
+    (1, 3)
     """
-    enough(forces.r, 4, 'the test for a power law')
-    x, y = np.log(forces.r / forces.r[0]), np.log(forces.f)
-    weights = None if forces.sigma is None else forces.f / forces.sigma
-    p, covariance = np.polyfit(x, y, 2, w=weights, cov='unscaled' if weights is not None else True)
-    return float(-p[0] / np.hypot(np.sqrt(covariance[0, 0]), FINEST / x[-1] ** 2))
+    i, j = np.meshgrid(np.arange(9), np.arange(9))
+    return max(min(len(np.unique(squares[(squares > 0) & (squares <= reach**2 * (1 + 1e-9))]))
+                   for squares in (i**2 + j**2, i**2 + i * j + j**2)), 1)

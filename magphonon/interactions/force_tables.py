@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import units as u
 from ..errors import finite
-from ..tables import FORCE, LENGTH, read_table
+from ..tables import FORCE, LENGTH, TEXT, read_table
 from .pair_laws import repulsion
 
 if TYPE_CHECKING:
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
     from .pair_laws import PairLaw
 
-COLUMNS = {'r': LENGTH, 'f': FORCE, 'sigma': FORCE}
-LAYOUT = 'a table of forces has the columns r_m,f_N or r_m,f_N,sigma_N (or in mm, um, mN, uN: r_mm,f_mN)'
+COLUMNS = {'r': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT}
+LAYOUT = 'a table of forces has the columns r_m,f_N (or in mm, um, mN, uN), and perhaps sigma_N and direction'
+DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
+"""Words of the column `direction`."""
 MOST_NAMED = 5
 """Number of lines that a message lists."""
 LARGEST_CLOSEST_PAIR = 1.0 * u.m
@@ -30,7 +32,7 @@ FORCES_N = 1e-30, 1e12
 """Allowed range of forces in N; outside it a unit or an exponent is wrong, and squares and powers soon overflow."""
 DISTANCES_m = 1e-12, 1e6
 """Allowed range of distances in m, for the same reason."""
-REACH = 1.2
+REACH = 1.5
 """Factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement."""
 
 
@@ -41,22 +43,38 @@ class Forces:
     Attributes
     ----------
     r, f : ndarray, shape (n,)
-        Distances in mm, ascending, each as often as it was measured, and forces in N, all positive.
+        Distances in mm, in any order and each as often as it was measured, and forces in N, negative where noise or a wrong zero
+        is larger than they are.
     sigma : ndarray, shape (n,), optional
         Standard uncertainties of the forces, N.
+    direction : ndarray, shape (n,), optional
+        -1 on the approach, +1 on the return, 0 (the default) where it is not known.
     """
 
     r: np.ndarray
     f: np.ndarray
     sigma: np.ndarray | None = None
+    direction: np.ndarray = None  # pyright: ignore[reportAssignmentType]  zeros, by __post_init__
 
     def __post_init__(self) -> None:
-        for name, column in (('distances', self.r), ('forces', self.f), ('sigma', self.sigma)):
+        finite('forces', self.f, np.shape(self.r))
+        for name, column in (('distances', self.r), ('sigma', self.sigma)):
             if column is not None and not (finite(name, column, np.shape(self.r)) > 0).all():
                 raise ValueError(f'{name} must be positive, and the least is {np.min(column):g}')
-        if (np.diff(self.r) < 0).any():
-            k = int(np.argmax(np.diff(self.r) < 0))
-            raise ValueError(f'distance {k + 2} ({self.r[k + 1] / u.m:g} m) comes after a larger one; sort the points')
+        if self.direction is None:
+            object.__setattr__(self, 'direction', np.zeros(np.shape(self.r)))
+
+    @property
+    def middle(self) -> float:
+        """The middle one of the distances in mm."""
+        return float(np.sort(self.r)[len(self.r) // 2])
+
+    def thinned(self, most: int) -> Forces:
+        """Every n-th row by distance, so that at most `most` are left; the forces themselves if they are no more."""
+        if len(self.r) <= most:
+            return self
+        kept = np.argsort(self.r, kind='stable')[:: -(-len(self.r) // most)]
+        return Forces(self.r[kept], self.f[kept], None if self.sigma is None else self.sigma[kept], self.direction[kept])
 
     def check_reach(self, spacing: float) -> None:
         """Raise ValueError where the `spacing` (mm) lies more than a factor REACH beyond these distances."""
@@ -64,7 +82,7 @@ class Forces:
         if not least <= spacing / u.m <= most:
             raise ValueError(f'the spacing {spacing / u.m:.3g} m must lie between {least:g} and {most:g} m; '
                              'check its unit and exponent')
-        first, last = self.r[[0, -1]]
+        first, last = self.r.min(), self.r.max()
         beyond = max(first / spacing, spacing / last)
         if beyond <= REACH:
             return
@@ -74,23 +92,6 @@ class Forces:
             if first <= factor * spacing <= last:
                 raise ValueError(f'{message}; did you mean {factor * spacing / u.m:g} m?')
         raise ValueError(f'{message}; measure there')
-
-    def binned(self, most: int) -> tuple[Forces, NDArray[Any]]:
-        """Averages over at most `most` intervals of equal width in ln r, and the number of points in each.
-
-        Returns
-        -------
-        Forces, ndarray of shape (bins,)
-            If there are at most `most` points, the forces themselves, each counted once.
-        """
-        if len(self.r) <= most:
-            return self, np.ones(len(self.r))
-        x = np.log(self.r / self.r[0])
-        _, starts, counts = np.unique(np.minimum((x / x[-1] * most).astype(int), most - 1), return_index=True, return_counts=True)
-        weights = np.ones_like(x) if self.sigma is None else self.sigma**-2.0
-        total = np.add.reduceat(weights, starts)
-        r, f = (np.add.reduceat(weights * values, starts) / total for values in (self.r, self.f))
-        return Forces(r, f, None if self.sigma is None else total**-0.5), counts
 
 
 def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
@@ -118,18 +119,21 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     (15, 8.0)
     """
     table = read_table(path, COLUMNS, ['r', 'f'], layout=LAYOUT)
-    order = np.argsort(table['r'], kind='stable')
+    told = table.get('direction', '')
+    table.refuse('direction', np.array([word not in DIRECTIONS for word in told]), 'be approach or return')
     faults = [_fault(table, *column) for column in (
         ('r', u.m, 'm', max(DISTANCES_m[0], contact / u.m), DISTANCES_m[1],
          'give distances of the centres, not gaps' if contact else 'distances are those of the centres; check the unit'),
-        ('f', u.N, 'N', *FORCES_N, 'repulsion is positive; check sign and unit or, if this is noise, drop these points'),
+        ('f', u.N, 'N', -FORCES_N[1], FORCES_N[1], 'check the unit'),
         ('sigma', u.N, 'N', *FORCES_N, 'leave the column out if the uncertainty is not known, and check its unit'))]
     if table.units['r'] == u.m and table['r'].min() >= LARGEST_CLOSEST_PAIR:
         faults.append(f'the distances are {table["r"].min() / u.m:g} to {table["r"].max() / u.m:g} under the header r_m; if they '
                       'are millimetres, head the column r_mm')
     if any(faults):
         raise ValueError(f'{path}: {"; also: ".join(filter(None, faults))}')
-    return Forces(*(table[name][order] for name in ('r', 'f', 'sigma') if name in table))
+    if not np.sum(table['f'] / table['r']) > 0:  # the near ones count most
+        raise ValueError(f'{path}: the forces are negative, and repulsion is positive: turn their sign')
+    return Forces(table['r'], table['f'], table.columns.get('sigma'), np.array([DIRECTIONS[word] for word in told]))
 
 
 def _fault(table, name, unit, spelled, least, most, mend):

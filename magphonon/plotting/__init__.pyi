@@ -23,7 +23,7 @@ from .density import (
 )
 from .fits import (
     plot_band_fits as plot_band_fits,
-    plot_fits as plot_fits,
+    plot_fit as plot_fit,
 )
 from .modes import (
     plot_extents as plot_extents,

@@ -8,11 +8,12 @@ import numpy as np
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
+from ..interactions.fits import NORMAL
 from ..interactions.pair_laws import repulsion
 from .axes import COLOURS, COLUMN_in, label, legend_above, letter_panels, new_figure, prefix_power
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from ase import Atoms
     from matplotlib.figure import Figure
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from ..interactions.force_tables import Forces
     from ..waves.ridge_tables import RidgePoints
 
-MOST_POINTS = 200
-"""Largest number of points drawn singly; more are averaged, because they would hide each other and the laws."""
-LINES = '-', '--', ':', '-.'
 MODEL_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], '--', 's')}
 
 
@@ -79,16 +77,17 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
     return figure
 
 
-def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:
-    """Forces and laws on logarithmic axes over the residuals of each law.
+def plot_fit(forces: Forces, fit: Fit) -> Figure:
+    """Measured forces and the fitted law on logarithmic axes, over the residuals in standard deviations of the noise.
 
-    Forces fall by decades, so residuals are drawn in standard uncertainties of their points, between grey lines at one of
-    them, or in per cent of the law where no uncertainties are given.
+    The zeros of force and distance, hysteresis and backlash that the fit found are taken out of the points; forces that are not
+    positive then stand in the lower panel only.  The bar is the interval of 95 % of the force at the spacing.
 
     Parameters
     ----------
     forces : Forces
-    fits : sequence of Fit
+    fit : Fit
+        From `magphonon.interactions.fit_forces` of these forces.
 
     Returns
     -------
@@ -97,40 +96,37 @@ def plot_fits(forces: Forces, fits: Sequence[Fit]) -> Figure:
     Examples
     --------
     >>> from importlib.resources import files
-    >>> from magphonon.interactions import fit_spline, read_forces
-    >>> from magphonon.plotting import plot_fits
+    >>> from magphonon.interactions import fit_forces, read_forces
+    >>> from magphonon.plotting import plot_fit
     >>> forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')
-    >>> figure = plot_fits(forces, [fit_spline(forces, 10.0)])
+    >>> figure = plot_fit(forces, fit_forces(forces, 10.0))
     """
     from matplotlib.ticker import MaxNLocator, NullLocator
 
-    figure = new_figure(height=4.4)
-    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
-    points, _ = forces.binned(MOST_POINTS)
-    r, error = points.r / u.m, None if points.sigma is None else points.sigma / u.N
-    upper.errorbar(r, points.f / u.N, error, fmt='o', color='k', fillstyle='none', zorder=3,
-                   label='measured' if len(r) == len(forces.r) else 'measured, averaged')
-    ends = forces.r[0], forces.r[-1]
-    line = np.clip(np.geomspace(*ends, 300), *ends)  # geomspace may end a last digit beyond
-    for fit, style, colour, shift in zip(fits, LINES, COLOURS, np.linspace(-1, 1, len(fits)), strict=False):
-        inside = line[line - fit.offset > 0]
-        marker = 'os^D'[fits.index(fit)]
-        upper.plot(inside / u.m, repulsion(fit.law, inside - fit.offset) / u.N, style, color=colour)
-        upper.plot([], [], style, marker=marker, color=colour, label=fit.name)  # as above and with its residuals
-        beside = r * (1 + 0.003 * shift)  # the residuals of a point side by side
-        law = repulsion(fit.law, points.r - fit.offset)
-        lower.plot(beside, (points.f - law) / (law / 100 if points.sigma is None else points.sigma),
-                   marker, linestyle=style, color=colour, linewidth=0.8)
-    for ax, name in ((upper, 'working spacing' if points.sigma is None else 'working spacing; below, one sigma'), (lower, None)):
-        ax.axvline((fits[0].spacing + fits[0].offset) / u.m, color='0.8', linewidth=0.8, zorder=0, label=name)
-    for height in (0,) if points.sigma is None else (-1, 0, 1):
-        lower.axhline(height, color='0.6' if height == 0 else '0.8', linewidth=0.8, zorder=0)
-    upper.set(xscale='log', yscale='log', ylabel='force (N)')
-    lower.set(ylabel=f'measured - fitted ({"%" if points.sigma is None else "sigma"})')
-    low, high = line[[0, -1]] / u.m * (1 - 1e-9, 1 + 1e-9)  # ends of the data are ticks
-    ticks = [tick for tick in MaxNLocator(8, steps=(1, 2, 5, 10)).tick_values(low, high) if low <= tick <= high]
-    lower.set_xticks(ticks)
+    figure = new_figure(height=4.2)
+    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1.6))
+    shown = forces.thinned(len(fit.residuals))
+    zero, away, hysteresis, backlash = fit.zeros
+    r = shown.r + away + shown.direction * backlash / 2
+    f = shown.f - zero - shown.direction * hysteresis
+    positive = f > 0
+    upper.errorbar(r[positive] / u.m, f[positive] / u.N, fit.noise[positive] / u.N, fmt='o', color='k', markersize=3,
+                   linewidth=0.7, markerfacecolor='white', label='measured, zeros taken out')
+    line = np.geomspace(fit.law.r[0], fit.law.r[-1], 300)[1:-1]
+    upper.plot(line / u.m, repulsion(fit.law, line) / u.N, color=COLOURS[0], label='smooth curve')
+    ends = fit.intervals[0] / u.N
+    upper.plot([fit.spacing / u.m] * 2, ends, '_-', color=COLOURS[1], linewidth=2.5, markersize=9, zorder=4,
+               label='at the spacing, 95 %')
+    lower.plot(r / u.m, fit.residuals / fit.noise, 'o', color='k', markersize=3, markerfacecolor='white')
+    lower.axhspan(-NORMAL, NORMAL, color='0.9', zorder=0)
+    lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)
+    upper.set(xscale='log', yscale='log', ylabel='force (N)', ylim=(fit.law.f.min() / u.N / 2, 2 * fit.law.f.max() / u.N))
+    lower.set(ylabel='residual (sigma)')
+    low, high = np.array([min(r.min(), line[0]), max(r.max(), line[-1])]) / u.m * (0.99, 1.01)
+    upper.set_xlim(low, high)
+    lower.set_xticks([tick for tick in MaxNLocator(8, steps=(1, 2, 5, 10)).tick_values(low, high) if low <= tick <= high])
     label(lower.xaxis, 'distance of the centres', 'm', prefix_power(np.sqrt(low * high)))
     lower.xaxis.set_minor_locator(NullLocator())
     legend_above(upper, ncols=1)
+    letter_panels([upper, lower])
     return figure
