@@ -6,7 +6,6 @@ from importlib.resources import files
 import numpy as np
 
 from magphonon import InversePower
-from magphonon.interactions.force_tables import Forces
 from magphonon.scenes.scene import read_scene, ready_scene
 
 L0, A = 10.0, 4.5824
@@ -18,10 +17,6 @@ SYNTHETIC = files('magphonon.data') / 'synthetic_force.csv'
 @cache
 def rings():
     return read_scene(ready_scene('rings')).law.potential()
-
-
-def without_sigma(forces):
-    return Forces(forces.r, forces.f)
 
 
 def write(folder, text):

@@ -7,14 +7,13 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from magphonon import read_scene, ready_scene, units as u
-from magphonon.interactions.fits import fit_inverse_power
+from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import read_forces
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_force
 from magphonon.interactions.magnets import Cuboid, Ring, Sphere, out_of_plane_stiffness
 from magphonon.interactions.pair_laws import local_exponent, repulsion
-from magphonon.interactions.smooth_laws import fit_spline
 from magphonon.plotting.axes import COLOURS, letter_panels, new_figure
-from magphonon.plotting.fits import plot_fits
+from magphonon.plotting.fits import plot_fit
 from magphonon.scenes.scene import reference
 
 from . import magnet_cost
@@ -163,21 +162,23 @@ def draw_law(out, ring, law, L0, paper):
 
 
 def fitted(law, L0):
-    """Laws fitted to the synthetic measurement, and how far they are from what it was made of."""
+    """The synthetic measurement fitted, its distances and forces told to be exact: how far it is from what it was made of."""
     forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')
-    fits = [fit_inverse_power(forces, L0), fit_inverse_power(forces, L0, 'log'), fit_spline(forces, L0)]
-    f = repulsion(law, L0)
-    power, curve = ((fit.at_spacing[0] - f) / fit.sigma[0] for fit in (fits[0], fits[2]))
-    return (forces, fits), [
-        Check('synthetic set: force of the smooth curve at 10 mm - true (sigma)', curve, 0, 3),
-        Check('control: that of the inverse power (sigma)', power, 0, 3, control=True),
-        Check('control: chi2/freedom of the inverse power', fits[0].chi2 / fits[0].freedom, 1, 1, control=True),
+    fit = fit_forces(forces, L0, SharedErrors(distance=0.0, zero=0.0, hysteresis=0.0, backlash=0.0, gain=0.0))
+    (f, a), covariance = curve_fit(lambda r, f, a: f * (r / L0) ** -a, forces.r, forces.f, p0=(1, 4), sigma=forces.sigma,
+                                   absolute_sigma=True)
+    true, sigma = repulsion(law, L0), fit.half_widths[0] / 1.96
+    left = (forces.f - f * (forces.r / L0) ** -a) / forces.sigma
+    return (forces, fit), [
+        Check('synthetic set: ln of the force at 10 mm - true (sigma)', np.log(fit.force / true) / sigma, 0, 3),
+        Check('synthetic set: exponent at 10 mm - true (sigma)',
+              (fit.exponent - local_exponent(law, L0)) / (fit.half_widths[2] / 1.96), 0, 3),
+        Check('control: force of an inverse power (sigma)', (f - true) / np.sqrt(covariance[0, 0]), 0, 3, control=True),
+        Check('control: chi2/freedom of the inverse power', left @ left / (len(left) - 2), 1, 1, control=True),
     ]
 
 
 def draw_fit(out, fits):
-    """The synthetic measurement with its laws and their residuals."""
-    figure = plot_fits(*fits)
-    figure.axes[0].get_legend().get_texts()[-1].set_text('synthetic forces of rings, noise 2 mN')
-    return save_picture(figure, out / 'magnet_fit.png', 'Laws fitted to synthetic forces (computed, not measured: '
-                        'data/synthetic_force.csv). The residuals of the inverse powers bend, those of the smooth curve do not.')
+    """The synthetic measurement with the curve through it and its residuals."""
+    return save_picture(plot_fit(*fits), out / 'magnet_fit.png', 'The force between two rings from synthetic measurements '
+                        '(computed, not measured: data/synthetic_force.csv), with the interval of 95 % at the spacing.')

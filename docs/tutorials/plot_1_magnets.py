@@ -15,32 +15,36 @@ without pillars, and which pillars does it need?
 from importlib.resources import files
 
 from magphonon import units as u
-from magphonon.interactions import fit_laws, read_forces, scene_entry
-from magphonon.plotting import plot_fits
+from magphonon.interactions import SharedErrors, fit_forces, read_forces, scene_entry
+from magphonon.plotting import plot_fit
 
 forces = read_forces(files('magphonon.data') / 'synthetic_force.csv', contact=6.35 * u.mm)
-print(f'{len(forces.r)} distances from {forces.r[0]:g} to {forces.r[-1]:g} mm')
+print(f'{len(forces.r)} distances from {forces.r.min():g} to {forces.r.max():g} mm')
 
 # %%
 # The law
 # -------
-# What the vibrations need of the law is two numbers at the working spacing: the force, for D*, and its slope, for D0.  Four
-# fits are compared there.  If the inverse powers disagree with the smooth curve, ``apart`` names them, and the curve is the
-# safer choice.
+# What the vibrations need of the law is two numbers at the working spacing: the force, for D*, and its slope, for D0.  All rows
+# of a table share errors, above all the zero of the distances: how far apart the centres are when the scale reads zero.  Say how
+# well you know it; here, to 0.05 mm.
 
 SPACING = 10 * u.mm
-choice = fit_laws(forces, SPACING, contact=6.35 * u.mm)
-for name, fit in choice.fits.items():
-    force, slope = fit.at_spacing
-    print(f'{name:6} f = {force:.4f} N +- {fit.half_width[0]:.4f}, df/dr = {slope:.4f} N/mm +- {fit.half_width[1]:.4f}')
-print('set apart by the data:', ', '.join(choice.apart) or 'none')
-figure = plot_fits(forces, list(choice.fits.values()))
+fit = fit_forces(forces, SPACING, SharedErrors(distance=0.05 * u.mm))
+for name, (low, high) in zip(('force (N)', '-slope (N/mm)', 'exponent'), fit.intervals, strict=True):
+    print(f'{name:14} {low:.4g} to {high:.4g}')
+print({name: f'{share:.0%}' for name, share in fit.shares.items() if share > 0.005})
+figure = plot_fit(forces, fit)
 
 # %%
-# The same from the shell is ``magphonon fit forces.csv --spacing 0.01 --contact 0.00635``; it prints the table ``[law]`` of a
-# scene:
+# Nothing but the zero of the distances matters: with it known to 0.02 mm the slope would be known to
 
-print(scene_entry(choice.fits['touch']))
+print(f'{fit.with_care:.1%}')
+
+# %%
+# The same from the shell is ``magphonon fit forces.csv --spacing 10mm --distance-sigma 0.05mm``; it prints the tables ``[law]``
+# and ``[uncertainty]`` of a scene:
+
+print(scene_entry(fit))
 
 # %%
 # The lattice
@@ -49,7 +53,7 @@ print(scene_entry(choice.fits['touch']))
 
 from magphonon import MagneticRepulsion, analytic_bands, foundation_needed, lattices
 
-law = choice.fits['curve'].law
+law = fit.law
 cells = {'triangular': lattices.triangular(SPACING, 0.707 * u.g), 'square': lattices.square(SPACING, 0.707 * u.g)}
 for name, cell in cells.items():
     cell.calc = MagneticRepulsion(cell, law)

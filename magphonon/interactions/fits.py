@@ -362,8 +362,8 @@ def scene_entry(fit: Fit) -> str:
                                   for key, column in (('distances_m', fit.law.r / u.m), ('forces_N', fit.law.f / u.N))),
         f'shells = {shells_within(reach)}   # the table reaches to {reach:.3g} spacings', '',
         '[uncertainty]   # of the force at the spacing and of its exponent there: meaningful only together',
-        f'force_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
-        f'correlation_force_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
+        f'forces_percent = {100 * np.sqrt(f):.6g}', f'exponent = {np.sqrt(a):.6g}',
+        f'correlation_forces_exponent = {f_a / np.sqrt(f * a):.6g}', ''])
 
 
 def shells_within(reach: float) -> int:

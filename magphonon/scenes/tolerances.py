@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import BeforeValidator, Field, create_model
 
+from .. import units as u
 from ..design.scatter import SITES, Scatter
-from ..design.sensitivities import Change, exponent_change, force_change, screening_change, spacing_change
+from ..design.sensitivities import Change, LawChange, exponent_change, force_change, screening_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
 from .lattices import ALL
@@ -17,6 +18,7 @@ from .lattices import ALL
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ..interactions.pair_laws import PairLaw
     from .scene import Scene
 
 PLACES = {
@@ -67,7 +69,10 @@ class _Uncertainty(Table):
     Those named `each_...` belong to each magnet or pillar by itself, the others to all of them alike.
     """
 
-    correlation_a_b: Correlation | None = Field(None, description='the correlation of a and b, as "magphonon fit" prints it')
+    correlation_a_b: Correlation | None = Field(None, description='the correlation of a and b')
+    exponent: Positive | None = Field(None, description='of -d ln f/d ln r at the spacing, for a table of forces')
+    correlation_forces_exponent: Correlation | None = Field(
+        None, description='the correlation of forces and exponent, as "magphonon fit" prints it')
 
     def tolerances(self, scene: Scene) -> Tolerances:
         """What they mean for a scene, `magphonon.design.uncertainty.Tolerances`.
@@ -97,16 +102,22 @@ class _Uncertainty(Table):
                 raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than '
                                  f'the {LARGEST_TOLERANCE:g} within which a linear propagation holds; measure it better, or '
                                  'leave it out')
+        if self.exponent is not None:
+            if 'exponent' not in changes:
+                raise ValueError('uncertainty.exponent belongs to a law that is a table of forces; leave it out')
+            sigma['exponent'] = self.exponent
         scatter = self._scatter(scene)
         if not sigma and not scatter.std.any():
             raise ValueError('uncertainty names no tolerance; add one, such as spacing_percent = 1.0')
-        C = np.diag(np.square(list(sigma.values()))).reshape(len(sigma), len(sigma))
-        if self.correlation_a_b is not None:
-            if not {'a', 'b'} <= sigma.keys():
-                raise ValueError('uncertainty.correlation_a_b needs the tolerances of both a and b; add them')
-            names = list(sigma)
-            a, b = names.index('a'), names.index('b')
-            C[a, b] = C[b, a] = self.correlation_a_b * sigma['a'] * sigma['b']
+        C, names = np.diag(np.square(list(sigma.values()))).reshape(len(sigma), len(sigma)), list(sigma)
+        for one, other in (('a', 'b'), ('forces', 'exponent')):
+            key = f'correlation_{one}_{other}'
+            if getattr(self, key) is None:
+                continue
+            if not {one, other} <= sigma.keys():
+                raise ValueError(f'uncertainty.{key} needs the tolerances of both {one} and {other}; add them')
+            i, j = names.index(one), names.index(other)
+            C[i, j] = C[j, i] = getattr(self, key) * sigma[one] * sigma[other]
         return Tolerances({name: changes[name] for name in sigma}, C, scatter)
 
     def _scatter(self, scene):
@@ -139,11 +150,19 @@ def _changes(scene):
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
     changes |= {name: Change(law=change(law)) for name, change in LAW_CHANGES.get(scene.law.kind, {}).items()
                 if _at(scene, PLACES[name]) is not None and getattr(scene.law, 'calibration', None) is None}
+    if scene.law.kind == 'table':
+        changes['exponent'] = Change(law=exponent_at(law, scene.lattice.spacing_m * u.m))
     if k and scene.foundation.pillar:
         changes |= {name: Change(foundation=power * k) for name, power in PILLAR_POWERS.items()}
     elif k:
         changes['stiffness'] = Change(foundation=k)
     return changes
+
+
+def exponent_at(law: PairLaw, spacing: float) -> LawChange:
+    """Derivative of a law by its exponent, while its force at the spacing (mm) stays: of f (r/spacing)^-delta by delta."""
+    return LawChange(lambda r: -np.log(r / spacing) * law.dphi(r),
+                     lambda r: -np.log(r / spacing) * law.d2phi(r) - law.dphi(r) / r)
 
 
 def _at(table, place):
@@ -153,8 +172,10 @@ def _at(table, place):
 
 
 def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
-    """The scene with parameters multiplied by `factors`, a dict of their names."""
+    """The scene with parameters multiplied by `factors`, a dict of their names; 1 + delta changes an exponent by delta."""
     for name, factor in factors.items():
+        if name == 'exponent':
+            factor, name = (np.array(scene.law.distances_m) / scene.lattice.spacing_m) ** (1 - factor), 'forces'
         scene = _multiplied(scene, PLACES[name], factor)
     return scene
 
@@ -165,5 +186,5 @@ def _multiplied(table, place, factor):
     if rest:
         value = _multiplied(value, rest, factor)
     else:
-        value = tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
+        value = tuple((factor * np.array(value)).tolist()) if isinstance(value, tuple) else factor * value
     return table.model_copy(update={key: value})
