@@ -60,4 +60,4 @@ def _described(key: Key, width: int) -> str:
     lines = ['; '.join(facts), key.description, f'e.g. {key.example}' if key.example else '']
     margin = 28 * ' '
     text = '\n'.join(fill(line, width, initial_indent=margin, subsequent_indent=margin) for line in lines if line)
-    return f'  {key.name:26}{text.lstrip()}'
+    return f'  {key.name:25} {text.lstrip()}'
