@@ -194,6 +194,8 @@ def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple
     """
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
+            if any(member.compress_type for member in data.zip.infolist()):  # a small file might fill the memory
+                raise ValueError('save() does not compress')
             arrays = dict(data)
             told = json.loads(str(arrays.pop('units', 'null')))
     except FileNotFoundError:

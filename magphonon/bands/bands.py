@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,9 @@ UNITS = {
     'omega': ('rad/ms', 'wavevectors', 'modes'), 'vectors': ('', 'wavevectors', 'modes', 'particles', 'dim'),
 }
 """Units and axes of the arrays in a file of bands."""
+SAME_LATTICE = 1e-3
+"""Largest relative difference of products of lattice vectors at which a path belongs to the cell.  ASE takes a cell for a lattice
+whose products differ by up to 2e-4 of its volume^(2/3), which is at most 8e-4 of the largest one for periods above 0.1 mm."""
 CROSSINGS = 1024
 """Number of wavevectors at which crossings are looked for at a time, so that pairs of branches of a large mesh fit in memory."""
 
@@ -127,7 +131,7 @@ class Bands(units.InHertz):
         return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes)
 
 
-def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vectors: bool = False,
+def analytic_bands(atoms: Atoms, path: BandPath | str, model: str = 'complete', vectors: bool = False,
                    branches: int | None = None) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
 
@@ -135,8 +139,8 @@ def analytic_bands(atoms: Atoms, path: BandPath, model: str = 'complete', vector
     ----------
     atoms : ase.Atoms
         One cell with its MagneticRepulsion or AllNeighbours.
-    path : ase.dft.kpoints.BandPath
-        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`.
+    path : ase.dft.kpoints.BandPath or str
+        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone.
     model : {'complete', 'conventional'}
         D0 + D*, or D0 alone.
     vectors : bool
@@ -209,32 +213,43 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
         path = alike.cell.bandpath(points, npoints=npoints, pbc=alike.pbc.tolist())
     except (RuntimeError, KeyError) as error:
         raise ValueError(f'ASE finds no path {points or "of its own"} through the zone of {atoms.cell.array.tolist()} mm '
-                         f'({error}); take the primitive cell, or wavevectors of your own in a BandPath') from None
+                         f'({error}); take the primitive cell, with more digits if it is rounded, or wavevectors of '
+                         'your own in a BandPath') from None
     path = path_of(alike, path)
     return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
 
 
-def path_of(atoms: Atoms, path: BandPath) -> BandPath:
-    """The same path on the very cell of `atoms`; ASE's `bandpath` returns it on a rotated copy of the cell.
+def path_of(atoms: Atoms, path: BandPath | str) -> BandPath:
+    """The same path on the very cell of `atoms`, or by the names of its special points as `band_path`.
+
+    ASE's `bandpath` returns it on a rotated copy of the cell, whose lengths and angles are made exactly those of the lattice that
+    it recognised, and whose vectors may be in another order.  The fractions of the reciprocal vectors are what counts: they are
+    taken to the cell of the atoms, as it is.
 
     Raises
     ------
     ValueError
-        If `path` is no BandPath or belongs to a cell of another shape, or the atoms are not periodic.
+        If `path` is neither, or belongs to another lattice than ASE would recognise in the cell, or the atoms are not periodic.
     """
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+    if isinstance(path, str):
+        return band_path(atoms, path)
     if not isinstance(path, BandPath):
-        raise ValueError(f'the path must be a BandPath, not {type(path).__name__}; get one from atoms.cell.bandpath(...)')
-    periods = atoms.cell.array[atoms.pbc], path.cell.array[atoms.pbc]
-    ours, theirs = (vectors @ vectors.T for vectors in periods)
-    if abs(ours - theirs).max(initial=0) > 1e-9 * abs(ours).max(initial=0):
-        own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
-        raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the '
-                         f'atoms {own} mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took '
-                         'its standard cell of the same lattice, whose vectors are in order of length: swap those of the atoms, '
-                         'or name points of your own to bandpath with special_points=')
-    return BandPath(atoms.cell, path.kpts, path.special_points, path.path)
+        raise ValueError(f"the path must be a BandPath or names such as 'GMKG', not {type(path).__name__}; get one from "
+                         'atoms.cell.bandpath(...)')
+    axes = np.flatnonzero(atoms.pbc)
+    ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
+    for order in permutations(range(len(axes))):
+        if abs(ours - theirs[np.ix_(order, order)]).max() <= SAME_LATTICE * abs(ours).max():
+            own = np.arange(3)
+            own[axes] = axes[list(order)]
+            special = {name: np.asarray(point)[own] for name, point in path.special_points.items()}
+            return BandPath(atoms.cell, path.kpts[:, own], special, path.path)
+    own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
+    raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the atoms {own} '
+                     'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took another cell of the '
+                     'same lattice: take that one, or name points of your own to bandpath with special_points=')
 
 
 def _mean_over_crossings(omega, values):

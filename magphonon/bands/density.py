@@ -12,7 +12,7 @@ densities, which stay finite where the density itself is infinite.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import permutations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from .. import units
 from ..errors import finite, whole
 from ..files import Saved
+from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes
 
 if TYPE_CHECKING:
@@ -38,6 +39,11 @@ BLOCK = 2**15
 """Number of simplices taken at a time, so that those of a large mesh fit in memory, and in the processor's cache."""
 GAP = 1e-6
 """Width of a gap, as a fraction of the highest frequency, below which two branches touch."""
+STEEP = 0.6
+"""Largest distance of two branches, in differences from that at the next point of the mesh, that may vanish between them; a half
+where it changes linearly."""
+STARTS, HALVINGS = 8, 30
+"""Number of places where a crossing is looked for, the nearest ones, and of halvings of the step of the mesh."""
 
 
 @dataclass(frozen=True)
@@ -140,11 +146,38 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: str = 'complete')
     >>> band_gaps(read_scene(ready_scene('honeycomb')).atoms()).shape  # from, to
     (1, 2)
     """
-    frequencies = _on_mesh(atoms, steps, model)
-    branches = frequencies.reshape(-1, frequencies.shape[-1])
-    tops, bottoms = branches.max(axis=0), branches.min(axis=0)
-    apart = bottoms[1:] - tops[:-1] > GAP * abs(branches).max()  # ascending at every wavevector, so are their ends
+    system, frequencies = LinearSystem.of(atoms), _on_mesh(atoms, steps, model)
+    every = frequencies.reshape(-1, frequencies.shape[-1])
+    tops, bottoms, touching = every.max(axis=0), every.min(axis=0), GAP * abs(every).max()
+    for below in np.flatnonzero(bottoms[1:] - tops[:-1] > touching):  # two branches may cross between the points of the mesh
+        met = _nearest_approach(system, frequencies, below, model)
+        tops[below], bottoms[below + 1] = max(tops[below], met[0]), min(bottoms[below + 1], met[1])
+    apart = bottoms[1:] - tops[:-1] > touching  # ascending at every wavevector, so are their ends
     return np.stack([bottoms[np.append(True, apart)], tops[np.append(apart, True)]], axis=1)
+
+
+def _nearest_approach(system, frequencies, below, model):
+    """Highest frequency of branch `below`, and lowest of the next, where they come nearest to each other beside the mesh.
+
+    From the points of the mesh where their distance is less than that to the neighbouring points suggests, so that it may vanish
+    between them, steps along all axes are halved again and again.
+    """
+    pbc, steps = system.atoms.pbc, np.array(frequencies.shape[:-1])
+    distance = frequencies[..., below + 1] - frequencies[..., below]
+    beside = [[np.roll(distance, sign, axis) for sign in (1, -1)] for axis in range(distance.ndim)]
+    lowest = (distance <= np.min(beside, axis=(0, 1))) & (distance <= STEEP * (np.max(beside, axis=(0, 1)) - distance))
+    starts = np.argwhere(lowest)[np.argsort(distance[lowest])[:STARTS]]
+    q, step = np.zeros((len(starts), 3)), np.zeros(3)
+    q[:, pbc], step[pbc] = starts / steps, 1 / steps
+    around = np.array([moves for moves in product((-1, 0, 1), repeat=3) if not np.any(moves, where=~pbc)])
+    ends = -np.inf, np.inf
+    for _ in range(HALVINGS if len(q) else 0):
+        step = step / 2
+        tried = q[:, None] + around * step
+        omega = bloch_modes(system, tried.reshape(-1, 3), model)[0].reshape(*tried.shape[:2], -1)[..., below : below + 2]
+        q = tried[np.arange(len(q)), np.diff(omega)[..., 0].argmin(axis=1)]
+        ends = max(ends[0], omega[..., 0].max()), min(ends[1], omega[..., 1].min())
+    return ends
 
 
 def band_gaps(atoms: Atoms, steps: int | None = None, model: str = 'complete') -> NDArray[np.float64]:
@@ -184,8 +217,9 @@ def _steps(particles, periodic):
 def _middles(frequencies):
     """Middles of equal bins that hold all frequencies."""
     low, high = frequencies.min(), frequencies.max()
-    room = 1e-9 * max(abs(low), abs(high)) + (high - low) / POINTS
-    edges = np.linspace(low - room, high + room, POINTS + 1)
+    room, zero = 1e-9 * max(abs(low), abs(high)) + (high - low) / POINTS, GAP * abs(high)
+    # no bin lies below zero where no mode does
+    edges = np.linspace(low - room if low < -zero else max(low - room, -zero), high + room, POINTS + 1)
     return (edges[1:] + edges[:-1]) / 2
 
 

@@ -235,7 +235,7 @@ def force_constants_of(phonon: Phonopy) -> NDArray[np.float64]:
     return FC[:, :, :2, :2] if planar else FC
 
 
-def phonopy_bands(phonon: Phonopy, path: BandPath, vectors: bool = False) -> Bands:
+def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) -> Bands:
     """Bands along a path from phonopy's dynamical matrices; the same result as `analytic_bands`.
 
     Of a planar lattice the in-plane block is diagonalised; z decouples exactly and would add zero frequencies.
@@ -244,8 +244,8 @@ def phonopy_bands(phonon: Phonopy, path: BandPath, vectors: bool = False) -> Ban
     ----------
     phonon : phonopy.Phonopy
         From `finite_displacements`, or from `phonopy.load` of what `write_phonopy_params` wrote.
-    path : ase.dft.kpoints.BandPath
-        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`.
+    path : ase.dft.kpoints.BandPath or str
+        From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone.
     vectors : bool
         Keep the modes too.
 
@@ -281,9 +281,10 @@ def phonopy_bands(phonon: Phonopy, path: BandPath, vectors: bool = False) -> Ban
     return Bands(path, signed_root(squares), phase[:, None, :, None] * modes)
 
 
-def path_on(phonon: Phonopy, path: BandPath) -> BandPath:
-    """The same path on phonopy's unit cell; errors as in `bands.path_of`."""
-    pbc = path.cell.mask() if isinstance(path, BandPath) else True  # ASE's path has vectors only where it is periodic
+def path_on(phonon: Phonopy, path: BandPath | str) -> BandPath:
+    """The same path on phonopy's unit cell, as by `bands.path_of`."""
+    # ASE's path has vectors only where it is periodic; phonopy repeats the cell only there
+    pbc = path.cell.mask() if isinstance(path, BandPath) else np.diag(phonon.supercell_matrix) > 1
     return path_of(Atoms(cell=phonon.unitcell.cell, pbc=pbc), path)
 
 

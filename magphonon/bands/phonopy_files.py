@@ -132,8 +132,9 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
         raise Unstable(f'the lattice is unstable, with frequencies down to {frequencies.min() * 1e12:.4g} Hz on this mesh: '
                          'it has no thermal equilibrium; hold it with a foundation')
     with warnings.catch_warnings():
-        # phonopy warns of modes at Gamma that are slow beside 1 THz; on a foundation they are oscillators like all others
-        warnings.filterwarnings('ignore', message=r'\d+ acoustic mode')
+        # phonopy warns of modes at Gamma that are slow beside 1 THz, or far from zero; on a foundation they are oscillators like
+        # all others, and to symmetrise, as it advises, would erase them
+        warnings.filterwarnings('ignore', message=r'(\d+|The) acoustic')
         return crystal.run_thermal_properties(temperatures=finite('temperatures', temperatures).ravel(), cutoff_frequency=zero)
 
 

@@ -1,6 +1,7 @@
 """Files of bands: saved, loaded, interrupted, truncated, spoiled."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -110,3 +111,21 @@ def test_files_whose_arrays_do_not_fit_are_refused(name, spoil, words, tmp_path)
     np.savez(file, **arrays)
     with pytest.raises(ValueError, match=rf'no complete file of bands \(.*{words}.*\); compute them again'):
         Bands.load(file)
+
+
+def test_a_compressed_file_is_not_unpacked(tmp_path):
+    """A file of 60 kB that would fill 64 MB is refused before."""
+    atoms = cell_of('triangular')
+    file = tmp_path / 'bands.npz'
+    analytic_bands(atoms, 'GM').save(file)
+    with np.load(file) as data:
+        arrays = dict(data)
+    Bands.load(file)  # the control
+    np.savez_compressed(file, **arrays | {'omega': np.zeros((2**22, 2))})
+    assert file.stat().st_size < 1e5
+    tracemalloc.start()
+    with pytest.raises(ValueError, match='no complete file of bands'):
+        Bands.load(file)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**22

@@ -5,6 +5,7 @@ import pytest
 from ase import Atoms
 from ase.dft.kpoints import BandPath
 from cells import LAW, cell_of
+from numpy.testing import assert_allclose
 from oracles import LATTICES, lattice
 from scipy.special import zeta
 
@@ -14,8 +15,10 @@ from magphonon import (
     MagneticRepulsion,
     Yukawa,
     analytic_bands,
+    finite_displacements,
     group_velocities,
     lattices,
+    phonopy_bands,
     sound_speeds,
     units as u,
 )
@@ -256,13 +259,60 @@ def test_paths_stay_on_the_very_cell(name):
     np.testing.assert_array_equal(path.cell.array, atoms.cell.array)
 
 
-def test_a_path_that_ase_swapped_is_refused_with_the_mend():
-    atoms = Atoms('X', [[0, 0, 0]], cell=[12, 10, 20], pbc=(True, True, False), masses=[1.0])
-    atoms.calc = MagneticRepulsion(atoms, LAW)
-    with pytest.raises(ValueError, match=r'10, 12 mm long, those of the atoms 12, 10 mm.*swap'):
-        path_of(atoms, atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc))
-    own = atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc, special_points={'G': [0, 0, 0], 'X': [0.5, 0, 0]})
-    np.testing.assert_array_equal(path_of(atoms, own).kpts, own.kpts)
+@pytest.mark.parametrize('lengths', [(12, 10), (10, 12)])
+def test_a_path_whose_vectors_ase_swapped_follows_those_of_the_atoms(lengths):
+    atoms = Atoms('X', [[0, 0, 0]], cell=[*lengths, 20], pbc=(True, True, False), masses=[1.0])
+    atoms.calc = MagneticRepulsion(atoms, LAW, cutoff=13.0)
+    path = path_of(atoms, atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc))  # X lies along the shorter one
+    assert_allclose(path.kpts[-1], path.special_points['X'])
+    assert_allclose(abs(path.kpts[-1]), [0.5, 0, 0] if lengths[0] == 10 else [0, 0.5, 0])
+    omega = analytic_bands(atoms, path).omega[-1]
+    along = 4 * LAW.d2phi(10.0), 4 * LAW.dphi(10.0) / 10.0  # waves of 20 mm along the bonds of 10 mm, which alone they strain
+    assert_allclose(np.sort(omega * abs(omega)), np.sort(along), rtol=1e-12)
+
+
+PLANE = {'triangular': ([[1, 0], [1 / 2, np.sqrt(3) / 2]], 'GMKG'), 'obtuse': ([[1, 0], [-1 / 2, np.sqrt(3) / 2]], 'GMKG'),
+         'square': (np.eye(2), 'GXMG'), 'rectangular': ([[1, 0], [0, 1.3]], 'GXSYG')}
+
+
+@pytest.mark.parametrize('digits', range(3, 13))
+@pytest.mark.parametrize('kind', PLANE)
+def test_cells_typed_with_some_digits_have_bands_along_every_path_that_ase_finds(kind, digits):
+    rng = np.random.default_rng(digits)
+    vectors, points = PLANE[kind]
+    spacing, turn = rng.uniform(1, 30), rng.uniform(0, 2 * np.pi)
+    rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+
+    def atoms_of(plane):
+        cell = np.diag([0, 0, 2 * spacing])
+        cell[:2, :2] = plane
+        atoms = Atoms('Nd', cell=cell, pbc=(1, 1, 0), masses=[1.0])
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=1.0, cutoff=1.2 * spacing)
+        return atoms
+
+    exact = spacing * np.array(vectors) @ rotation
+    typed, ideal = atoms_of(np.round(exact, digits)), atoms_of(exact)
+    expected = analytic_bands(ideal, ideal.cell.bandpath(points, npoints=9, pbc=ideal.pbc)).omega
+    tolerance = 20 * 10.0**-digits / spacing * expected.max() + 1e-9  # a frequency goes with some power of the spacing
+    assert_allclose(analytic_bands(typed, band_path(typed, points, 9)).omega, expected, atol=tolerance)
+    assert analytic_bands(typed, points).omega.shape == (300, 2)
+    try:
+        path = typed.cell.bandpath(points, npoints=9, pbc=typed.pbc)
+    except (KeyError, RuntimeError):
+        assert digits < 5  # ASE takes it for another lattice
+    else:
+        assert_allclose(analytic_bands(typed, path).omega, expected, atol=tolerance)
+    # the other side: a path of another lattice, and of the same one if it is clearly larger
+    for other in ('square' if points == 'GMKG' else 'triangular', kind):
+        foreign = atoms_of(spacing * (1.01 if other == kind else 1) * np.array(PLANE[other][0]) @ rotation)
+        with pytest.raises(ValueError, match='belongs to a cell of another shape'):
+            analytic_bands(typed, foreign.cell.bandpath(npoints=9, pbc=foreign.pbc))
+
+
+def test_a_path_by_its_names_alone(prototype):
+    named, path = analytic_bands(prototype, 'GMKG'), prototype.cell.bandpath('GMKG', npoints=300, pbc=prototype.pbc)
+    assert_allclose(named.omega, analytic_bands(prototype, path).omega, rtol=1e-12)
+    assert_allclose(phonopy_bands(finite_displacements(prototype), 'GMKG').omega, named.omega, rtol=1e-7)
 
 
 def test_points_of_the_path_have_their_symmetry():

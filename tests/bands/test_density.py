@@ -10,7 +10,7 @@ from oracles import LAWS, lattice
 from scipy.special import ellipk
 
 from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, units as u
-from magphonon.bands import DensityOfStates, lattice_density
+from magphonon.bands import DensityOfStates, band_gaps, lattice_density
 from magphonon.bands.density import simplices
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
@@ -163,6 +163,41 @@ def test_the_tetrahedra_of_a_large_mesh_are_not_kept():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < steps**3 * 3 * 3 * 4 * 8
+
+
+@pytest.mark.parametrize('seed', range(24))
+def test_gaps_of_chains_are_those_of_their_two_branches(seed):
+    """Each branch in closed form: (k_x + 2 phi'' (1 - cos))/m rises, (k_y + 2 phi'/r (1 - cos))/m falls, and they may cross."""
+    rng = np.random.default_rng(seed)
+    a, push, m, kx = rng.uniform(1.5, 5), rng.uniform(0.5, 2), rng.uniform(0.5, 2), rng.uniform(1, 4)
+    ky = kx + rng.uniform(1.05, 2) * 4 * push * max(1, a) if seed % 3 == 0 else kx + rng.uniform(0.05, 0.95) * 4 * push * (a + 1)
+    ky = max(ky, 4.1 * push)
+    atoms = lattices.chain(1.0, m)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(push, a), foundation=[[kx, ky]])
+    along, across = np.sqrt(np.array([[kx, kx + 4 * a * push], [ky - 4 * push, ky]]) / m)
+    (_, low), (high, _) = sorted([along, across], key=lambda ends: ends[0])
+    found = band_gaps(atoms)
+    if low < high:
+        assert_allclose(found, [[low, high]], rtol=1e-9)  # its ends are at Gamma and X, on the mesh
+    else:
+        assert len(found) == 0
+
+
+def test_a_narrow_gap_beside_the_mesh_is_found_with_its_width():
+    """Chains of two masses: a gap at X between the roots of 2 K/m; with an odd number of steps X is not on the mesh."""
+    atoms = lattices.chain(1.0, 1.0).repeat((2, 1, 1))
+    atoms.set_masses([1.0, 1.001])
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=[[3.0, 400.0]])
+    found = band_gaps(atoms, steps=301)
+    assert_allclose(found[0], np.sqrt((3.0 + 8.0) / np.array([1.001, 1.0])), rtol=1e-7)
+
+
+def test_no_bin_lies_below_zero_where_no_mode_does():
+    atoms = lattices.chain(1.0, 1.0)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 4.0), foundation=[[0.0, 1e16]])
+    found = lattice_density(atoms, steps=60)
+    assert found.omega[0] > 0
+    assert counted(found)[-1] == pytest.approx(2, rel=1e-9)
 
 
 def test_density_comes_back_from_a_file(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from oracles import LAWS, lattice
 from scipy.constants import N_A, e, h, k
 
-from magphonon import MagneticRepulsion, finite_displacements
+from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices
 from magphonon.bands import in_phonopy_units, thermal_properties
 from magphonon.bands.bloch import bloch_modes
 
@@ -109,3 +109,16 @@ def test_euphonic_reads_them_as_they_are(cell, phonon, tmp_path):
     np.testing.assert_allclose(frequencies_Hz('THz.yaml'), expected, rtol=1e-6)
     # control: the file in mm, g and N, taken for Angstrom, u and eV
     assert np.all(frequencies_Hz('Hz.yaml') > 1e9 * expected)
+
+
+def test_thermal_properties_of_atoms_on_a_foundation_are_silent():
+    """Frequencies of THz at Gamma are no fault of the force constants; phonopy would advise to symmetrise the foundation away."""
+    cell = lattices.triangular(3e-7, 1e-22)
+    cell.calc = MagneticRepulsion(cell, InversePower(1e-9 * (3e-7) ** 4, 4.0), foundation=0.02)
+    phonon = finite_displacements(cell)
+    crystal = in_phonopy_units(phonon)
+    crystal.run_mesh([3, 3, 1], is_gamma_center=True)
+    with pytest.warns(UserWarning) as told:  # the control: of phonopy alone
+        crystal.run_thermal_properties(temperatures=[300.0])
+    assert any('Symmetrize them' in str(one.message) for one in told)
+    assert thermal_properties(phonon, [300.0], [3, 3, 1]).heat_capacity[0] > 0
