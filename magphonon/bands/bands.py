@@ -248,8 +248,8 @@ def path_of(atoms: Atoms, path: BandPath | str) -> BandPath:
             return BandPath(atoms.cell, path.kpts[:, own], special, path.path)
     own, foreign = (', '.join(f'{length:.6g}' for length in np.sqrt(np.diag(metric))) for metric in (ours, theirs))
     raise ValueError(f'the path belongs to a cell of another shape: its vectors are {foreign} mm long, those of the atoms {own} '
-                     'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took another cell of the '
-                     'same lattice: take that one, or name points of your own to bandpath with special_points=')
+                     'mm; get it with atoms.cell.bandpath(..., pbc=atoms.pbc). If it comes from there, ASE took another cell of '
+                     'the same lattice: take that one, or name points of your own to bandpath with special_points=')
 
 
 def _mean_over_crossings(omega, values):
