@@ -71,10 +71,11 @@ def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[st
     if scene.finite:
         return None, scene.patch_atoms(), []
     if scene.patch is None:
-        return scene.atoms(), None, []
+        return scene.perfect_cell(), None, []
     if scene.law.shells != 1:
-        return scene.atoms(), None, ['the patch is left out: the forces on its rim balance between nearest neighbours only']
-    return scene.atoms(), scene.patch_atoms(), []
+        why = 'the patch is left out: the forces on its rim balance between nearest neighbours only'
+        return scene.perfect_cell(), None, [why]
+    return scene.perfect_cell(), scene.patch_atoms(), []
 
 
 def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:

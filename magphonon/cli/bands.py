@@ -36,7 +36,7 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_costly(scene, 'bands')
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        atoms, path = scene.atoms(), scene.band_path()
+        atoms, path = scene.perfect_cell(), scene.band_path()
         phonon = _phonon(scene, atoms)
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
@@ -96,7 +96,7 @@ def _draw(save, scene, bands, highest_Hz):
     ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
-    if tuple(scene.atoms().pbc) == PLANAR:
+    if tuple(scene.perfect_cell().pbc) == PLANAR:
         save(plot_zone(bands['complete'].path).figure, 'zone')
 
 

@@ -45,7 +45,7 @@ def run(options: Namespace) -> None:
     engine = _engine(options)
     scene = read_scene(options.scene)
     refuse_costly(scene, 'burst')
-    plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.atoms()
+    plan, _, cell = scene.wanted('burst'), scene.wanted('patch'), scene.perfect_cell()
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         records, largest = {}, {}
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):

@@ -38,7 +38,7 @@ def run(options: Namespace) -> int:
     print(scene.title)
     expected, free = costs(scene), virtual_memory().available
     faults = [too_much(scene, cost, free) for cost in expected if cost.bytes > USABLE_FRACTION * free]
-    atoms = scene.atoms()
+    atoms = scene.perfect_cell()
     if scene.single:
         print(f'A constant force of {atoms.calc.load[Oscillator.free, 1] / units.N:.6g} N along the guide is assumed to '
               'balance the repulsion of the three magnets.')

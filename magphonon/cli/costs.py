@@ -105,7 +105,7 @@ def duration(seconds: float) -> str:
 
 def bands_cost(scene: Scene) -> Cost:
     """Cost of `magphonon bands`."""
-    points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.atoms().calc.bonds)
+    points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.perfect_cell().calc.bonds)
     pairs = (particles * np.prod(scene.supercell(), dtype=float)) ** 2
     memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes + MATRIX_bytes * particles**2 + PHASE_bytes * bonds),
               'bands.supercell': PAIR_bytes * pairs}
@@ -132,7 +132,7 @@ def uncertainty_cost(scene: Scene) -> Cost:
     memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s, 0
     parameters = len(scene.uncertainty.model_fields_set)
     if scene.bands is not None:
-        bonds = len(scene.atoms().calc.bonds)
+        bonds = len(scene.perfect_cell().calc.bonds)
         memory['bands.points'] = scene.bands.points * len(scene.cell()) ** 2 * (MATRIX_bytes + PHASE_bytes * bonds * parameters)
         seconds, files = seconds + DRAWN_s + POINT_s * len(scene.cell()) * scene.bands.points, files + 4
     if scene.frf is not None:
@@ -182,7 +182,7 @@ def particles_of(scene: Scene) -> float:
 def _top(scene):
     """Highest angular frequency of the lattice in rad/ms, on a coarse grid of the zone."""
     q = np.stack(np.meshgrid(*3 * [np.arange(6) / 6]), axis=-1).reshape(-1, 3)
-    atoms = scene.atoms()
+    atoms = scene.perfect_cell()
     return max(abs(bloch_modes(atoms, np.where(atoms.pbc, q, 0), model)[0]).max() for model in MODELS)
 
 

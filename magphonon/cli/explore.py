@@ -38,7 +38,7 @@ def run(options: Namespace) -> None:
     _refuse_foreign(file)
     scene = read_scene(options.scene)
     _refuse_unknown(scene)
-    atoms = scene.atoms()
+    atoms = scene.perfect_cell()
     points = scene.bands.path if scene.bands is not None else None
     explorer = Explorer(atoms, scene.lattice.path(points, POINTS))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
     if explorer.exponents is not None:

@@ -177,8 +177,8 @@ def _fit_bands(options):
     text = band_report(found, len(points), fixed)
     if options.output is not None:
         with results(options, scene, options.file) as folder, drawing(options, folder, scene.title) as save:
-            save(plot_band_fits(found.points, {model: (found.fitted(model).atoms(), fit) for model, fit in found.fits.items()}),
-                 'band_fit')
+            cells = {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}
+            save(plot_band_fits(found.points, cells), 'band_fit')
             (folder / 'band_fit.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     if options.output is not None:

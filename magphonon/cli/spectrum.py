@@ -69,7 +69,7 @@ def _analysed(options, scene):
     from ..waves.scan_tables import read_places, read_scan
     from ..waves.wave_analysis import scan_waves
 
-    cell, row = scene.atoms(), None
+    cell, row = scene.perfect_cell(), None
     source = options.source or (scene.burst.source if scene.burst else 'point')
     scan = read_scan(options.table)  # its messages name the table
     if options.geometry is not None:
@@ -94,4 +94,4 @@ def _particles(scene):
         raise ValueError('it does not say where its points are; add the columns x_m and y_m, or name a table of them with '
                          '--geometry POINTS.csv')
     patch = scene.patch_atoms()
-    return {str(k): tuple(patch.positions[k, :2]) for k in site(scene.atoms(), patch, scene.burst.source).row}
+    return {str(k): tuple(patch.positions[k, :2]) for k in site(scene.perfect_cell(), patch, scene.burst.source).row}

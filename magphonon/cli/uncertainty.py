@@ -61,7 +61,7 @@ def _bands(folder, save, scene, tolerances):
     from ..plotting.axes import point_name
     from ..plotting.response import plot_band_ribbons, plot_contributions
 
-    atoms = scene.atoms()
+    atoms = scene.perfect_cell()
     path = path_of(atoms, scene.band_path())
     spread = frequency_spread(atoms, path.kpts, tolerances)
     spread.save(folder / 'band_uncertainty.npz')
@@ -109,7 +109,8 @@ def _monte_carlo(scene, path, tolerances, few, labels):
     from ..scenes.tolerances import varied
 
     points = _points(path)
-    drawn = sampled_frequencies(lambda factors: varied(scene, factors).atoms(), [path.special_points[name] for name in points],
+    drawn = sampled_frequencies(lambda factors: varied(scene, factors).perfect_cell(),
+                                [path.special_points[name] for name in points],
                                 tolerances, SAMPLES)
     unstable = np.mean((drawn < -1e-6 * abs(drawn).max()).any(axis=(1, 2)))
     k, mode = np.transpose([(points.index(name), branch - 1) for name, branch in labels])

@@ -106,7 +106,7 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
     >>> from magphonon import read_scene, ready_scene
     >>> from magphonon.planning import plan_bands
     >>> scene = read_scene(ready_scene('prototype'))
-    >>> plan = plan_bands(scene.atoms(), scene.band_path(), tolerance=0.01)
+    >>> plan = plan_bands(scene.perfect_cell(), scene.band_path(), tolerance=0.01)
     >>> plan.choice.settings.model
     'complete'
     """

@@ -174,7 +174,7 @@ def scene_plans(scene: AskingScene, tolerance: float) -> Iterator[Wanted]:
     if scene.frf is not None:
         yield _peak(scene, tolerance, left_out)
     if scene.burst is not None:
-        cell, patch = scene.atoms(), scene.patch_atoms()
+        cell, patch = scene.perfect_cell(), scene.patch_atoms()
         for k in range(len(scene.burst.carriers_Hz)):
             yield _burst(scene, cell, patch, tolerance, k, left_out)
 
@@ -196,7 +196,7 @@ def _cell(scene, shells):
 def _bands(scene, tolerance):
     from .bands import Edge, plan_bands
 
-    atoms, path, edge = scene.atoms(), scene.band_path(), None
+    atoms, path, edge = scene.perfect_cell(), scene.band_path(), None
     if scene.plan is not None and scene.plan.edge is not None:
         point, branch = scene.plan.edge, scene.plan.branch
         edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
@@ -230,7 +230,7 @@ def neglected(scene: AskingScene) -> list[str]:
     if scene.single or scene.law.shells == ALL or scene.lattice.kind == 'file' or scene.laws_of_kinds:
         return []
     counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
-    if all(len(neighbour_shells(scene.atoms(), reach)) <= scene.law.shells for reach in REACHES):
+    if all(len(neighbour_shells(scene.perfect_cell(), reach)) <= scene.law.shells for reach in REACHES):
         return [f'{counted}: the table of forces ends before the next ones, so that their effect is not known.']
     error, known = _error_of_shells(scene, scene.law.shells)
     if error < NEGLIGIBLE:
@@ -248,7 +248,7 @@ def _error_of_shells(scene, shells):
     """
     from .bands import TABLE_ENDS, plan_bands
 
-    plan = plan_bands(scene.atoms(), scene.lattice.path(None, 60), NEGLIGIBLE)
+    plan = plan_bands(scene.perfect_cell(), scene.lattice.path(None, 60), NEGLIGIBLE)
     summed = [method for method in plan.methods if method.settings.model == 'complete' and method.settings.shells != ALL]
     fewer = [method for method in summed if method.settings.shells <= shells] or summed[:1]
     return fewer[-1].error, TABLE_ENDS not in plan.evidence

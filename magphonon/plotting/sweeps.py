@@ -14,14 +14,17 @@ if TYPE_CHECKING:
 
 BAD = {'facecolor': '0.93', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0.0}
 
+SMALL = 0.1
+"""Values below this many m or s are drawn in mm or ms."""
 WIDE = 30.0
 """Answers that are positive, the largest more than this multiple of the smallest, are drawn on a logarithmic scale."""
 
 
 def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
-    """Draw one answer of a sweep: over one axis as a line, over two as a map; further axes at their first value.
+    """Draw one answer of a sweep: over one axis as a line, over two as a map.
 
-    Bad points are hatched.  Where the answer changes its sign, a line marks the zero.
+    Axes of one value and all beyond the first two stand in the title, at their first value.  Bad points are hatched.  Where the
+    answer changes its sign, a line marks the zero.
 
     Parameters
     ----------
@@ -35,9 +38,10 @@ def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     -------
     matplotlib Axes
     """
-    shown = answers[name]
-    further = dict.fromkeys(shown.dims[2:], 0)
-    at = [f'{axis} = {float(answers[axis][0]):.4g}' for axis in further]
+    shown = _in_small_units(answers[name])
+    wide = sorted(shown.dims, key=lambda axis: shown.sizes[axis] == 1)  # axes of several values first, else in their order
+    further = dict.fromkeys(wide[2:], 0) | dict.fromkeys([axis for axis in wide[1:2] if shown.sizes[axis] == 1], 0)
+    at = [f'{_label(shown[axis])} = {float(shown[axis][0]):.4g}' for axis in shown.dims if axis in further]
     shown = shown.isel(further)
     ax = new_axes() if ax is None else ax
     if shown.ndim == 1:
@@ -84,8 +88,19 @@ def _draw_map(values: DataArray, ax: Axes) -> None:
 
 
 def _label(array: DataArray) -> str:
-    unit = array.attrs.get('units', '')
-    return f'{array.name} ({unit})' if unit not in ('', '1') else str(array.name)
+    name, unit = array.attrs.get('long_name', array.name), array.attrs.get('units', '')
+    return f'{name} ({unit})' if unit not in ('', '1') else str(name)
+
+
+def _in_small_units(array: DataArray) -> DataArray:
+    """Answers and axes in mm and ms where all values are small."""
+    small = {'m': 'mm', 's': 'ms'}
+
+    def smaller(values):
+        unit, least = values.attrs.get('units'), abs(values).max() < SMALL
+        return (1e3 * values).assign_attrs(values.attrs | {'units': small[unit]}) if unit in small and least else values
+
+    return smaller(array).assign_coords({axis: smaller(array[axis]) for axis in array.dims})
 
 
 def _is_wide(values: np.ndarray) -> bool:

@@ -12,9 +12,9 @@ from .scene import (
     read_scene as read_scene,
     reference as reference,
     scene_of as scene_of,
+    write_scene as write_scene,
 )
 from .sources import (
     ready_scene as ready_scene,
     ready_scenes as ready_scenes,
-    write_scene as write_scene,
 )

@@ -170,7 +170,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> B
         raise ValueError('all parameters are fixed; leave one of them free')
     own = points.independent
 
-    cell = scene.atoms()
+    cell = scene.perfect_cell()
 
     def build(factors):
         there, atoms = with_factors(scene, factors), cell.copy()
@@ -199,9 +199,9 @@ def _changes(scene):
 def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     """The scene with its force at the spacing, its shape and its foundation multiplied by `factors`."""
     L = scene.lattice.spacing_m * u.m
-    strength, power = STRENGTHS[scene.law.kind]
+    strength, power = STRENGTHS[scene.law.kind] if getattr(scene.law, 'force_N', None) is None else ('force', 1)
     wanted = repulsion(scene.law.potential(), L) * factors.get('force', 1.0)
-    scene = varied(scene, {name: factor for name, factor in factors.items() if name in PLACES})
+    scene = varied(scene, {name: factor for name, factor in factors.items() if name in PLACES and name != 'force'})
     scene = varied(scene, {strength: (wanted / repulsion(scene.law.potential(), L)) ** (1 / power)})
     if 'foundation' in factors:
         spring = 'youngs_modulus' if scene.foundation and scene.foundation.pillar else 'stiffness'

@@ -64,7 +64,7 @@ def check(scene: Scene) -> None:
                          f"use '{ALL}', the sum over all neighbours")
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N')  # refused by its keys instead
-        calc: Any = scene.atoms().calc
+        calc: Any = scene.perfect_cell().calc
     if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
         _scale(scene, calc)
     faults = []
@@ -247,7 +247,7 @@ def _plan(scene: Scene) -> None:
         return
     if scene.bands is None:
         raise ValueError(f'plan.edge = {scene.plan.edge!r} is an edge of bands; add a table [bands]')
-    known, branches = scene.special_points, scene.atoms().calc.dim * len(scene.atoms())
+    known, branches = scene.special_points, scene.perfect_cell().calc.dim * len(scene.perfect_cell())
     if scene.plan.edge not in known:
         raise ValueError(f'plan.edge of the {scene.lattice.kind} lattice must be one of {", ".join(known)}, '
                          f'not {scene.plan.edge!r}')

@@ -116,6 +116,8 @@ class Table(BaseModel):
         except ValidationError as error:
             for found in error.errors():
                 if found['type'] != 'missing':
+                    if not found['loc'] and any(meant):  # of keys together, of which one was misspelt
+                        continue
                     faults.append(fault(found['input'], reason(found), found['loc']))
                 elif (key := str(found['loc'][0])) not in meant:
                     faults.append(fault(table, ValueError(f' lacks the key {key!r}; add {cls.model_fields[key].description}')))

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from .. import units as u
 from ..errors import one_of, shown, whole
@@ -122,24 +122,52 @@ class ClosedForm(Table):
 
     @model_validator(mode='after')
     def _within_range(self):
+        self.refuse_overflow()
+        return self
+
+    def refuse_overflow(self) -> None:
+        """Raise ValueError for numbers that are too large or too small to compute with."""
         try:
             self.potential()
         except ValueError as error:
             given = ', '.join(f'law.{key} = {value!r}' for key, value in self if isinstance(value, float))
             raise ValueError(f': {error}; check units and exponents of {given}') from None
-        return self
 
 
 class InversePowerLaw(ClosedForm):
-    """Force `b r^-a`."""
+    """Force `b r^-a`, told by b or by the force between nearest neighbours."""
 
     kind: Literal['inverse_power']
-    b_N_m_a: Positive = Field(description='b of the force b r^-a in N m^a')
+    b_N_m_a: Positive | None = Field(None, description='b of the force b r^-a in N m^a')
+    force_N: Force | None = Field(None, description='the force in N between nearest neighbours, from which b follows, in place '
+                                  'of b_N_m_a', examples=[0.2369])
     a: Positive = Field(description='the exponent a of the force b r^-a')
     shells: Shells
 
+    _spacing_m: float = PrivateAttr(1.0)  # where the force is force_N: that of the lattice, once the scene knows it
+
+    @model_validator(mode='after')
+    def _within_range(self):
+        if (self.b_N_m_a is None) == (self.force_N is None):
+            has = 'neither' if self.force_N is None else 'both'
+            raise ValueError(f' has {has} of b_N_m_a and force_N; give one of them')
+        self.refuse_overflow()
+        return self
+
+    def placed(self, spacing_m: float) -> InversePowerLaw:
+        """The same law, whose force at this distance is force_N."""
+        law = self.model_copy()
+        law._spacing_m = spacing_m
+        law.refuse_overflow()
+        return law
+
+    @property
+    def b(self) -> float:
+        """The factor b in N m^a."""
+        return self.b_N_m_a if self.force_N is None else self.force_N * self._spacing_m**self.a  # pyright: ignore[reportReturnType]
+
     def potential(self) -> PairLaw:
-        return InversePower(self.b_N_m_a * u.N * u.m**self.a, self.a)
+        return InversePower(self.b * u.N * u.m**self.a, self.a)
 
 
 class DipoleLaw(ClosedForm):

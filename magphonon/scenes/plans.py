@@ -92,7 +92,7 @@ class GapPlan(Table):
 
 
 def _check_branch(key, branch, scene, above):
-    branches = len(scene.lattice.cell()) * scene.atoms().calc.dim
+    branches = len(scene.lattice.cell()) * scene.perfect_cell().calc.dim
     if branch > branches - above:
         raise ValueError(f'design.{key} must be at most {branches - above}, as the {scene.lattice.kind} lattice has {branches} '
                          f'branches, not {branch}')
@@ -145,7 +145,7 @@ class DesignPlan(Table):
 
     def foundation(self, scene: Scene) -> float:
         """Stiffness in N/mm: that of the cut-off, or the scene's."""
-        atoms = scene.atoms()
+        atoms = scene.perfect_cell()
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
     def solve(self, scene: Scene) -> tuple[float, list[Design]]:
@@ -159,7 +159,7 @@ class DesignPlan(Table):
         k, present = self.foundation(scene), scene.lattice.spacing_m * u.m
 
         def build(spacing):
-            atoms = varied(scene, {'spacing': spacing / present}).atoms()
+            atoms = varied(scene, {'spacing': spacing / present}).perfect_cell()
             atoms.calc.set(foundation=k)
             return atoms
 
@@ -186,7 +186,7 @@ class DesignPlan(Table):
                              f'{least:.6g} to {most:.6g} Hz') from None
 
     def _cut_off(self, scene, k):
-        return np.sqrt(k / scene.atoms().get_masses()[0]) / HERTZ
+        return np.sqrt(k / scene.perfect_cell().get_masses()[0]) / HERTZ
 
 
 def _si(k):
@@ -203,6 +203,9 @@ def tables(scene: Scene, design: Design, k: float) -> str:
     masses = scene.lattice.relative_masses  # pyright: ignore[reportAttributeAccessIssue]  no oscillator has [design]
     if masses is not None:
         lines.append(f'relative_masses = {list(masses)}')
+    if getattr(scene.law, 'force_N', None) is not None:  # at the spacing from which the design started: b stays
+        lines += ['', '[law]', 'kind = "inverse_power"', f'b_N_m_a = {scene.law.b:.12g}', f'a = {scene.law.a:.12g}',
+                  f'shells = {scene.law.shells}']
     pillar = scene.foundation.pillar if scene.foundation else None
     stiffness = k / (u.N / u.m)
     if pillar is not None:

@@ -7,14 +7,19 @@ not say against other tables is checked in `magphonon.scenes.consistency`.
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import tomllib
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import ase.io
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from ..files import whole_file
 from ..response.frf import Place
 from ..stiffness.all_neighbours import AllNeighbours
 from ..stiffness.calculator import MagneticRepulsion
@@ -22,7 +27,7 @@ from ..stiffness.relaxation import Relaxation, relaxed
 from .consistency import check
 from .fields import Table, Text, listed, reason
 from .lattices import ALL, AnyLattice, Foundation, Oscillator, Patch, Supercell
-from .laws import Law, LawOfKinds, SavedLaw, laws_of_kinds
+from .laws import InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
 from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
 from .structures import Defects, Disorder, FileLattice
@@ -40,7 +45,7 @@ if TYPE_CHECKING:
 class Scene(Table):
     """A lattice, its law of repulsion, its foundation and the computations wanted for it.
 
-    The fields are the tables of the file, in SI units.  `atoms` and `band_path` use the units of the package.
+    The fields are the tables of the file, in SI units.  `atoms`, `perfect_cell` and `band_path` use the units of the package.
 
     Examples
     --------
@@ -68,6 +73,12 @@ class Scene(Table):
 
     @model_validator(mode='after')
     def _consistent(self):
+        for table in (self, *self.laws_of_kinds):
+            if isinstance(table.law, InversePowerLaw) and table.law.force_N is not None:
+                try:
+                    table.__dict__['law'] = table.law.placed(self.lattice.spacing_m)  # it is read-only for everybody else
+                except ValueError as error:
+                    raise ValueError(f'law{error}') from None
         check(self)
         return self
 
@@ -105,7 +116,23 @@ class Scene(Table):
         return atoms
 
     def atoms(self) -> Atoms:
-        """One unit cell, the oscillator or the finite structure, with its MagneticRepulsion or AllNeighbours, in mm, g and ms."""
+        """The structure of the scene with its calculator, `ase.Atoms` in mm, g and ms.
+
+        With [defects] or [disorder] it is the patch or the finite structure that has them, at rest again; otherwise the
+        `perfect_cell`.
+
+        Raises
+        ------
+        ValueError
+            If a defect finds no place, or the structure no stable rest.
+        """
+        relaxation = self.relaxation()
+        return self.perfect_cell() if relaxation is None else relaxation.atoms
+
+    def perfect_cell(self) -> Atoms:
+        """One unit cell, the oscillator or the finite structure, without [defects] and [disorder], with its MagneticRepulsion or
+        AllNeighbours.
+        """
         atoms = self._standing()
         if getattr(self.lattice, 'relaxed', False):
             return relaxed(atoms).atoms
@@ -183,7 +210,7 @@ class Scene(Table):
     def _perfect(self, model: str) -> Atoms:
         """The patch or the finite structure before defects and disorder."""
         if self.finite:
-            atoms = self.atoms()
+            atoms = self.perfect_cell()
             atoms.calc.set(model=model)
             return atoms
         table = self.wanted('patch')
@@ -191,7 +218,7 @@ class Scene(Table):
             patch = table.cut(self.cell())
         except ValueError as error:
             raise ValueError(f'{table.sizes}, {self.lattice.spacing_given}: {error}') from None
-        calc: Any = self.atoms().calc
+        calc: Any = self.perfect_cell().calc
         if isinstance(table, Supercell):
             patch.calc = calc.on(patch)
             patch.calc.set(model=model)
@@ -218,7 +245,7 @@ class Scene(Table):
         """
         plan = self.wanted('frf')
         if self.single:
-            atoms, free = self.atoms(), Place(Oscillator.free, np.array([0.0, 1.0, 0.0]))
+            atoms, free = self.perfect_cell(), Place(Oscillator.free, np.array([0.0, 1.0, 0.0]))
             atoms.calc.set(model=model)
             return atoms, free, free
         atoms, picked = self.patch_atoms(model), []
@@ -307,6 +334,62 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
         raise ValueError('\n'.join(f'{source}: {fault}' for fault in _faults(error, data))) from None
 
 
+def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = None) -> None:
+    """Write atoms with their calculator as a scene, on which every command computes to the same bits as Python does.
+
+    Beside `path`, NAME.toml, the particles go into NAME.traj, a file of ASE, with law, bonds, foundation and anchors.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With MagneticRepulsion or AllNeighbours.
+    path : path-like
+        Path of the scene file; its name ends in .toml.
+    title : str, optional
+        A line that says what it is.
+
+    Raises
+    ------
+    ValueError
+        If the atoms carry no calculator of this package, or one whose law a file cannot tell; if `read_scene` would refuse the
+        title or the name; if NAME.traj is there without NAME.toml, and so is another file of yours.
+    OSError
+        If a file cannot be written; then none is.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, read_scene, write_scene
+    >>> cell = lattices.triangular(10.0, 0.7)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1e4, 4.6), foundation=0.02)
+    >>> file = tempfile.mkdtemp() + '/mine.toml'
+    >>> write_scene(cell, file)
+    >>> read_scene(file).lattice.kind
+    'file'
+    """
+    path = Path(path)
+    if path.suffix != '.toml':
+        raise ValueError(f'a scene is a file NAME.toml, not {path.name}; the particles go into NAME.traj beside it')
+    beside = path.with_suffix('.traj')
+    if os.path.lexists(beside) and not os.path.lexists(path):
+        raise ValueError(f'{beside} exists and belongs to no scene {path.name}; move it, or choose another name for the scene')
+    tables = tables_of(checked_atoms(atoms), title, beside.name)
+    scene_of(tables, atoms)  # with all checks of a scene that is read
+    with whole_file(beside, 'wb') as particles, whole_file(path) as file:
+        ase.io.write(particles, atoms, format='traj')
+        file.write(_toml(tables, f'The particles, their law, bonds and foundation are in {beside.name}, to the last bit: '
+                                 f'{atoms.calc!r}'))
+
+
+def _toml(tables, comment):
+    lines = [f'# {line}' for line in comment.splitlines()]
+    lines += [f'{key} = {json.dumps(value, ensure_ascii=False)}' for key, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += ['', f'[{name}]', *(f'{key} = {json.dumps(value, ensure_ascii=False)}' for key, value in table.items())]
+    return '\n'.join(lines) + '\n'
+
+
 def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:
     """The tables of a scene in plain Python, and the particles of its file, if any: `scene_of` makes it from them again."""
     tables = scene.model_dump(mode='json', exclude_none=True)
@@ -323,7 +406,7 @@ def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
         If they make no scene; the message names each key, its value and the mend.
     """
     try:
-        return Scene.model_validate(tables, context=None if particles is None else {'structure': particles.copy()})
+        return Scene.model_validate(tables, context=None if particles is None else {'structure': particles})
     except ValidationError as error:
         raise ValueError('\n'.join(_faults(error, tables))) from None
 

@@ -25,6 +25,7 @@ PLACES = {
     'spacing': ('lattice', 'spacing_m'),
     'mass': ('lattice', 'mass_kg'),
     'b': ('law', 'b_N_m_a'),
+    'force': ('law', 'force_N'),
     'a': ('law', 'a'),
     'moment': ('law', 'moment_A_m2'),
     'charge': ('law', 'charge_C'),
@@ -40,7 +41,7 @@ PLACES = {
 """Place of each parameter in a scene.  The key there is that of the absolute tolerance; NAME_percent is that of the relative
 one."""
 LAW_CHANGES = {
-    'inverse_power': {'b': force_change, 'a': exponent_change},
+    'inverse_power': {'b': force_change, 'force': force_change, 'a': exponent_change},
     'dipoles': {'moment': partial(force_change, power=2)},
     'coulomb': {'charge': partial(force_change, power=2)},
     'yukawa': {'strength': force_change, 'screening_length': screening_change},
@@ -147,9 +148,11 @@ else:
 def _changes(scene):
     """Every parameter that the scene has, and what it changes."""
     law, k = scene.law.potential(), scene.foundation.stiffness if scene.foundation else 0.0
+    held = scene.lattice.spacing_m * u.m if getattr(scene.law, 'force_N', None) else u.m  # where `a` leaves the force as it is
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
-    changes |= {name: Change(law=change(law)) for name, change in LAW_CHANGES.get(scene.law.kind, {}).items()
-                if _at(scene, PLACES[name]) is not None and getattr(scene.law, 'calibration', None) is None}
+    for name, change in LAW_CHANGES.get(scene.law.kind, {}).items():
+        if _at(scene, PLACES[name]) is not None and getattr(scene.law, 'calibration', None) is None:
+            changes[name] = Change(law=change(law, held) if name == 'a' else change(law))
     if scene.law.kind == 'table':
         changes['exponent'] = Change(law=exponent_at(law, scene.lattice.spacing_m * u.m))
     if k and scene.foundation.pillar:

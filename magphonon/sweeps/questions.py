@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
+from warnings import warn
 
 import numpy as np
 
@@ -35,6 +36,11 @@ if TYPE_CHECKING:
 BORDER = 1e-9
 """Fraction of the needed foundation within which a lattice is on the border of buckling, its softest frequency round-off."""
 
+INSTEAD = {'force_N': 'b_N_m_a', 'b_N_m_a': 'force_N'}
+"""Keys of a law that replace each other: an axis of one takes the place of the other in the scene."""
+FORCES_ALIKE = 1.01
+"""Ratio of two forces that a sweep over the exponent may leave."""
+
 
 @dataclass(frozen=True)
 class Situation:
@@ -45,8 +51,7 @@ class Situation:
     @cached_property
     def atoms(self) -> Atoms:
         """The cell, or the finite structure at rest with its defects."""
-        relaxation = self.scene.relaxation() if self.scene.finite else None
-        return self.scene.atoms() if relaxation is None else relaxation.atoms
+        return self.scene.atoms() if self.scene.finite else self.scene.perfect_cell()
 
     @cached_property
     def needed(self) -> float:
@@ -145,7 +150,7 @@ def _refuse_no_bands(scene):
 
 
 def _branch(scene, text, above):
-    atoms = scene.atoms()
+    atoms = scene.perfect_cell()
     most = len(atoms) * atoms.calc.dim - above
     if whole('the branch', float(text) if text.isdecimal() else text) > most:
         raise ValueError(f'the branch must be at most {most}, not {text}')
@@ -255,6 +260,7 @@ class SceneAnswers:
         tables = scene.model_dump(mode='json')
         for key in over:
             _refuse_unknown(tables, key)
+        _warn_of_force(scene, over)
         for name in asked:
             known, words = question(name)
             try:
@@ -297,8 +303,13 @@ class SceneAnswers:
         return values, '; '.join(dict.fromkeys(faults))
 
 
+LABELS = {'law.a': 'exponent a', 'law.force_N': 'force between neighbours', 'law.b_N_m_a': 'b'}
+
+
 def _label(key):
     """Of foundation.pillar.height_m 'pillar height'."""
+    if key in LABELS:
+        return LABELS[key]
     *_, table, name = ['', *key.split('.')]
     ends = [end for end in UNITS if name.endswith(end)]
     return f'{table} {name.removesuffix(ends[0]) if ends else name}'.replace('_', ' ').strip()
@@ -312,8 +323,22 @@ def _replaced(tables, point):
         for name in outer:
             inner[name] = dict(inner.get(name, {}))
             inner = inner[name]
+        if last in INSTEAD and inner.get(last) is None:
+            inner.pop(INSTEAD[last], None)
         inner[last] = value
     return made
+
+
+def _warn_of_force(scene, over):
+    """An exponent that varies at constant b gives forces over decades, which is hardly meant."""
+    law, spacing = scene.law, scene.lattice.spacing_m
+    if 'law.a' not in over or {'law.b_N_m_a', 'law.force_N'} & over.keys() or getattr(law, 'b_N_m_a', None) is None:
+        return
+    forces = law.b_N_m_a * spacing ** -over['law.a']
+    if forces.max() > FORCES_ALIKE * forces.min():
+        warn(f'law.a varies while law.b_N_m_a stays, so that the force between neighbours runs from {forces.min():.3g} to '
+             f'{forces.max():.3g} N; to hold it, give law.force_N one value beside law.a, such as '
+             f'law.force_N={law.b_N_m_a * spacing ** -law.a:.4g}, or in the scene in place of b_N_m_a', stacklevel=4)
 
 
 def _refuse_unknown(tables, key):

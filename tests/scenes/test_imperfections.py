@@ -140,3 +140,17 @@ def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
     said = capsys.readouterr()
     assert status in (1, 2)
     assert re.search(message, said.err + said.out)
+
+
+def test_atoms_are_those_of_the_scene_with_defects_and_disorder():
+    """Scatter of strength over seeds moves frequencies; the perfect cell stays."""
+    lowest = []
+    for seed in range(3):
+        patch = {'kind': 'supercell', 'cells_1': 4, 'cells_2': 4}
+        there = scene(patch=patch, disorder={'seed': seed, 'strength_percent': 2.0})
+        atoms = there.atoms()
+        assert len(atoms) == 31  # 2 x 16, one of them missing
+        assert len(there.perfect_cell()) == 2
+        lowest.append(natural_frequencies(atoms)[0])
+    assert np.std(lowest) > 1e-4 * np.mean(lowest)
+    assert len(Scene.model_validate(tables('prototype')).atoms()) == 1

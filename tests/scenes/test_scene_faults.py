@@ -79,8 +79,8 @@ def test_impossible_number_in_every_law(kind, value, scene_file):
         assert refusal(scene_file({'law': law})) == f'{name} must be a positive number, not {value!r}'
 
 
-REQUIRED = ['title', 'lattice', 'law', 'lattice.kind', 'lattice.spacing_m', 'lattice.mass_kg', 'law.b_N_m_a', 'law.a',
-            'law.shells', 'bands.path', 'bands.points', 'bands.supercell', 'foundation.pillar.radius_m',
+REQUIRED = ['title', 'lattice', 'law', 'lattice.kind', 'lattice.spacing_m', 'lattice.mass_kg', 'law.a', 'law.shells',
+            'bands.path', 'bands.points', 'bands.supercell', 'foundation.pillar.radius_m',
             'foundation.pillar.height_m', 'foundation.pillar.youngs_modulus_Pa']
 
 
@@ -124,7 +124,7 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
     ({'law.kind': ['dipoles']}, "law.kind must be one of 'inverse_power', 'dipoles', 'coulomb', 'yukawa', 'hertz', 'table', "
                                 "'magnets', 'saved', not ['dipoles']"),
     ({'law.kind': 'dipoles'}, "law has no key 'b_N_m_a'; its keys are kind, moment_A_m2, shells"),
-    ({'law.cutoff_m': 0.02}, "law has no key 'cutoff_m'; its keys are kind, b_N_m_a, a, shells"),
+    ({'law.cutoff_m': 0.02}, "law has no key 'cutoff_m'; its keys are kind, b_N_m_a, force_N, a, shells"),
     ({'law': 4.5}, "law must be a table in brackets with a kind, one of 'inverse_power', 'dipoles', 'coulomb', 'yukawa', "
                    "'hertz', 'table', 'magnets', 'saved', not 4.5"),
     ({'law.kind': None}, "law lacks the key 'kind'; add one of 'inverse_power', 'dipoles', "),

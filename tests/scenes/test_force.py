@@ -1,0 +1,101 @@
+"""law.force_N: the force between neighbours tells b, and holds while the exponent or the spacing of the scene changes."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon import read_scene, ready_scene, units as u
+from magphonon.cli.main import main
+from magphonon.interactions.pair_laws import repulsion
+from magphonon.scenes import fit_bands, parts_of, scene_of
+from magphonon.scenes.tolerances import varied
+from magphonon.sweeps import sweep
+
+F = 1.6209e-10 * 0.01**-4.5824
+
+
+def with_force(name='prototype', **changes):
+    tables, _ = parts_of(read_scene(ready_scene(name)))
+    del tables['law']['b_N_m_a']
+    tables['law'] |= {'force_N': F}
+    for key, value in changes.items():
+        table, _, key = key.partition('__')
+        tables[table][key] = value
+    return scene_of(tables)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_the_force_at_the_spacing(seed):
+    draw = np.random.default_rng(seed)
+    a, L, f = draw.uniform(1.5, 8), draw.uniform(0.002, 0.05), draw.uniform(0.01, 1)
+    scene = with_force(law__a=a, lattice__spacing_m=L, law__force_N=f)
+    assert_allclose(repulsion(scene.law.potential(), L * u.m) / u.N, f, rtol=1e-12)
+    assert_allclose(repulsion(scene.law.potential(), 2 * L * u.m) / u.N, f * 2**-a, rtol=1e-12)
+    again = scene_of(parts_of(scene)[0])
+    assert again == scene
+    moved = varied(scene, {'spacing': 1.1})  # the same magnets, further apart
+    assert_allclose(repulsion(moved.law.potential(), 1.1 * L * u.m) / u.N, f * 1.1**-a, rtol=1e-12)
+    steeper = varied(scene, {'a': 1.2})
+    assert_allclose(repulsion(steeper.law.potential(), L * u.m) / u.N, f, rtol=1e-12)
+
+
+def test_it_is_the_same_scene_as_by_b():
+    cells = with_force().perfect_cell(), read_scene('prototype').perfect_cell()
+    a, b = (cell.calc.get_hessian(cell).toarray() for cell in cells)
+    assert_allclose(a, b, rtol=1e-12, atol=1e-12 * abs(b).max())
+
+
+@pytest.mark.parametrize(('law', 'words'), [({'b_N_m_a': 1.0, 'force_N': 1.0}, 'has both of b_N_m_a and force_N'),
+                                            ({}, 'has neither of b_N_m_a and force_N')])
+def test_one_of_both(law, words):
+    tables, _ = parts_of(read_scene('prototype'))
+    with pytest.raises(ValueError, match=words):
+        scene_of(tables | {'law': {'kind': 'inverse_power', 'a': 4.0, 'shells': 1} | law})
+
+
+def test_tolerances_of_the_force_and_of_the_exponent_at_this_force():
+    from magphonon.bands.bloch import bloch_modes
+    from magphonon.design.sensitivities import frequency_sensitivities
+
+    scene, q = with_force(), [[0.0, 0.5, 0.0]]
+    tables, _ = parts_of(scene)
+    scene = scene_of(tables | {'uncertainty': {'force_percent': 1.0, 'a_percent': 1.0}})
+    changes = scene.uncertainty.tolerances(scene).changes
+    assert list(changes) == ['force', 'a']
+    _, slopes = frequency_sensitivities(scene.perfect_cell(), q, list(changes.values()))
+    h = 1e-5
+    for slope, name in zip(slopes, changes, strict=True):
+        up, down = (bloch_modes(varied(scene, {name: np.exp(s * h)}).perfect_cell(), np.array(q))[0] for s in (1, -1))
+        assert_allclose(slope, (up - down) / (2 * h), rtol=1e-6)
+
+
+def test_an_exponent_swept_at_constant_force():
+    # what holds a square lattice, 4 f/L whatever the exponent: at constant b it runs over decades, of which a warning tells
+    scene, a = read_scene('square'), [2.0, 3.0, 4.5824, 6.0]
+    found = sweep(scene, {'law.a': a, 'law.force_N': [F]}, 'stability.needed')
+    assert_allclose(found['stability.needed'], 4 * F / 0.01 * np.ones((4, 1)), rtol=1e-8)
+    with pytest.warns(UserWarning, match='the force between neighbours runs from'):
+        swept = sweep(scene, {'law.a': a}, 'stability.needed')['stability.needed'].values
+    assert swept.max() > 1e3 * swept.min()
+    own = sweep(with_force('square'), {'law.a': a}, 'stability.needed')  # without a warning
+    assert_allclose(own['stability.needed'], found['stability.needed'][:, 0], rtol=1e-9)
+
+
+def test_design_and_fits_know_it(tmp_path, capsys):
+    text = ready_scene('design').read_text().replace('b_N_m_a = 1.6209e-10 ', f'force_N = {1.6209e-10 * 0.012**-4.5824!r} ')
+    (tmp_path / 'my.toml').write_text(text)
+    assert main(['design', str(tmp_path / 'my.toml')]) == 0
+    told = capsys.readouterr().out
+    assert '[law]\nkind = "inverse_power"\nb_N_m_a = 1.6209e-10\na = 4.5824\n' in told
+    assert main(['design', 'design']) == 0
+    assert '[law]' not in capsys.readouterr().out
+    from magphonon.bands.bloch import bloch_modes
+    from magphonon.waves import RidgePoints
+
+    scene = with_force()
+    xi = np.tile(np.linspace(0.6, 2.8, 12), 2)
+    q, ridge, one = np.outer(xi / (2 * np.pi), [0, 1, 0]), np.repeat([0, 1], 12), np.ones(24)
+    omega = bloch_modes(scene.perfect_cell(), q)[0][range(24), ridge]
+    points = RidgePoints(('1', '2'), ('transverse', 'longitudinal'), ridge, q, xi, 0 * xi, omega, 1e-3 * omega, one, 0 * xi)
+    fits = fit_bands(with_force(law__force_N=1.2 * F, law__a=4.0), points)
+    assert_allclose([fits.values()[name][0] for name in ('force', 'a')], [F, 4.5824], rtol=1e-6)
