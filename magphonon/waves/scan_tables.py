@@ -120,7 +120,9 @@ def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
 
 
 def _names(table: Table) -> Any:
-    """The column that names the points, if there is one."""
+    """The column that names the points, if there is one; ValueError for places and times of no laboratory."""
+    for name, unit, most in (('x', u.m, '1e6 m'), ('y', u.m, '1e6 m'), ('time', u.s, '1e6 s')):
+        table.refuse(name, abs(table.get(name, 0.0)) > 1e6 * unit, f'lie within {most}')
     columns = [name for name in NAMES if name in table]
     if len(columns) > 1:
         raise ValueError(f'{table.path}: the columns {" and ".join(columns)} say the same; keep one of them')
@@ -179,9 +181,12 @@ def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]
     metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
     places = {}
     for nodes in (one for one in sets if one['type'] in (15, 2411)):
-        numbers = np.atleast_1d(nodes['node_nums']).astype(int)
-        places |= {str(n): (x * u.m / metre, y * u.m / metre) for n, x, y in zip(numbers, *(
-            np.atleast_1d(nodes[axis]).tolist() for axis in 'xy'), strict=True)}
+        numbers, x, y = (np.atleast_1d(nodes[name]) for name in ('node_nums', 'x', 'y'))
+        if not (len(numbers) == len(x) == len(y) and 1e-9 < metre < 1e12 and (abs(np.r_[x, y]) < 1e6 * metre).all()):
+            raise ValueError(f'{path}: places and units of the nodes (datasets {nodes["type"]} and 164) do not fit together; '
+                             'export it again')
+        places |= {str(int(n)): (a * u.m / metre, b * u.m / metre) for n, a, b in zip(
+            numbers, x.tolist(), y.tolist(), strict=True)}
     records = [one for one in sets if one['type'] == 58]
     over_time = [one for one in records if one['func_type'] in TIME_RESPONSES and one['abscissa_spec_data_type'] in ABSCISSAS]
     kinds = {ORDINATES.get(one['ordinate_spec_data_type']) for one in over_time}
@@ -201,7 +206,10 @@ def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]
         point = found.setdefault(str(int(one['rsp_node'])), {})
         if axis in point:
             raise ValueError(f'{path} holds two records of node {one["rsp_node"]} in the direction {one["rsp_dir"]}; keep one')
-        point[axis] = np.asarray(one['x'], float) * u.s, np.real(one['data']) * unit * (-1 if one['rsp_dir'] < 0 else 1)
+        times, data = np.asarray(one['x'], float), np.real(one['data'])
+        if times.shape != data.shape or not (abs(times) < 1e6).all():
+            raise ValueError(f'{path}: the record of node {one["rsp_node"]} is damaged; export it again')
+        point[axis] = times * u.s, data * unit * (-1 if one['rsp_dir'] < 0 else 1)
     _refuse_unlike(path, found)
     return {name: Samples(next(iter(point.values()))[0], {axis: values for axis, (_, values) in point.items()}, places.get(name))
             for name, point in found.items()}, kinds == {'velocity'}

@@ -129,17 +129,22 @@ def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> 
     notes = []
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}
     points = _alive(path, points, notes)
+    _refuse_absurd(path, [u for point in points.values() for u in point.motions.values()])  # before it overflows
     times = _equal_times(path, points.values())
     points, motions = _at_equal_times(path, times, points, notes)
     if velocities:
         motions = {part: integrated(v, times[1] - times[0]) for part, v in motions.items()}
         notes.append('velocities were integrated over time, in the frequency domain')
-    largest = max(abs(u).max() for u in motions.values()) / units.m
-    if largest and not MOTIONS_m[0] <= largest <= MOTIONS_m[1]:
-        raise ValueError(f'{path}: the largest displacement is {largest:.3g} m, no motion of a lattice; check the unit in the '
-                         'header and the exponents of the values')
+    _refuse_absurd(path, motions.values())
     places = [point.place for point in points.values()]
     return Scan(times, tuple(points), None if None in places else np.array(places), motions, tuple(notes))
+
+
+def _refuse_absurd(path, motions):
+    largest = max(abs(u).max() for u in motions) / units.m
+    if largest and not MOTIONS_m[0] <= largest <= MOTIONS_m[1]:
+        raise ValueError(f'{path}: the largest motion is {largest:.3g} m (or m/ms), which is none of a lattice; check the unit '
+                         'in the header and the exponents of the values')
 
 
 def integrated(velocities: NDArray[np.float64], dt: float) -> NDArray[np.float64]:

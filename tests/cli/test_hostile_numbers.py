@@ -173,5 +173,5 @@ def test_displacements_that_no_lattice_makes(u, fine, tmp_path):
     if fine:
         assert read_scan(file).motions['x'].shape == (4, 1)
         return
-    with pytest.raises(ValueError, match='no motion of a lattice; check the unit in the header and the exponents'):
+    with pytest.raises(ValueError, match='which is none of a lattice; check the unit in the header and the exponents'):
         read_scan(file)
