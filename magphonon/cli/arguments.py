@@ -132,8 +132,8 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
                 figure.savefig(folder / f'{name}.{ending}')
         except ValueError as error:
             why = str(error).strip().splitlines()[-1]
-            raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title: a formula must be between '
-                             'two $ signs') from None
+            raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title, where a formula must be between two '
+                             '$ signs, and the style sheet if there is one') from None
 
     with print_style(*([] if options.style is None else [options.style])):
         yield save

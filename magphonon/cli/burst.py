@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 FILM = 120
 """Largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch."""
 HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
+MOST_THREADS = 1024
 RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', 'row.csv', 'ridges.*'
 
 
@@ -78,6 +79,8 @@ def _engine(options):
         raise ValueError('--ranks and --files apply to LAMMPS only; add --engine lammps')
     ranks = whole('--ranks', 1 if options.ranks is None else options.ranks)
     threads = None if options.threads is None else whole('--threads', options.threads)
+    if threads is not None and threads > MOST_THREADS:
+        raise ValueError(f'--threads must be at most {MOST_THREADS}, not {threads}; more threads than cores only wait')
 
     def of(name, model):
         if options.engine != 'lammps' or model != 'complete':  # LAMMPS has no other model

@@ -51,7 +51,7 @@ def run(options: Namespace) -> None:
     with whole_file(file, 'wb') as out:
         out.write(page + _signature(page))
     options.written = file
-    print(f'{file} is written; open it in a browser')
+    print(f'{file} is written; open it in a browser' + f'\n{perfect}' * bool(perfect))
 
 
 def _signature(page):

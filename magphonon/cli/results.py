@@ -16,7 +16,7 @@ import shutil
 import tomllib
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from errno import ENOSPC
+from errno import EDQUOT, EFBIG, ENOSPC
 from fnmatch import fnmatch
 from hashlib import file_digest, sha256
 from importlib.metadata import version
@@ -120,9 +120,10 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
             run.copy_scene(stage)
             stale = run.move(stage)
     except OSError as error:
-        if error.errno != ENOSPC or (error.filename and folder not in Path(error.filename).parents):
+        if error.errno not in (ENOSPC, EFBIG, EDQUOT) or (error.filename and folder not in Path(error.filename).parents):
             raise  # such as a full disk that holds a long record elsewhere
-        raise OSError(f'no space left for results in {folder}, nothing was written; make room or choose another place') from None
+        raise OSError(f'no space left for results in {folder} ({error.strerror}), nothing was written; make room or choose '
+                      'another place') from None
     finally:
         for path in reversed(made):
             with suppress(OSError):  # it stays if there is anything in it

@@ -17,7 +17,8 @@ SAMPLES = 1000
 SIGNIFICANT_DIFFERENCE = 5 / (2 * SAMPLES) ** 0.5
 """Relative difference of two standard deviations that sampling noise does not explain."""
 SECOND_ORDER_RATIO = 0.5
-"""Ratio of the second-order to the first-order standard deviation above which the ribbon is too narrow, by 12 % at this ratio."""
+"""Ratio of the second-order to the first-order standard deviation on a peak above which the ribbon is too narrow, by 12 % at this
+ratio."""
 OWN_SCATTER = ('The independent scatter of each magnet leaves the bands of an infinite lattice where they are, to first order, '
                'and broadens them. The response of a finite structure is uncertain because of it.')
 """Sentence printed below the bands of a lattice whose magnets differ."""
@@ -163,11 +164,29 @@ def _response(folder, save, scene, tolerances):
     if lost:
         lines.append(f'at {100 * lost:.2g} % of the frequencies it is over {100 * LINEAR_RANGE:.0f} %: the peaks move by more '
                      'than their width there, and the ribbon only says that the amplitude is unknown')
-    curved = spread.second_order > SECOND_ORDER_RATIO * spread.std
-    if curved.any():
-        k = int(np.where(curved, spread.second_order / spread.values, 0).argmax())
-        share = spread.second_order[k] / spread.values[k]
-        lines.append(f'at {100 * curved.mean():.2g} % of the frequencies, mostly at peaks, the ribbon is too narrow: the first '
-                     'derivative of the amplitude almost vanishes there, and the second order gives a standard deviation of up '
-                     f'to {100 * share:.2g} %, at {f[k]:.5g} Hz, and lowers the mean by {100 * share / 2**0.5:.2g} %')
+    lines += _peaks(f, spread)
+    return lines
+
+
+def _peaks(f, spread):
+    """What the second order says of peaks, where the amplitude has no slope: it can only fall.
+
+    It holds for a peak of one resonance that moves by less than its width; between peaks it means nothing.
+    """
+    import numpy as np
+
+    v, std, second = spread.values, spread.std, spread.second_order
+    peaks = 1 + np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] > v[2:]))
+    narrow = peaks[second[peaks] > SECOND_ORDER_RATIO * std[peaks]]
+    told = narrow[second[narrow] <= LINEAR_RANGE * v[narrow]]
+    lines = []
+    if len(told):
+        k = told[(second / v)[told].argmax()]
+        share = second[k] / v[k]
+        lines.append(f'at {len(told)} of {len(peaks)} peaks the ribbon is too narrow: the amplitude has almost no slope there, '
+                     f'and to second order a standard deviation of up to {100 * share:.2g} %, at {f[k]:.5g} Hz, where its mean is '
+                     f'lower by about {100 * share / 2**0.5:.2g} %')
+    if len(told) < len(narrow):
+        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so much of their width that the ribbon at their '
+                     'top means nothing')
     return lines

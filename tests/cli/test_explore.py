@@ -17,7 +17,9 @@ def few_values(monkeypatch):
 def test_a_page_is_written_and_replaced(few_values, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(['explore', 'vacancy', '-o', 'new/page.html']) == 0
-    assert capsys.readouterr().out == 'new/page.html is written; open it in a browser\n'
+    assert capsys.readouterr().out.splitlines() == [
+        'new/page.html is written; open it in a browser',
+        'The lattice is perfect: [defects] and [disorder] belong to the patch.']
     first = (tmp_path / 'new/page.html').read_text(encoding='utf-8')
     assert '<h1>Honeycomb of light and heavy magnets, one of them missing</h1>' in first
     assert 'The lattice is perfect: [defects] and [disorder] belong to the patch.' in first
