@@ -184,8 +184,8 @@ def _peaks(f, spread):
         k = told[(second / v)[told].argmax()]
         share = second[k] / v[k]
         lines.append(f'at {len(told)} of {len(peaks)} peaks the ribbon is too narrow: the amplitude has almost no slope there, '
-                     f'and to second order a standard deviation of up to {100 * share:.2g} %, at {f[k]:.5g} Hz, where its mean is '
-                     f'lower by about {100 * share / 2**0.5:.2g} %')
+                     f'and to second order a standard deviation of up to {100 * share:.2g} %, at {f[k]:.5g} Hz, where its mean '
+                     f'is lower by about {100 * share / 2**0.5:.2g} %')
     if len(told) < len(narrow):
         lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so much of their width that the ribbon at their '
                      'top means nothing')
