@@ -268,10 +268,12 @@ def _read_columns(file):
         forces = read_forces(file)
     except (OSError, ValueError) as error:
         raise ValueError(f'.file: {error}') from None
-    for k in np.flatnonzero(np.diff(forces.r) == 0)[:1]:
-        raise ValueError(f'.file: {file} holds the distance {forces.r[k] / u.m:g} m more than once, and a law has one force '
-                         f'there; "magphonon fit {file}" makes a law of repeated measurements')
-    return {'distances_m': list(forces.r / u.m), 'forces_N': list(forces.f / u.N)}
+    order = np.argsort(forces.r)
+    r, f = forces.r[order], forces.f[order]
+    for k in np.flatnonzero(np.diff(r) == 0)[:1]:
+        raise ValueError(f'.file: {file} holds the distance {r[k] / u.m:g} m more than once, and a law has one force there; '
+                         f'"magphonon fit {file}" makes a law of repeated measurements')
+    return {'distances_m': list(r / u.m), 'forces_N': list(f / u.N)}
 
 
 class SavedLaw(Table):

@@ -174,13 +174,21 @@ def test_refused_with_its_name_and_value_and_the_mend(changes, message, scene_fi
 @pytest.mark.parametrize(('content', 'reason'), [
     ('', 'is empty'), ('r,f\n1,2\n', "the column 'r' says no unit that is known; write r_m, r_mm"),
     ('r_m,f_N\n0.01,strong\n', "f_N is 'strong', not a finite number"), ('r_m,f_N\n0.01\n', 'it has 1 values, not 2'),
-    ('r_m,f_N\n0.01,-1\n', 'is -1 N in line 2'), ('r_mm,f_N\n9,2\n9,1\n', 'holds the distance 0.009 m more than once')])
+    ('r_m,f_N\n0.01,-1\n', 'the forces are negative'), ('r_mm,f_N\n9,2\n10,1.5\n9,1\n', 'holds the distance 0.009 m more than once')])
 def test_refused_file_of_a_law(content, reason, scene_file, tmp_path):
     (tmp_path / 'law.csv').write_text(content)
     message = refusal(scene_file({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}}))
     assert message.startswith('law.file: ')
     assert f'{tmp_path / "law.csv"}' in message
     assert reason in message
+
+
+def test_a_file_of_a_law_may_have_its_rows_in_any_order(scene_file, tmp_path):
+    rows, laws = ['10,0.24', '12,0.1', '14,0.05', '17,0.02', '20,0.01'], []
+    for order in ([0, 1, 2, 3, 4], [3, 0, 4, 2, 1]):
+        (tmp_path / 'law.csv').write_text('r_mm,f_N\n' + '\n'.join(rows[k] for k in order))
+        laws.append(read_scene(scene_file({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}})).law.potential())
+    assert laws[0].d2phi(10.0) == laws[1].d2phi(10.0) > 0
 
 
 def test_all_faults_are_named_at_once(scene_file):
