@@ -273,6 +273,9 @@ def _read_columns(file):
     for k in np.flatnonzero(np.diff(r) == 0)[:1]:
         raise ValueError(f'.file: {file} holds the distance {r[k] / u.m:g} m more than once, and a law has one force there; '
                          f'"magphonon fit {file}" makes a law of repeated measurements')
+    for k in np.flatnonzero(f <= 0)[:1]:
+        raise ValueError(f'.file: {file} holds the force {f[k] / u.N:g} N at {r[k] / u.m:g} m, and repulsion is positive; '
+                         f'"magphonon fit {file}" makes a law of measurements with noise')
     return {'distances_m': list(r / u.m), 'forces_N': list(f / u.N)}
 
 

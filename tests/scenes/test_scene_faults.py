@@ -174,7 +174,8 @@ def test_refused_with_its_name_and_value_and_the_mend(changes, message, scene_fi
 @pytest.mark.parametrize(('content', 'reason'), [
     ('', 'is empty'), ('r,f\n1,2\n', "the column 'r' says no unit that is known; write r_m, r_mm"),
     ('r_m,f_N\n0.01,strong\n', "f_N is 'strong', not a finite number"), ('r_m,f_N\n0.01\n', 'it has 1 values, not 2'),
-    ('r_m,f_N\n0.01,-1\n', 'the forces are negative'), ('r_mm,f_N\n9,2\n10,1.5\n9,1\n', 'holds the distance 0.009 m more than once')])
+    ('r_m,f_N\n0.01,-1\n', 'the forces are negative'), ('r_mm,f_N\n9,2\n11,-0.1\n', 'holds the force -0.1 N at 0.011 m'),
+    ('r_mm,f_N\n9,2\n10,1.5\n9,1\n', 'holds the distance 0.009 m more than once')])
 def test_refused_file_of_a_law(content, reason, scene_file, tmp_path):
     (tmp_path / 'law.csv').write_text(content)
     message = refusal(scene_file({'law': {'kind': 'table', 'shells': 1, 'file': 'law.csv'}}))
