@@ -75,7 +75,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.dynamics import frequency_bound, highest_frequency
+    >>> from magphonon.dynamics.engine import frequency_bound, highest_frequency
     >>> patch = read_scene(ready_scene('prototype')).patch_atoms()
     >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
     True

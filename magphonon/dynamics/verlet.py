@@ -59,7 +59,7 @@ class DrivenVerlet(VelocityVerlet):
     With MagneticRepulsion a run that diverges stops with Diverged; with other calculators this is not noticed.
 
     Between two runs, in observers, and between the steps of `irun`, positions, momenta, masses, constraints, the calculator, its
-    parameters and the damping may be changed: every engine goes on with what it finds.
+    parameters, the damping and the drives may be changed: every engine goes on with what it finds.
 
     A run that was killed goes on from its `trajectory`: make another one of `magphonon.restored` of the last frame, and set its
     `nsteps` to the step of that frame, by which drives know the time.  Frames hold absolute positions: displacements come back
@@ -119,12 +119,11 @@ class DrivenVerlet(VelocityVerlet):
                  threads: int | None = None, **kwargs: Any) -> None:
         self.threads = threads_for(len(atoms)) if threads is None else whole('threads', threads)
         self.asked_engine = one_of('engine', engine, ENGINES)
-        self._drive_list = list(drives)
-        self.drives = Drives(self._drive_list, len(atoms))
+        self._drives, self._sum_of_drives = tuple(drives), Drives(drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms))
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
-        refuse_held_drives(self._drive_list, atoms)
+        refuse_held_drives(drives, atoms)
         self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and find_spec('numba') is None:
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
@@ -141,12 +140,22 @@ class DrivenVerlet(VelocityVerlet):
 
     @property
     def damping(self) -> NDArray[np.float64]:
-        """Force per momentum in 1/ms, shape (particles,); may be set between runs, to one number or one for each particle."""
+        """Force per momentum in 1/ms, shape (particles,); may be set at any time, to one number or one for each particle."""
         return self._damping
 
     @damping.setter
     def damping(self, damping: ArrayLike) -> None:
         self._damping = _damping_of(damping, len(self.atoms))
+
+    @property
+    def drives(self) -> tuple[Any, ...]:
+        """The drives; may be set as the damping may, to another sequence of them."""
+        return self._drives
+
+    @drives.setter
+    def drives(self, drives: Sequence[Any]) -> None:
+        refuse_held_drives(drives, self.atoms)
+        self._drives, self._sum_of_drives = tuple(drives), Drives(drives, len(self.atoms))
 
     @property
     def displacements(self) -> NDArray[np.float64]:
@@ -190,9 +199,9 @@ class DrivenVerlet(VelocityVerlet):
             self.atoms.set_momenta(np.exp(-self.damping * self.dt / 2)[:, None] * self.atoms.get_momenta())
 
     def _kick(self, t):
-        if self.drives:
+        if self._sum_of_drives:
             momenta = self.atoms.get_momenta()
-            momenta[self.drives.particles] += self.dt / 2 * self.drives.forces(np.array([t]))[0]
+            momenta[self._sum_of_drives.particles] += self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
@@ -269,7 +278,7 @@ class DrivenVerlet(VelocityVerlet):
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         blocks = cages = None
         if self.engine != 'ase':
-            blocks = Blocks(self.atoms, self.dt, self._drive_list, self.damping, self.threads)
+            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.threads)
             blocks.use(self.engine)
             if self._blocks is not None and self._blocks.current:
                 blocks.adopt(self._blocks)
@@ -280,16 +289,16 @@ class DrivenVerlet(VelocityVerlet):
 
     def _refuse_other_clock(self, before):
         dt = before[1]
-        if self.dt != dt and self.nsteps and (self._drive_list or self.recorders):
+        if self.dt != dt and self.nsteps and (self._drives or self.recorders):
             raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
                              'of drives and records is the number of steps times the time step; set it back, or go on with a new '
                              'DrivenVerlet(atoms, ...), whose time begins at zero')
 
     def _setting(self):
-        """All that forces and motion depend on, but for the state itself and the drives, which are functions of the time."""
+        """All that forces and motion depend on, but for the state itself."""
         atoms, calc = self.atoms, self.atoms.calc
         changeable = (calc.model, np.asarray(calc.foundation).tobytes()) if isinstance(calc, MagneticRepulsion) else ()
-        return (calc, self.dt, changeable, [constraint.todict() for constraint in atoms.constraints],
+        return (calc, self.dt, self._sum_of_drives, changeable, [constraint.todict() for constraint in atoms.constraints],
                 *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
 
     def _time_to_look(self):

@@ -213,7 +213,7 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure
     figure, axes = panels(1, len(passages), height=_height(patch, (PAGE_in - BESIDE_in) / len(passages)))
     letter_panels(axes, [f'{name}, {field.times[frame] / units.s:.3f} s' for name, field in fields.items()])
     largest = visible(list(shown.values()))
-    for ax, (name, (patch, site, _)) in zip(axes.flat, passages.items(), strict=True):
+    for ax, (name, (patch, site, _)) in zip(axes.ravel().tolist(), passages.items(), strict=True):
         dots, power = draw_crests(ax, patch, shown[name], largest)
         mark_site(ax, patch, site)
     _label_outer(axes, np.ones(axes.shape, bool))

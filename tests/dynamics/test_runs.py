@@ -22,18 +22,6 @@ def test_observers_are_called_as_by_ase(engine):
     assert calls == {3: [0, 3, 6, 9, 12, 15, 18, 21, 24], 7: [0, 7, 14, 21], -11: [11]}
 
 
-def test_an_observer_may_change_the_motion():
-    def run(engine):
-        atoms = patch(speed=0.05)
-        dyn = DrivenVerlet(atoms, DT, engine=engine)
-        dyn.attach(lambda: atoms.set_momenta(0.5 * atoms.get_momenta()), -20)
-        dyn.attach(lambda: atoms.positions.__setitem__(24, atoms.positions[24] + (0.1, 0, 0)), -40)
-        dyn.run(100)
-        return dyn.displacements
-
-    assert apart(run('numpy'), run('ase')) < 1e-9
-
-
 def test_trajectory_and_log(tmp_path):
     atoms = patch(speed=0.05)
     with DrivenVerlet(atoms, DT, trajectory=tmp_path / 'run.traj', logfile=str(tmp_path / 'run.log'), loginterval=5) as dyn:
@@ -64,19 +52,6 @@ def test_the_state_is_carried_from_run_to_run_and_engine_to_engine():
     dyn.run(70)
     assert dyn.engine == 'compiled'
     assert apart(dyn.displacements, whole[-1]) < 1e-11  # through positions nothing would be left
-
-
-def test_masses_and_damping_may_change_between_runs():
-    def run(engine):
-        dyn = DrivenVerlet(patch(speed=0.05), DT, damping=0.01, engine=engine)
-        dyn.run(50)
-        dyn.atoms.set_masses(1.5 * dyn.atoms.get_masses())
-        dyn.run(50)
-        dyn.damping = np.full(49, 0.1)
-        dyn.run(50)
-        return dyn.displacements
-
-    assert apart(run('numpy'), run('ase')) < 1e-9  # the round-off of test_blocks_follow_ases_loop
 
 
 def test_the_engine_is_chosen_by_what_it_can_do(monkeypatch):
