@@ -49,7 +49,7 @@ def measure(particles):
 
     patch = lattices.parallelogram(lattices.triangular(10 * u.mm, 0.707 * u.g), side, side)
     stage('patch')
-    patch.calc = MagneticRepulsion(patch, small.calc.potential, foundation=19.6757 * u.N / u.m)
+    patch.calc = MagneticRepulsion(patch, small.calc.laws, foundation=19.6757 * u.N / u.m)
     stage('bonds')
     row = np.arange(side) * side + side // 2
     burst = ToneBurst(row[1], (0, 1), 1e-4 * u.N, omega=2 * np.pi * 40 * u.Hz)

@@ -67,8 +67,8 @@ def bands(vectors=False, **options):
     return analytic_bands(cell(), path(**options), vectors=vectors)
 
 
-def repulsion(reference=None, potential=LAW, **options):
-    return MagneticRepulsion(magnets() if reference is None else reference, potential, **options)
+def repulsion(reference=None, laws=LAW, **options):
+    return MagneticRepulsion(magnets() if reference is None else reference, laws, **options)
 
 
 def set_on(**parameters):
@@ -196,9 +196,9 @@ CASES = {
     'foundation negative': (lambda: repulsion(foundation=-2.5), '-2.5', 'must be a zero or positive number in N/mm'),
     'foundation NaN': (lambda: repulsion(foundation=NAN), 'nan', 'must be a zero or positive number'),
     'model unknown': (lambda: repulsion(model='full'), "'full'", "one of 'complete', 'conventional'"),
-    'law without methods': (lambda: repulsion(potential=4.5), '4.5', 'see magphonon.interactions.PairLaw'),
-    'law of NaN': (lambda: repulsion(potential=Nonsense()), 'force nan N', 'check its parameters'),
-    'law out of reach': (lambda: repulsion(potential=Tabulated([2, 3, 4, 5], [4, 3, 2, 1])),
+    'law without methods': (lambda: repulsion(laws=4.5), '4.5', 'see magphonon.interactions.PairLaw'),
+    'law of NaN': (lambda: repulsion(laws=Nonsense()), 'force nan N', 'check its parameters'),
+    'law out of reach': (lambda: repulsion(laws=Tabulated([2, 3, 4, 5], [4, 3, 2, 1])),
                          '0.943398 mm', 'extend the measurement'),
     'reference not planar': (lambda: repulsion(magnets([(0, 0, 0), (1, 0, 0.5)])), '0.5 mm', 'must share one z'),
     'mass zero': (lambda: repulsion(magnets(masses=0.0)), '0.0', 'mass of particle 0 must be a positive number'),

@@ -138,7 +138,7 @@ def test_triangular_limit_of_the_time_step(paper, ideal):
 def test_prototype_law(paper, prototype):
     numbers = paper['prototype']
     r = numbers['spacing'] * u.m
-    law = prototype.calc.potential
+    law = prototype.calc.laws
     assert repulsion(law, r) / u.N == pytest.approx(numbers['f_at_spacing'], rel=PRINTED)
     assert -law.d2phi(r) / (u.N / u.m) == pytest.approx(numbers['df_dr_at_spacing'], rel=PRINTED)
 

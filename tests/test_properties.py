@@ -56,7 +56,7 @@ def in_fractions(atoms, k):
 
 def highest(atoms):
     """Scale of the squared frequencies: 4 (phi'' + |phi'|/r) for each bond, and the foundation, over the mass."""
-    law, r = atoms.calc.potential, atoms.calc.bonds.lengths.min()
+    law, r = atoms.calc.laws, atoms.calc.bonds.lengths.min()
     stiffness = 4 * len(atoms.calc.bonds) * (abs(law.d2phi(r)) + abs(law.dphi(r)) / r) + atoms.calc.parameters.foundation
     return stiffness / atoms.get_masses().min()
 

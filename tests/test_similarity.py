@@ -123,7 +123,7 @@ def test_balance_is_judged_alike_in_all_units(units):
     for share, accepted in ((0.3, True), (3.0, False)):
         atoms = relaxed(patch(0, L, s, m)).atoms
         free = int(np.setdiff1d(np.arange(len(atoms)), [k for c in atoms.constraints for k in c.index])[0])
-        largest = abs(atoms.calc.potential.dphi(atoms.calc.bonds.lengths)).max()
+        largest = abs(atoms.calc.laws.dphi(atoms.calc.bonds.lengths)).max()
         load = atoms.calc.load.copy()
         load[free, 0] += share * BALANCED * largest
         atoms.calc = atoms.calc.about(atoms.calc.reference, load)
@@ -138,7 +138,7 @@ def test_balance_of_all_neighbours_is_judged_alike_in_all_units(units):
         cell = lattices.honeycomb(10.0 * L, 0.7 * m)
         cell.positions[1, 0] += way * L
         cell.calc = AllNeighbours(cell, law(L, s))
-        return cell, np.linalg.norm(cell.get_forces(), axis=1).max() / abs(cell.calc.potential.dphi(10.0 * L))
+        return cell, np.linalg.norm(cell.get_forces(), axis=1).max() / abs(cell.calc.laws.dphi(10.0 * L))
 
     slope = moved(1e-3)[1] / 1e-3  # share of the force of a bond that nothing balances, per mm
     assert foundation_needed(moved(0.3 * BALANCED / slope)[0], steps=2)[0] >= 0

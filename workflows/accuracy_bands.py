@@ -83,7 +83,7 @@ def closed_form(cell, kpts, cost=None, real=float):
     s_b = 4 sin^2(k.R_b/2).
     """
     calc, m, L0 = cell.calc, real(cell.get_masses()[0]), cell.cell.lengths()[0]
-    alpha, beta = real(calc.potential.d2phi(L0)), real(calc.potential.dphi(L0)) / real(L0)
+    alpha, beta = real(calc.laws.d2phi(L0)), real(calc.laws.dphi(L0)) / real(L0)
     pi = 4 * np.arctan(real(1))
     k1, k2 = pi * kpts[:, :2].T.astype(real)
     s = 4 * np.sin([k1, k2, k2 - k1]) ** 2
@@ -172,7 +172,7 @@ def folded(cell, kpts, side):
 def dense(cell, kpts, cost):
     """All eigenvalues of the full Bloch matrix, one wavevector after the other."""
     calc = cell.calc
-    K = model_stiffness(calc.bonds.vectors[:, :2], calc.potential)
+    K = model_stiffness(calc.bonds.vectors[:, :2], calc.laws)
     cost['eigensolves'] += len(kpts)
     D = (mass_weighted(bloch_matrix(calc.bonds, K, q[None], calc.parameters.foundation), cell.get_masses()) for q in kpts)
     return np.array([signed_root(np.linalg.eigvalsh(each[0])[:BRANCHES]) for each in D])
@@ -194,7 +194,7 @@ def by_wavevector(lowest, cell, kpts, cost):
     from scipy import sparse
 
     calc = cell.calc
-    K = sparse.block_diag(model_stiffness(calc.bonds.vectors[:, :2], calc.potential), format='csr')
+    K = sparse.block_diag(model_stiffness(calc.bonds.vectors[:, :2], calc.laws), format='csr')
     cost['eigensolves'] += len(kpts)
     return np.array([signed_root(np.sort(lowest(sparse_bloch(cell, q, K), cost))) for q in kpts])
 
@@ -251,7 +251,7 @@ def inverted(tolerance, D, cost):
 def many_magnets(cell, side, wavevectors, panel, quick):
     """The lowest branches of a large cell: a lattice whose own bands, folded, are known."""
     large = cell.repeat((side, side, 1))
-    large.calc = MagneticRepulsion(large, cell.calc.potential, **cell.calc.parameters)
+    large.calc = MagneticRepulsion(large, cell.calc.laws, **cell.calc.parameters)
     path = large.cell.bandpath('GMKG', npoints=wavevectors, pbc=large.pbc)
     kpts = path.kpts
     exact = folded(cell, kpts, side)

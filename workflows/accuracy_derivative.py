@@ -128,7 +128,7 @@ def kicked(amplitudes, repeats):
         if name == 'compiled' and not find_spec('numba'):
             continue
         lattice = cell.repeat((6, 6, 1))
-        lattice.calc = MagneticRepulsion(lattice, cell.calc.potential, **cell.calc.parameters)
+        lattice.calc = MagneticRepulsion(lattice, cell.calc.laws, **cell.calc.parameters)
         kick = Kick(lattice, held=name == 'held')
         engine = 'ase' if name == 'held' else name
         table += measure([Candidate(method, f'amplitude {a:.0e} L0', partial(kick.run, a, engine), WINDOW) for a in amplitudes],

@@ -105,7 +105,7 @@ def patch(n):
     """`n x n` particles of the prototype, one next to the middle shaken; the exact response from the series, to 1e-12."""
     cell, limit = prototype()
     atoms = lattices.parallelogram(cell, n, n)
-    atoms.calc = MagneticRepulsion(atoms, cell.calc.potential, **cell.calc.parameters)
+    atoms.calc = MagneticRepulsion(atoms, cell.calc.laws, **cell.calc.parameters)
     particle = int(np.linalg.norm(atoms.positions, axis=1).argmin())
     shaken = Shaken(atoms, particle, 2 * np.pi * FREQUENCIES, GAMMA, limit)
     return replace(shaken, exact=series(shaken, 1e-12, Counter()))

@@ -63,7 +63,7 @@ class Pluck:
         """Function from displacements of the free particles, shape (free, 2), to their accelerations."""
         calc, mass = self.patch.calc, self.patch.get_masses()[0]
         C, R = calc.bonds.incidence[:, np.flatnonzero(self.free)].tocsr(), calc.bonds.vectors[:, :2]
-        CT, dphi, k = C.T.tocsr(), calc.potential.dphi, calc.parameters.foundation
+        CT, dphi, k = C.T.tocsr(), calc.laws.dphi, calc.parameters.foundation
 
         def acceleration(u):
             bond = R + C @ u
@@ -99,7 +99,7 @@ def patch_of(n):
     """`n x n` particles of the prototype with their rim held."""
     cell = read_scene(ready_scene('prototype')).atoms()
     patch = lattices.parallelogram(cell, n, n)
-    patch.calc = MagneticRepulsion(patch, cell.calc.potential, **cell.calc.parameters)
+    patch.calc = MagneticRepulsion(patch, cell.calc.laws, **cell.calc.parameters)
     return patch
 
 

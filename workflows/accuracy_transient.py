@@ -100,7 +100,7 @@ def lattice(n, periodic):
     """`n x n` particles of the prototype; a row next to the lower rim is pushed along itself."""
     cell, limit = prototype()
     patch = cell.repeat((n, n, 1)) if periodic else lattices.parallelogram(cell, n, n)
-    patch.calc = MagneticRepulsion(patch, cell.calc.potential, **cell.calc.parameters)
+    patch.calc = MagneticRepulsion(patch, cell.calc.laws, **cell.calc.parameters)
     y = np.where(patch.get_tags() == 0, patch.positions[:, 1], np.inf)
     row = np.flatnonzero(y < y.min() + 1e-6)
     return Burst(patch, ToneBurst(row, (1, 0), FORCE, 2 * np.pi * CARRIER), limit)
@@ -252,7 +252,7 @@ def fourier(burst, cost):
     cell, _ = prototype()
     n, mass = round(len(burst.atoms) ** 0.5), cell.get_masses()[0]
     q = np.stack([*np.meshgrid(np.arange(n) / n, np.arange(n) / n, indexing='ij'), np.zeros((n, n))], axis=-1).reshape(-1, 3)
-    K = model_stiffness(cell.calc.bonds.vectors[:, :2], cell.calc.potential)
+    K = model_stiffness(cell.calc.bonds.vectors[:, :2], cell.calc.laws)
     cost['eigensolves'] = len(q)
     w2, vectors = np.linalg.eigh(bloch_matrix(cell.calc.bonds, K, q, cell.calc.parameters.foundation) / mass)
     push = np.zeros((len(q), 2))

@@ -12,7 +12,7 @@ from .rows import Check, Outcome, save_picture
 def main(out):
     """Longitudinal band against its closed form, transverse band unstable without a foundation."""
     cell = read_scene(ready_scene('chain')).atoms()
-    law, L0, m = cell.calc.potential, cell.cell.lengths()[0], cell.get_masses()[0]
+    law, L0, m = cell.calc.laws, cell.cell.lengths()[0], cell.get_masses()[0]
     k = cell.calc.parameters.foundation
     path = cell.cell.bandpath('GX', npoints=101, pbc=cell.pbc)
     xi = 2 * np.pi * path.kpts[:, 0]

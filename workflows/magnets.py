@@ -10,7 +10,8 @@ from magphonon import read_scene, ready_scene, units as u
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import read_forces
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_force
-from magphonon.interactions.magnets import Cuboid, Ring, Sphere, out_of_plane_stiffness
+from magphonon.interactions import UprightMagnets
+from magphonon.interactions.magnets import Cuboid, Ring, Sphere
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 from magphonon.plotting.axes import COLOURS, letter_panels, new_figure
 from magphonon.plotting.fits import plot_fit
@@ -145,7 +146,7 @@ def draw_law(out, ring, law, L0, paper):
     lower.axhline(paper['a'], linestyle='--', color=COLOURS[1], linewidth=1.8)
     lower.axhline(4, linestyle=':', color='k')
     lower.legend(loc='upper right')
-    k = -out_of_plane_stiffness(strong, L0) / (u.N / u.m)
+    k = -UprightMagnets(strong).vertical(L0) / (u.N / u.m)
     upper.set(ylabel='force (N)', ylim=(1e-4, 5))
     lower.set(xlabel='distance of the centres (mm)', ylabel='local exponent', ylim=(3.9, 5.4))
     lower.xaxis.set_minor_formatter(NullFormatter())

@@ -45,7 +45,7 @@ def main(out):
 
 def static_share(atoms):
     """D*/D0 of nearest neighbours, `-(phi'/r)/phi''`."""
-    r, law = atoms.calc.bonds.lengths.min(), atoms.calc.potential
+    r, law = atoms.calc.bonds.lengths.min(), atoms.calc.laws
     return -law.dphi(r) / r / law.d2phi(r)
 
 

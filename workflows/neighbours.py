@@ -35,7 +35,7 @@ def main(out):
     known = reference()['all_neighbours']
     checks = [*_closed_forms(known), *_prototype(known)]
     patch, rest = _relaxation()
-    f = repulsion(patch.calc.potential, 10 * units.mm)
+    f = repulsion(patch.calc.laws, 10 * units.mm)
     checks += [Check('control: force left on a row inside the rim, third neighbours, unrelaxed (f(L0))', rest.before / f, 0, 0.1,
                      control=True),
                Check('the same, relaxed (f(L0))', rest.after / f, 0, 1e-9)]
@@ -69,7 +69,7 @@ def _prototype(known):
     scene = read_scene(ready_scene('neighbours'))
     nearest, heavier = read_scene(ready_scene('prototype')).atoms(), scene.atoms()
     everyone = _without_pillars(heavier, nearest)
-    direct, law = nearest.copy(), nearest.calc.potential
+    direct, law = nearest.copy(), nearest.calc.laws
     direct.calc = MagneticRepulsion(direct, law, foundation=nearest.calc.parameters.foundation, cutoff=reach(direct, law, 1e-4))
     shear = [at_M(atoms)[0] for atoms in (nearest, everyone, heavier, direct)]
     share = heavier.get_masses()[0] / everyone.get_masses()[0] - 1
@@ -136,7 +136,7 @@ def _draw_prototype(out):
 def _relaxation():
     prototype = read_scene(ready_scene('prototype')).atoms()
     patch = lattices.hexagon(prototype, 70 * units.mm)
-    patch.calc = MagneticRepulsion(patch, prototype.calc.potential, shells=3, foundation=prototype.calc.parameters.foundation)
+    patch.calc = MagneticRepulsion(patch, prototype.calc.laws, shells=3, foundation=prototype.calc.parameters.foundation)
     return patch, relaxed(patch)
 
 

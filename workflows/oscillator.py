@@ -103,7 +103,7 @@ def draw_oscillator(ax, atoms, named=True):
     if not named:
         return
     for (x, y), length in zip(places, bonds.lengths, strict=True):
-        push = atoms.calc.potential.dphi(length) / atoms.calc.potential.dphi(L0) * FORCE
+        push = atoms.calc.laws.dphi(length) / atoms.calc.laws.dphi(L0) * FORCE
         ax.annotate('', xy=(-push * x, -push * y), xytext=(0, 0), arrowprops={'arrowstyle': '->', 'color': COLOURS[1]}, zorder=3)
     theta0 = -np.arctan2(*places[np.argmax(places[:, 0])][::-1])
     arc = np.linspace(0, -theta0, 30)

@@ -16,7 +16,7 @@ def main(out):
     path = cell.cell.bandpath('GMKG', npoints=60, pbc=cell.pbc)
     phonon = finite_displacements(cell)
     exact = analytic_bands(cell, path).omega
-    D0, Dstar = bond_stiffness(cell.calc.bonds.vectors[:, :2], cell.calc.potential)
+    D0, Dstar = bond_stiffness(cell.calc.bonds.vectors[:, :2], cell.calc.laws)
     extracted = extracted_dstar(phonon, cell)
     checks = [
         Check('phonopy bands - analytic, largest / highest frequency', deviation(phonon, path, exact), 0.0, 1e-8),

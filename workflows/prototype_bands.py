@@ -13,7 +13,7 @@ def main(out):
     paper = reference()['prototype']
     scene = read_scene(ready_scene('prototype'))
     cell = scene.atoms()
-    law, per_metre = cell.calc.potential, units.N / units.m
+    law, per_metre = cell.calc.laws, units.N / units.m
     checks = [
         Check('prototype force at the spacing (N)', -law.dphi(10 * units.mm) / units.N, paper['f_at_spacing'], 1e-9),
         Check('prototype df/dr at the spacing (N/m)', -law.d2phi(10 * units.mm) / per_metre, paper['df_dr_at_spacing'], 1e-9),

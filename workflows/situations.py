@@ -257,7 +257,7 @@ class Beam(Waveform):
 
 def patch_with_law(cell, patch):
     """A patch of a cell with the law and foundation of the cell."""
-    patch.calc = MagneticRepulsion(patch, cell.calc.potential, **cell.calc.parameters)
+    patch.calc = MagneticRepulsion(patch, cell.calc.laws, **cell.calc.parameters)
     return patch
 
 

@@ -183,7 +183,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     >>> def build(factors):
     ...     springs = factors['foundation'] * start.calc.foundation
     ...     atoms = start.copy()
-    ...     atoms.calc = MagneticRepulsion(atoms, start.calc.potential, foundation=springs)
+    ...     atoms.calc = MagneticRepulsion(atoms, start.calc.laws, foundation=springs)
     ...     return atoms, {'foundation': Change(foundation=springs)}
     >>> xi = np.linspace(0.6, 2.8, 12)
     >>> q = np.outer(xi / (2 * np.pi), [0, 1, 0])

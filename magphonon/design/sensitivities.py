@@ -88,7 +88,7 @@ def force_change(law: PairLaw, power: int = 1) -> LawChange:
     >>> from magphonon import read_scene, ready_scene
     >>> from magphonon.design import Change, force_change, frequency_sensitivities
     >>> cell = read_scene(ready_scene('ideal')).atoms()
-    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=force_change(cell.calc.potential))])
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=force_change(cell.calc.laws))])
     >>> (slopes[0] / omega).round(6)  # omega goes as the root of the force
     array([[0.5, 0.5]])
     """
@@ -103,7 +103,7 @@ def spacing_change(law: PairLaw) -> LawChange:
     >>> from magphonon import InversePower, read_scene, ready_scene
     >>> from magphonon.design import Change, frequency_sensitivities, spacing_change
     >>> cell = read_scene(ready_scene('ideal')).atoms()
-    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=spacing_change(cell.calc.potential))])
+    >>> omega, slopes = frequency_sensitivities(cell, [[0.5, 0, 0]], [Change(law=spacing_change(cell.calc.laws))])
     >>> (slopes[0] / omega).round(6)  # -(a + 1)/2 with a = 4
     array([[-2.5, -2.5]])
     """

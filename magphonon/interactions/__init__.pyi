@@ -30,7 +30,6 @@ from .magnets import (
     Sphere as Sphere,
     grade_remanence as grade_remanence,
     moment as moment,
-    out_of_plane_stiffness as out_of_plane_stiffness,
 )
 from .pair_laws import (
     GaussianMixture as GaussianMixture,

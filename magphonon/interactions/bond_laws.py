@@ -222,7 +222,7 @@ def law_from_dict(saved: dict[str, Any]) -> Law:
     name = parameters.pop('law')
     if 'text' in parameters:
         raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(LAWS)}, and its formula is not in the file; '
-                         'give the law itself, fromdict(parameters, potential=law)')
+                         'give the law itself, fromdict(parameters, laws=law)')
     arrays = {key: law_from_dict(value) if isinstance(value, dict) else np.array(value) if np.ndim(value) else float(value)
               for key, value in parameters.items()}
     return LAWS[one_of('the law', name, tuple(LAWS))](**arrays)

@@ -30,11 +30,9 @@ from .. import units
 from ..errors import not_negative, one_of, positive
 
 if TYPE_CHECKING:
-    from typing import Any
 
     from numpy.typing import NDArray
 
-    from .pair_laws import PairLaw
 
 GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38': (1.21, 1.25), 'N40': (1.25, 1.28),
             'N42': (1.28, 1.32), 'N45': (1.32, 1.38), 'N48': (1.37, 1.42), 'N50': (1.39, 1.45), 'N52': (1.42, 1.48)}
@@ -230,19 +228,3 @@ def _side_by_side(first, second, offset):
         nearest = np.linalg.norm(np.maximum(abs(offset) - sides, 0))
         return nearest > first.outer / 2 or np.linalg.norm(abs(offset) + sides) < first.inner / 2
     return (abs(offset) > sides + np.array([first.length, first.width]) / 2).any()
-
-
-def out_of_plane_stiffness(potential: PairLaw, r: Any) -> Any:
-    """Stiffness in N/mm of a bond of round magnets for motion out of the plane; it is negative, which destabilises this motion.
-
-    The energy of two magnets is harmonic in their displacement (Earnshaw), so that
-    `U_zz = -(U_rr + U_r/r) = -(a - 1) f/r` with the local exponent a.  A central phi(r) would give `-f/r`.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower
-    >>> from magphonon.interactions import out_of_plane_stiffness
-    >>> float(out_of_plane_stiffness(InversePower(1.0, 4.0), 1.0))
-    -3.0
-    """
-    return -(potential.d2phi(r) + potential.dphi(r) / r)

@@ -139,7 +139,7 @@ class GaussianMixture(PairLaw, Protocol):
         ...
 
 
-def repulsion(potential: PairLaw, r: Any) -> Any:
+def repulsion(law: PairLaw, r: Any) -> Any:
     """Repulsive force `f(r) = -phi'(r)` in N at the distances `r` in mm.
 
     Examples
@@ -149,7 +149,7 @@ def repulsion(potential: PairLaw, r: Any) -> Any:
     >>> float(repulsion(InversePower(16.0, 4.0), 2.0))
     1.0
     """
-    return -potential.dphi(r)
+    return -law.dphi(r)
 
 
 @dataclass(frozen=True)
@@ -448,7 +448,7 @@ RADIUS, STEEPEST = 1e-2, 20.0
 of the bond length, or of 20 f/f' for a steeper law such as that of spheres in contact."""
 
 
-def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:
+def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
     """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula.
 
     Examples
@@ -460,13 +460,13 @@ def higher_derivatives(potential: PairLaw, r: Any) -> tuple[Any, Any]:
     >>> third.round(6), fourth.round(6)
     (array([-6.]), array([24.]))
     """
-    f, slope = abs(potential.dphi(r)), abs(potential.d2phi(r))
+    f, slope = abs(law.dphi(r)), abs(law.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
-    around = potential.d2phi((r + radius * CIRCLE).T).T.copy()  # the first axis of a law along bonds is that of the bonds
+    around = law.d2phi((r + radius * CIRCLE).T).T.copy()  # the first axis of a law along bonds is that of the bonds
     return tuple(n * (around * CIRCLE**-n).mean(axis=0).real / radius**n for n in (1, 2))
 
 
-def local_exponent(potential: PairLaw, r: Any) -> Any:
+def local_exponent(law: PairLaw, r: Any) -> Any:
     """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`.
 
     Examples
@@ -476,4 +476,4 @@ def local_exponent(potential: PairLaw, r: Any) -> Any:
     >>> float(local_exponent(InversePower(1.0, 4.0), 2.0)), round(float(local_exponent(Yukawa(1.0, 1.0), 1.0)), 6)
     (4.0, 2.5)
     """
-    return -r * potential.d2phi(r) / potential.dphi(r)
+    return -r * law.d2phi(r) / law.dphi(r)

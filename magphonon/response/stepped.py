@@ -118,7 +118,7 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     many.set_momenta(np.concatenate([atoms.get_momenta() for atoms in structures]))
     many.set_constraint(_joined([atoms.constraints for atoms in structures], first))
     springs = [each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) for calc in calcs]
-    many.calc = MagneticRepulsion(rest, calcs[0].potential, bonds=Bonds(i, j, images, vectors, len(rest)), anchors=anchors,
+    many.calc = MagneticRepulsion(rest, calcs[0].laws, bonds=Bonds(i, j, images, vectors, len(rest)), anchors=anchors,
                                   load=load, foundation=np.concatenate(springs), model=calcs[0].model,
                                   strengths=np.concatenate([calc.strengths for calc in calcs]))
     return many
@@ -128,8 +128,8 @@ def _differing(one, other):
     """The properties in which two structures differ and replicas must not."""
     if one.calc is not other.calc:
         a, b = one.calc, other.calc
-        if a.potential is not b.potential and not _same_law(a.potential, b.potential):
-            yield f'law, {b.potential!r} instead of {a.potential!r},'
+        if a.laws is not b.laws and not _same_law(a.laws, b.laws):
+            yield f'law, {b.laws!r} instead of {a.laws!r},'
         if a.model != b.model:
             yield f'model, {b.model} instead of {a.model},'
     periodic = one.pbc.any() or other.pbc.any()

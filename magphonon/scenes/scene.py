@@ -226,7 +226,7 @@ class Scene(Table):
         if self.law.shells != 1:
             raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
                              'forces between nearest neighbours only; take shells = 1, or in Python magphonon.relaxed(patch)')
-        patch.calc = MagneticRepulsion(patch, calc.potential, model=model, **self._sites(patch))
+        patch.calc = MagneticRepulsion(patch, calc.laws, model=model, **self._sites(patch))
         return patch
 
     def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:

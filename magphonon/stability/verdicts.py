@@ -294,7 +294,7 @@ class Case:
     @property
     def touching(self) -> bool:
         """Whether particles are in contact; at other spacings they would not be."""
-        return any(isinstance(law, Hertz) for law in laws_of(self.calc.potential))
+        return any(isinstance(law, Hertz) for law in laws_of(self.calc.laws))
 
     @cached_property
     def softest(self) -> Softest:
@@ -534,7 +534,7 @@ def supports(case: Case) -> Finding:
         return Finding()
     if case.large and not case.finite:
         return Finding(unjudged='the supports')
-    magnets = not any(isinstance(law, CENTRAL) for law in laws_of(case.calc.potential))
+    magnets = not any(isinstance(law, CENTRAL) for law in laws_of(case.calc.laws))
     wave, alone = support_needed(case.system) if magnets else (None, None)
     found = Supports(wave, alone, support_needed(case.system, magnets=False).wave)
     need = 'Not modelled: motion out of the plane. Each support needs an out-of-plane stiffness of at least '

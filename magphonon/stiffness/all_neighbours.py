@@ -51,14 +51,14 @@ MOST_BONDS = 300_000
 """Largest number of bonds of one cell in a lattice sum."""
 
 
-def missing_stiffness(atoms: Atoms, potential: PairLaw, cutoff: float) -> float:
+def missing_stiffness(atoms: Atoms, law: PairLaw, cutoff: float) -> float:
     """Bound on the stiffness that neighbours beyond `cutoff` add to a particle.
 
     Parameters
     ----------
     atoms : ase.Atoms
         One periodic cell.
-    potential : PairLaw
+    law : PairLaw
         A law whose slope and curvature fall with the distance; it may be zero beyond a finite range.
     cutoff : float
         In mm.
@@ -84,29 +84,29 @@ def missing_stiffness(atoms: Atoms, potential: PairLaw, cutoff: float) -> float:
 
     def term(v):  # integrand over log r
         r = np.exp(v)
-        return (potential.d2phi(r) + abs(potential.dphi(r)) / r) * r**d
+        return (law.d2phi(r) + abs(law.dphi(r)) / r) * r**d
 
     ends = np.log(start) + np.array([0.0, 1.0, 3.0, 9.0, 27.0])  # algebraic tails: the last piece is r = 5e11 times as far
     total = sum(quad(term, a, b, epsabs=0, epsrel=1e-6, limit=200)[0] for a, b in pairwise(ends) if term(a))
     if not term(ends[-1]) <= 1e-3 * total:
-        raise ValueError(f'the stiffness of all neighbours diverges in {d} dimensions for the law {potential!r}; '
+        raise ValueError(f'the stiffness of all neighbours diverges in {d} dimensions for the law {law!r}; '
                          'choose AllNeighbours, or a number of shells')
     return len(atoms) / volume * {1: 2, 2: 2 * np.pi, 3: 4 * np.pi}[d] * total
 
 
-def reach(atoms: Atoms, potential: PairLaw, tolerance: float = 1e-5) -> float:
+def reach(atoms: Atoms, law: PairLaw, tolerance: float = 1e-5) -> float:
     """Cutoff beyond which all neighbours together add less than a fraction `tolerance` of the stiffness within.
 
     Parameters
     ----------
-    atoms, potential
+    atoms, law
         As for `missing_stiffness`.
     tolerance : float
 
     Returns
     -------
     float
-        In mm, between two shells: for `MagneticRepulsion(atoms, potential, cutoff=reach(...))`.
+        In mm, between two shells: for `MagneticRepulsion(atoms, law, cutoff=reach(...))`.
 
     Raises
     ------
@@ -123,12 +123,12 @@ def reach(atoms: Atoms, potential: PairLaw, tolerance: float = 1e-5) -> float:
     periods = atoms.cell.array[atoms.pbc]
     cutoff = 2 * np.linalg.norm(periods, axis=1).sum()
     r = bonds_within(atoms, cutoff).lengths
-    stiffness = np.sum(potential.d2phi(r)) / len(atoms)
-    while missing_stiffness(atoms, potential, cutoff) > positive('tolerance', tolerance) * stiffness:
+    stiffness = np.sum(law.d2phi(r)) / len(atoms)
+    while missing_stiffness(atoms, law, cutoff) > positive('tolerance', tolerance) * stiffness:
         cutoff *= 1.2
         pairs = len(atoms) ** 2 * cutoff ** len(periods) / np.sqrt(np.linalg.det(periods @ periods.T))
         if pairs > MOST_BONDS:
-            raise ValueError(f'{potential!r} has such a long range that {pairs:.0e} neighbours miss more than {tolerance:g} of '
+            raise ValueError(f'{law!r} has such a long range that {pairs:.0e} neighbours miss more than {tolerance:g} of '
                              'the stiffness; raise the tolerance, or use AllNeighbours')
     lengths = np.unique(bonds_within(atoms, 1.1 * cutoff).lengths)
     gaps = np.flatnonzero(np.diff(lengths) > 4 * ON_SHELL * lengths[1:])
@@ -151,7 +151,7 @@ class AllNeighbours(Restartable):
     ----------
     reference : ase.Atoms
         One cell, periodic in one to three directions; its positions are the anchors of the foundation.
-    potential : GaussianMixture
+    law : GaussianMixture
         InversePower with a > 1, Yukawa, or another law with a Gaussian expansion.
     foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
         Stiffness of the spring between each particle and its rest position, N/mm; with three components the particles of a
@@ -189,20 +189,20 @@ class AllNeighbours(Restartable):
     parameters: Any
     model = linear_model = 'complete'
 
-    def __init__(self, reference: Atoms, potential: GaussianMixture, *, foundation: Foundation | ArrayLike = 0.0,
+    def __init__(self, reference: Atoms, law: GaussianMixture, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, split: float = 1.0) -> None:
-        if not isinstance(potential, GaussianMixture):
+        if not isinstance(law, GaussianMixture):
             raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
-                             f'not for {type(potential).__name__}; choose a number of shells')
-        if potential.decay <= 0:
-            raise ValueError(f'the force r^-{potential.decay + 1:g} has no energy r^-s with s = a - 1 > 0 to sum over all '
+                             f'not for {type(law).__name__}; choose a number of shells')
+        if law.decay <= 0:
+            raise ValueError(f'the force r^-{law.decay + 1:g} has no energy r^-s with s = a - 1 > 0 to sum over all '
                              'neighbours; choose a > 1, or a number of shells')
         if not reference.pbc.any():
             raise ValueError('the structure is not periodic so its neighbours are not infinitely many; use MagneticRepulsion')
         super().__init__()
         self.reference = reference.copy()
         self.reference.calc = None
-        self._potential = potential
+        self._laws = law
         self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
         self.dim = displacement_components(reference, foundation)
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
@@ -210,16 +210,16 @@ class AllNeighbours(Restartable):
             raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '
                              'a structure in space is periodic along three vectors')
         self.parameters.foundation = site_springs(foundation, len(reference), self.dim, self.layer)
-        self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], potential, split)
+        self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], law, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
         i, j = self.bonds.i, self.bonds.j
-        self._law = laid((potential,), np.zeros(len(i), int), self.strengths[i] * self.strengths[j])
+        self._law = laid((law,), np.zeros(len(i), int), self.strengths[i] * self.strengths[j])
         warn_of_units(self)
 
     @property
-    def potential(self) -> GaussianMixture:
+    def laws(self) -> GaussianMixture:
         """The pair law; read-only: make a new calculator to change it."""
-        return self._potential
+        return self._laws
 
     @property
     def law(self) -> PairLaw:
@@ -257,7 +257,7 @@ class AllNeighbours(Restartable):
         return self.sums.split
 
     def __repr__(self) -> str:
-        return (f'{type(self).__name__}({self.potential!r}, foundation={range_of(self.foundation)}) of {len(self.reference)} '
+        return (f'{type(self).__name__}({self.laws!r}, foundation={range_of(self.foundation)}) of {len(self.reference)} '
                 'particles per cell')
 
     def on(self, supercell: Atoms) -> AllNeighbours:
@@ -266,12 +266,12 @@ class AllNeighbours(Restartable):
         if np.ndim(foundation) or np.ptp(self.strengths):
             image = image_of(self.reference, supercell)
             foundation, strengths = of_sites(foundation, image), self.strengths[image]
-        return AllNeighbours(supercell, self.potential, foundation=foundation, strengths=strengths, split=self.split)
+        return AllNeighbours(supercell, self.laws, foundation=foundation, strengths=strengths, split=self.split)
 
     def in_plane(self) -> AllNeighbours:
         """The same calculator of a layer without motion out of its plane."""
         foundation = np.asarray(self.foundation)[:, :2]
-        return AllNeighbours(self.reference, self.potential, foundation=foundation, strengths=self.strengths, split=self.split)
+        return AllNeighbours(self.reference, self.laws, foundation=foundation, strengths=self.strengths, split=self.split)
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image.

@@ -168,7 +168,7 @@ class MagneticRepulsion(Restartable):
     reference : ase.Atoms
         The rest configuration: displacements are measured from its positions, modulo periodic images, and the energy is zero
         there.  The forces need not balance there, except for linear results (`magphonon.stiffness.rest`).
-    potential : PairLaw, or mapping from pairs of kinds to PairLaw
+    laws : PairLaw, or mapping from pairs of kinds to PairLaw
         Pair law in mm, mJ; `magphonon.interactions.PairLaw` says how to write your own.  For particles of different kinds
         give a law for each pair of kinds that repel each other, `{(0, 0): one, (0, 1): another}`, in either order.  The kind
         of a particle is its tag in `reference`, `atoms.get_tags()`.  In patches made by magphonon the tags count the rows from
@@ -224,11 +224,11 @@ class MagneticRepulsion(Restartable):
     parameters: Any
     bloch_models = MODELS
 
-    def __init__(self, reference: Atoms, potential: Laws, *, foundation: Foundation | ArrayLike = 0.0,
+    def __init__(self, reference: Atoms, laws: Laws, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, model: str = 'complete', shells: int = 1, cutoff: float | None = None,
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
                  load: ArrayLike | None = None) -> None:
-        self._potential = checked_laws(potential)
+        self._laws = checked_laws(laws)
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
@@ -245,7 +245,7 @@ class MagneticRepulsion(Restartable):
             fixed.flags.writeable = False
         if self.dim == 2:
             refuse_load_along_z(self._load)
-        self.interaction = interaction_along(self._potential, bonds, self.reference.get_tags(), self._strengths, self.dim)
+        self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self._strengths, self.dim)
         refuse_height(self.reference, bonds, self.dim, central=self.interaction.central(self.dim) is not None)
         refuse_infinite(self)
         super().__init__(foundation=foundation, model=model)
@@ -253,9 +253,9 @@ class MagneticRepulsion(Restartable):
             warn_of_units(self)
 
     @property
-    def potential(self) -> Laws:
+    def laws(self) -> Laws:
         """The pair law, or the laws of the pairs of kinds, as given; read-only: make a new calculator to change it."""
-        return self._potential
+        return self._laws
 
     @property
     def law(self) -> PairLaw:
@@ -284,7 +284,7 @@ class MagneticRepulsion(Restartable):
         """
         law = self.interaction.central(self.dim)
         if law is None:
-            names = ', '.join(sorted({type(law).__name__ for law in laws_of(self.potential)}))
+            names = ', '.join(sorted({type(law).__name__ for law in laws_of(self.laws)}))
             raise ValueError(f'{what} suppose forces along the line between two particles, which those of {names} are not; for '
                              'UprightMagnets take the motion in the plane, atoms.calc = atoms.calc.in_plane()')
         return law
@@ -353,7 +353,7 @@ class MagneticRepulsion(Restartable):
         image = image_of(self.reference, supercell)
         reference = supercell.copy()
         reference.set_tags(self.reference.get_tags()[image])  # tags are kinds, and phonopy does not keep tags
-        return MagneticRepulsion(reference, self.potential, bonds=bonds, load=self.load[image], model=self.model,
+        return MagneticRepulsion(reference, self.laws, bonds=bonds, load=self.load[image], model=self.model,
                                  foundation=of_sites(self.foundation, image), strengths=self.strengths[image],
                                  anchors=supercell.positions - self.slack[image])
 
@@ -366,16 +366,16 @@ class MagneticRepulsion(Restartable):
         """
         if not same_cell(self, atoms):
             rest, bonds = carried(self, atoms)
-            carrier = MagneticRepulsion(rest, self.potential, bonds=bonds, strengths=self.strengths, **self.parameters)
+            carrier = MagneticRepulsion(rest, self.laws, bonds=bonds, strengths=self.strengths, **self.parameters)
             return carrier.about(atoms, load, **parameters)
         rest = self.reference.copy()
         rest.positions[:, : self.dim] += self.displacements(atoms)
-        return MagneticRepulsion(rest, self.potential, bonds=self.bonds.at(rest), anchors=self.anchors, strengths=self.strengths,
+        return MagneticRepulsion(rest, self.laws, bonds=self.bonds.at(rest), anchors=self.anchors, strengths=self.strengths,
                                  load=self.load if load is None else load, **self.parameters | parameters)
 
     def in_plane(self) -> MagneticRepulsion:
         """The same calculator of a layer without motion out of its plane."""
-        return MagneticRepulsion(self.reference, self.potential, bonds=self.bonds, anchors=self.anchors, load=self.load,
+        return MagneticRepulsion(self.reference, self.laws, bonds=self.bonds, anchors=self.anchors, load=self.load,
                                  strengths=self.strengths, model=self.model, foundation=np.asarray(self.foundation)[:, :2])
 
     def balanced(self, particles: NDArray[Any] | Sequence[int]) -> MagneticRepulsion:
@@ -387,7 +387,7 @@ class MagneticRepulsion(Restartable):
 
     def __repr__(self) -> str:
         own = f', strengths={range_of(self.strengths)}' if (self.strengths != 1).any() else ''
-        return (f'{type(self).__name__}({self.potential!r}, {self._reach}, foundation={range_of(self.foundation)}{own}, '
+        return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.foundation)}{own}, '
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:

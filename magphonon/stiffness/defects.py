@@ -182,5 +182,5 @@ def _varied(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: An
 
 def _carrying(atoms: Atoms, calc: MagneticRepulsion, reference: Atoms, **given: Any) -> Atoms:
     """The atoms with a calculator of the same laws and model."""
-    atoms.calc = MagneticRepulsion(reference, calc.potential, model=calc.model, **given)
+    atoms.calc = MagneticRepulsion(reference, calc.laws, model=calc.model, **given)
     return atoms

@@ -319,7 +319,7 @@ def _strained(calc, eta):
     atoms = calc.reference.copy()
     atoms.set_cell(atoms.cell.array @ F)
     atoms.positions = atoms.positions @ F
-    atoms.calc = type(calc)(atoms, calc.potential, strengths=calc.strengths, split=calc.sums.split)
+    atoms.calc = type(calc)(atoms, calc.laws, strengths=calc.strengths, split=calc.sums.split)
     return atoms.get_potential_energy(), (atoms.get_forces() @ F)[:, : calc.dim]
 
 

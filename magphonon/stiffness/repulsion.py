@@ -31,8 +31,8 @@ class Repulsion(Protocol):
     ----------
     reference : ase.Atoms
         The positions from which displacements are measured, without a calculator.
-    potential : PairLaw, or mapping from pairs of kinds to PairLaw
-        The potential, as it was given.
+    laws : PairLaw or PairInteraction, or mapping from pairs of kinds to them
+        As they were given.
     law : PairLaw
         The law of every bond: it gives one number for each of them.
     interaction : PairInteraction
@@ -60,7 +60,7 @@ class Repulsion(Protocol):
         ...
 
     @property
-    def potential(self) -> Laws:
+    def laws(self) -> Laws:
         """The pair law, or the laws of pairs of kinds."""
         ...
 
@@ -151,9 +151,9 @@ def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
     if not getattr(calc, 'pairwise', False):
         if not isinstance(calc, Repulsion):
             raise ValueError(f'the atoms carry {calc!r} as calculator; '
-                             'attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
+                             'attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
         raise ValueError(f'this needs the stiffness of each bond, which {type(calc).__name__} does not have; '
-                         'attach atoms.calc = MagneticRepulsion(atoms, potential, ...) with a number of shells')
+                         'attach atoms.calc = MagneticRepulsion(atoms, law, ...) with a number of shells')
     masses_of(atoms)
     return calc  # pyright: ignore[reportReturnType]  what is pairwise is a MagneticRepulsion or like one
 

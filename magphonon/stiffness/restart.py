@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 CALCULATORS = {calculator.__name__: calculator for calculator in (MagneticRepulsion, AllNeighbours)}
 
 
-def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: Laws | None = None) -> Atoms:
+def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, laws: Laws | None = None) -> Atoms:
     """A copy of the atoms with the calculator that they had when they were written.
 
     Parameters
@@ -37,7 +37,7 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: 
     parameters : dict, optional
         Parameters of the calculator; by default those that ASE's reader left on `atoms.calc`.  Rows of ase.db keep them in
         `row.calculator_parameters`.
-    potential : PairLaw, or mapping from pairs of kinds to PairLaw, optional
+    laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
         Replaces the one in the file; needed for a law that is not of this package.
 
     Returns
@@ -66,8 +66,8 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, potential: 
     found = getattr(calc, 'parameters', None) if parameters is None else parameters
     if not isinstance(found, dict) or 'calculator' not in found:
         raise ValueError('these atoms were written without a calculator of magphonon; of a row of ase.db give '
-                         'row.calculator_parameters, of other files attach MagneticRepulsion(atoms, potential, ...) again')
+                         'row.calculator_parameters, of other files attach MagneticRepulsion(atoms, law, ...) again')
     cls = CALCULATORS[one_of('the calculator', found['calculator'], tuple(CALCULATORS))]
     atoms = atoms.copy()
-    atoms.calc = cls.fromdict(found, potential)
+    atoms.calc = cls.fromdict(found, laws)
     return atoms

@@ -66,7 +66,7 @@ UNITS = 'mm, g, ms'
 
 
 class Restartable(Shared):
-    """An ASE calculator of a `reference` and a `potential` that can be restored from its dictionary.
+    """An ASE calculator of a `reference` and `laws` that can be restored from its dictionary.
 
     Attributes
     ----------
@@ -76,24 +76,24 @@ class Restartable(Shared):
 
     saved: ClassVar[tuple[str, ...]]
     reference: Atoms
-    potential: Any
+    laws: Any
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
         parts = {name: getattr(self, name) for name in self.saved}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
-                'potential': laws_to_dict(self.potential),
+                'potential': laws_to_dict(self.laws),
                 **{name: _bonds_to_dict(part) if isinstance(part, Bonds) else part for name, part in parts.items()}}
 
     @classmethod
-    def fromdict(cls, parameters: dict[str, Any], potential: Laws | None = None) -> Self:
+    def fromdict(cls, parameters: dict[str, Any], laws: Laws | None = None) -> Self:
         """The calculator that `todict` saved, without loss.
 
         Parameters
         ----------
         parameters : dict
             As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
-        potential : PairLaw, or mapping from pairs of kinds to PairLaw, optional
+        laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
             Replaces the one in the dictionary; needed for a law that is not of this package.
 
         Raises
@@ -103,7 +103,7 @@ class Restartable(Shared):
         """
         parts = _checked(parameters, cls)
         reference = _reference_from_dict(parts['reference'])
-        law = laws_from_dict(parts['potential']) if potential is None else potential
+        law = laws_from_dict(parts['potential']) if laws is None else laws
         given: Any = {name: _bonds_from_dict(parts[name], reference) if name == 'bonds' else parts[name] for name in cls.saved}
         return cls(reference, law, **given)
 

@@ -46,7 +46,7 @@ def warn_of_units(calc: Repulsion) -> None:
     """Warn of frequencies beyond FREQUENCIES_Hz; a law and springs without any stiffness have none."""
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
     if f and not least <= f <= most:
-        warnings.warn(f'{calc.potential!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
+        warnings.warn(f'{calc.laws!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
                       f'range {least:g} to {most:g} Hz; numbers are in mm, g, ms and N: multiply SI values by their units, as '
                       'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)
 
@@ -206,7 +206,7 @@ def refuse_infinite(calc: MagneticRepulsion) -> None:
     bonds = calc.bonds
     for what, unit, value in zip(('force', 'stiffness'), ('N', 'N/mm'), sizes(calc.bond_vectors, calc.interaction), strict=True):
         for b in np.flatnonzero(~np.isfinite(value))[:1]:
-            raise ValueError(f'the law {shown(calc.potential)} gives the {what} {value[b]} {unit} at the distance '
+            raise ValueError(f'the law {shown(calc.laws)} gives the {what} {value[b]} {unit} at the distance '
                              f'{bonds.lengths[b]:g} mm of the particles {bonds.i[b]} and {bonds.j[b]}; check its parameters and '
                              'their units (mm, N)')
 

@@ -260,7 +260,7 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     >>> from magphonon.waves import send, site
     >>> cell = read_scene(ready_scene('prototype')).atoms()
     >>> patch = half_hexagon(cell, side=100.0)
-    >>> patch.calc = MagneticRepulsion(patch, cell.calc.potential, foundation=cell.calc.foundation)
+    >>> patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.foundation)
     >>> where = site(cell, patch, 'point')
     >>> burst = where.burst((0, 1), 1e-4 * u.N, 2 * np.pi * 60 * u.Hz, 3)
     >>> passage = send(patch, where, burst, damping=0.004, duration=80.0)

@@ -357,7 +357,7 @@ def test_a_cell_whose_only_particle_is_held_is_refused(prototype):
 def test_a_rounded_cell_has_the_bands_of_the_ideal_one(prototype, height):
     """8.66 for 5 sqrt(3) moves a distance by 2.2e-5; a frequency goes with the power (a + 2)/2 of it, and less on springs."""
     typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0), masses=prototype.get_masses())
-    law, k = prototype.calc.potential, prototype.calc.parameters.foundation
+    law, k = prototype.calc.laws, prototype.calc.parameters.foundation
     typed.calc = MagneticRepulsion(typed, law, foundation=k)
     M = [[0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0]]
     found = bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz

@@ -30,7 +30,7 @@ def scaled(atoms, factor, model, inner=True):
     wide.set_cell(np.where(atoms.pbc[:, None], factor, 1) * atoms.cell.array, scale_atoms=True)
     bonds = atoms.calc.bonds
     pairs = list(zip(bonds.i, bonds.j, bonds.shift, strict=True))
-    wide.calc = MagneticRepulsion(wide, atoms.calc.potential, bonds=pairs, foundation=atoms.calc.foundation,
+    wide.calc = MagneticRepulsion(wide, atoms.calc.laws, bonds=pairs, foundation=atoms.calc.foundation,
                                   strengths=atoms.calc.strengths)
     if inner:
         wide = relaxed(wide).atoms

@@ -98,7 +98,7 @@ def test_neighbours_left_out_are_named(command, scene, told, tmp_path, capsys):
     if told:
         cell = read_scene(ready_scene(scene)).atoms()
         nearest, path = cell.calc, cell.cell.bandpath('GMKG', npoints=200, pbc=cell.pbc)
-        every = AllNeighbours(cell, nearest.potential, foundation=nearest.parameters.foundation)
+        every = AllNeighbours(cell, nearest.laws, foundation=nearest.parameters.foundation)
         squares = []
         for cell.calc in (nearest, every):
             squares.append(analytic_bands(cell, path).omega)

@@ -33,7 +33,7 @@ def patch(prototype):
     masses = atoms.get_masses()
     masses[::7] *= 1.5
     atoms.set_masses(masses)
-    atoms.calc = MagneticRepulsion(atoms, prototype.calc.potential, **prototype.calc.parameters)
+    atoms.calc = MagneticRepulsion(atoms, prototype.calc.laws, **prototype.calc.parameters)
     return atoms
 
 
@@ -66,7 +66,7 @@ def difference(a, b):
 def test_motion_out_of_the_plane_is_that_of_lammps_in_space(lammps, prototype, tmp_path):
     """Driven obliquely to the plane; the supports along z are a little stiffer than the layer needs."""
     atoms = lattices.parallelogram(prototype, N, N)
-    law, k = prototype.calc.potential, prototype.calc.foundation
+    law, k = prototype.calc.laws, prototype.calc.foundation
     needed = 9 * -law.dphi(prototype.calc.bonds.lengths[0]) / prototype.calc.bonds.lengths[0]
     atoms.calc = MagneticRepulsion(atoms, law, foundation=[[k, k, 1.3 * needed]])
     drive = ToneBurst(np.arange(N * N // 2 + 2, N * N // 2 + 8), (3, 4, 5), 1e-4 * u.N, omega=2 * np.pi * 40 * u.Hz)
@@ -80,7 +80,7 @@ def test_motion_out_of_the_plane_is_that_of_lammps_in_space(lammps, prototype, t
 
 def test_upright_magnets_out_of_the_plane_are_refused(prototype, tmp_path):
     atoms = lattices.parallelogram(prototype, N, N)
-    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(prototype.calc.potential), foundation=[[0.1, 0.1, 1.0]])
+    atoms.calc = MagneticRepulsion(atoms, UprightMagnets(prototype.calc.laws), foundation=[[0.1, 0.1, 1.0]])
     with pytest.raises(ValueError, match='in_plane'):
         write_lammps_input(tmp_path, atoms, TIMESTEP, STEPS)
 
@@ -151,7 +151,7 @@ def test_lammps_stops_where_a_bond_leaves_its_table(lammps, patch, tmp_path):
 
 
 def test_bonds_hold_beyond_the_cutoff_that_found_them(lammps, patch, tmp_path):
-    patch.calc = MagneticRepulsion(patch, patch.calc.potential, foundation=patch.calc.foundation, cutoff=1.01 * 10 * u.mm)
+    patch.calc = MagneticRepulsion(patch, patch.calc.laws, foundation=patch.calc.foundation, cutoff=1.01 * 10 * u.mm)
     expected = by_magphonon(patch, burst(1e-2 * u.N))
     i, j, places = patch.calc.bonds.i, patch.calc.bonds.j, patch.positions[:, :2] + expected
     assert np.linalg.norm(places[:, j] - places[:, i], axis=2).max() > 1.02 * 10 * u.mm
@@ -176,7 +176,7 @@ def periodic(atoms):
     cell = lattices.triangular(10 * u.mm, 0.707 * u.g)
     atoms.set_cell(cell.cell * N)
     atoms.set_pbc(cell.pbc)
-    atoms.calc = MagneticRepulsion(atoms, atoms.calc.potential)
+    atoms.calc = MagneticRepulsion(atoms, atoms.calc.laws)
 
 
 def displaced(atoms):
@@ -220,7 +220,7 @@ def test_drive_that_lammps_cannot_apply_is_refused(patch, tmp_path, drive, messa
 @pytest.mark.slow
 def test_kinds_strengths_and_springs_of_their_own(lammps, patch, tmp_path):
     """Weak magnets, a second kind, and pillars that are stiffer along one direction; the control forgets one of them."""
-    n, law = len(patch), patch.calc.potential
+    n, law = len(patch), patch.calc.laws
     patch.set_tags(np.arange(n) % 5 == 0)
     # so little that what is out of balance at first does not fly apart
     strengths, springs = np.where(np.arange(n) % 3, 1.0, 0.99), np.where((np.arange(n) % 4 == 0)[:, None], [0.03, 0.02], 0.025)

@@ -43,7 +43,7 @@ def test_a_scene_of_magnets_by_grade_by_remanence_and_calibrated(tmp_path):
 def test_scenes_of_other_shapes(tmp_path, table, magnet):
     scene = read_scene(write(tmp_path, (RING_TABLE, table + '\n')))
     assert scene.law.magnet() == magnet
-    assert scene.atoms().calc.potential.dphi(10.0) < 0
+    assert scene.atoms().calc.laws.dphi(10.0) < 0
 
 
 @pytest.mark.parametrize(('changes', 'message'), [

@@ -8,8 +8,9 @@ import pytest
 from numpy.polynomial.legendre import Legendre, leggauss
 
 from magphonon import Tabulated, units as u
+from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_energy, pair_force
-from magphonon.interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence, moment, out_of_plane_stiffness
+from magphonon.interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence, moment
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 
 RING = Ring(6.35, 1.5875, 3.175, 1.3 * u.T)
@@ -294,9 +295,9 @@ def test_round_magnets_tip_out_of_the_plane_as_laplace_says(name):
     f = repulsion(law, r)
     lift, aside = (pair_force(magnet, magnet, offset) for offset in ((r, 0, dz), (r, dz, 0)))
     # differences of first order: (dz/r)^2 = 1e-8, and round-off 1e-13/(dz/r)
-    assert -lift[2] / dz == pytest.approx(out_of_plane_stiffness(law, r), rel=1e-5)
+    assert -lift[2] / dz == pytest.approx(UprightMagnets(law).vertical(r), rel=1e-5)
     assert -aside[1] / dz == pytest.approx(-f / r, rel=1e-5)
-    assert out_of_plane_stiffness(law, r) == pytest.approx(-(local_exponent(law, r) - 1) * f / r, rel=1e-12)
+    assert UprightMagnets(law).vertical(r) == pytest.approx(-(local_exponent(law, r) - 1) * f / r, rel=1e-12)
     assert abs(-lift[2] / dz / (-f / r) - 1) > 0.2  # control: a central phi(r) is too weak, least for the rod, a = 2.3
 
 

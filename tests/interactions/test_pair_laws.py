@@ -150,7 +150,7 @@ def test_the_law_in_the_documentation_works_as_written():
     atoms = triangular(10.0, 0.5)
     names = {'np': np, 'dataclass': dataclass, 'MagneticRepulsion': MagneticRepulsion, 'atoms': atoms}
     exec(example, names)
-    law = atoms.calc.potential
+    law = atoms.calc.laws
     assert isinstance(law, PairLaw)
     np.testing.assert_allclose(law.phi(R + 1j * STEP).imag / STEP, law.dphi(R), rtol=1e-13)
     np.testing.assert_allclose(law.dphi(R + 1j * STEP).imag / STEP, law.d2phi(R), rtol=1e-13)

@@ -102,7 +102,7 @@ def test_plans_of_an_unstable_lattice_hold_where_its_squares_change_sign(toleran
     cell.calc = MagneticRepulsion(cell, InversePower(1e4, 4.0))
     path = cell.cell.bandpath('GXMG', npoints=300, pbc=cell.pbc)
     chosen = plan_bands(cell, path, tolerance).choice.settings
-    law, exact, found = cell.calc.potential, cell.copy(), cell.copy()
+    law, exact, found = cell.calc.laws, cell.copy(), cell.copy()
     exact.calc = AllNeighbours(exact, law)
     found.calc = exact.calc if chosen.shells == 'all' else MagneticRepulsion(found, law, shells=chosen.shells)
     truth = analytic_bands(exact, path).omega

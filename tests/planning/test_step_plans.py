@@ -40,7 +40,7 @@ class Verlet:
     """Velocity Verlet of a driven patch with nearest neighbours, from the law r^-a alone."""
 
     def __init__(self, patch, burst, row, damping):
-        self.burst, self.row, self.damping, self.k, law = burst, row, damping, patch.calc.foundation, patch.calc.potential
+        self.burst, self.row, self.damping, self.k, law = burst, row, damping, patch.calc.foundation, patch.calc.laws
         X = patch.positions[:, :2]
         lengths = np.linalg.norm(X[:, None] - X, axis=2)
         i, j = np.nonzero(np.triu((lengths > 0) & (lengths < 10.1)))

@@ -59,7 +59,7 @@ def test_a_wave_that_runs_backwards_leaves_an_empty_map(ideal):
 def passage(ideal):
     """Particles of a patch that move one after the other, up the measured row."""
     patch = lattices.parallelogram(ideal, 12, 12)
-    patch.calc = MagneticRepulsion(patch, ideal.calc.potential)
+    patch.calc = MagneticRepulsion(patch, ideal.calc.laws)
     where = site(ideal, patch, 'row')
     rise = np.zeros((len(where.row), len(patch), 2))
     rise[np.arange(len(where.row)), where.row, 1] = 3 * u.mm

@@ -106,7 +106,7 @@ def test_a_patch_with_a_rim_keeps_it():
     assert abs(atoms.get_forces()).max() < 1e-8
     # by hand: the particle deleted first, the calculator made afterwards, relaxed
     again = perfect[kept]
-    again.calc = MagneticRepulsion(again, perfect.calc.potential, foundation=0.06, cutoff=12.0)
+    again.calc = MagneticRepulsion(again, perfect.calc.laws, foundation=0.06, cutoff=12.0)
     assert_allclose(atoms.positions, relaxed(again).atoms.positions, atol=1e-9)
 
 

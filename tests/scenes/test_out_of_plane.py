@@ -53,7 +53,7 @@ def test_supports_enter_in_N_per_m_and_hold_from_nine_bonds_of_dstar_on(tmp_path
     for support, stable in ((1.001 * needed, True), (0.999 * needed, False)):
         atoms = scene_of(tmp_path, support=support, upright=upright).atoms()
         assert atoms.calc.foundation[0] == pytest.approx([0.02, 0.02, support / 1000])
-        assert isinstance(atoms.calc.potential, UprightMagnets) == (upright == 'true')
+        assert isinstance(atoms.calc.laws, UprightMagnets) == (upright == 'true')
         assert verdict(atoms).stable == stable
 
 

@@ -41,7 +41,7 @@ def test_prototype_is_the_papers(tmp_path):
     scene = read_scene(ready_scene('prototype'))
     atoms = scene.atoms()
     assert_allclose(scene.foundation.stiffness / (u.N / u.m), numbers['k_eq'], rtol=1e-9)
-    assert_allclose(repulsion(atoms.calc.potential, 10 * u.mm) / u.N, numbers['f_at_spacing'], rtol=1e-9)
+    assert_allclose(repulsion(atoms.calc.laws, 10 * u.mm) / u.N, numbers['f_at_spacing'], rtol=1e-9)
     path = scene.band_path()
     assert len(path.kpts) == 300
     for model in ('complete', 'conventional'):

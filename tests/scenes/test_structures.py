@@ -317,7 +317,7 @@ def test_laws_of_kinds(tmp_path):
     plain, _ = forces()
     weak, calc = forces(laws_of_kinds=[WEAK])
     assert_allclose(weak, plain * 0.4 / 1.6209, rtol=1e-9, atol=1e-12)
-    assert set(calc.potential) == {(0, 0), (0, 1), (1, 1)}
+    assert set(calc.laws) == {(0, 0), (0, 1), (1, 1)}
     unbonded, _ = forces(laws_of_kinds=[WEAK | {'kinds': [1, 1]}])  # the control: no such bond
     assert_allclose(unbonded, plain, rtol=1e-9, atol=1e-12)
 

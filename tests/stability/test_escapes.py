@@ -37,7 +37,7 @@ def lost(cell, speed, particle, angle):
     shot = np.arange(len(atoms)) == len(cell) * (n[1] * (n[0] // 2) + n[1] // 2) + particle
     atoms.set_momenta(np.outer(shot * atoms.get_masses(), speed * np.array([np.cos(angle), np.sin(angle), 0])))
     # a fiftieth of a spacing, and a sixth of the limit where bonds are five times as stiff as at rest
-    dt = min(0.02 * L0 / speed, 0.15 / np.sqrt(40 * cell.calc.potential.d2phi(L0) + cell.calc.parameters.foundation))
+    dt = min(0.02 * L0 / speed, 0.15 / np.sqrt(40 * cell.calc.laws.d2phi(L0) + cell.calc.parameters.foundation))
     try:
         DrivenVerlet(atoms, dt, engine='numpy', allow_unstable=True).run(int(5 * L0 / speed / dt))
     except Diverged:

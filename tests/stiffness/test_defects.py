@@ -50,7 +50,7 @@ def built(atoms, calc, kept, **sites):
     bare = atoms[kept]
     bare.calc = None
     given = {name: getattr(calc, name)[kept] for name in ('foundation', 'strengths', 'anchors', 'load')}
-    bare.calc = MagneticRepulsion(bare, calc.potential, cutoff=12.0, **given | sites)
+    bare.calc = MagneticRepulsion(bare, calc.laws, cutoff=12.0, **given | sites)
     return bare
 
 

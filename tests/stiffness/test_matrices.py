@@ -95,7 +95,7 @@ Q = np.array([[0, 0, 0], [0.5, 0, 0], [0.1, 0.27, 0], [1 / 3, 2 / 3, 0], [-0.4, 
 
 def bonds_and_stiffness(name, model='complete'):
     calc = MagneticRepulsion(lattice(name), LAWS['magnets'])
-    return calc.bonds, model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.potential, model)
+    return calc.bonds, model_stiffness(calc.bonds.vectors[:, : calc.dim], calc.laws, model)
 
 
 @pytest.mark.parametrize('name', LATTICES)

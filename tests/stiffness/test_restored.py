@@ -43,7 +43,7 @@ def same(atoms, again):
     assert np.array_equal(again.get_masses(), atoms.get_masses())
     assert np.array_equal(again.get_tags(), atoms.get_tags())
     assert [c.todict() for c in again.constraints] == [c.todict() for c in atoms.constraints]
-    assert repr(again.calc.potential) == repr(atoms.calc.potential)
+    assert repr(again.calc.laws) == repr(atoms.calc.laws)
     assert again.get_potential_energy() == atoms.get_potential_energy()
     assert np.array_equal(again.get_forces(), atoms.get_forces())
     assert np.array_equal(again.calc.rest_hessian().toarray(), atoms.calc.rest_hessian().toarray())
@@ -63,7 +63,7 @@ def test_a_trajectory_keeps_every_bit(seed, computed, tmp_path):
     assert same(atoms, again)
     # control: a calculator made anew at the positions in the file is another one
     anew = found.copy()
-    anew.calc = MagneticRepulsion(found, atoms.calc.potential, foundation=atoms.calc.foundation, bonds=atoms.calc.bonds)
+    anew.calc = MagneticRepulsion(found, atoms.calc.laws, foundation=atoms.calc.foundation, bonds=atoms.calc.bonds)
     assert not np.array_equal(anew.get_forces(), atoms.get_forces())
 
 
@@ -99,7 +99,7 @@ def test_every_law_comes_back(law):
     r = np.linspace(9.5, 12, 7)
     for name in ('phi', 'dphi', 'd2phi'):
         assert np.array_equal(getattr(again.law, name)(r), getattr(cell.calc.law, name)(r))
-    assert type(again.potential) is type(law)
+    assert type(again.laws) is type(law)
 
 
 def test_all_neighbours_come_back():
@@ -116,7 +116,7 @@ def test_a_law_of_ones_own_is_given_again():
     cell = lattices.triangular(10.0, 0.7)
     cell.calc = MagneticRepulsion(cell, Gaussian())
     parameters = decode(encode(cell.calc.todict()))
-    with pytest.raises(ValueError, match=r'Gaussian.*is not one of InversePower, Yukawa.*fromdict\(parameters, potential=law\)'):
+    with pytest.raises(ValueError, match=r'Gaussian.*is not one of InversePower, Yukawa.*fromdict\(parameters, laws=law\)'):
         MagneticRepulsion.fromdict(parameters)
     again = MagneticRepulsion.fromdict(parameters, Gaussian())
     assert np.array_equal(again.rest_hessian().toarray(), cell.calc.rest_hessian().toarray())

@@ -62,7 +62,7 @@ def scanned(seed, folder, source='point'):
     L, m, tension, stiffness, k = lattice
     cell = scene_of(folder, *lattice).atoms()
     patch = lattices.half_hexagon(cell, side=L * rng.integers(18, 25))
-    patch.calc = MagneticRepulsion(patch, cell.calc.potential, foundation=k)
+    patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=k)
     where, angle = site(cell, patch, source), np.radians(rng.uniform(0, 180))
     branches = triangular_branches(XI, 60, 1.0, m, tension, stiffness, k)
     carrier = np.interp(rng.uniform(0.6, 2.0), XI, branches[:, 0])

@@ -37,7 +37,7 @@ def spoilt(record, kind, rng):
 def bands(cell, q, model):
     """Angular frequencies of the triangular lattice, ascending, written out: 2 (1 - cos k.R) K summed over three bonds."""
     calc, L = cell.calc, cell.cell.lengths()[0]
-    tension, stiffness = calc.potential.dphi(L) / L, calc.potential.d2phi(L)
+    tension, stiffness = calc.laws.dphi(L) / L, calc.laws.d2phi(L)
     D = np.zeros((len(q), 2, 2)) + calc.parameters.foundation * np.eye(2)
     for angle, phase in ((0, q[:, 0]), (60, q[:, 1]), (120, q[:, 1] - q[:, 0])):
         n = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])

@@ -23,7 +23,7 @@ OTHER = {'complete': 'conventional', 'conventional': 'complete'}
 
 def patch_of(cell, n=40, model='complete'):
     patch = lattices.parallelogram(cell, n, n)
-    patch.calc = MagneticRepulsion(patch, cell.calc.potential, foundation=cell.calc.parameters.foundation, model=model)
+    patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.parameters.foundation, model=model)
     return patch
 
 
@@ -264,7 +264,7 @@ def advance(frames):
 def test_in_a_film_crests_move_away_from_the_source(prototype, carrier_Hz):
     """Waves of the prototype go forward; in 24 frames of half a second, 0.73 to 0.94 of a period apart, they seem to go back."""
     patch = lattices.half_hexagon(prototype, side=200.0)
-    patch.calc = MagneticRepulsion(patch, prototype.calc.potential, foundation=prototype.calc.foundation)
+    patch.calc = MagneticRepulsion(patch, prototype.calc.laws, foundation=prototype.calc.foundation)
     where = site(prototype, patch, 'point')
     burst = where.burst((0, 1), 1e-4 * u.N, 2 * np.pi * carrier_Hz * u.Hz, 5)
     shown = {}

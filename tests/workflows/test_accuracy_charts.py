@@ -26,7 +26,7 @@ def test_closed_form_has_the_papers_frequencies(prototype):
 def test_folded_bands_are_those_of_the_large_cell(prototype):
     q = np.array([[0.21, 0.13, 0]])
     large = prototype.repeat((3, 3, 1))
-    large.calc = MagneticRepulsion(large, prototype.calc.potential, **prototype.calc.parameters)
+    large.calc = MagneticRepulsion(large, prototype.calc.laws, **prototype.calc.parameters)
     found = accuracy_bands.folded(prototype, q, 3)
     assert_allclose(found, accuracy_bands.dense(large, q, {'eigensolves': 0}), rtol=1e-12)
     assert abs(found / accuracy_bands.folded(prototype, q + 0.1, 3) - 1).max() > 0.01
@@ -57,7 +57,7 @@ def test_acceleration_of_the_pluck_is_the_calculators():
 @pytest.mark.parametrize('held', [False, True])
 def test_linear_answer_to_a_kick_is_verlets_recursion(held, prototype):
     lattice = prototype.repeat((4, 4, 1))
-    lattice.calc = MagneticRepulsion(lattice, prototype.calc.potential, **prototype.calc.parameters)
+    lattice.calc = MagneticRepulsion(lattice, prototype.calc.laws, **prototype.calc.parameters)
     kick = accuracy_derivative.Kick(lattice, held)
     K = lattice.calc.get_hessian(lattice).toarray() / lattice.get_masses()[0]
     mobile = np.repeat(kick.free, 3)
