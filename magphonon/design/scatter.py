@@ -94,8 +94,8 @@ class SiteSlopes:
         """Stiffness K, its derivative with respect to the bond vector, and the gradient phi' n of each bond."""
         calc, dim = self.system.calc, self.system.dim
         R = calc.bond_vectors
-        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.interaction, calc.linear_model) for axis in np.eye(dim)]
-        return calc.rest_stiffness(calc.linear_model), np.stack(turns, axis=-1), calc.interaction.forces(R)[1]
+        turns = [stiffness_change(R, np.broadcast_to(axis, R.shape), calc.interaction, calc.model) for axis in np.eye(dim)]
+        return calc.rest_stiffness(calc.model), np.stack(turns, axis=-1), calc.interaction.forces(R)[1]
 
     @cached_property
     def _statics(self):

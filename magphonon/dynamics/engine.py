@@ -95,7 +95,7 @@ def _particle_bound(system):
     calc, masses = system.calc, system.masses
     mobile = np.zeros(len(masses), bool)
     mobile[system.free.nonzero()[0] // calc.dim] = True
-    bonds, K = calc.bonds, calc.rest_stiffness(calc.linear_model)
+    bonds, K = calc.bonds, calc.rest_stiffness(calc.model)
     k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
     norm = abs(np.linalg.eigvalsh(K)).max(axis=1)
     squares = k / masses

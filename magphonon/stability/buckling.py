@@ -233,7 +233,7 @@ def highest_squared(atoms: Atoms | LinearSystem) -> float:
         cell, S, steps = atoms, np.diag(np.repeat(1 / np.sqrt(atoms.get_masses()), calc.dim)), _steps_of_sums(calc)
     # the search for a minimum handles saddles and finds minima between mesh points, so the sign is changed
     def downwards(q):
-        return -(S.T @ calc.bloch_matrix(q, calc.linear_model) @ S)
+        return -(S.T @ calc.bloch_matrix(q, calc.model) @ S)
 
     return -_over_zone(downwards, cell.cell.array, cell.pbc, len(cell), steps).lowest
 

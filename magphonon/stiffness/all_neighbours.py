@@ -26,7 +26,7 @@ from ..lattices.bonds import ON_SHELL, bonds_within, image_of
 from .bond import MODELS, Central
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
-from .restartable import Restartable
+from .repulsion import Repulsion
 from .sites import (
     displacement_components,
     from_reference,
@@ -139,7 +139,7 @@ def reach(atoms: Atoms, law: PairLaw, tolerance: float = 1e-5) -> float:
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
 
-class AllNeighbours(Restartable):
+class AllNeighbours(Repulsion):
     """Repulsion of all particles of an infinite lattice, whatever their distance, with foundation springs.
 
     It replaces `MagneticRepulsion` for periodic cells and long-range laws, with the sums of `magphonon.stiffness.ewald`: bands,
@@ -187,7 +187,7 @@ class AllNeighbours(Restartable):
     pairwise = False
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
-    model = linear_model = 'complete'
+    model = 'complete'
 
     def __init__(self, reference: Atoms, law: GaussianMixture, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, split: float = 1.0) -> None:
@@ -213,38 +213,8 @@ class AllNeighbours(Restartable):
         self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], law, split)
         self.bonds = bonds_within(self.reference, self.sums.radius)
         i, j = self.bonds.i, self.bonds.j
-        self._law = laid((law,), np.zeros(len(i), int), self.strengths[i] * self.strengths[j])
+        self.interaction = Central(laid((law,), np.zeros(len(i), int), self.strengths[i] * self.strengths[j]))
         warn_of_units(self)
-
-    @property
-    def laws(self) -> GaussianMixture:
-        """The pair law; read-only: make a new calculator to change it."""
-        return self._laws
-
-    @property
-    def law(self) -> PairLaw:
-        """The law of each of the nearest pairs."""
-        return self._law
-
-    @property
-    def interaction(self) -> Central:
-        """The interaction of each of the nearest pairs."""
-        return Central(self._law)
-
-    @property
-    def strengths(self) -> NDArray[np.float64]:
-        """Strength of each particle, shape (particles,); read-only."""
-        return self._strengths
-
-    @property
-    def foundation(self) -> Foundation:
-        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
-        return self.parameters.foundation
-
-    @property
-    def layer(self) -> bool:
-        """Whether the particles of a planar structure may move out of the plane, each on its own support."""
-        return self.dim == 3 and not self.reference.pbc.all()
 
     @property
     def bloch_models(self) -> tuple[str, ...]:

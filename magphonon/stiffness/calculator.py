@@ -18,12 +18,11 @@ from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
 from ..errors import finite, one_of
-from ..interactions.bond_laws import checked_laws, laws_of
+from ..interactions.bond_laws import checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, displaced, interaction_along, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
-from .repulsion import masses_of
-from .restartable import Restartable
+from .repulsion import Repulsion, masses_of
 from .sites import (
     displacement_components,
     from_reference,
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ..interactions.bond_laws import Laws
-    from ..interactions.pair_laws import PairLaw
     from .sites import Foundation
 
 STRETCHED = 3.0
@@ -139,7 +137,7 @@ def stress_per_volume(calc: MagneticRepulsion, atoms: Atoms) -> NDArray[np.float
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 
 
-class MagneticRepulsion(Restartable):
+class MagneticRepulsion(Repulsion):
     """Pair repulsion between particles about their rest positions, with foundation springs.
 
     With the rest vector R and length r0 of a bond, its unit vector n, the relative displacement du of its ends and
@@ -253,48 +251,6 @@ class MagneticRepulsion(Restartable):
             warn_of_units(self)
 
     @property
-    def laws(self) -> Laws:
-        """The pair law, or the laws of the pairs of kinds, as given; read-only: make a new calculator to change it."""
-        return self._laws
-
-    @property
-    def law(self) -> PairLaw:
-        """The pair law of every bond, for arrays of distances whose first axis is that of the bonds.
-
-        A `magphonon.interactions.bond_laws.BondLaws`; or the law itself, if all bonds have the same law and all strengths are 1.
-        Of magnets that leave their plane it is the law in the plane; what supposes forces along the bonds asks `central`.
-        """
-        found = self.interaction.central(self.dim)
-        found = self.interaction.central(2) if found is None else found
-        return self.central('tools that ask for calc.law') if found is None else found
-
-    def central(self, what: str) -> PairLaw:
-        """The law of every bond for `what` supposes that forces are along the bonds, or ValueError where they are not.
-
-        Examples
-        --------
-        >>> from magphonon import InversePower, MagneticRepulsion, lattices
-        >>> from magphonon.interactions import UprightMagnets
-        >>> cell = lattices.square(1.0, 1.0)
-        >>> calc = MagneticRepulsion(cell, UprightMagnets(InversePower(1.0, 4.0)), foundation=[[5.0, 5.0, 9.0]])
-        >>> calc.central('moduli')
-        Traceback (most recent call last):
-        ...
-        ValueError: moduli suppose forces along the line between two particles, which those of UprightMagnets are not; ...
-        """
-        law = self.interaction.central(self.dim)
-        if law is None:
-            names = ', '.join(sorted({type(law).__name__ for law in laws_of(self.laws)}))
-            raise ValueError(f'{what} suppose forces along the line between two particles, which those of {names} are not; for '
-                             'UprightMagnets take the motion in the plane, atoms.calc = atoms.calc.in_plane()')
-        return law
-
-    @property
-    def strengths(self) -> NDArray[np.float64]:
-        """Strength of each particle, shape (particles,); read-only: make a new calculator to change it."""
-        return self._strengths
-
-    @property
     def anchors(self) -> NDArray[np.float64]:
         """Positions at which the foundation springs are slack in mm, shape (particles, 3); read-only."""
         return self._anchors
@@ -305,24 +261,9 @@ class MagneticRepulsion(Restartable):
         return self._load
 
     @property
-    def foundation(self) -> Foundation:
-        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
-        return self.parameters.foundation
-
-    @property
     def model(self) -> str:
         """Model of the forces and of their stiffness at rest: 'complete' or 'conventional'."""
         return self.parameters.model
-
-    @property
-    def linear_model(self) -> str:
-        """Model of the stiffness at rest."""
-        return self.model
-
-    @property
-    def layer(self) -> bool:
-        """Whether the particles of a planar structure may move out of the plane, each on its own support."""
-        return self.dim == 3 and not self.reference.pbc.all()
 
     @property
     def bond_vectors(self) -> NDArray[np.float64]:

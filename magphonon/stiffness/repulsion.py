@@ -1,138 +1,136 @@
-"""`Repulsion`: the protocol of both calculators, and the function that returns the calculator of atoms."""
+"""`Repulsion`: what both calculators have in common, and the function that returns the calculator of atoms."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from ase import Atoms
-from numpy.typing import NDArray
 
 from ..errors import positive
-from ..interactions.pair_laws import PairInteraction, PairLaw
-from ..lattices.bonds import Bonds
+from ..interactions.bond_laws import laws_of
+from .restartable import Restartable
 
 if TYPE_CHECKING:
     from typing import Any
 
-    from ..interactions.bond_laws import Laws
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..interactions.pair_laws import PairInteraction, PairLaw
+    from ..lattices.bonds import Bonds
     from .calculator import MagneticRepulsion
     from .sites import Foundation
 
 
-@runtime_checkable
-class Repulsion(Protocol):
-    """Common interface of `MagneticRepulsion` and `AllNeighbours`: particles that repel each other, on a foundation.
+class Repulsion(Restartable):
+    """Particles that repel each other, on a foundation: the base of `MagneticRepulsion` and `AllNeighbours`.
 
-    Bands, speeds of sound, phonopy's finite displacements and buckling use only this interface, and accept both calculators.
+    Bands, speeds of sound, phonopy's finite displacements and buckling use only what is named here, and accept both calculators.
     Every Bloch matrix already contains the foundation.
 
     Attributes
     ----------
     reference : ase.Atoms
         The positions from which displacements are measured, without a calculator.
-    laws : PairLaw or PairInteraction, or mapping from pairs of kinds to them
-        As they were given.
-    law : PairLaw
-        The law of every bond: it gives one number for each of them.
-    interaction : PairInteraction
-        Energy, gradient and stiffness of every bond, by its vector.
     bonds : Bonds
         The pairs that repel each other; for an infinite lattice, the nearest ones.
+    interaction : PairInteraction
+        Energy, gradient and stiffness of every bond, by its vector.
     pairwise : bool
         Whether the listed bonds are the complete repulsion.  Only then is the stiffness known bond by bond: for finite
         structures, at other positions or other spacings.
     dim : int
         Number of components of a displacement: 2 in the plane, 3 in space.
-    layer : bool
-        Whether the particles of a planar structure may move out of the plane, each on its own support.
-    foundation : float or ndarray, shape (particles, dim)
-        Stiffness of the spring between each particle and its anchor, N/mm.
-    model, linear_model : str
-        The model of the forces, and the model of their stiffness at rest.
+    model : str
+        The model of the forces and of their stiffness at rest.
     bloch_models : tuple of str
         The models that have a Bloch matrix.
     """
 
-    @property
-    def reference(self) -> Atoms:
-        """Positions from which displacements are measured."""
-        ...
+    pairwise: ClassVar[bool]
+    reference: Atoms
+    bonds: Bonds
+    interaction: PairInteraction
+    dim: int
+    atoms: Any  # of ASE, which declares them as None
+    parameters: Any
+    model: Any
+    bloch_models: Any
+    _laws: Any
+    _strengths: NDArray[np.float64]
 
     @property
-    def laws(self) -> Laws:
-        """The pair law, or the laws of pairs of kinds."""
-        ...
+    def laws(self) -> Any:
+        """The pair law, or the laws of the pairs of kinds, as given; read-only: make a new calculator to change it."""
+        return self._laws
 
     @property
     def law(self) -> PairLaw:
-        """The pair law of each bond."""
+        """The pair law of every bond, for arrays of distances whose first axis is that of the bonds.
+
+        A `magphonon.interactions.bond_laws.BondLaws`; or the law itself, if all bonds have the same law and all strengths are 1.
+        Of magnets that leave their plane it is the law in the plane; what supposes forces along the bonds asks `central`.
+        """
+        found = self.interaction.central(self.dim)
+        found = self.interaction.central(2) if found is None else found
+        return self.central('tools that ask for calc.law') if found is None else found
+
+    def central(self, what: str) -> PairLaw:
+        """The law of every bond for `what` supposes that forces are along the bonds, or ValueError where they are not.
+
+        Examples
+        --------
+        >>> from magphonon import InversePower, MagneticRepulsion, lattices
+        >>> from magphonon.interactions import UprightMagnets
+        >>> cell = lattices.square(1.0, 1.0)
+        >>> calc = MagneticRepulsion(cell, UprightMagnets(InversePower(1.0, 4.0)), foundation=[[5.0, 5.0, 9.0]])
+        >>> calc.central('moduli')
+        Traceback (most recent call last):
         ...
+        ValueError: moduli suppose forces along the line between two particles, which those of UprightMagnets are not; ...
+        """
+        law = self.interaction.central(self.dim)
+        if law is None:
+            names = ', '.join(sorted({type(law).__name__ for law in laws_of(self.laws)}))
+            raise ValueError(f'{what} suppose forces along the line between two particles, which those of {names} are not; for '
+                             'UprightMagnets take the motion in the plane, atoms.calc = atoms.calc.in_plane()')
+        return law
 
     @property
-    def interaction(self) -> PairInteraction:
-        """The interaction of each bond, by its vector."""
-        ...
-
-    @property
-    def bonds(self) -> Bonds:
-        """Pairs that repel each other."""
-        ...
-
-    @property
-    def pairwise(self) -> bool:
-        """Whether the listed bonds are the complete repulsion."""
-        ...
-
-    @property
-    def dim(self) -> int:
-        """Number of components of a displacement."""
-        ...
-
-    @property
-    def layer(self) -> bool:
-        """Whether particles of a plane may move out of it."""
-        ...
+    def strengths(self) -> NDArray[np.float64]:
+        """Strength of each particle, shape (particles,); read-only: make a new calculator to change it."""
+        return self._strengths
 
     @property
     def foundation(self) -> Foundation:
-        """Stiffness of the foundation in N/mm."""
-        ...
+        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
+        return self.parameters.foundation
 
     @property
-    def model(self) -> str:
-        """Model of the forces."""
-        ...
-
-    @property
-    def linear_model(self) -> str:
-        """Model of the stiffness at rest, 'complete' or 'conventional'."""
-        ...
-
-    @property
-    def bloch_models(self) -> tuple[str, ...]:
-        """Models that have a Bloch matrix."""
-        ...
+    def layer(self) -> bool:
+        """Whether the particles of a planar structure may move out of the plane, each on its own support."""
+        return self.dim == 3 and not self.reference.pbc.all()
 
     def on(self, supercell: Atoms) -> Repulsion:
         """The same calculator on a supercell of its reference."""
-        ...
+        raise NotImplementedError
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from the reference in mm, shape (particles, dim)."""
-        ...
+        raise NotImplementedError
 
     def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Bloch matrix at the reference, foundation included, N/mm; `q` of shape (wavevectors, 3)."""
-        ...
+        raise NotImplementedError
 
-    def bloch_series(self, along: NDArray[np.float64], model: str = 'complete') -> tuple[NDArray[np.complex128], ...]:
+    def bloch_series(self, along: NDArray[np.float64],
+                     model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
         """The Bloch matrix without foundation to second order in the wavevector `along`, a unit vector."""
-        ...
+        raise NotImplementedError
 
     def singular(self, along: NDArray[np.float64], model: str = 'complete') -> NDArray[np.float64]:
         """Signs of the terms that exceed the second order in long waves, shape (dim, dim); zero for laws of short range."""
-        ...
+        raise NotImplementedError
 
 
 def repulsion_of(atoms: Atoms) -> MagneticRepulsion:

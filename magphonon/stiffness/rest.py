@@ -212,8 +212,7 @@ class LinearSystem:
     def _largest(self):
         """Largest force of a bond in N, and largest stiffness in N/mm; with AllNeighbours of the nearest ones."""
         calc: Any = self.atoms.calc
-        acting = calc.interaction if calc.pairwise else calc.law
-        force, stiffness = sizes(calc.bonds.vectors[:, : self.dim], acting)
+        force, stiffness = sizes(calc.bonds.vectors[:, : self.dim], calc.interaction)
         return force.max(initial=0.0), stiffness.max(initial=0.0)
 
     @cached_property
@@ -245,8 +244,8 @@ class LinearSystem:
 
     @cached_property
     def hessian(self) -> sparse.csr_array:
-        """Hessian H of all particles in N/mm, of the calculator's `linear_model`."""
-        return self.calc.rest_hessian(self.calc.linear_model)
+        """Hessian H of all particles in N/mm, of the calculator's `model`."""
+        return self.calc.rest_hessian(self.calc.model)
 
     @cached_property
     def stiffness(self) -> sparse.csr_array:

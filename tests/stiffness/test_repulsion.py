@@ -51,7 +51,7 @@ def test_both_calculators_agree_where_the_law_ends_within_the_shells(name):
         assert left_out < 5e-4 * scale
         assert left_out < abs(first.calc.bloch_matrix(q, model) - endless.bloch_matrix(q, model)).max()  # the control
     np.testing.assert_array_equal(near.singular(np.eye(near.dim)[0]), endless.singular(np.eye(near.dim)[0]))  # both are zero
-    assert near.linear_model == endless.linear_model == 'complete'
+    assert near.model == endless.model == 'complete'
 
 
 def test_a_coulomb_crystal_has_one_bloch_model_only():
