@@ -7,10 +7,10 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from magphonon import read_scene, ready_scene, units as u
+from magphonon.interactions import UprightMagnets
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import read_forces
 from magphonon.interactions.magnet_pairs import calibrated, magnet_law, pair_force
-from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnets import Cuboid, Ring, Sphere
 from magphonon.interactions.pair_laws import local_exponent, repulsion
 from magphonon.plotting.axes import COLOURS, letter_panels, new_figure
