@@ -169,7 +169,7 @@ def checked_atoms(atoms: Atoms) -> Atoms:
     calc: Any = atoms.calc
     if not isinstance(calc, Repulsion):
         raise ValueError(f'a scene is made of atoms with MagneticRepulsion or AllNeighbours, not with {calc!r}; attach one')
-    laws_from_dict(laws_to_dict(calc.potential))
+    laws_from_dict(laws_to_dict(calc.laws))
     calc.displacements(atoms)  # refuses atoms that are not those of the calculator
     return atoms
 
