@@ -122,7 +122,7 @@ class DrivenVerlet(VelocityVerlet):
         self._drives, self._sum_of_drives = tuple(drives), Drives(drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms))
         if atoms.calc is None:
-            raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, potential, ...)')
+            raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
         refuse_held_drives(drives, atoms)
         self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and find_spec('numba') is None:
