@@ -111,7 +111,7 @@ def dop853(scene, rtol=RTOL):
 def responded(scene):
     """Ours, with the proof that the patch is stable: at the chosen frequency, the row."""
     force, row = scene.force
-    return frequency_response(scene.atoms, force, OMEGA, GAMMA, row, TOLERANCE)[CHOSEN, :, :2]
+    return frequency_response(scene.atoms, force, OMEGA, GAMMA, row, TOLERANCE).response[CHOSEN, :, :2]
 
 
 def series(scene):

@@ -91,7 +91,7 @@ TOOLS = {
     'verdict': (cell, fully_said),
     'shifts': (patch, lambda a: frequency_shifts(a).curvature),
     'vibration': (patch, swinging),
-    'response': (patch, lambda a: abs(frequency_response(a, push(a), np.array([0.5, 1.0]), 0.05, tolerance=1e-12))),
+    'response': (patch, lambda a: abs(frequency_response(a, push(a), np.array([0.5, 1.0]), 0.05, tolerance=1e-12).response)),
     'slopes': (patch, lambda a: abs(response_sensitivities(a, push(a), np.array([0.5]), 0.05,
                                                            [Change(foundation=a.calc.foundation)])[1])),
 }

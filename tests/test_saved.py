@@ -30,7 +30,7 @@ def response():
     force = np.zeros((len(atoms), 3))
     force[24, 0] = 1.0
     omega = np.array([0.1, 0.2])
-    return FrequencyResponse(omega, harmonic_response(atoms, force, omega, 0.01))
+    return harmonic_response(atoms, force, omega, 0.01)
 
 
 def spread(cell):

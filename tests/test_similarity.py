@@ -29,7 +29,7 @@ from magphonon import (
 from magphonon.dynamics.engine import highest_frequency
 from magphonon.lattices.patches import RIM
 from magphonon.stability.escapes import escape_speeds
-from magphonon.stiffness.rest import BALANCED, unbalanced
+from magphonon.stiffness.rest import BALANCED, LinearSystem
 
 UNITS = [(4.0**-9, 1.0, 1.0), (4.0**8, 1.0, 1.0), (1.0, 4.0**-9, 1.0), (1.0, 4.0**9, 1.0), (1.0, 1.0, 4.0**-9),
          (1.0, 1.0, 4.0**9), (4.0**-8, 4.0**7, 4.0**-10), (4.0**6, 4.0**-8, 4.0**9)]
@@ -85,7 +85,7 @@ def answers(seed, L, s, m):
         'energy': (atoms.get_potential_energy(), (2, 1, 0)),
         'modes': (modes(atoms).omega, (0, 0.5, -0.5)),
         'longest time step': (dt, (0, -0.5, 0.5)),
-        'response': (abs(frequency_response(atoms, force, omega, gamma)), (1, 0, 0)),
+        'response': (abs(frequency_response(atoms, force, omega, gamma).response), (1, 0, 0)),
         'transient': (moved.displacements, (1, 0, 0)),
         'velocities of the transient': (moved.velocities, (1, 0.5, -0.5)),
         'run': (run.positions - atoms.positions, (1, 0, 0)),
@@ -127,7 +127,7 @@ def test_balance_is_judged_alike_in_all_units(units):
         load = atoms.calc.load.copy()
         load[free, 0] += share * BALANCED * largest
         atoms.calc = atoms.calc.about(atoms.calc.reference, load)
-        assert bool(unbalanced(atoms).any()) is not accepted
+        assert bool(LinearSystem.about(atoms.calc, atoms).left.any()) is not accepted
 
 
 @pytest.mark.parametrize('units', UNITS)

@@ -137,7 +137,7 @@ def series(shaken, tolerance, cost):
 
 def direct(shaken, every, cost):
     """A sparse factorisation for each frequency."""
-    return harmonic_response(shaken.atoms, shaken.push, shaken.omega[::every], shaken.gamma)[:, shaken.particle, 1]
+    return harmonic_response(shaken.atoms, shaken.push, shaken.omega[::every], shaken.gamma).response[:, shaken.particle, 1]
 
 
 def modal(shaken, cost):

@@ -182,7 +182,7 @@ def elastic_rim(out):
     omega = 2 * np.pi * np.array(scene.burst.carriers_Hz) * units.Hz
     push = np.zeros((len(patch), 3), complex)
     push[where.driven, 1] = 1e-4 * units.N
-    held = harmonic_response(patch, push, omega, damping)[:, where.row, :2]
+    held = harmonic_response(patch, push, omega, damping).response[:, where.row, :2]
     bent, sag = on_beams(patch, push, omega, damping)
     bent = bent[:, where.row]
     off = abs(bent - held).max(axis=(1, 2)) / abs(held).max(axis=(1, 2))

@@ -62,7 +62,7 @@ def closed_form(theta0, omega, model='complete'):
     push[3, 1] = 1
     atoms = oscillator(theta0, model)
     atoms.set_constraint([*atoms.constraints, FixedLine(3, (0, 1, 0))])
-    return harmonic_response(atoms, push, omega, DAMPING)[:, 3, 1]
+    return harmonic_response(atoms, push, omega, DAMPING).response[:, 3, 1]
 
 
 def respond(angles, omega, model='complete', dt=DT, steady=STEADY):

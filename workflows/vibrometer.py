@@ -173,7 +173,7 @@ def shaken(scene, cell, source, force, motion):
     push = np.zeros((len(patch), 3), complex)
     push[drive.particles] = -0.25j * drive.end * drive.amplitude[:, None] * drive.direction  # of the Hann burst, at its carrier
     for model in MODELS:
-        u = harmonic_response(scene.patch_atoms(model), push, [GAP], damping)[0, where.row, :2]
+        u = harmonic_response(scene.patch_atoms(model), push, [GAP], damping).response[0, where.row, :2]
         amplitudes[model] = u @ across
     return row, amplitudes
 

@@ -115,9 +115,10 @@ def highest_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omeg
 def _peak_of_field(system, source, answer, omega, damping):
     """The peak of a large structure, from the response at all frequencies; its pattern is the response of all particles there."""
     force = source.force(len(system))
-    response = frequency_response(system, force, omega, damping, [answer.particle], tolerance=1e-4)[:, 0] @ answer.direction
+    found = frequency_response(system, force, omega, damping, [answer.particle], tolerance=1e-4)
+    response = found.response[:, 0] @ answer.direction
     w = omega[abs(response).argmax()]
-    e = harmonic_response(system, force, [w], damping)[0, :, : system.dim].imag
+    e = harmonic_response(system, force, [w], damping).response[0, :, : system.dim].imag
     e /= np.sqrt(np.einsum('i,ix,ix->', system.masses, e, e))
     return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(source.seen(e))))
 

@@ -1,9 +1,9 @@
-"""Frequency response: the linear closed form, lock-in on a recorded signal, steady state, one impulse for all frequencies.
+"""Steady response to a harmonic force, by the linear equations of motion.
+
+    (H - omega^2 M + i omega gamma M) u = F
 
 Amplitudes are complex, `u = Re(U e^{i omega t})`; a force F cos(omega t) has the amplitude F, so a response that lags
-has a negative phase.
-
-A particle and a direction: the place of a force or of a measured displacement.
+has a negative phase.  `stepped` measures the same from time steps.
 """
 
 from __future__ import annotations
@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
+
+EPS = np.finfo(float).eps
+MOST_SHOWN = 1e9
+"""Largest length of a series of which a bar shows what share is done."""
+FACTORISATION = 500
+"""Number of matrix products that take as long as one sparse factorisation, measured on patches of 1000 to 10 000 particles."""
+
 
 @dataclass(frozen=True, eq=False)
 class Place:
@@ -67,14 +74,15 @@ class Place:
 class FrequencyResponse(units.InHertz, Saved, kind='frequency responses', units={
     'omega': ('rad/ms', 'frequencies'), 'response': ('mm/N', 'frequencies', '...'), 'transient': ('',),
 }):
-    """Displacement per force over frequency.
+    """Displacement per force over frequency, whatever the road to it.
 
     Attributes
     ----------
     omega : ndarray, shape (frequencies,)
         In rad/ms.
     response : ndarray of complex, shape (frequencies, ...)
-        In mm/N.
+        In mm/N: of one place to a force at one, shape (frequencies,); of particles to a drive with a pattern of forces, in N per
+        N of the drive, shape (frequencies, particles, 3).
     transient : float
         Largest relative error that what had not yet decayed can have left; zero in closed form.
     """
@@ -89,20 +97,17 @@ class FrequencyResponse(units.InHertz, Saved, kind='frequency responses', units=
         return self.omega[abs(self.response).argmax(axis=0)]
 
 
-def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike,
-                      damping: ArrayLike) -> NDArray[np.complex128]:
-    """Steady displacements under a harmonic force, by direct solution of the linear equations of motion.
+def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: ArrayLike) -> FrequencyResponse:
+    """Steady response to a harmonic force, by direct solution of the linear equations of motion at each frequency.
 
-        (H - omega^2 M + i omega gamma M) u = F
-
-    within the directions that the constraints leave free; u = 0 along all others.
+    Within the directions that the constraints leave free; u = 0 along all others.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
     force : array_like of complex, shape (particles, 3)
-        Amplitudes in N.
+        Amplitudes in N per N of the drive.
     omega : array_like, shape (frequencies,)
         In rad/ms.
     damping : float or array_like, shape (particles,)
@@ -110,8 +115,8 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
 
     Returns
     -------
-    ndarray of complex, shape (frequencies, particles, 3)
-        In mm.
+    FrequencyResponse
+        Its `response` has the shape (frequencies, particles, 3).
 
     Raises
     ------
@@ -130,13 +135,12 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     >>> force = np.zeros((len(patch), 3))
     >>> force[18, 1] = 1.0
     >>> solved = harmonic_response(patch, force, [1.0], damping=0.1)
-    >>> bool(np.allclose(solved, frequency_response(patch, force, [1.0], damping=0.1)))
+    >>> bool(np.allclose(solved.response, frequency_response(patch, force, [1.0], damping=0.1).response))
     True
     """
     system = LinearSystem.of(atoms)
-    n = len(system)
-    force = _force_on(system, force)
-    return np.array([G(force.ravel()).reshape(n, 3) for G in resolvents(system, omega, damping)])
+    force, omega = _force_on(system, force), np.atleast_1d(omega)
+    return FrequencyResponse(omega, np.array([G(force.ravel()).reshape(-1, 3) for G in resolvents(system, omega, damping)]))
 
 
 def _force_on(system, force):
@@ -178,16 +182,9 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
         yield lambda F, solve=solve: in_space @ solve(in_space.T @ F)
 
 
-EPS = np.finfo(float).eps
-MOST_SHOWN = 1e9
-"""Largest length of a series of which a bar shows what share is done."""
-FACTORISATION = 500
-"""Number of matrix products that take as long as one sparse factorisation, measured on patches of 1000 to 10 000 particles."""
-
-
 def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: float,
-                       particles: ArrayLike | None = None, tolerance: float = 1e-9) -> NDArray[np.complex128]:
-    """Steady displacements under a harmonic force at many frequencies: what `frf.harmonic_response` solves one by one.
+                       particles: ArrayLike | None = None, tolerance: float = 1e-9) -> FrequencyResponse:
+    """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
     A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
     about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer.  So also where the wave
@@ -199,7 +196,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
     force : array_like of complex, shape (particles, 3)
-        Amplitudes in N, of e^{i omega t}.
+        Amplitudes of e^{i omega t} in N per N of the drive.
     omega : array_like, shape (frequencies,)
         In rad/ms.
     damping : float
@@ -211,8 +208,8 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
 
     Returns
     -------
-    ndarray of complex, shape (frequencies, particles, 3)
-        In mm.
+    FrequencyResponse
+        Its `response` has the shape (frequencies, particles, 3).
 
     Raises
     ------
@@ -229,7 +226,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     >>> force = np.zeros((len(patch), 3))
     >>> force[len(patch) // 2, 1] = 1.0
     >>> answer = frequency_response(patch, force, [0.5, 1.0, 1.5], damping=0.1, particles=[len(patch) // 2])
-    >>> answer.shape  # frequencies, particles, x y z
+    >>> answer.response.shape  # frequencies, particles, x y z
     (3, 1, 3)
     """
     system = LinearSystem.of(atoms).moving()
@@ -249,8 +246,8 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
         u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
     if lost.any():
-        u[lost] = harmonic_response(system, force, omega[lost], gamma)[:, particles]
-    return u
+        u[lost] = harmonic_response(system, force, omega[lost], gamma).response[:, particles]
+    return FrequencyResponse(omega, u)
 
 
 def receptance(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: ArrayLike, damping: float) -> FrequencyResponse:
@@ -282,8 +279,8 @@ def receptance(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega:
     True
     """
     system, omega = LinearSystem.of(atoms), np.atleast_1d(omega)
-    u = frequency_response(system, source.force(len(system)), omega, damping, np.array([answer.particle]))
-    return FrequencyResponse(omega, u[:, 0] @ answer.direction)
+    found = frequency_response(system, source.force(len(system)), omega, damping, np.array([answer.particle]))
+    return FrequencyResponse(omega, found.response[:, 0] @ answer.direction)
 
 
 def _by_modes(system, s, omega, gamma, particles):

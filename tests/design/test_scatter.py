@@ -60,9 +60,9 @@ def test_response():
     omega, damping, push, answer = np.array([0.3, 0.6]), 0.02, Place(7, np.array([0, 1.0, 0])), Place(10, np.array([1.0, 0, 0]))
     force = push.force(18)
     ours = response_scatter(atoms, force, answer, omega, damping)
-    scale = abs(answer.seen(harmonic_response(atoms, force, omega, damping))).max()
+    scale = abs(answer.seen(harmonic_response(atoms, force, omega, damping).response)).max()
     for site in (2, 9):
-        theirs = differences(lambda atoms: answer.seen(harmonic_response(atoms, force, omega, damping)), site)
+        theirs = differences(lambda atoms: answer.seen(harmonic_response(atoms, force, omega, damping).response), site)
         np.testing.assert_allclose(ours[:, site], theirs, rtol=0, atol=1e-5 * scale)
 
 

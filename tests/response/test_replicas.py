@@ -74,13 +74,13 @@ def test_a_stepped_response_of_a_small_force_is_the_linear_one(pbc):
     atoms.calc = atoms.calc.balanced(range(9))
     corner, omega = Place(6, (1, 0, 0)), np.array([0.5, 0.9])
     push = corner.force(9)
-    exact = frequency_response(atoms, push, omega, 0.4)[:, 6, 0]
+    exact = frequency_response(atoms, push, omega, 0.4).response[:, 6, 0]
     found = stepped_response(atoms, corner, corner, omega, 0.4, 1e-6, 0.05).response
     assert abs(found / exact - 1).max() < 2e-3  # what it leaves of the transient, and as much for the step
     if pbc:  # the control: bonds across the edges are cut
         atoms.pbc = False
         atoms.calc = MagneticRepulsion(atoms, InversePower(b=3e3, a=4.6), foundation=0.5).balanced(range(9))
-        assert abs(found / frequency_response(atoms, push, omega, 0.4)[:, 6, 0] - 1).max() > 0.02
+        assert abs(found / frequency_response(atoms, push, omega, 0.4).response[:, 6, 0] - 1).max() > 0.02
 
 
 def patch(law=None, foundation=0.3, model='complete', pbc=False, stretched=1.0):

@@ -187,7 +187,7 @@ def test_local_density_is_the_damping_of_a_weakly_damped_response():
     place, omega = Place(particle, np.array([1.0, 0.0, 0.0])), np.linspace(0.45, 0.9, 40)
     found = local_density(atoms, place, omega, moments=16)
     finer = np.linspace(0.05, 1.2, 1200)
-    answer = frequency_response(atoms, place.force(len(atoms)), finer, 0.004, particles=[particle])[:, 0, 0]
+    answer = frequency_response(atoms, place.force(len(atoms)), finer, 0.004, particles=[particle]).response[:, 0, 0]
     density = -2 * MASS * finer / np.pi * answer.imag
     smoothed = kernel(omega, finer, stable_interval(LinearSystem.of(atoms).K), 16) @ density * (finer[1] - finer[0])
     assert_allclose(found.density, smoothed, atol=0.03 * found.density.max())

@@ -65,8 +65,8 @@ def test_stiffness_and_masses_are_those_of_the_forces(seed, model):
 
 @pytest.mark.parametrize('tool', [
     modes, natural_frequencies, highest_frequency, frequency_shifts, foundation_needed, spacing_held, support_needed,
-    lambda x: frequency_bound(x, 0.3), lambda x: harmonic_response(x, push(), OMEGA, 0.1),
-    lambda x: frequency_response(x, push(), OMEGA, 0.1, [18]),
+    lambda x: frequency_bound(x, 0.3), lambda x: harmonic_response(x, push(), OMEGA, 0.1).response,
+    lambda x: frequency_response(x, push(), OMEGA, 0.1, [18]).response,
 ], ids=lambda tool: tool.__name__)
 def test_a_system_that_is_handed_on_gives_the_answer_of_its_atoms_to_the_bit(tool):
     soft = InversePower(3.0, 1.0)  # which needs its foundation
