@@ -16,7 +16,7 @@ from .. import units as u
 from ..stiffness.sites import FREQUENCIES_Hz, frequency_scale
 from .fields import fault, raise_all
 from .lattices import ALL, Supercell
-from .laws import MagnetsLaw, SavedLaw
+from .laws import HertzLaw, MagnetsLaw, SavedLaw
 from .structures import FileLattice
 
 if TYPE_CHECKING:
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 DENSITIES_kg_per_m3 = 500, 5e5
 """Range of the moving mass divided by the volume of its magnet: from less than any magnet to more than a magnet with a heavy
 holder."""
+DENSEST_kg_per_m3 = 5e4
+"""Mass of a particle over the cube of the spacing above which a unit is probably wrong; osmium has 2.3e4."""
+MOST_OVERLAP = 0.2
+"""Overlap of spheres as a share of their diameter, beyond which no sphere is round any more."""
 LEAST_SHARE = 1e-12
 """Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
 foundation."""
@@ -256,9 +260,8 @@ def _plan(scene: Scene) -> None:
 
 
 def _scale(scene: Scene, calc: Repulsion) -> None:
-    if not calc.law.dphi(calc.bonds.lengths).any():
-        raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; spheres repel '
-                         'only if the spacing is less than their diameter')
+    _touching(scene, calc)
+    _dense(scene)
     repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.foundation)
     f = frequency_scale(calc)
     if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
@@ -269,6 +272,27 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
         raise ValueError(f'{scene.lattice.spacing_given}: the repulsion then has a stiffness of '
                          f'{lost:.1g} N/m, which is lost in the round-off of the foundation, {given:.3g} N/m'
                          f'{_millimetres(scene, scene.law.potential(), k)}; check their units and exponents')
+
+
+def _touching(scene: Scene, calc: Repulsion) -> None:
+    """Refuse spheres that do not touch, or overlap by more than the slight contact of Hertz's law."""
+    spheres = scene.law if isinstance(scene.law, HertzLaw) else None
+    if not calc.law.dphi(calc.bonds.lengths).any():
+        mend = '' if spheres is None else f' than law.diameter_m = {spheres.diameter_m!r}; spheres repel where they touch'
+        raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; take a smaller one{mend}')
+    if spheres is not None and scene.lattice.spacing_m < (1 - MOST_OVERLAP) * spheres.diameter_m:
+        overlap = 1 - scene.lattice.spacing_m / spheres.diameter_m
+        raise ValueError(f'law.diameter_m = {spheres.diameter_m!r} and {scene.lattice.spacing_given}: the spheres overlap by '
+                         f'{100 * overlap:.3g} % of their diameter, and the law of Hertz is that of slight contacts; '
+                         'check both')
+
+
+def _dense(scene: Scene) -> None:
+    """Warn of a mass that hardly fits between the particles."""
+    density = _mass_kg(scene) / scene.lattice.spacing_m**3
+    if density > DENSEST_kg_per_m3:
+        warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
+                      'denser than any metal; check their units, which are kg and m', stacklevel=2)
 
 
 def _numbers(scene: Scene) -> str:

@@ -90,11 +90,13 @@ class Datasheet(Table):
 
     @model_validator(mode='after')
     def _one_of_each(self):
-        for names, what in ((self.SHAPES, 'one of ' + ', '.join(f'[law.{name}]' for name in self.SHAPES)),
-                            (('grade', 'remanence_T'), 'grade or remanence_T')):
-            given = [name for name in names if getattr(self, name) is not None]
-            if len(given) != 1:
-                raise ValueError(f' has {" and ".join(given) or "neither"}; give {what}')
+        shapes, told = ([name for name in names if getattr(self, name) is not None]
+                        for names in (self.SHAPES, ('grade', 'remanence_T')))
+        if len(shapes) != 1:
+            raise ValueError(f' has {" and ".join(shapes) or "no shape"}; give one of '
+                             + ', '.join(f'[law.{name}]' for name in self.SHAPES))
+        if len(told) > 1 or not (told or self.calibration):
+            raise ValueError(f' has {" and ".join(told) or "no strength"}; give grade, remanence_T or [law.calibration]')
         try:
             self.potential()
         except ValueError as error:
@@ -104,9 +106,9 @@ class Datasheet(Table):
     def magnet(self) -> Cuboid | Ring | Sphere:
         """The magnet, a `Ring`, `Cuboid` or `Sphere` in mm."""
         (shape,) = (shape for name in self.SHAPES if (shape := getattr(self, name)) is not None)
-        magnet = shape.magnet(self.remanence_T * u.T if self.grade is None else grade_remanence(self.grade))
         if self.calibration is None:
-            return magnet
+            return shape.magnet(self.remanence_T * u.T if self.grade is None else grade_remanence(self.grade))  # pyright: ignore[reportOptionalOperand]  one is given
+        magnet = shape.magnet(u.T)  # of any remanence: the force sets it
         return calibrated(magnet, self.calibration.distance_m * u.m, self.calibration.force_N * u.N)
 
     def potential(self) -> PairLaw:

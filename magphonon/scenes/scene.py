@@ -19,6 +19,7 @@ import ase.io
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from ..errors import PhysicsError
 from ..files import whole_file
 from ..response.frf import Place
 from ..stiffness.all_neighbours import AllNeighbours
@@ -154,7 +155,7 @@ class Scene(Table):
                                            bonds=self.lattice.bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
-                raise
+                raise type(error)(f'{self.lattice.spacing_given}, law.shells = {self.law.shells!r}: {error}') from None
             raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; of positions without clear shells the distance '
                              'within which they repel is cutoff_m') from None
         if self.single:  # a constant force balances the repulsion of the three magnets
@@ -201,7 +202,11 @@ class Scene(Table):
         atoms = self._perfect(model)
         for table in tables:
             atoms = table.applied(atoms)
-        return relaxed(atoms)
+        try:
+            return relaxed(atoms)
+        except PhysicsError as error:
+            names = ' and '.join(f'[{name}]' for name in ('defects', 'disorder') if getattr(self, name) is not None)
+            raise type(error)(f'{self.title!r} with {names}: {error}') from None
 
     def defect_places(self) -> NDArray[np.float64]:
         """Where the defects of the patch or the finite structure are, in mm, shape (defects, 2)."""

@@ -46,7 +46,7 @@ LAW_CHANGES = {
     'coulomb': {'charge': partial(force_change, power=2)},
     'yukawa': {'strength': force_change, 'screening_length': screening_change},
     'table': {'forces': force_change},
-    'magnets': {'remanence': partial(force_change, power=2)},
+    'magnets': {'remanence': partial(force_change, power=2), 'force': force_change},
 }
 PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}
 """Powers of the parameters in k = 3 E (pi R^4/4)/H^3."""
@@ -89,7 +89,8 @@ class _Uncertainty(Table):
                              'take shells = 3 or more')
         changes = _changes(scene)
         sigma = {}
-        for name, place in PLACES.items():
+        for name in PLACES:
+            place = _place(scene, name)
             percent, absolute = (getattr(self, key, None) for key in (f'{name}_percent', place[-1]))
             if percent is None and absolute is None:
                 continue
@@ -151,7 +152,7 @@ def _changes(scene):
     held = scene.lattice.spacing_m * u.m if getattr(scene.law, 'force_N', None) else u.m  # where `a` leaves the force as it is
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}
     for name, change in LAW_CHANGES.get(scene.law.kind, {}).items():
-        if _at(scene, PLACES[name]) is not None and getattr(scene.law, 'calibration', None) is None:
+        if _at(scene, _place(scene, name)) is not None and not (name == 'remanence' and scene.law.calibration):
             changes[name] = Change(law=change(law, held) if name == 'a' else change(law))
     if scene.law.kind == 'table':
         changes['exponent'] = Change(law=exponent_at(law, scene.lattice.spacing_m * u.m))
@@ -168,9 +169,14 @@ def exponent_at(law: PairLaw, spacing: float) -> LawChange:
                      lambda r: -np.log(r / spacing) * law.d2phi(r) - law.dphi(r) / r)
 
 
+def _place(scene, name):
+    """Where a parameter stands; the force that calibrates magnets, in a table of its own."""
+    return ('law', 'calibration', 'force_N') if name == 'force' and scene.law.kind == 'magnets' else PLACES[name]
+
+
 def _at(table, place):
     for key in place:
-        table = getattr(table, key)
+        table = getattr(table, key, None)
     return table
 
 
@@ -179,7 +185,7 @@ def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
     for name, factor in factors.items():
         if name == 'exponent':
             factor, name = (np.array(scene.law.distances_m) / scene.lattice.spacing_m) ** (1 - factor), 'forces'
-        scene = _multiplied(scene, PLACES[name], factor)
+        scene = _multiplied(scene, _place(scene, name), factor)
     return scene
 
 

@@ -63,6 +63,7 @@ RANGED = [key for key in KEYS if ' to ' in key.allowed and key.type == 'number' 
 
 
 @pytest.mark.parametrize('key', RANGED, ids=lambda key: key.place)
+@pytest.mark.filterwarnings('ignore:.*denser than any metal')
 def test_the_range_is_that_of_the_check(key):
     least, most = map(float, key.allowed.split(' to '))
     words = 'must lie between'

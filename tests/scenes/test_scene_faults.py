@@ -1,6 +1,7 @@
 """What a scene file may not say: each fault is refused by name, with its value and how to mend it."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -58,6 +59,7 @@ def test_absurd_scale(changes, message, scene_file):
     assert refusal(scene_file(changes)).startswith(message)
 
 
+@pytest.mark.filterwarnings('ignore:.*denser than any metal')
 @pytest.mark.parametrize('spacing', [2e-6, 3e-4, 5e5])
 def test_lattices_of_every_size(spacing, scene_file):
     """Frequencies depend on b r^-(a+1) alone; ASE knows no lattice of 2 um, and the path is made for it all the same."""
@@ -152,7 +154,7 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
      'law.distances_m must be a list in brackets, not 0.01'),
     ({'law': {'kind': 'table', 'shells': 1, 'distances_m': [0.01], 'forces_N': [1.0]}},
      'law: a table needs two columns of at least 4 points, not r (1,) and f (1,)'),
-    ({'law': {'kind': 'table', **LAWS['table'], 'shells': 2}}, 'distance 17.3205 mm is outside the table (8 to 15 mm); extend'),
+    ({'law': {'kind': 'table', **LAWS['table'], 'shells': 2}}, 'lattice.spacing_m = 0.01, law.shells = 2: distance 17.3205 mm is outside the table (8 to 15 mm); extend'),
     ({'law': {'kind': 'table', **LAWS['table'], 'shells': 1, 'file': 'law.csv'}}, 'law has both file and '),
     ({'law': {'kind': 'table', **LAWS['table'], 'shells': 'all'}},
      "law.shells = 'all': the sum over all neighbours is known for inverse powers and Yukawa repulsion, not for Tabulated"),
@@ -197,3 +199,35 @@ def test_all_faults_are_named_at_once(scene_file):
         read_scene(scene_file({'lattice.spacing_m': -1.5, 'bands.points': 0, 'law.a': 'four'}))
     assert [line.split(': ')[1].split(' must')[0] for line in str(caught.value).splitlines()] == [
         'lattice.spacing_m', 'law.a', 'bands.points']
+
+
+@pytest.mark.parametrize(('changes', 'words'), [
+    ({'lattice.mass_kg': 0.707}, 'lattice.mass_kg = 0.707 and lattice.spacing_m = 0.01 make 7.1e[+]02 g/cm3'),
+])
+def test_a_mass_in_another_unit(changes, words, scene_file):
+    with pytest.warns(UserWarning, match=words):
+        read_scene(scene_file(changes))
+
+
+@pytest.mark.parametrize(('name', 'old', 'new', 'words'), [
+    ('oscillator', 'theta0_deg = 30.0', 'theta0_deg = 90.1', 'lattice.theta0_deg must lie between 0 and 90 degrees, not 90.1'),
+    ('design', 'branch = 1', 'branch = 3', 'design.edge.branch must be at most 2'),
+    ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_mass = 1.2e6}]',
+     r'defects.substitutions[0].relative_mass must lie between 1e-06 and 1e+06'),
+    ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_strength = 1.2e6}]',
+     r'defects.substitutions[0].relative_strength must lie between 0 and 1e+06'),
+    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.2 ', 'the spheres overlap by 90 % of their diameter'),
+    ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'take a smaller one than law.diameter_m = 0.002'),
+])
+def test_bounds_of_ready_scenes(name, old, new, words, tmp_path):
+    text = ready_scene(name).read_text()
+    assert old in text
+    (tmp_path / 'my.toml').write_text(text.replace(old, new))
+    assert words in refusal(tmp_path / 'my.toml')
+
+
+def test_the_gap_of_a_design_has_a_branch_above(tmp_path):
+    text = re.sub(r'\[design.edge\].*', '[design.gap]\nabove_branch = 2\nwidth_Hz = 1.0\n', ready_scene('design').read_text(),
+                  flags=re.DOTALL)
+    (tmp_path / 'my.toml').write_text(text)
+    assert 'design.gap.above_branch must be at most 1' in refusal(tmp_path / 'my.toml')
