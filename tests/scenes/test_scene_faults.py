@@ -9,7 +9,9 @@ from numpy.testing import assert_allclose
 from refusals import refusal
 
 from magphonon import analytic_bands, finite_displacements, phonopy_bands
+from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.scene import read_scene, ready_scene
+from magphonon.scenes.tolerances import varied
 
 NAN, INF = math.nan, math.inf
 
@@ -154,7 +156,8 @@ def test_misspelt_key_is_told_the_near_one(key, wrong, suggestion, scene_file):
      'law.distances_m must be a list in brackets, not 0.01'),
     ({'law': {'kind': 'table', 'shells': 1, 'distances_m': [0.01], 'forces_N': [1.0]}},
      'law: a table needs two columns of at least 4 points, not r (1,) and f (1,)'),
-    ({'law': {'kind': 'table', **LAWS['table'], 'shells': 2}}, 'lattice.spacing_m = 0.01, law.shells = 2: distance 17.3205 mm is outside the table (8 to 15 mm); extend'),
+    ({'law': {'kind': 'table', **LAWS['table'], 'shells': 2}},
+     'lattice.spacing_m = 0.01, law.shells = 2: distance 17.3205 mm is outside the table (8 to 15 mm); extend'),
     ({'law': {'kind': 'table', **LAWS['table'], 'shells': 1, 'file': 'law.csv'}}, 'law has both file and '),
     ({'law': {'kind': 'table', **LAWS['table'], 'shells': 'all'}},
      "law.shells = 'all': the sum over all neighbours is known for inverse powers and Yukawa repulsion, not for Tabulated"),
@@ -231,3 +234,21 @@ def test_the_gap_of_a_design_has_a_branch_above(tmp_path):
                   flags=re.DOTALL)
     (tmp_path / 'my.toml').write_text(text)
     assert 'design.gap.above_branch must be at most 1' in refusal(tmp_path / 'my.toml')
+
+
+def test_a_measured_force_in_place_of_the_grade(tmp_path):
+    """As the comment of the ready scene says; the force has a tolerance, in proportion to which all forces go."""
+    text = ready_scene('disc').read_text().replace('grade = "N45"', '# grade')
+    assert '\n# [law.calibration]' in text
+    for line in ('[law.calibration]', 'distance_m', 'force_N'):
+        text = text.replace(f'# {line}', line)
+    (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nforce_N = 0.001\n')
+    scene = read_scene(tmp_path / 'my.toml')
+    law = scene.law.potential()
+    assert repulsion(law, 12.0) == pytest.approx(0.05)
+    (change,) = scene.uncertainty.tolerances(scene).changes.values()
+    assert change.law.dphi(15.0) == pytest.approx(law.dphi(15.0))
+    assert repulsion(varied(scene, {'force': 1.1}).law.potential(), 15.0) == pytest.approx(1.1 * repulsion(law, 15.0))
+    assert scene.uncertainty.tolerances(scene).covariance[0, 0] == pytest.approx(0.02**2)
+    (tmp_path / 'my.toml').write_text(text + '\n[uncertainty]\nremanence_percent = 1.0\n')
+    assert 'its parameters are spacing, mass, force' in refusal(tmp_path / 'my.toml')
