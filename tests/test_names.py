@@ -11,7 +11,8 @@ from magphonon.bands import Bands, ComplexBands, DensityOfStates, ZoneMap
 from magphonon.dynamics import Motion
 from magphonon.response import Extent, FrequencyResponse, Modes, SpectralFunction
 from magphonon.stability import Shifts
-from magphonon.waves import Branch, Ridge, Spectrum
+from magphonon.waves import Branch, Spectrum
+from magphonon.waves.spectrum import Ridge
 
 RESULTS = [Bands, ZoneMap, ComplexBands, Modes, FrequencyResponse, Shifts, Spectrum, Branch, Ridge,
            DensityOfStates, SpectralFunction, Extent]

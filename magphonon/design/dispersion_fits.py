@@ -219,7 +219,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
 
 
 def _settled(cell, names, points, model, branches_in, start):
-    """The fit with the branches that `branches_in` tells of the atoms, repeated until they and the uncertainties settle."""
+    """The fit to the branches that `branches_in` finds for the atoms, repeated until these and the uncertainties settle."""
     from scipy.optimize import least_squares
 
     x, n, before = start, np.arange(len(points)), None
@@ -266,7 +266,7 @@ def _assignments(cell, parameters, points, model):
 
 
 def _neighbouring(fit, points, count, told):
-    """The branches of a fit, but the next above or below for one of the ridges that it leaves farthest and no motion tells."""
+    """Other assignments to try: one of the worst ridges is moved to the next branch, unless its motion fixes the branch."""
     off, branches = np.bincount(points.ridge, fit.residuals**2, len(told)), fit.branches
     for k in [k for k in np.argsort(-off).tolist() if not told[k]][:FARTHEST]:
         for other in (branches[k] - 1, branches[k] + 1):
@@ -294,7 +294,7 @@ def _off_branches(atoms, points, model, unit):
 
 
 def _uncertainty(atoms, points, modes, model):
-    """Standard uncertainty of each frequency at its wavevector, that of the wavevector included."""
+    """Standard uncertainty of each frequency, with what the uncertainty of its wavevector adds."""
     n = np.arange(len(points))
     here, *beside = (bloch_modes(atoms, points.q * (1 + side * points.sigma_xi / points.xi)[:, None], model)[0][n, modes]
                      for side in (0, 1, -1))

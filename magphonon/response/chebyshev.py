@@ -147,7 +147,7 @@ BATCH = 2**22
 
 
 def spectrum_of(K: sparse.csr_array, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,
-                progress: tqdm | None = None) -> Spectrum:
+                progress: tqdm | None = None) -> SpectralMoments:
     """Moments of start vectors, on the interval from zero, or from the lowest square where that is negative.
 
     Parameters
@@ -173,7 +173,7 @@ def _moments_on(interval, K, starts, count, progress):
         found.append(moments(X2, s, count))
         if progress is not None:
             progress.update(s.shape[1])
-    return Spectrum(interval, np.concatenate(found, axis=1))
+    return SpectralMoments(interval, np.concatenate(found, axis=1))
 
 
 def moments(X2: sparse.csr_array, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -227,7 +227,7 @@ def jackson(count: int) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class SpectralMoments:
     """Moments of start vectors, from which densities follow at any frequency.
 
     Attributes

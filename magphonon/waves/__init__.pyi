@@ -3,10 +3,6 @@ from .ridge_tables import (
     read_ridges as read_ridges,
     write_ridges as write_ridges,
 )
-from .rows import (
-    Row as Row,
-    row_of as row_of,
-)
 from .scan_tables import (
     read_places as read_places,
     read_scan as read_scan,
@@ -16,19 +12,15 @@ from .scans import (
     Scan as Scan,
 )
 from .spectrum import (
-    Ridge as Ridge,
     Spectrum as Spectrum,
     ridge as ridge,
     wavenumber_frequency as wavenumber_frequency,
-    without_drift as without_drift,
 )
 from .vibrometer import (
     sampled as sampled,
 )
 from .wave_analysis import (
     Branch as Branch,
-    Misfit as Misfit,
-    Wave as Wave,
     branch as branch,
     compare as compare,
     report as report,
@@ -37,8 +29,6 @@ from .wave_analysis import (
 )
 from .wave_source import (
     Burst as Burst,
-    Passage as Passage,
-    Site as Site,
     polarisations as polarisations,
     send as send,
     site as site,

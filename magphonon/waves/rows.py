@@ -97,7 +97,7 @@ def row_of(places: ArrayLike, cell: Atoms) -> Row:
     --------
     >>> import numpy as np
     >>> from magphonon import lattices
-    >>> from magphonon.waves import row_of
+    >>> from magphonon.waves.rows import row_of
     >>> cell = lattices.triangular(10.0, 0.7)
     >>> row = row_of([[3, 4], [23, 4], [33, 4]], cell)  # one is missing
     >>> row.steps.tolist(), row.vector.tolist()

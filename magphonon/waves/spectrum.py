@@ -213,7 +213,7 @@ def without_drift(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon.waves import without_drift
+    >>> from magphonon.waves.spectrum import without_drift
     >>> t = np.arange(50.0)[:, None]
     >>> bool(abs(without_drift(0.2 + 0.01 * t)).max() < 1e-12)
     True

@@ -18,7 +18,7 @@ from magphonon.response import (
     sites_of,
     spectral_function,
 )
-from magphonon.response.chebyshev import Interval, Spectrum, stable_interval, whole_interval
+from magphonon.response.chebyshev import Interval, SpectralMoments, stable_interval, whole_interval
 from magphonon.stiffness import LinearSystem
 
 K0 = 0.12  # N/mm, on which all the lattices here are stable
@@ -155,7 +155,7 @@ def test_the_stated_width_is_that_of_a_peak():
     for at in (0.1, 0.7, 1.4, 1.9):
         for count in (64, 256):
             mu = np.cos(np.arange(count) * np.arccos((at**2 - 2) / 2))
-            found = Spectrum(interval, mu[:, None])
+            found = SpectralMoments(interval, mu[:, None])
             peak = found.density(grid)[:, 0]
             assert np.trapezoid(peak, grid) == pytest.approx(1, rel=1e-4)
             half = grid[peak > peak.max() / 2]

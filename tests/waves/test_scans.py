@@ -16,11 +16,11 @@ from magphonon.waves import (
     read_places,
     read_scan,
     ridge,
-    row_of,
     scan_waves,
     wavenumber_frequency,
     wavevector,
 )
+from magphonon.waves.rows import row_of
 from magphonon.waves.scans import DEGREES, RESAMPLED, integrated
 
 NORMAL = 1.96

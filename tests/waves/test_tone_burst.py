@@ -209,6 +209,19 @@ def test_each_motion_has_its_map_the_strongest_first(amplitudes, motions, ideal)
         assert wave.misfits['conventional', own].bins > 0.2  # 0.3 for longitudinal at xi = 1
 
 
+def test_longitudinal_waves_are_no_evidence_and_a_ridge_on_both_models_tells_none(ideal):
+    """Where both longitudinal branches are within the uncertainty, or one alone, the report says what that is worth."""
+    (wave,) = (wave for wave in waves(travelling(1, 1, ideal), ideal, 'row') if wave.motion == 'longitudinal')
+    shear = waves(travelling(1, 0, ideal), ideal, 'row')[:1]
+    longitudinal = 'Longitudinal waves hardly feel D*'
+    assert longitudinal in report({'x': [wave]})
+    assert longitudinal not in report({'x': shear})
+    both = replace(wave, ridge=replace(wave.ridge, sigma_omega=wave.ridge.sigma_omega + 0.02))
+    assert {model for model, _ in both.agrees_with} == {'complete', 'conventional'}  # 0.3 bins apart at xi = 1
+    words = 'it does not tell the models apart'
+    assert [words in report({'x': [one]}) for one in (both, *shear)] == [True, False]
+
+
 def test_noise_alone_has_no_ridge_and_the_report_says_so(ideal, tmp_path):
     noise = waves(travelling(0, 0, ideal, noise=1.0), ideal, 'row')
     assert [wave.ridge for wave in noise] == [None, None]
