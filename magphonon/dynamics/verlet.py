@@ -119,11 +119,12 @@ class DrivenVerlet(VelocityVerlet):
                  threads: int | None = None, **kwargs: Any) -> None:
         self.threads = threads_for(len(atoms)) if threads is None else whole('threads', threads)
         self.asked_engine = one_of('engine', engine, ENGINES)
-        self._drives, self._sum_of_drives = tuple(drives), Drives(drives, len(atoms))
+        self._drives = tuple(drives)
+        self._sum_of_drives = Drives(self._drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms))
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
-        refuse_held_drives(drives, atoms)
+        refuse_held_drives(self._drives, atoms)
         self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and find_spec('numba') is None:
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
@@ -154,8 +155,9 @@ class DrivenVerlet(VelocityVerlet):
 
     @drives.setter
     def drives(self, drives: Sequence[Any]) -> None:
+        drives = tuple(drives)
         refuse_held_drives(drives, self.atoms)
-        self._drives, self._sum_of_drives = tuple(drives), Drives(drives, len(self.atoms))
+        self._drives, self._sum_of_drives = drives, Drives(drives, len(self.atoms))
 
     @property
     def displacements(self) -> NDArray[np.float64]:

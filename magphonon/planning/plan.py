@@ -50,7 +50,7 @@ class Engine:
 
 COMPILED = Engine(6e-9, 1100.0, 9e-6)
 NUMPY = Engine(32e-9, 1100.0, 1.1e-4)
-LAMMPS = Engine(60e-9, 1000.0)
+LAMMPS = Engine(90e-9, 1000.0)
 
 
 def engine_costs(particles: int, steps: int) -> str:
