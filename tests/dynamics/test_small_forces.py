@@ -100,8 +100,8 @@ def test_what_balances_leaves_nothing(seed):
 
 def test_a_rule_that_drops_small_sums_is_noticed(monkeypatch):
     # the control: what is small beside the bonds was taken for round-off
-    def drops(calc, push=0.0, u=0.0):
-        total = static_forces(calc, push, u)
+    def drops(calc, push=0.0):
+        total = static_forces(calc, push)
         return np.where(abs(total) > 1e-11 * abs(calc.laws.dphi(L0)), total, 0)
 
     monkeypatch.setattr(propagation, 'static_forces', drops)

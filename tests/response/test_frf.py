@@ -332,4 +332,4 @@ def test_a_force_out_of_the_plane_is_refused_and_not_answered_by_zero(respond, d
     with pytest.raises(ValueError, match='pushes along z, but the structure is planar'):
         respond(patch, force, [0.3], 0.1)
     force[18] = 1, 0, 0
-    assert abs(respond(patch, force, [0.3], 0.1)).max() > 1
+    assert abs(respond(patch, force, [0.3], 0.1).response).max() > 1

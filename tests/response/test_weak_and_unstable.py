@@ -121,7 +121,7 @@ def test_unstable_structures_are_refused_however_weakly(seed):
         stable, unstable = patch.on((1 + share) * needed), patch.on((1 - share) * needed)
         exact = patch.exact((1 + share) * needed, omega, gamma)
         for response in (frequency_response, harmonic_response):
-            found = response(stable, patch.force, omega, gamma)[..., :2].reshape(len(omega), -1)
+            found = response(stable, patch.force, omega, gamma).response[..., :2].reshape(len(omega), -1)
             assert abs(found - exact).max() < 1e-8 * abs(exact).max()  # 1e-8 from buckling, round-off of a slow force is 1e-8
             with pytest.raises(ValueError, match='unstable and has no steady response') as refused:
                 response(unstable, patch.force, omega, gamma)
@@ -150,5 +150,5 @@ def test_every_model_answers_damped_and_undamped(model, other):
         exact = patch.exact(k, [below], gamma)
         assert abs(wrong.exact(k, [below], gamma) - exact).max() > 1e3 * TOLERANCE * abs(exact).max()
         for response in (frequency_response, harmonic_response):
-            found = response(patch.on(k), patch.force, [below], gamma)[..., :2].reshape(1, -1)
+            found = response(patch.on(k), patch.force, [below], gamma).response[..., :2].reshape(1, -1)
             assert abs(found - exact).max() < TOLERANCE * abs(exact).max()
