@@ -115,11 +115,6 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
     most : int
         Largest size in bytes.
 
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read, or is no such table.
-
     Examples
     --------
     >>> import tempfile

@@ -133,13 +133,7 @@ class DispersionFit:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the logarithms of the parameters, shape (parameters, parameters).
-
-        Raises
-        ------
-        ValueError
-            If the points do not determine all of them.
-        """
+        """Covariance of the logarithms of the parameters, shape (parameters, parameters)."""
         if self.rank < len(self.names):
             raise ValueError(f'the points determine {self.rank} combinations of the {len(self.names)} parameters '
                              f'({", ".join(self.names)}), so that these have no covariance; measure another branch, or fix '
@@ -164,11 +158,6 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     Returns
     -------
     DispersionFit
-
-    Raises
-    ------
-    ValueError
-        If there are no more points than parameters.
 
     Examples
     --------

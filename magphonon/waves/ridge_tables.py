@@ -133,11 +133,6 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
     -------
     RidgePoints
 
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read, or is no such table; the message says what and where.
-
     Examples
     --------
     >>> import tempfile

@@ -42,11 +42,6 @@ def read_scan(path: str | PathLike[str]) -> Scan:
     Scan
         Equal times, displacements, without dead points; its notes say what was done for that.
 
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read, or is no such file; the message says what, where, and how to mend it.
-
     Examples
     --------
     >>> import tempfile
@@ -92,11 +87,6 @@ def write_scan(path: str | PathLike[str], motion: Motion) -> None:
 
 def read_places(path: str | PathLike[str]) -> dict[str, tuple[float, float]]:
     r"""Places of points from a table with the columns particle (or point) and x_m, y_m (or in mm, um): x and y in mm by name.
-
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read, or is no such table.
 
     Examples
     --------
@@ -171,11 +161,6 @@ def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]
     """Samples of each point of a universal file, by its number, and whether they are velocities.
 
     A label of the ordinate such as mm/s tells its unit; without one lengths are those of dataset 164, and in m without it.
-
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read, or holds no displacements or velocities over time.
     """
     sets = _sets(path)
     metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre

@@ -87,13 +87,7 @@ class Scan:
         return (self.times[-1] - self.times[0]) / (len(self.times) - 1)
 
     def placed(self, places: Mapping[str, tuple[float, float]]) -> Scan:
-        """The points of which `places` tells x and y in mm, by name; the others are left out.
-
-        Raises
-        ------
-        ValueError
-            If there are none.
-        """
+        """The points of which `places` tells x and y in mm, by name; the others are left out."""
         kept = [k for k, name in enumerate(self.names) if name in places]
         if not kept:
             raise ValueError(f'of the points {_listed(self.names)} no place is known; places are those of the points '
@@ -120,11 +114,6 @@ def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> 
     Returns
     -------
     Scan
-
-    Raises
-    ------
-    ValueError
-        If there is no motion, or the samples are too far apart in time for it.
     """
     notes = []
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}

@@ -27,11 +27,6 @@ def sampled(motion: Motion, rate: float, noise: float = 0.0, seed: int = 0) -> M
     Motion
         Displacements alone.
 
-    Raises
-    ------
-    ValueError
-        If the motion is shorter than two samples.
-
     Examples
     --------
     >>> import numpy as np

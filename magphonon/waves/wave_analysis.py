@@ -77,11 +77,6 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete
     Branch
         From xi = 0 to pi.
 
-    Raises
-    ------
-    ValueError
-        For an unknown model or mode.
-
     Examples
     --------
     >>> import numpy as np
@@ -265,11 +260,6 @@ def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
     Returns
     -------
     list of Wave
-
-    Raises
-    ------
-    ValueError
-        If the row is at rest, or the record too short.
     """
     motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
     return _analysed(motions, row.dt, None, cell, wavevector(cell, source), source)
@@ -293,11 +283,6 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     Returns
     -------
     list of Wave
-
-    Raises
-    ------
-    ValueError
-        If the points are no row of the lattice, are too far apart or at rest, or move out of its plane alone.
 
     Examples
     --------

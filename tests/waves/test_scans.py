@@ -8,6 +8,7 @@ from scans import packet, scene_text, triangular_branches
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from magphonon import read_scene, ready_scene
+from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.waves import (
     Branch,
@@ -364,6 +365,24 @@ def test_places_may_stand_in_a_table_of_their_own(tmp_path, prototype):
     (tmp_path / 'points.csv').write_text('point,x_mm\nA,1\nA,2\n')
     with pytest.raises(ValueError, match='point A stands there twice, at different places'):
         read_places(tmp_path / 'points.csv')
+
+
+def test_backward_waves_are_picked_where_the_row_may_be_turned_round(tmp_path):
+    """Shear in the square lattice on springs falls with the wavenumber: energy from the source, phases towards it."""
+    cell = read_scene(ready_scene('square')).atoms()
+    step, n, t = np.linalg.norm(cell.cell[0]), np.arange(30), np.arange(0, 900, 2.0)
+    xi = np.linspace(0, np.pi, 500)
+    omega = bloch_modes(cell, np.outer(xi / (2 * np.pi), [1, 0, 0]))[0][:, 0]
+    assert (np.diff(omega) < 0).all()
+    carrier = omega[220]
+    u = 1e-3 * packet(t, -n, xi[::-1], omega[::-1], carrier, 0.03 * carrier, 300)
+    places = np.stack([step * n, 0 * n], axis=1)
+    scan = Scan(t, tuple(map(str, n)), places, {'y': u})
+    (wave,) = scan_waves(scan, cell, 'point')
+    assert ('complete', 'shear') in wave.agrees_with
+    assert compare(wave.ridge, Branch(xi, omega)).bins < 0.2
+    (known,) = scan_waves(scan, cell, 'point', row_of(places, cell))  # a row that begins at the source, as in burst
+    assert known.ridge is None
 
 
 def test_motion_out_of_the_plane_alone_is_refused(prototype):
