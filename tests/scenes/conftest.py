@@ -22,6 +22,11 @@ def toml(value):
 
 
 @pytest.fixture
+def as_toml():
+    return toml
+
+
+@pytest.fixture
 def scene_file(tmp_path):
     """A function that writes the prototype's scene with changes, {'law.a': 3.0}; a value of None removes the key."""
     def write(changes, base=SCENE):

@@ -1,0 +1,202 @@
+"""What a command refuses, in words that name the key, the option or the file; and output that nobody can read."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from magphonon.bands.zone import ZoneMap
+from magphonon.cli.main import main
+from magphonon.errors import finite, positive, whole
+from magphonon.files import write_columns
+from magphonon.response.frf import FrequencyResponse
+from magphonon.scenes.scene import ready_scene
+
+pytestmark = pytest.mark.usefixtures('no_impacts')
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['bnads', 'x.toml'], "there is no command 'bnads'; did you mean 'bands'?"),
+    (['scene', 'protoype'], "did you mean 'prototype'?"),
+    (['Bands'], "did you mean 'bands'?"), (['zzz'], "there is no command 'zzz'; the commands are bands, burst"),
+    (['density'], "did you mean 'dos'?"), (['bands', 'chain', '--outptu', 'x'], "did you mean '--output'?"),
+    (['check', 'chain', 'dust'], "takes no further argument 'dust'"), (['check', ''], "'' names no file"),
+    (['bands', 'chain', '-o', ''], '-o names no directory'), (['bands', 'chain', '--output=--'], '-o names no directory'),
+    (['bands', 'chain', '--title', '\x1b[31m'], "'\\x1b[31m' holds a control character"),
+    (['check', 'a\0b'], 'a control character'),
+    (['burst', 'prototype', '--threads', '1000000'], '--threads must be at most 1024'),
+    (['sweep', 'chain', '--over', 'law.a=3,4', '--ask', 'bands.Q.1'], "one of 'G', 'X', not 'Q'"),
+    (['sweep', 'chain', '--over', 'law.a=3,4', '--ask', 'stability.mragin'], "did you mean 'stability.margin'?")])
+def test_arguments(arguments, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    try:
+        assert main(arguments) == 2
+    except SystemExit as ended:  # argparse's way out
+        assert ended.code == 2  # noqa: PT017
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(('command', 'changes', 'scene', 'words'), [
+    ('check', {'side_m = 0.3 ': 'side_m = 0.005 '}, 'prototype',
+     'patch.side_m = 0.005, lattice.spacing_m = 0.01: the patch holds 1 particles, none of them inside its rim; make it larger'),
+    ('frf', {'spacing_m = 0.01 ': 'spacing_m = 0.012 ', 'side_m = 0.3 ': 'side_m = 0.006 '}, 'prototype',
+     'patch.side_m = 0.006, lattice.spacing_m = 0.012: the patch holds 1 particles'),
+    ('burst', {'cells_1 = 60 ': 'cells_1 = 2 ', 'cells_2 = 60 ': 'cells_2 = 2 '}, 'ideal',
+     'patch.cells_1 = 2, patch.cells_2 = 2, lattice.spacing_m = 1.0: the patch holds 4 particles'),
+    ('check', {'side_m = 0.3 ': 'side_m = 300.0 '}, 'prototype',
+     'patch.side_m = 300.0, lattice.spacing_m = 0.01: the patch of 1.4e+09 cells is too large'),
+    ('bands', {'supercell = [3, 3]': 'supercell = [2, 2]'}, 'prototype',
+     'bands.supercell = [2, 2]: the supercell (2, 2, 1) repeats every 20 mm'),
+    ('design', {'frequency_Hz = 58.2326897819 ': 'frequency_Hz = 500.0 '}, 'design',
+     'design.edge.frequency_Hz, branch 1 at M: no spacing gives 500 Hz; where the lattice is stable'),
+    ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e300'}, 'prototype',
+     'law: b must be a positive number in N mm^a, not inf; check units and exponents of law.b_N_m_a = 1.6209e+300, law.a = 4.58'),
+    ('check', {'b_N_m_a = 1.6209e-10': 'b_N_m_a = 1.6209e90'}, 'prototype',
+     'law, foundation and lattice.mass_kg give frequencies of about 6e+51 Hz; check their units and exponents (law.b_N_m_a = ')])
+def test_refusals_name_the_keys(command, changes, scene, words, scene_file, tmp_path, capsys):
+    arguments = [command, str(scene_file(changes, scene))]
+    assert main(arguments + ([] if command in ('check', 'design') else ['-o', str(tmp_path / 'out')])) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('value', [2**53 + 2, 10**400, -(10**400), 10**5000, np.float64(-2.5), True, 'four', np.nan, [1]],
+                         ids=range(9))
+def test_numbers_are_taken_or_refused_by_name_in_few_words(value):
+    for check in (positive, whole):
+        try:
+            assert check('b', value) == value
+        except ValueError as error:
+            assert str(error).startswith('b must be a ')  # noqa: PT017  one of both may happen
+            assert 'np.' not in str(error)  # noqa: PT017
+            assert len(str(error)) < 400  # noqa: PT017
+    with pytest.raises(ValueError, match=r'b\[0\] is inf|b must hold numbers'):
+        finite('b', [10**400])
+
+
+def test_speeds_that_are_no_numbers_have_words(tmp_path, capsys):
+    """Of electrons w/k grows without end in long waves; a kagome lattice of D0 alone has a mode without stiffness."""
+    for name, word in (('wigner', 'unbounded'), ('kagome', 'none')):
+        text = ready_scene('wigner').read_text() if name == 'wigner' else ready_scene('ideal').read_text().replace(
+            'kind = "triangular"', 'kind = "kagome"')
+        file = tmp_path / f'{name}.toml'
+        file.write_text(text.replace('points = 300', 'points = 3'))
+        assert main(['bands', str(file), '-o', str(tmp_path / name)]) == 0
+        said = capsys.readouterr().out
+        assert word in said.partition('long-wave speeds')[2]
+        assert not {'nan', 'inf'} & set(said.split())
+
+
+def test_an_error_without_bound_has_a_word(scene_file, capsys):
+    """So strong a force that no periodic vibration answers it: linear models are off by whatever it is."""
+    file = scene_file({'spacing_m = 1.0 ': 'spacing_m = 1.2 ', 'damping_per_s = 12.0 ': 'damping_per_s = 0.1 '}, 'oscillator')
+    assert main(['plan', str(file)]) == 0
+    said = capsys.readouterr().out
+    assert [line.split()[2] for line in said.splitlines() if 'complete linear' in line] == ['unbounded']
+    assert 'inf' not in said.split()
+
+
+@pytest.mark.parametrize('number', [np.nan, np.inf, complex(0, -np.inf)])
+def test_results_that_are_no_numbers_are_not_written(number, tmp_path):
+    response = FrequencyResponse(np.array([1.0, 2.0]), np.array([1 + 1j, number]))
+    with pytest.raises(FloatingPointError, match=r'response would be .* in 1 of 2 entries of r.npz, so it is not written'):
+        response.save(tmp_path / 'r.npz')
+    with pytest.raises(FloatingPointError, match=r'b_m would be'):
+        write_columns(tmp_path / 'r.csv', ['a_m', 'b_m'], [[1.0, 2.0], [3.0, abs(number)]])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nan_where_it_means_no_value_is_written(tmp_path):
+    """Group velocities have none at a frequency of zero; infinity has no such meaning."""
+    mesh = ZoneMap(np.eye(3), np.zeros((1, 1, 3)), np.zeros((1, 1, 2)), np.full((1, 1, 2, 2), np.nan))
+    mesh.save(tmp_path / 'zone.npz')
+    assert np.isnan(ZoneMap.load(tmp_path / 'zone.npz').velocity).all()
+    with pytest.raises(FloatingPointError, match='velocity would be inf'):
+        replace(mesh, velocity=np.full((1, 1, 2, 2), np.inf)).save(tmp_path / 'zone.npz')
+
+
+def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monkeypatch):
+    from magphonon.response import frf
+
+    def overflown(*arguments):
+        response = receptance(*arguments)
+        return replace(response, response=response.response * np.where(np.arange(len(response.omega)) < 3, np.inf, 1))
+
+    receptance = frf.receptance
+    file = tmp_path / 'my.toml'
+    file.write_text(ready_scene('oscillator').read_text())
+    with np.errstate(invalid='ignore'):
+        monkeypatch.setattr(frf, 'receptance', overflown)
+        assert main(['frf', str(file), '-o', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith('magphonon: response would be ')
+    assert said.endswith(f'check units and exponents, first of all in the law, in {file}\n')
+    assert list(tmp_path.iterdir()) == [file]
+
+
+# --- output that nobody reads ----------------------------------------------------------------------------------------
+
+def command(*arguments, **options):
+    """The command in a process of its own, as a shell would start it."""
+    return subprocess.run([sys.executable, '-m', 'magphonon', *map(str, arguments)], timeout=600, text=True,
+                          **({'capture_output': True} | options))
+
+
+@pytest.mark.slow
+def test_closed_streams_cost_nothing(tmp_path):
+    """As `>&-` and `2>&-` close them: results are written all the same."""
+    file = tmp_path / 'chain.toml'
+    file.write_text(ready_scene('chain').read_text())
+    for stream in (1, 2):
+        out = tmp_path / str(stream)
+        done = command('bands', file, '-o', out, capture_output=False, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                       preexec_fn=lambda stream=stream: os.close(stream))
+        assert (done.returncode, done.stderr) == (0, '')
+        assert (out / 'bands.csv').exists()
+
+
+@pytest.mark.slow
+def test_letters_that_the_terminal_lacks(tmp_path):
+    file = tmp_path / 'chain.toml'
+    file.write_text(ready_scene('chain').read_text().replace('title = "', 'title = "größe 😀 '), encoding='utf-8')
+    done = command('check', file, env={**os.environ, 'PYTHONIOENCODING': 'ascii', 'LC_ALL': 'C'})
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout.startswith('gr\\xf6\\xdfe \\U0001f600')
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='a system without such files')
+def test_a_report_that_cannot_be_shown_has_a_status_of_its_own(tmp_path):
+    (tmp_path / 'law.csv').write_text('r_mm,f_N\n1,16\n2,8\n4,4\n8,2\n16,1\n')
+    fit = ('fit', tmp_path / 'law.csv', '-o', tmp_path / 'out')
+    for arguments, written in ((('scene', 'chain'), ''), (fit, '; the results are written')):
+        with open('/dev/full', 'w') as full:
+            done = command(*arguments, capture_output=False, stdout=full, stderr=subprocess.PIPE)
+        assert done.returncode == 3
+        assert done.stderr.strip() == f'magphonon: the report could not be shown (No space left on device){written}'
+
+
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='a system without such files')
+def test_a_mistake_keeps_its_status_where_its_message_cannot_be_shown(tmp_path):
+    with open('/dev/full', 'w') as full:
+        done = command('check', tmp_path / 'none.toml', capture_output=False, stderr=full, stdout=subprocess.PIPE)
+    assert (done.returncode, done.stdout) == (2, '')
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.path.exists('/proc'), reason='a system without a folder in which nobody can write')
+def test_no_docstrings_another_backend_and_a_home_that_cannot_be_written_change_nothing(tmp_path):
+    homes = ('MPLCONFIGDIR', 'XDG_CACHE_HOME', 'XDG_CONFIG_HOME')
+    shell = {name: value for name, value in os.environ.items() if name not in homes} | {'HOME': '/proc', 'PYTHONOPTIMIZE': '2'}
+    bare = subprocess.run([sys.executable, '-c', 'import matplotlib'], env=shell, capture_output=True, text=True, check=True)
+    assert 'cache directory' in bare.stderr  # the control: what matplotlib says of such a home
+    shell['MPLBACKEND'] = 'bogus'
+    (tmp_path / 'chain.toml').write_text(ready_scene('chain').read_text())
+    done = command('bands', tmp_path / 'chain.toml', '-o', tmp_path / 'out', env=shell)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert (tmp_path / 'out' / 'bands.png').exists()
+    assert command('--version', env=shell).stdout.startswith('magphonon ')
