@@ -11,13 +11,13 @@ restart file if it is submitted again.  `run_lammps` with the same arguments the
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 import subprocess
 import sys
 import sysconfig
 from contextlib import chdir, contextmanager
 from importlib import metadata
-from os import environ, pathsep
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -356,17 +356,6 @@ def _load_mpi():
         ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
 
 
-def read_lammps_displacements(directory: str | PathLike[str], atoms: Atoms) -> NDArray[np.float64]:
-    """Displacements from the rest positions of `atoms`, mm, shape (frames, particles, dim), from trajectory.dump."""
-    lines = Path(directory, 'trajectory.dump').read_text().splitlines()
-    frames = np.array(lines).reshape(-1, 9 + len(atoms))[:, 9:]  # nine lines of header, then 'id x y', or 'id x y z', in order
-    places = np.array([[line.split()[1:] for line in frame] for frame in frames], dtype=float)
-    return places - atoms.positions[:, : places.shape[-1]]
-
-
-FRAME = 'ITEM: TIMESTEP\n'
-HEADER = 8
-"""Number of header lines between FRAME and the particles of a frame."""
 RESTARTS_OF_A_RUN = 20
 """Number of restart files that a run writes; a killed run loses at most this fraction of its steps."""
 BATCH = """\
@@ -445,12 +434,12 @@ def _write(directory, atoms, timestep, steps, drives, damping, records, ranks):
         write_lammps_input(stage, atoms, timestep, steps, drives=drives, damping=damping, records=records,
                            restart=max(1, steps // RESTARTS_OF_A_RUN))
         names = [file.name for file in stage.iterdir()]
-        there = [name for name in names if (directory / name).exists()]
-        written = [*(f'record{n}.dump' for n in range(len(records))), *RESTARTS, 'complete', 'log.lammps', 'submit.sh']
-        differing = [name for name in there if (directory / name).read_bytes() != (stage / name).read_bytes()]
-        foreign = [name for name in written if not there and (directory / name).exists()]
-        for name in differing + foreign:
-            raise ValueError(f'{directory / name} belongs to another run; name another folder, or remove this one')
+        outputs = [*(f'record{n}.dump' for n in range(len(records))), *RESTARTS, 'complete', 'log.lammps', 'submit.sh']
+        there = [name for name in names if os.path.lexists(directory / name)]
+        for file in (directory / name for name in names + outputs if os.path.lexists(directory / name)):
+            ours = file.is_file() and not file.is_symlink() and bool(there)
+            if not ours or (file.name in names and file.read_bytes() != (stage / file.name).read_bytes()):
+                raise ValueError(f'{file} belongs to another run; name another folder, or remove this one')
         directory.mkdir(parents=True, exist_ok=True)
         for name in set(names) - set(there):
             shutil.copyfile(stage / name, directory / name)
@@ -476,7 +465,7 @@ def _run(directory, ranks):
 
 def _program(name, package):
     """Path of a program: in the folder of this Python's scripts, in the search path, or where a wheel installed it."""
-    found = shutil.which(name, path=f'{sysconfig.get_path("scripts")}{pathsep}{environ.get("PATH", "")}')
+    found = shutil.which(name, path=f'{sysconfig.get_path("scripts")}{os.pathsep}{os.environ.get("PATH", "")}')
     try:
         installed = [file.locate() for file in metadata.files(package) or () if file.name == name and file.parent.name == 'bin']
     except metadata.PackageNotFoundError:
@@ -489,27 +478,39 @@ def _program(name, package):
 
 
 def _record(file, atoms, particles, timestep, steps):
-    """Read a dump; of a frame that was written twice, before and after a restart, the later one counts.
-
-    Parameters
-    ----------
-    steps : range
-        The steps of which there must be a frame.
-    """
+    """The record of some particles at the `steps`, a range; a frame that is not there is refused."""
     particles = np.arange(len(atoms)) if particles is None else np.atleast_1d(particles)
     ordered, back = np.unique(particles, return_inverse=True)  # LAMMPS sorts by number
-    frames = {}
     try:
-        for frame in file.read_text().split(FRAME)[1:]:
-            lines = frame.split('\n')
-            if len(lines) > HEADER + len(ordered):  # or cut off by a kill before a restart
-                rows = np.array(' '.join(lines[HEADER:HEADER + len(ordered)]).split(), dtype=float).reshape(-1, 3)
-                if np.array_equal(rows[:, 0], ordered + 1) and np.isfinite(rows).all():
-                    frames[int(lines[0])] = (rows[:, 1:] - atoms.positions[ordered, :2])[back]
-        lacking = sorted(set(steps) - set(frames))
+        frames = _frames(file, ordered)
     except (OSError, ValueError) as error:
         raise ValueError(f'{file} cannot be read ({error}); remove its folder, and LAMMPS runs again') from error
-    if lacking:
+    if lacking := sorted(set(steps) - set(frames)):
         raise ValueError(f'{file} has no whole frame of step {lacking[0]} and lacks {len(lacking)} of {len(steps)}; remove its '
                          'folder, and LAMMPS runs again')
-    return Motion(timestep * np.array(steps), particles, np.array([frames[n] for n in steps]))
+    places = np.array([frames[n] for n in steps])
+    return Motion(timestep * np.array(steps), particles, (places - atoms.positions[ordered, :2])[:, back])
+
+
+def read_lammps_displacements(directory: str | PathLike[str], atoms: Atoms) -> NDArray[np.float64]:
+    """Displacements from the rest positions of `atoms`, mm, shape (frames, particles, dim), from trajectory.dump."""
+    frames = _frames(Path(directory, 'trajectory.dump'), np.arange(len(atoms)))
+    places = np.array([frames[n] for n in sorted(frames)])
+    return places - atoms.positions[:, : places.shape[-1]]
+
+
+FRAME = 'ITEM: TIMESTEP\n'
+HEADER = 8
+"""Number of header lines between FRAME and the particles of a frame."""
+
+
+def _frames(file, particles):
+    """Places of the particles in every whole frame of a dump, by its step; of one written twice, about a restart, the later."""
+    frames = {}
+    for frame in file.read_text().split(FRAME)[1:]:
+        lines = frame.split('\n')
+        if len(lines) > HEADER + len(particles):  # or cut off
+            rows = np.array(' '.join(lines[HEADER:HEADER + len(particles)]).split(), dtype=float).reshape(len(particles), -1)
+            if np.array_equal(rows[:, 0], particles + 1) and np.isfinite(rows).all():
+                frames[int(lines[0])] = rows[:, 1:]
+    return frames

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -150,11 +151,19 @@ def test_what_lammps_refuses_and_foreign_folders(tmp_path):
         run_lammps(atoms, DT, STEPS, records=records, drives=[strong], directory=tmp_path / 'a')
     with pytest.raises(ValueError, match='belongs to another run'):
         run_lammps(atoms, DT, STEPS, records=records, drives=[drive], directory=tmp_path / 'a')
-    (tmp_path / 'mine').mkdir()
-    (tmp_path / 'mine' / 'log.lammps').write_text('of something else')
-    with pytest.raises(ValueError, match='belongs to another run'):
-        run_lammps(atoms, DT, STEPS, records=records, drives=[drive], directory=tmp_path / 'mine')
-    assert [file.name for file in (tmp_path / 'mine').iterdir()] == ['log.lammps']
+    mine = tmp_path / 'mine'
+    mine.mkdir()
+    (tmp_path / 'precious').write_text('data')
+    for name in ('in.lammps', 'particles.data', 'record0.dump', 'log.lammps', 'restart.a', 'complete', 'submit.sh'):
+        for make in (lambda file: file.write_text('of something else'), os.mkfifo, Path.mkdir,
+                     lambda file: file.symlink_to(tmp_path / 'precious'), lambda file: file.symlink_to(tmp_path / 'nowhere')):
+            make(mine / name)
+            with pytest.raises(ValueError, match='belongs to another run'):
+                run_lammps(atoms, DT, STEPS, records=records, drives=[drive], directory=mine)
+            assert [file.name for file in mine.iterdir()] == [name]
+            (mine / name).rmdir() if make is Path.mkdir else (mine / name).unlink()
+    assert (tmp_path / 'precious').read_text() == 'data'
+    assert not (tmp_path / 'nowhere').exists()
     with pytest.raises(ValueError, match='ranks must be'):
         run_lammps(atoms, DT, STEPS, records=records, ranks=0)
     with pytest.raises(ValueError, match='particles to record'):
