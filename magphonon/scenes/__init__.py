@@ -1,9 +1,9 @@
 """Scene files: a lattice and the computations wanted for it, in SI with the unit in every key.
 
 `sources` finds the text of a scene, in a file, a ready scene or a stream; `scene` reads it and `consistency` compares its
-tables; `lattices`, `laws` and `supports` build the objects that its tables describe; `plans` and `design` hold the
-computations; `tolerances` holds the uncertainties of the parameters; `fields` checks the numbers and texts of the tables, and
-`keys` lists them all.
+tables; `lattices`, `structures` and `laws` build the objects that its tables describe; `plans` holds the computations,
+`tolerances` the uncertainties of the parameters; `band_fits` fits a scene to measured branches; `fields` checks the numbers and
+texts of the tables, and `keys` lists them all.
 """
 
 import lazy_loader

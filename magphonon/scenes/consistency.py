@@ -43,6 +43,8 @@ MOST_SHELLS = 300
 MOST_LEGS = 100
 """Largest number of points along a path; a picture has no room for more names."""
 
+OF_LATTICES = 'plan', 'design', 'uncertainty'
+"""Tables of computations that vary one law and the spacing of a lattice."""
 IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
 """Tables of computations that know no motion out of the plane."""
 
@@ -75,7 +77,8 @@ def check(scene: Scene) -> None:
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
                            ('bands', _bands), ('frf', _frf), ('plan', _plan), ('burst', _burst), ('vibrometer', _vibrometer),
                            ('foundation', _pillar), ('foundation', _out_of_plane),
-                           ('uncertainty', _uncertainty), ('design', _design)):
+                           ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene)),
+                           ('design', lambda scene: scene.design.check(scene))):
         try:
             if getattr(scene, table) is not None:
                 checked(scene)
@@ -140,34 +143,28 @@ def _out_of_plane(scene: Scene) -> None:
                          'take it out for these, or keep [bands], [patch], [defects] and [disorder] alone')
 
 
-def _uncertainty(scene: Scene) -> None:
-    scene.uncertainty.tolerances(scene)
-
-
-def _design(scene: Scene) -> None:
-    scene.design.check(scene)
+def _refuse(scene: Scene, tables: tuple[str, ...], why: str) -> None:
+    """Refuse each of these tables; {0} in `why` is its name."""
+    for name in tables:
+        if getattr(scene, name) is not None:
+            raise ValueError(f'{name}: ' + why.format(name))
 
 
 def _oscillator(scene: Scene) -> None:
     if scene.law.shells != 1:
         raise ValueError(f'law.shells of the oscillator must be 1, not {scene.law.shells}: its bonds all have one length')
-    if scene.bands is not None:
-        raise ValueError('bands: the oscillator is one particle and has no bands; take the table [bands] out')
+    _refuse(scene, ('bands',), 'the oscillator is one particle and has no bands; take the table [bands] out')
 
 
 def _file(scene: Scene) -> None:
-    """Refuse tables that have no meaning for particles from a file, or for their saved calculator."""
     lattice, saved = scene.lattice, isinstance(scene.law, SavedLaw)
     if not isinstance(lattice, FileLattice):
         raise ValueError('law.kind = "saved" takes the law from the file of the particles; it belongs to lattice.kind = "file"')
-    for name in ('plan', 'design', 'uncertainty'):
-        if getattr(scene, name) is not None:
-            raise ValueError(f'{name}: it varies the spacing and the shells of a lattice, which particles from a file do not '
-                             f'have; take the table [{name}] out')
-    for name in ('patch', 'bands', 'burst', 'vibrometer') if lattice.finite else ():
-        if getattr(scene, name) is not None:
-            raise ValueError(f'{name}: {lattice.file} holds a finite structure without periods, and [{name}] needs a lattice; '
-                             'take the table out, or give the file a cell')
+    _refuse(scene, OF_LATTICES, 'it varies the spacing and the shells of a lattice, which particles from a file do not have; '
+            'take the table [{0}] out')
+    if lattice.finite:
+        _refuse(scene, ('patch', 'bands', 'burst', 'vibrometer'), 'the file of the lattice holds a finite structure without '
+                'periods, and [{0}] needs a lattice; take the table out, or give the file a cell')
     if scene.patch is not None and (lattice.cell().constraints or np.ptp(lattice.cell().get_tags())):
         raise ValueError(f'patch: the cell in {lattice.file} holds particles or has several kinds of them, and a patch holds its '
                          'rim and tags it; cut it in Python, and save it with magphonon.write_scene')
@@ -184,7 +181,6 @@ def _file(scene: Scene) -> None:
 
 
 def _imperfect(scene: Scene) -> None:
-    """Refuse defects and disorder without the tables that they need, or with commands that cannot take them."""
     name = 'defects' if scene.defects is not None else 'disorder'
     if scene.single or (scene.patch is None and not scene.finite):
         raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
@@ -196,7 +192,6 @@ def _imperfect(scene: Scene) -> None:
 
 
 def _kinds(scene: Scene) -> None:
-    """Refuse laws of kinds without what they need, or with tables that know one law only."""
     pairs = [other.kinds for other in scene.laws_of_kinds]
     for a, b in {pair for pair in pairs if pairs.count(pair) > 1}:
         raise ValueError(f'laws_of_kinds has two laws for the kinds {a} and {b}; keep one of them')
@@ -211,9 +206,7 @@ def _kinds(scene: Scene) -> None:
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    for name in ('plan', 'design', 'uncertainty'):
-        if getattr(scene, name) is not None:
-            raise ValueError(f'{name}: it knows one law for all particles; take [{name}] or [[laws_of_kinds]] out')
+    _refuse(scene, OF_LATTICES, 'it knows one law for all particles; take [{0}] or [[laws_of_kinds]] out')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
         raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; take patch.kind = "supercell", or cut it in '
                          'Python and save it with magphonon.write_scene')
@@ -296,7 +289,6 @@ def _dense(scene: Scene) -> None:
 
 
 def _numbers(scene: Scene) -> str:
-    """The numbers of the law, for a message."""
     return ', '.join(f'law.{key} = {value!r}' for key, value in scene.law if isinstance(value, float))
 
 

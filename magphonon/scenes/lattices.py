@@ -1,8 +1,5 @@
-"""The tables [lattice] and [patch] of a scene file, in SI: the lattice, the oscillator, and the finite patch that waves cross.
-
-The rim of a patch is held, as in `magphonon.lattices`.
-
-The table [foundation] of a scene: springs or pillars that support the particles.
+"""The tables [lattice], [foundation] and [patch] of a scene, in SI: the lattice or the oscillator, the springs or pillars that
+support its particles, and the finite patch that waves cross.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from .. import lattices, units as u
 from ..bands.bands import band_path
-from ..errors import MOST, not_negative, positive, shown, whole
+from ..errors import MOST, not_negative, shown, whole
 from ..interactions.upright import UprightMagnets
 from .fields import (
     Allowed,
@@ -41,11 +38,97 @@ if TYPE_CHECKING:
     from ..interactions.bond_laws import Law
     from ..interactions.pair_laws import PairLaw
 
-def _poisson_ratio(value):
-    ratio = positive('', value)
-    if ratio > 0.5:
-        raise ValueError(f' must not exceed 0.5, not be {value!r}')
-    return ratio
+LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
+KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
+ALL = 'all'
+
+
+def _shells(value):
+    if isinstance(value, str) and value == ALL:
+        return value
+    try:
+        return whole('', value)
+    except ValueError:
+        raise ValueError(f' must be a whole number from 1 to {MOST}, or {ALL!r}, not {shown(value)}') from None
+
+
+Shells = Annotated[int | Literal['all'], BeforeValidator(_shells), Allowed('1 or more'),
+                   Field(description=f"the number of shells of neighbours that interact, or '{ALL}'")]
+
+
+class Lattice(Table):
+    """Geometry and masses, nearest neighbours at the distance `spacing_m`."""
+
+    bonds: ClassVar = None  # found by the shells of the law
+    cutoff: ClassVar = None
+    finite: ClassVar = False
+
+    kind: LatticeKind = Field(description='one of ' + ', '.join(KINDS))
+    spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
+    mass_kg: Mass = Field(description='the mass of a particle in kg')
+    relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = Field(
+        None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
+
+    @model_validator(mode='after')
+    def _one_mass_each(self):
+        particles = len(self.cell())
+        if self.relative_masses is not None and len(self.relative_masses) != particles:
+            raise ValueError(f'.relative_masses must hold {particles} numbers, one for each particle of the {self.kind} cell, '
+                             f'not {list(self.relative_masses)}; they multiply mass_kg')
+        return self
+
+    @property
+    def spacing_given(self) -> str:
+        """The key and the value of the spacing, for a message."""
+        return f'lattice.spacing_m = {self.spacing_m!r}'
+
+    def cell(self) -> Atoms:
+        """The unit cell, `ase.Atoms` in mm and g."""
+        atoms = getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
+        if self.relative_masses is not None and len(self.relative_masses) == len(atoms):
+            atoms.set_masses(self.mass_kg * u.kg * np.array(self.relative_masses))  # pyright: ignore[reportArgumentType]  ASE declares text
+        return atoms
+
+    def path(self, points: str | None, npoints: int) -> BandPath:
+        """Path through special points, `ase.dft.kpoints.BandPath`."""
+        return band_path(self.cell(), points, npoints)
+
+
+def _right_angle(value):
+    degrees = not_negative('', value)
+    if degrees > 90:
+        raise ValueError(f' must lie between 0 and 90 degrees, not {value!r}')
+    return degrees
+
+
+class Oscillator(Table):
+    """The free magnet of Sec. III on three fixed ones, all bonds of the length `spacing_m`, guided along its vertical line."""
+
+    bonds: ClassVar = lattices.OSCILLATOR_BONDS
+    cutoff: ClassVar = None
+    finite: ClassVar = False  # it is `Scene.single`
+    free: ClassVar = 3  # the index of the free magnet
+
+    kind: Literal['oscillator']
+    theta0_deg: Annotated[float, BeforeValidator(_right_angle), Allowed('0 to 90')] = Field(
+        description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
+    spacing_m: Spacing = Field(description='the length of its three bonds in m')
+    mass_kg: Mass = Field(description='the mass of the free particle in kg')
+
+    @property
+    def spacing_given(self) -> str:
+        """The key and the value of the spacing, for a message."""
+        return f'lattice.spacing_m = {self.spacing_m!r}'
+
+    def cell(self) -> Atoms:
+        """The oscillator with its fixed magnets, `ase.Atoms` in mm and g."""
+        atoms = lattices.oscillator(self.theta0_deg * u.deg, self.spacing_m * u.m, self.mass_kg * u.kg)
+        atoms.set_constraint([*atoms.constraints, FixedLine(self.free, (0, 1, 0))])
+        return atoms
+
+
+AnyLattice = Annotated[Lattice | Oscillator | FileLattice, Field(discriminator='kind'),
+                       of_known_kind(Lattice, Oscillator, FileLattice)]
 
 
 class Pillar(Table):
@@ -222,94 +305,3 @@ class Supercell(PatchTable):
 
 Patch = Annotated[Parallelogram | Rectangle | Hexagon | Supercell, Field(discriminator='kind'),
                   of_known_kind(Parallelogram, Rectangle, Hexagon, Supercell)]
-LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
-KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
-ALL = 'all'
-
-
-def _shells(value):
-    if isinstance(value, str) and value == ALL:
-        return value
-    try:
-        return whole('', value)
-    except ValueError:
-        raise ValueError(f' must be a whole number from 1 to {MOST}, or {ALL!r}, not {shown(value)}') from None
-
-
-Shells = Annotated[int | Literal['all'], BeforeValidator(_shells), Allowed('1 or more'),
-                   Field(description=f"the number of shells of neighbours that interact, or '{ALL}'")]
-
-
-class Lattice(Table):
-    """Geometry and masses, nearest neighbours at the distance `spacing_m`."""
-
-    bonds: ClassVar = None  # found by the shells of the law
-    cutoff: ClassVar = None
-    finite: ClassVar = False
-
-    kind: LatticeKind = Field(description='one of ' + ', '.join(KINDS))
-    spacing_m: Spacing = Field(description='the distance between nearest neighbours in m')
-    mass_kg: Mass = Field(description='the mass of a particle in kg')
-    relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = Field(
-        None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
-
-    @model_validator(mode='after')
-    def _one_mass_each(self):
-        particles = len(self.cell())
-        if self.relative_masses is not None and len(self.relative_masses) != particles:
-            raise ValueError(f'.relative_masses must hold {particles} numbers, one for each particle of the {self.kind} cell, '
-                             f'not {list(self.relative_masses)}; they multiply mass_kg')
-        return self
-
-    @property
-    def spacing_given(self) -> str:
-        """The key and the value of the spacing, for a message."""
-        return f'lattice.spacing_m = {self.spacing_m!r}'
-
-    def cell(self) -> Atoms:
-        """The unit cell, `ase.Atoms` in mm and g."""
-        atoms = getattr(lattices, self.kind)(self.spacing_m * u.m, self.mass_kg * u.kg)
-        if self.relative_masses is not None and len(self.relative_masses) == len(atoms):
-            atoms.set_masses(self.mass_kg * u.kg * np.array(self.relative_masses))  # pyright: ignore[reportArgumentType]  ASE declares text
-        return atoms
-
-    def path(self, points: str | None, npoints: int) -> BandPath:
-        """Path through special points, `ase.dft.kpoints.BandPath`."""
-        return band_path(self.cell(), points, npoints)
-
-
-def _right_angle(value):
-    degrees = not_negative('', value)
-    if degrees > 90:
-        raise ValueError(f' must lie between 0 and 90 degrees, not {value!r}')
-    return degrees
-
-
-class Oscillator(Table):
-    """The free magnet of Sec. III on three fixed ones, all bonds of the length `spacing_m`, guided along its vertical line."""
-
-    bonds: ClassVar = lattices.OSCILLATOR_BONDS
-    cutoff: ClassVar = None
-    finite: ClassVar = False  # it is `Scene.single`
-    free: ClassVar = 3  # the index of the free magnet
-
-    kind: Literal['oscillator']
-    theta0_deg: Annotated[float, BeforeValidator(_right_angle), Allowed('0 to 90')] = Field(
-        description='the angle in degrees, 0 to 90, of the two outer magnets below the horizontal')
-    spacing_m: Spacing = Field(description='the length of its three bonds in m')
-    mass_kg: Mass = Field(description='the mass of the free particle in kg')
-
-    @property
-    def spacing_given(self) -> str:
-        """The key and the value of the spacing, for a message."""
-        return f'lattice.spacing_m = {self.spacing_m!r}'
-
-    def cell(self) -> Atoms:
-        """The oscillator with its fixed magnets, `ase.Atoms` in mm and g."""
-        atoms = lattices.oscillator(self.theta0_deg * u.deg, self.spacing_m * u.m, self.mass_kg * u.kg)
-        atoms.set_constraint([*atoms.constraints, FixedLine(self.free, (0, 1, 0))])
-        return atoms
-
-
-AnyLattice = Annotated[Lattice | Oscillator | FileLattice, Field(discriminator='kind'),
-                       of_known_kind(Lattice, Oscillator, FileLattice)]

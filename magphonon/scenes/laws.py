@@ -9,13 +9,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from .. import units as u
-from ..errors import one_of, shown, whole
+from ..errors import one_of, positive, shown, whole
 from ..interactions.force_tables import read_forces
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
 from ..interactions.pair_laws import Hertz, InversePower, Tabulated, Yukawa
 from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
-from .lattices import Shells, _poisson_ratio
+from .lattices import Shells
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -204,6 +204,13 @@ class YukawaLaw(ClosedForm):
 
     def potential(self) -> PairLaw:
         return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
+
+
+def _poisson_ratio(value):
+    ratio = positive('', value)
+    if ratio > 0.5:
+        raise ValueError(f' must not exceed 0.5, not be {value!r}')
+    return ratio
 
 
 class HertzLaw(ClosedForm):

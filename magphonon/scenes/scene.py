@@ -1,8 +1,8 @@
 """Scene files: a lattice in TOML with SI units in the keys, read, checked and built as ASE Atoms.
 
-Every table of a scene is a frozen model: the physical system is described in `magphonon.scenes.lattices`, `laws` and `supports`,
-the computations in `magphonon.scenes.plans` and `design`.  A new table is a new class there and one line in `Scene`; what it must
-not say against other tables is checked in `magphonon.scenes.consistency`.
+Every table of a scene is a frozen model: the physical system is described in `lattices`, `structures` and `laws` of this package,
+the computations in `plans`.  A new table is a new class there and one line in `Scene`; what it must not say against other tables
+is checked in `consistency`.
 """
 
 from __future__ import annotations

@@ -88,26 +88,7 @@ class _Uncertainty(Table):
             raise ValueError(f"uncertainty is propagated for a number of shells, not for law.shells = '{ALL}'; "
                              'take shells = 3 or more')
         changes = _changes(scene)
-        sigma = {}
-        for name in PLACES:
-            place = _place(scene, name)
-            percent, absolute = (getattr(self, key, None) for key in (f'{name}_percent', place[-1]))
-            if percent is None and absolute is None:
-                continue
-            if name not in changes:
-                raise ValueError(f'uncertainty: {name} is no parameter of this scene; its parameters are {", ".join(changes)}')
-            if percent is not None and absolute is not None:
-                raise ValueError(f'uncertainty has both {place[-1]} and {name}_percent; keep one of them')
-            sigma[name] = percent / 100 if absolute is None else absolute / _at(scene, place)
-            if sigma[name] > LARGEST_TOLERANCE:
-                key, value = (f'{name}_percent', percent) if absolute is None else (place[-1], absolute)
-                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than '
-                                 f'the {LARGEST_TOLERANCE:g} within which a linear propagation holds; measure it better, or '
-                                 'leave it out')
-        if self.exponent is not None:
-            if 'exponent' not in changes:
-                raise ValueError('uncertainty.exponent belongs to a law that is a table of forces; leave it out')
-            sigma['exponent'] = self.exponent
+        sigma = self._sigma(scene, changes)
         scatter = self._scatter(scene)
         if not sigma and not scatter.std.any():
             raise ValueError('uncertainty names no tolerance; add one, such as spacing_percent = 1.0')
@@ -121,6 +102,31 @@ class _Uncertainty(Table):
             i, j = names.index(one), names.index(other)
             C[i, j] = C[j, i] = getattr(self, key) * sigma[one] * sigma[other]
         return Tolerances({name: changes[name] for name in sigma}, C, scatter)
+
+    def _sigma(self, scene, changes):
+        """Relative standard deviation of each parameter that has one."""
+        sigma = {}
+        for name in PLACES:
+            place = _place(scene, name)
+            given = {f'{name}_percent': getattr(self, f'{name}_percent'), place[-1]: getattr(self, place[-1], None)}
+            given = {key: value for key, value in given.items() if value is not None}
+            if not given:
+                continue
+            if name not in changes:
+                raise ValueError(f'uncertainty: {name} is no parameter of this scene; its parameters are {", ".join(changes)}')
+            if len(given) > 1:
+                raise ValueError(f'uncertainty has both {place[-1]} and {name}_percent; keep one of them')
+            ((key, value),) = given.items()
+            sigma[name] = value / 100 if key.endswith('_percent') else value / _at(scene, place)
+            if sigma[name] > LARGEST_TOLERANCE:
+                raise ValueError(f'uncertainty.{key} = {value!r} is {sigma[name]:.4g} of {name}, more than '
+                                 f'the {LARGEST_TOLERANCE:g} within which a linear propagation holds; measure it better, or '
+                                 'leave it out')
+        if self.exponent is not None:
+            if 'exponent' not in changes:
+                raise ValueError('uncertainty.exponent belongs to a law that is a table of forces; leave it out')
+            sigma['exponent'] = self.exponent
+        return sigma
 
     def _scatter(self, scene):
         """What each site deviates by itself."""
