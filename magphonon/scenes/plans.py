@@ -38,6 +38,7 @@ from .fields import (
     within,
 )
 from .lattices import ALL
+from .laws import InversePowerLaw
 from .tolerances import varied
 
 if TYPE_CHECKING:
@@ -350,9 +351,9 @@ def tables(scene: Scene, design: Design, k: float) -> str:
     masses = scene.lattice.relative_masses  # pyright: ignore[reportAttributeAccessIssue]  no oscillator has [design]
     if masses is not None:
         lines.append(f'relative_masses = {list(masses)}')
-    if getattr(scene.law, 'force_N', None) is not None:  # at the spacing from which the design started: b stays
-        lines += ['', '[law]', 'kind = "inverse_power"', f'b_N_m_a = {scene.law.b:.12g}', f'a = {scene.law.a:.12g}',
-                  f'shells = {scene.law.shells}']
+    if isinstance(law := scene.law, InversePowerLaw) and law.force_N is not None:
+        # the force is that at the spacing from which the design started: b stays
+        lines += ['', '[law]', 'kind = "inverse_power"', f'b_N_m_a = {law.b:.12g}', f'a = {law.a:.12g}', f'shells = {law.shells}']
     pillar = scene.foundation.pillar if scene.foundation else None
     stiffness = k / (u.N / u.m)
     if pillar is not None:

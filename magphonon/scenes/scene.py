@@ -13,7 +13,7 @@ import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import ase.io
 import numpy as np
@@ -36,7 +36,6 @@ from .tolerances import Uncertainty
 
 if TYPE_CHECKING:
     from os import PathLike
-    from typing import Any
 
     from ase import Atoms
     from ase.dft.kpoints import BandPath
@@ -74,6 +73,7 @@ class Scene(Table):
 
     @model_validator(mode='after')
     def _consistent(self):
+        table: Any
         for table in (self, *self.laws_of_kinds):
             if isinstance(table.law, InversePowerLaw) and table.law.force_N is not None:
                 try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field, create_model
@@ -190,7 +190,8 @@ def varied(scene: Scene, factors: Mapping[str, float]) -> Scene:
     """The scene with parameters multiplied by `factors`, a dict of their names; 1 + delta changes an exponent by delta."""
     for name, factor in factors.items():
         if name == 'exponent':
-            factor, name = (np.array(scene.law.distances_m) / scene.lattice.spacing_m) ** (1 - factor), 'forces'
+            law: Any = scene.law  # a table
+            factor, name = (np.array(law.distances_m) / scene.lattice.spacing_m) ** (1 - factor), 'forces'
         scene = _multiplied(scene, _place(scene, name), factor)
     return scene
 
