@@ -33,7 +33,7 @@ LAWS = {
     'steep': InversePower(b=1e12, a=12.0),
     'dipoles': InversePower.dipoles(moment=500 * u.A * u.mm**2),
     'yukawa': Yukawa(c=20.0, kappa=0.3),
-    'spheres': Hertz(stiffness=0.01, diameter=60.0),
+    'spheres': Hertz(stiffness=0.01, diameter=17.0),
     'table': Tabulated(TABLE, 4000 * TABLE**-4.0 * (1 + 0.3 * np.sin(TABLE / 4))),
     'foreign': Gaussian(),
 }

@@ -42,7 +42,7 @@ def cell(way, strengths=STRENGTHS, springs=SPRINGS):
     atoms = lattice('honeycomb')
     atoms.set_tags([0, 1])
     atoms.set_masses([0.7, 0.9])
-    given = {'potential': InversePower(B, A), 'strengths': strengths} if way == 'strengths' else {'potential': laws(*strengths)}
+    given = {'laws': InversePower(B, A), 'strengths': strengths} if way == 'strengths' else {'laws': laws(*strengths)}
     atoms.calc = MagneticRepulsion(atoms, **given, foundation=springs, shells=2)
     return atoms
 
@@ -51,8 +51,8 @@ def patch(way, strengths=STRENGTHS):
     atoms = lattices.parallelogram(cell(way), 4, 4)
     kinds = (atoms.get_masses() > 0.8).astype(int)  # the patch has numbered its rim by tags
     atoms.set_tags(kinds)
-    given = ({'potential': InversePower(B, A), 'strengths': np.array(strengths)[kinds]} if way == 'strengths'
-             else {'potential': laws(*strengths)})
+    given = ({'laws': InversePower(B, A), 'strengths': np.array(strengths)[kinds]} if way == 'strengths'
+             else {'laws': laws(*strengths)})
     atoms.calc = MagneticRepulsion(atoms, **given, foundation=SPRINGS[kinds])
     atoms.calc = atoms.calc.balanced(range(len(atoms)))
     return atoms

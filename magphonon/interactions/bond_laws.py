@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import one_of, shown
+from ..errors import finite, one_of, shown, whole
 from .magnet_pairs import MagnetLaw, SphereLaw
 from .pair_laws import Hertz, InversePower, PairLaw, Tabulated, Yukawa
 from .upright import UprightMagnets
@@ -192,12 +192,14 @@ def laws_to_dict(laws: Laws) -> dict[str, Any]:
 
 def laws_from_dict(saved: dict[str, Any]) -> Laws:
     """The laws that `laws_to_dict` wrote, equal to the last bit; errors as in `law_from_dict`."""
-    if 'pairs' not in saved:
+    if not isinstance(saved, dict) or 'pairs' not in saved:
         return law_from_dict(saved)
     laws = {}
-    for pair in saved['pairs']:
-        low, high = pair['kinds']
-        laws[int(low), int(high)] = law_from_dict({key: value for key, value in pair.items() if key != 'kinds'})
+    for pair in saved['pairs'] if isinstance(saved['pairs'], list | tuple) else [None]:
+        if not isinstance(pair, dict) or not isinstance(pair.get('kinds'), list | tuple) or len(pair['kinds']) != 2:
+            raise ValueError(f'each of the saved pairs must have two kinds and their law, not {shown(pair)}')
+        low, high = (whole('the kind of a saved pair', kind, least=0) for kind in pair['kinds'])
+        laws[low, high] = law_from_dict({key: value for key, value in pair.items() if key != 'kinds'})
     return laws
 
 
@@ -218,11 +220,21 @@ def law_from_dict(saved: dict[str, Any]) -> Law:
     ValueError
         For a law that is not of this package, because its formula is not in the file.
     """
+    if not isinstance(saved, dict) or 'law' not in saved:
+        raise ValueError(f'a saved law must have its name, law, and its parameters, not be {shown(saved)}')
     parameters = dict(saved)
     name = parameters.pop('law')
     if 'text' in parameters:
         raise ValueError(f'the law {parameters["text"]} is not one of {", ".join(LAWS)}, and its formula is not in the file; '
                          'give the law itself, fromdict(parameters, laws=law)')
-    arrays = {key: law_from_dict(value) if isinstance(value, dict) else np.array(value) if np.ndim(value) else float(value)
-              for key, value in parameters.items()}
-    return LAWS[one_of('the law', name, tuple(LAWS))](**arrays)
+    kind = LAWS[one_of('the law', name, tuple(LAWS))]
+    needed = [field.name for field in fields(kind) if field.init]
+    if set(parameters) != set(needed):
+        raise ValueError(f'a saved {name} must have {" and ".join(needed)}, not {", ".join(map(str, parameters)) or "nothing"}')
+    return kind(**{key: law_from_dict(value) if isinstance(value, dict) else _numbers(f'{name}.{key}', value)
+                   for key, value in parameters.items()})
+
+
+def _numbers(name, value):
+    found = finite(name, value)
+    return found if found.ndim else float(found)

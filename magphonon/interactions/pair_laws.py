@@ -295,6 +295,11 @@ class Yukawa:
         return self.kappa
 
 
+DEEPEST = 0.5
+"""Largest overlap of two spheres as a fraction of their diameter.  Hertz' law is for contacts small beside the sphere, and some
+percent off at a tenth; beyond a half spheres are no longer pressed but lie in one another."""
+
+
 @dataclass(frozen=True)
 class Hertz:
     """Contact of elastic spheres, `f(r) = A (d - r)^(3/2)` where they overlap and no force beyond the diameter d.
@@ -309,7 +314,7 @@ class Hertz:
     Raises
     ------
     ValueError
-        If either is not a positive number.
+        If either is not a positive number; when the law is asked for spheres that overlap by more than half of their diameter.
 
     Examples
     --------
@@ -336,6 +341,10 @@ class Hertz:
         return cls(youngs_modulus * np.sqrt(diameter) / (3 * (1 - poisson_ratio**2)), diameter)
 
     def _overlap(self, r):
+        nearest = np.min(np.real(r), initial=np.inf)
+        if nearest < (1 - DEEPEST) * self.diameter:
+            raise ValueError(f'spheres of the diameter {self.diameter:g} mm are {nearest:g} mm apart: the law of their contact '
+                             f'holds for an overlap of some percent, and ends at {DEEPEST:.0%}; give them more room')
         return np.where(np.real(r) < self.diameter, self.diameter - r, 0.0)
 
     def phi(self, r: Any) -> Any:

@@ -1,7 +1,4 @@
-"""`Restartable`: conversion of a calculator to a dictionary for ASE's files and databases, and back without loss.
-
-`Shared`: a calculator that threads may share, and that calculates again after any change of the atoms.
-"""
+"""The ground of both calculators: threads may share one (`Shared`), and it can be saved and restored (`Restartable`)."""
 
 from __future__ import annotations
 
@@ -12,8 +9,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
+from ase.constraints import dict2constraint
 
-from ..errors import shown
+from ..errors import finite, positive, shown
 from ..interactions.bond_laws import laws_from_dict, laws_to_dict
 from ..lattices.bonds import Bonds
 
@@ -21,6 +19,13 @@ if TYPE_CHECKING:
     from typing import Any, Self
 
     from ..interactions.bond_laws import Laws
+
+UNITS = 'mm, g, ms'
+"""The units of all numbers of a saved calculator."""
+REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'
+"""What a reference is saved with, beside tags if it has some."""
+BONDS = 'i', 'j', 'shift', 'cutoff'
+
 
 class Shared(Calculator):
     """An ASE calculator that several threads may use at once.
@@ -61,10 +66,6 @@ class Shared(Calculator):
         return changes
 
 
-UNITS = 'mm, g, ms'
-"""The units of the numbers in such a dictionary, saved for readers of the file without this package."""
-
-
 class Restartable(Shared):
     """An ASE calculator of a `reference` and `laws` that can be restored from its dictionary.
 
@@ -81,9 +82,10 @@ class Restartable(Shared):
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
         parts = {name: getattr(self, name) for name in self.saved}
+        if 'bonds' in parts:  # their vectors follow from the reference
+            parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
-                'potential': laws_to_dict(self.laws),
-                **{name: _bonds_to_dict(part) if isinstance(part, Bonds) else part for name, part in parts.items()}}
+                'potential': laws_to_dict(self.laws), **parts}
 
     @classmethod
     def fromdict(cls, parameters: dict[str, Any], laws: Laws | None = None) -> Self:
@@ -94,52 +96,79 @@ class Restartable(Shared):
         parameters : dict
             As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
         laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
-            Replaces the one in the dictionary; needed for a law that is not of this package.
+            Replaces those in the dictionary; needed for a law that is not of this package.
 
         Raises
         ------
         ValueError
-            For the dictionary of something else, or a law that is not of this package.
+            For the dictionary of something else, an entry that is missing or not what it should be, numbers in other units, or
+            a law that is not of this package.
         """
-        parts = _checked(parameters, cls)
-        reference = _reference_from_dict(parts['reference'])
-        law = laws_from_dict(parts['potential']) if laws is None else laws
-        given: Any = {name: _bonds_from_dict(parts[name], reference) if name == 'bonds' else parts[name] for name in cls.saved}
-        return cls(reference, law, **given)
+        name = cls.__name__
+        of = parameters.get('calculator') if isinstance(parameters, dict) else None
+        if of is None:
+            raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
+        if of != name:
+            raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or magphonon.restored(atoms)')
+        given = _table(f'the saved {name}', parameters, ('units', 'reference', 'potential', *cls.saved))
+        if given['units'] != UNITS:
+            raise ValueError(f'the saved {name} has numbers in {shown(given["units"])}, not in {UNITS}; convert them first')
+        for none in [key for key in cls.saved if given[key] is None][:1]:
+            raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
+        reference = _reference_from_dict(given['reference'])
+        parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in cls.saved}
+        return cls(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
 
 
-def _checked(parameters, cls):
-    name = cls.__name__
-    of = parameters.get('calculator') if isinstance(parameters, dict) else None
-    if of is None:
-        raise ValueError(f'the parameters of {name} must be a dictionary from {name}.todict(), not {shown(parameters)}')
-    if of != name:
-        raise ValueError(f'these are parameters of {of}, not of {name}; take {of}.fromdict, or magphonon.restored(atoms)')
-    if missing := [key for key in ('reference', 'potential', *cls.saved) if key not in parameters]:
-        raise ValueError(f'the parameters of {name} lack {", ".join(missing)}; write them again with this version')
-    return parameters
+def _table(name, given, entries):
+    """A dictionary with some entries."""
+    if not isinstance(given, dict):
+        raise ValueError(f'{name} must be a table of {", ".join(entries)}, not {shown(given)}')
+    if missing := [entry for entry in entries if entry not in given]:
+        raise ValueError(f'{name} lacks {", ".join(missing)}; write it again with this version')
+    return given
+
+
+def _wholes(name, values, shape, least=-(2**31), most=2**31):
+    found = finite(name, values, shape)
+    if found.size and not (found.min() >= least and found.max() <= most and (found == np.rint(found)).all()):
+        raise ValueError(f'{name} must hold whole numbers from {least} to {most}, not {shown(values)}')
+    return found.astype(int)
 
 
 def _reference_to_dict(atoms):
     """Rest positions, cell, masses, tags and constraints; other arrays are left out."""
-    parts = atoms.todict()
-    parts.pop('info', None)
-    return parts | {'constraints': [constraint.todict() for constraint in atoms.constraints]}
+    parts = {'numbers': atoms.numbers, 'positions': atoms.positions, 'cell': atoms.cell.array, 'pbc': atoms.pbc,
+             'masses': atoms.get_masses(), 'constraints': [constraint.todict() for constraint in atoms.constraints]}
+    return parts | ({'tags': atoms.get_tags()} if atoms.has('tags') else {})
 
 
-def _reference_from_dict(parts):
-    constraints = parts['constraints']
-    arrays = {name: np.array(value) for name, value in parts.items() if name != 'constraints'}
-    return Atoms.fromdict(arrays | {'constraints': constraints})
+def _reference_from_dict(given):
+    parts = _table('the entry reference', given, REFERENCE)
+    n = np.size(finite('reference.masses', parts['masses']))
+    atoms = Atoms(numbers=_wholes('reference.numbers', parts['numbers'], (n,), 0, 118),
+                  positions=finite('reference.positions', parts['positions'], (n, 3)),
+                  cell=finite('reference.cell', parts['cell'], (3, 3)), pbc=_wholes('reference.pbc', parts['pbc'], (3,), 0, 1),
+                  masses=finite('reference.masses', parts['masses'], (n,)))
+    if 'tags' in parts:
+        atoms.set_tags(_wholes('reference.tags', parts['tags'], (n,)))
+    if not isinstance(parts['constraints'], list | tuple):
+        raise ValueError(f'reference.constraints must be a list, not {shown(parts["constraints"])}')
+    try:
+        constraints = [dict2constraint(constraint) for constraint in parts['constraints']]
+        for constraint in constraints:
+            _wholes('the particles of a constraint', getattr(constraint, 'index', []), None, 0, n - 1)
+    except Exception as error:  # ASE's reader meets damage by errors of all kinds
+        raise ValueError('reference.constraints cannot be read; write the calculator again') from error
+    atoms.set_constraint(constraints)
+    return atoms
 
 
-def _bonds_to_dict(bonds):
-    """Which particles are bonded, in their order; their vectors follow from the reference."""
-    return {'i': bonds.i, 'j': bonds.j, 'shift': bonds.shift, 'cutoff': bonds.cutoff}
-
-
-def _bonds_from_dict(parts, reference):
-    i, j, shift = (np.array(parts[name], int) for name in ('i', 'j', 'shift'))
-    shift = shift.reshape(-1, 3)
+def _bonds_from_dict(given, reference):
+    parts = _table('the entry bonds', given, BONDS)
+    n, last = np.size(finite('bonds.i', parts['i'])), len(reference) - 1
+    i, j = (_wholes(f'bonds.{end}', parts[end], (n,), 0, last) for end in ('i', 'j'))
+    shift = _wholes('bonds.shift', np.reshape(parts['shift'], (0, 3)) if not n else parts['shift'], (n, 3))
+    cutoff = None if parts['cutoff'] is None else positive('bonds.cutoff', parts['cutoff'], 'mm')
     vectors = reference.positions[j] + shift @ reference.cell.array - reference.positions[i]
-    return Bonds(i, j, shift, vectors, len(reference), parts['cutoff'])
+    return Bonds(i, j, shift, vectors, len(reference), cutoff)

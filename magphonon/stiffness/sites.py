@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
 FREQUENCIES_Hz = 1e-4, 1e13
 """Range of frequencies, from a period of three hours to the atoms of a solid; outside it a unit or an exponent is wrong."""
+DENSITY = 50.0
+"""Mass per cube of the shortest bond in g/mm^3 above which a unit is wrong.  No solid has more than 0.023, a lattice of unit
+masses and lengths has 1; kg and m read as g and mm give a million times what it should be."""
 
 
 def frequency_scale(calc: Repulsion) -> float:
@@ -42,8 +45,18 @@ def frequency_scale(calc: Repulsion) -> float:
     return units.hertz(np.sqrt((stiffest + np.max(calc.foundation)) / calc.reference.get_masses().min()))
 
 
+def density_scale(calc: Repulsion) -> float:
+    """Mass of the heaviest particle per cube of the shortest bond, g/mm^3."""
+    return calc.reference.get_masses().max() / calc.bonds.lengths.min(initial=np.inf) ** 3
+
+
 def warn_of_units(calc: Repulsion) -> None:
-    """Warn of frequencies beyond FREQUENCIES_Hz; a law and springs without any stiffness have none."""
+    """Warn of frequencies beyond FREQUENCIES_Hz, which a law and springs without stiffness do not have, and of DENSITY."""
+    if density_scale(calc) > DENSITY:
+        shortest = calc.bonds.lengths.min()
+        warnings.warn(f'a mass of {calc.reference.get_masses().max():.3g} g every {shortest:.3g} mm is '
+                      f'{1e3 * density_scale(calc):.2g} g/cm^3; numbers are in mm, g, ms and N: multiply SI values by their '
+                      'units, as in lattices.triangular(0.01 * m, 7e-4 * kg), see magphonon.units', stacklevel=3)
     f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
     if f and not least <= f <= most:
         warnings.warn(f'{calc.laws!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '

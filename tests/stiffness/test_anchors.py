@@ -156,7 +156,7 @@ def test_what_the_forces_are_made_of_once_cannot_be_changed_beneath_them(name):
     for array in calc.load, calc.anchors, calc.reference.positions:
         with pytest.raises(ValueError, match='read-only'):
             array[0] += 0.1
-    for attribute in 'load', 'anchors', 'potential':
+    for attribute in 'load', 'anchors', 'laws':
         with pytest.raises(AttributeError, match=attribute):
             setattr(calc, attribute, getattr(calc, attribute))
     assert_array_equal(atoms.get_forces(), forces)

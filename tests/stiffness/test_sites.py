@@ -16,9 +16,11 @@ from magphonon import (
     Yukawa,
     analytic_bands,
     finite_displacements,
+    lattices,
     modes,
     phonopy_bands,
     relaxed,
+    units as u,
     verdict,
 )
 from magphonon.bands import band_path
@@ -214,16 +216,16 @@ def test_springs_of_their_own_in_sums_over_all_neighbours():
     ({'foundation': [0.1, np.nan]}, r'foundation\[1\] is nan'),
     ({'strengths': [1.0]}, r'strengths must have the shape \(2,\)'),
     ({'strengths': [1.0, -1.0]}, r'strengths\[1\] must be a zero or positive number, not -1.0'),
-    ({'potential': {(0, 0): LAWS[0, 0]}}, r'the particles 0 and 1 are bonded, but no law is given for their kinds, 0 and 1'),
-    ({'potential': {0: LAWS[0, 0]}}, 'laws belong to pairs of kinds'),
-    ({'potential': {(0, 1): LAWS[0, 0], (1, 0): LAWS[1, 1]}}, 'the kinds 0 and 1 have two laws'),
-    ({'potential': {(0, 1): 3.0}}, 'lacks the method phi'),
+    ({'laws': {(0, 0): LAWS[0, 0]}}, r'the particles 0 and 1 are bonded, but no law is given for their kinds, 0 and 1'),
+    ({'laws': {0: LAWS[0, 0]}}, 'laws belong to pairs of kinds'),
+    ({'laws': {(0, 1): LAWS[0, 0], (1, 0): LAWS[1, 1]}}, 'the kinds 0 and 1 have two laws'),
+    ({'laws': {(0, 1): 3.0}}, 'lacks the method phi'),
 ])
 def test_refusals_of_what_is_no_site(given, words):
     cell = lattice('honeycomb')
     cell.set_tags([0, 1])
     with pytest.raises(ValueError, match=words):
-        MagneticRepulsion(cell, **{'potential': LAWS, **given})
+        MagneticRepulsion(cell, **{'laws': LAWS, **given})
 
 
 @pytest.mark.parametrize('name', ['honeycomb', 'kagome', 'chain'])
@@ -282,3 +284,13 @@ def test_bands_of_all_neighbours_of_two_strengths(strengths):
     assert verdict(cell).stable
     cell.set_masses([1.0, 3.0])
     assert apart(bloch_modes(cell, [q])[0][0] ** 2, squares) > 1e-3
+
+
+def test_si_numbers_without_units_are_warned_of():
+    """They give frequencies that look possible, 1000 times too high."""
+    typed = lattices.triangular(0.01, 7.07e-4)
+    with pytest.warns(UserWarning, match=r'7.1e\+05 g/cm\^3; numbers are in mm, g, ms and N'):
+        MagneticRepulsion(typed, InversePower(1.6209e-10, 4.5824), foundation=19.6757)
+    right = lattices.triangular(0.01 * u.m, 7.07e-4 * u.kg)
+    MagneticRepulsion(right, InversePower(1.6209e-10 * u.N * u.m**4.5824, 4.5824), foundation=19.6757 * u.N / u.m)
+    MagneticRepulsion(lattices.triangular(1.0, 1.0), InversePower(1.0, 4.0))  # a lattice in units of its own
