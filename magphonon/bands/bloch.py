@@ -10,8 +10,8 @@ from scipy.linalg import eigh
 from tqdm import tqdm
 
 from ..errors import finite, whole
-from ..stiffness.lowest import hermitian_eigenvalues, inverse_pays, lowest_eigenpairs
-from ..stiffness.matrices import hessian, signed_root
+from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
+from ..stiffness.matrices import hermitian_eigenvalues, hessian, signed_root
 from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
@@ -72,13 +72,15 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     ((2, 2), (2, 2, 1, 2))
     """
     system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
-    every = system.free.shape[1]
-    count = every if branches is None else whole('branches', branches)
-    if count > every:
-        raise ValueError(f'the cell has {every} branches, not {count}')
     calc: Any = system.atoms.calc
-    sparse_pays = len(q) and calc.pairwise and inverse_pays(every, count, real=False)
-    parts = _lowest_by_inverse(system, q, model, count, vectors) if sparse_pays else _by_lapack(system, q, model, vectors)
+    count = every = system.free.shape[1]
+    parts = _by_lapack(system, q, model, vectors)
+    if branches is not None:
+        count = whole('branches', branches)
+        if count > every:
+            raise ValueError(f'the cell has {every} branches, not {count}')
+        if len(q) and calc.pairwise and inverse_pays(every, count, real=False):
+            parts = _lowest_by_inverse(system, q, model, count, vectors)
     squares, columns = zip(*parts, strict=True)
     omega = signed_root(np.concatenate(squares)[:, :count])
     if not vectors:
@@ -121,7 +123,7 @@ def wavevectors(q: ArrayLike) -> NDArray[np.float64]:
 
 
 def in_batches(q: NDArray[np.float64], calc: Repulsion) -> list[NDArray[np.float64]]:
-    """The wavevectors in parts for which the largest array, matrices or blocks of all bonds, takes BATCH_BYTES or little more."""
-    numbers = max((len(calc.reference) * calc.dim) ** 2, len(calc.bonds) * calc.dim**2)
+    """The wavevectors in parts for which the largest array, matrices or phases of bonds, takes BATCH_BYTES or little more."""
+    numbers = max((len(calc.reference) * calc.dim) ** 2, calc.bonds.i.size)
     parts = min(len(q), -(-len(q) * numbers * 16 // BATCH_BYTES))  # no part is empty
     return np.array_split(q, parts) if parts > 1 else [q]

@@ -15,10 +15,6 @@ from .normal_modes import (
     modes as modes,
     modes_below as modes_below,
     natural_frequencies as natural_frequencies,
-    recorded as recorded,
-    refuse_growing as refuse_growing,
-    refuse_unstable as refuse_unstable,
-    sizes as sizes,
 )
 from .propagation import (
     Transient as Transient,

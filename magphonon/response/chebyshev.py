@@ -92,6 +92,11 @@ def coefficients(values: NDArray[Any]) -> NDArray[Any]:
     return c
 
 
+def sizes(shapes: sparse.csr_array) -> NDArray[np.float64]:
+    """Displacement that one unit of each coordinate is, g^-1/2."""
+    return np.sqrt(shapes.power(2).sum(axis=0))
+
+
 def twice_scaled(K: sparse.csr_array, interval: Interval) -> sparse.csr_array:
     """2 X = 2 (K - centre)/radius, by which T_{n+1} follows from T_n and T_{n-1}."""
     return sparse.csr_array((K - interval.centre * sparse.eye_array(K.shape[0])) * (2 / interval.radius))

@@ -19,8 +19,8 @@ from ..errors import finite, not_negative, positive
 from ..files import Saved
 from ..stiffness.lowest import ROUND_OFF
 from ..stiffness.rest import LinearSystem, components, refuse_held
-from .chebyshev import BLOCK, chebyshev_blocks, stable_interval
-from .normal_modes import SMALL, recorded, refuse_growing, refuse_unstable, sizes
+from .chebyshev import BLOCK, chebyshev_blocks, sizes, stable_interval
+from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -233,7 +233,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')
     force = _force_on(system, force)
     positive('tolerance', tolerance)
-    particles = recorded(particles, len(system))
+    particles = system.recorded(particles)
     s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
     u = np.zeros((len(omega), len(particles), 3), complex)

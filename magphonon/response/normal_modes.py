@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from .. import units
 from ..errors import Unstable, finite, whole
@@ -159,21 +158,6 @@ def refuse_growing(lowest: float, highest: float) -> None:
         raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
                          f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or more space would hold it, and '
                          '"magphonon check" or magphonon.verdict says how much')
-
-
-def sizes(shapes: sparse.csr_array) -> NDArray[np.float64]:
-    """Displacement that one unit of each coordinate is, g^-1/2."""
-    return np.sqrt(shapes.power(2).sum(axis=0))
-
-
-def recorded(particles: ArrayLike | None, count: int) -> NDArray[np.int_]:
-    """The particles wanted, as an array of indices."""
-    if particles is None:
-        return np.arange(count)
-    particles = np.atleast_1d(particles)
-    if not (np.issubdtype(particles.dtype, np.integer) and particles.min(initial=0) >= 0 and particles.max(initial=0) < count):
-        raise ValueError(f'particles must be indices from 0 to {count - 1}, not {particles!r}')
-    return particles
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, not_negative, positive
 from ..stiffness.rest import LinearSystem, components, static_forces
-from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
-from .normal_modes import recorded, sizes
+from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, sizes, stable_interval, whole_interval
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -272,13 +271,13 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         raise ValueError('damping must be one number: with one for each particle the motion is no function of one matrix; '
                          'use DrivenVerlet')
     gamma, tolerance = not_negative('damping', damping, '1/ms'), positive('tolerance', tolerance)
-    particles = recorded(particles, len(atoms))
     drives = list(drives)
     refuse_held_drives(drives, atoms)
     push = constant_push(drives, len(atoms))
     system = LinearSystem.nearest(atoms).moving()
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
+    particles = system.recorded(particles)
     rows, shapes = system.rows(particles)
     state, load = _initial_state(atoms, system), _Load(system, drives, push, tolerance)
 

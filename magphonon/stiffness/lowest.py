@@ -45,37 +45,6 @@ SHIFT = 1e-4
 eigenvalue."""
 
 
-def hermitian_eigenvalues(D: NDArray[Any]) -> NDArray[np.float64]:
-    """Eigenvalues of a stack of Hermitian matrices, ascending.
-
-    Those of 2 x 2 in closed form, for all matrices at once, which takes a quarter of LAPACK's time.  It is the form of LAPACK's
-    own DLAE2: the eigenvalue of lesser modulus is the determinant over the other one, so that a soft mode beside a stiff one
-    keeps its figures, which the mean minus half of the distance loses.
-
-    Parameters
-    ----------
-    D : ndarray, shape (..., n, n)
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon.stiffness.lowest import hermitian_eigenvalues
-    >>> hermitian_eigenvalues(np.array([[[1.0, 0.0], [0.0, 1e-30]]])).tolist()
-    [[1e-30, 1.0]]
-    """
-    if D.shape[-1] != 2:
-        return np.linalg.eigvalsh(D)
-    a, c, b = np.real(D[..., 0, 0]), np.real(D[..., 1, 1]), abs(D[..., 1, 0])
-    far = (a + c + np.copysign(np.hypot(a - c, 2 * b), a + c)) / 2
-    divisor = np.where(far == 0, 1.0, far)  # only D = 0 has no eigenvalue other than zero
-    near = a / divisor * c - b / divisor * b
-    return np.stack([np.minimum(near, far), np.maximum(near, far)], axis=-1)
-
-
 def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]:
     """The ends of the spectrum of a symmetric matrix, the lower one to round-off.
 

@@ -28,6 +28,8 @@ from .repulsion import Repulsion, masses_of, repulsion_of
 if TYPE_CHECKING:
     from typing import Any
 
+    from numpy.typing import ArrayLike
+
 ROUND_OFF = 1e-11
 """Fraction of the cancelling forces below which their sum is round-off."""
 BALANCED = 1e-6
@@ -92,7 +94,8 @@ class LinearSystem:
             return cls._of_sums(atoms)
         calc = repulsion_of(atoms)
         freedom(atoms)  # refuses other constraints
-        moved = not same_cell(calc, atoms) or calc.displacements(atoms).any()
+        there = same_cell(calc, atoms) and np.array_equal(atoms.positions, calc.reference.positions)
+        moved = not there and (not same_cell(calc, atoms) or calc.displacements(atoms).any())
         system = cls.about(calc.about(atoms) if moved else calc, atoms)
         if system.left.any() and moved and same_cell(calc, atoms) and not cls.about(calc, atoms).left.any():
             away = np.linalg.norm(calc.displacements(atoms), axis=1).max()
@@ -274,6 +277,15 @@ class LinearSystem:
     def stable(self) -> bool:
         """Whether no mode grows: no squared frequency is negative, apart from round-off."""
         return none_negative(self.K)
+
+    def recorded(self, particles: ArrayLike | None) -> NDArray[np.int_]:
+        """The particles whose motion is wanted, all of them for None, as an array of indices."""
+        if particles is None:
+            return np.arange(len(self))
+        wanted = np.atleast_1d(particles)
+        if not (np.issubdtype(wanted.dtype, np.integer) and wanted.min(initial=0) >= 0 and wanted.max(initial=0) < len(self)):
+            raise ValueError(f'particles must be indices from 0 to {len(self) - 1}, not {wanted!r}')
+        return wanted
 
     def rows(self, particles: NDArray[np.int_]) -> tuple[NDArray[np.int_], sparse.csr_array]:
         """The free directions of some particles, and the part of `shapes` that belongs to both."""

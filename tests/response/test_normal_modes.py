@@ -7,9 +7,18 @@ from motion import LAW, apart, oscillator, patch
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.response import frf
-from magphonon.response.chebyshev import BLOCK, Interval, Outside, chebyshev_blocks, coefficients, stable_interval, whole_interval
+from magphonon.response.chebyshev import (
+    BLOCK,
+    Interval,
+    Outside,
+    chebyshev_blocks,
+    coefficients,
+    sizes,
+    stable_interval,
+    whole_interval,
+)
 from magphonon.response.frf import frequency_response, harmonic_response
-from magphonon.response.normal_modes import Modes, modes, sizes
+from magphonon.response.normal_modes import Modes, modes
 from magphonon.response.propagation import free_motion, separated
 from magphonon.stiffness.rest import LinearSystem
 

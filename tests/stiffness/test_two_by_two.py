@@ -5,7 +5,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from magphonon.stiffness.lowest import hermitian_eigenvalues
+from magphonon.stiffness.matrices import hermitian_eigenvalues
 
 EPS = np.finfo(float).eps
 DRAWN = 150
