@@ -32,6 +32,8 @@ STRONG = 1e-2
 RESAMPLED, NOISY = 1e-2, 3.0
 """Largest error of an interpolated sample: as a fraction of the motion, or where that is more in the noise of a measured sample;
 one sample of fifty that is so uncertain adds a fifth to the power of the noise."""
+FOLLOWED = 0.1
+"""Largest error of the fastest wave by itself, however large the noise: motion up to the end of the band looks like noise."""
 DEGREES = 3, 5, 7
 """Degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap."""
 NOISES = 32
@@ -274,7 +276,8 @@ def _interpolated(times, wanted, point, measured, fastest):
         beyond = [np.asarray(dct(u, norm='ortho'))[3 * len(times) // 4 :] for u in motions.values()]  # where only noise is
         found.append((motions, off, carried, np.sqrt(max(np.mean(one**2) for one in beyond)) / largest))
     noise = min(one for *_, one in found)  # what a spline gets wrong can only add to it
-    error, best = min(((float(np.hypot(off, noise * carried).max()), k) for k, (_, off, carried, _) in enumerate(found)))
+    error, best = min((float(np.hypot(off, noise * carried).max()) if off.max() < FOLLOWED else np.inf, k)
+                      for k, (_, off, carried, _) in enumerate(found))
     return found[best][0], error, max(RESAMPLED, NOISY * noise)
 
 
