@@ -90,8 +90,12 @@ def _refusal(words):
     return 2
 
 
+def _said(words):
+    return ''.join(x if x.isprintable() or x in '\n\t' else repr(x)[1:-1] for x in f'magphonon: {words}')  # nor escape codes
+
+
 def _tell(words):
-    text = ''.join(x if x.isprintable() or x in '\n\t' else repr(x)[1:-1] for x in f'magphonon: {words}')  # nor escape codes
+    text = _said(words)
     with suppress(OSError):  # a full disk behind `2>`: the exit status still reports the error
         print(text, file=sys.stderr, flush=True)
 
@@ -141,11 +145,18 @@ def _termination_unwinds():
 
 @contextmanager
 def _no_silent_overflow():
-    """Turn an overflow, a division by zero or a NaN in a formula of the package into an error that ends the command."""
+    """Turn an overflow, a division by zero or a NaN in a formula of the package into an error that ends the command; other
+    warnings are sentences, without the line of the program.
+    """
+    before = warnings.formatwarning
     with warnings.catch_warnings():
         warnings.filterwarnings('error', category=RuntimeWarning, module=r'magphonon\.')
         warnings.filterwarnings('ignore', message='Glyph .* missing from')  # letters of a title that the font lacks
-        yield
+        warnings.formatwarning = lambda message, *_, **__: _said(f'warning: {message}') + '\n'
+        try:
+            yield
+        finally:
+            warnings.formatwarning = before
 
 
 @contextmanager
