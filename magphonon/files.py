@@ -47,13 +47,6 @@ def refuse_endless(path: str | PathLike[str], most: int) -> None:
                          'it is probably another file')
 
 
-try:
-    import fcntl
-except ImportError:
-    # a system without file locks: files of killed processes are not removed, and two commands do not wait for each other
-    fcntl = None
-
-
 @contextmanager
 def room_for(path: str | PathLike[str]) -> Iterator[None]:
     """Raise OSError with the name of the file and what to do if the disk is full while a file is written."""
@@ -63,29 +56,6 @@ def room_for(path: str | PathLike[str]) -> Iterator[None]:
         if error.errno != errno.ENOSPC:
             raise
         raise OSError(errno.ENOSPC, 'no space left; make room or choose another place', str(path)) from None
-
-
-def lock(file: Any, wait: bool = False) -> bool:
-    """Lock an open file or directory; the lock ends when the file is closed or its process ends in any way.
-
-    Parameters
-    ----------
-    file : int or file object
-    wait : bool
-        Whether to wait until another process releases the lock.
-
-    Returns
-    -------
-    bool
-        True if the lock was obtained; False if another process holds it, or if the file system has no locks.
-    """
-    if fcntl is None:
-        return False
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except OSError:
-        return False
-    return True
 
 
 @contextmanager

@@ -6,6 +6,7 @@ The same as `python -m workflows` in the sources. The exit status is 1 if a numb
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -22,5 +23,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Run the workflows and return 0 if all numbers pass, 1 otherwise."""
+    folder = Path(options.output)
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / 'report.html').is_file():
+        raise ValueError(f'{folder} holds other files, which those of a report might replace; name a new directory with -o')
     workflows = import_module('magphonon.workflows.__main__')  # in the sources the workflows are beside the package
     return workflows.main([*options.names, *(['--quick'] if options.quick else []), '-o', options.output])

@@ -53,7 +53,16 @@ def test_a_structure_from_a_file_is_refused(tmp_path, capsys):
     assert 'the explorer needs a lattice given by its name' in capsys.readouterr().err
 
 
-def test_other_files_are_not_replaced(tmp_path, capsys):
+def test_other_files_are_not_replaced(few_values, tmp_path, capsys):
+    assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 0
+    with open(tmp_path / 'edited.html', 'r+', encoding='utf-8') as page:
+        page.seek(300)
+        page.write('my title')
+    before = (tmp_path / 'edited.html').read_bytes()
+    assert main(['explore', 'square', '-o', str(tmp_path / 'edited.html')]) == 2
+    assert 'is not a page as "magphonon explore" wrote it' in capsys.readouterr().err
+    assert (tmp_path / 'edited.html').read_bytes() == before
+    (tmp_path / 'edited.html').unlink()
     (tmp_path / 'mine.html').write_text('<html>my own page</html>')
     os.mkfifo(tmp_path / 'pipe.html')
     for name, words in (('mine.html', 'is not a page as "magphonon explore" wrote it'),

@@ -236,3 +236,10 @@ def test_import_is_light(statement, absent):
                           check=True, timeout=600)
     assert 'magphonon' in done.stdout.split()
     assert not set(absent) & set(done.stdout.split())
+
+
+def test_a_report_goes_into_a_folder_of_its_own(tmp_path, capsys):
+    (tmp_path / 'summary.json').write_text('mine')
+    assert main(['reproduce', 'chain', '-o', str(tmp_path)]) == 2
+    assert 'holds other files' in capsys.readouterr().err
+    assert [file.read_text() for file in tmp_path.iterdir()] == ['mine']
