@@ -36,13 +36,15 @@ the plane and in space) in a shot."""
 NEIGHBOURS = 18
 """Largest number of bonds of a particle, three shells of the triangular lattice or two of fcc: with more the search takes
 seconds, and with many shells minutes."""
-TRIED = 8
+TRIED = 12
 """Number of places examined closely: those with the lowest energy along a straight line."""
 SIDEWAYS = 0.01
 """Sideways displacement of particles at each stage, as a fraction of the shortest bond, because by symmetry the straight path may
 be a ridge."""
 STAGES = 8
 """Number of distances on the path to a place."""
+NEAR, REPEATS = 5e-4, 10
+"""How near to a place a drag ends, in shortest bonds, and how often its last stage is repeated for that at most."""
 STIFF = 10.0
 """Stiffness of the spring that enforces a distance, relative to that of a bond of this length."""
 SHOTS = {2: 13, 3: 5}
@@ -278,14 +280,16 @@ class _Drag:
         try:
             self.at_rest = law.phi(self.r0)
             unit = self.stiffness * self.length**2
-            for wanted in [*np.linspace(start, end, STAGES + 1)[1:], end, end]:
+            for stage, wanted in enumerate([*np.linspace(start, end, STAGES + 1)[1:], *REPEATS * [end]]):
                 K = self.stiffness + STIFF * abs(law.d2phi(min(wanted, self.length))) + STIFF * self.calc.parameters.foundation
+                K *= 2.0 ** max(0, stage - STAGES)  # stiffer and stiffer, where others than these two resist
                 y = y + SIDEWAYS * rng.normal(size=len(y))
                 y = minimize(objective, y, jac=True, method='L-BFGS-B', options={'maxiter': 60}).x
                 u = self.length * (self.P @ y).reshape(shape)
-                force += K * (self.distance(u)[0] - wanted)
+                off = self.distance(u)[0] - wanted
+                force += K * off
                 highest = max(highest, float(self.energy(u)[0]))
-                if highest > most:
+                if highest > most or (wanted == end and abs(off) <= NEAR * self.length):
                     break
         except ValueError:  # the law does not reach so far
             pass
