@@ -18,7 +18,7 @@ from magphonon.dynamics.engine import highest_frequency
 from magphonon.lattices.bonds import find_bonds
 from magphonon.planning.bands import Edge, plan_bands
 from magphonon.planning.peak import plan_peak
-from magphonon.planning.waveform import StandIn, as_model, difference, plan_beam, plan_waveform, strip
+from magphonon.planning.waveform import as_model, difference, plan_waveform
 from magphonon.response.frf import Place
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.bond import MODELS
@@ -176,9 +176,7 @@ class Waveform:
 
     @cached_property
     def _atoms(self):
-        cell = getattr(lattices, self.kind)(1.0, 1.0)
-        cell.calc = MagneticRepulsion(cell, self.law, foundation=self.foundation)
-        return strip(cell, self.rows)
+        return strip(getattr(lattices, self.kind)(1.0, 1.0), self.rows, self.law, self.foundation)
 
     @cached_property
     def _burst(self):
@@ -192,7 +190,7 @@ class Waveform:
         return drive, inside[:: len(inside) // (self.rows - 2)], 0.01 * omega, 1.6 * drive.end
 
     def plan(self, tolerance):
-        return plan_waveform(self._atoms, *self._burst, tolerance, StandIn(copies=self.rows))
+        return plan_waveform(self._atoms, *self._burst, tolerance)
 
     def _verlet(self, dt, model='complete', share=1.0):
         """Displacements of the row at FRAMES equal times, with steps of at most dt."""
@@ -225,7 +223,7 @@ class Waveform:
 
 @dataclass(frozen=True)
 class Beam(Waveform):
-    """A burst from a row of a patch, its force falling off to the sides; the plan sees a strip."""
+    """A burst from a row of a patch, its force falling off to the sides."""
 
     rows: int = 14
 
@@ -250,9 +248,12 @@ class Beam(Waveform):
         drive = self._site.burst(self.direction, -self.force * self.law.dphi(1.0), omega)
         return drive, self._site.row, 0.01 * omega, 1.6 * drive.end
 
-    def plan(self, tolerance):
-        drive, _, damping, duration = self._burst
-        return plan_beam(self._cell, self._atoms, self._site, drive, damping, duration, tolerance)
+
+def strip(cell, rows, law, foundation=0.0):
+    """A ribbon with a law; a burst from a whole row of its sources travels as in the lattice."""
+    ribbon = lattices.ribbon(cell, rows)
+    ribbon.calc = MagneticRepulsion(ribbon, law, foundation=foundation)
+    return ribbon
 
 
 def patch_with_law(cell, patch):

@@ -1,14 +1,12 @@
 """The plans for the tables of a scene, and their runs: [bands] for bands, [frf] for a peak, [burst] for waveforms.
 
 The table [plan] adds what these tables do not say: one band edge instead of all bands, and the force of a response.
-
-What the plans read of a scene, whose room stands above this one: `magphonon.scenes.Scene`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,99 +15,10 @@ from ..files import write_columns
 from .plan import ALL, Plan, Settings, engine_costs, percent
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
     from pathlib import Path
-    from typing import Any
 
-    from ase import Atoms
-    from ase.dft.kpoints import BandPath
-    from numpy.typing import NDArray
-
-    from ..response.frf import Place
-    from ..waves.wave_source import Burst, Site
-
-class FoundationTable(Protocol):
-    """The table [foundation]."""
-
-    @property
-    def stiffness(self) -> float: ...
-
-
-class ResponseTable(Protocol):
-    """The table [frf]."""
-
-    @property
-    def omega(self) -> NDArray[np.float64]: ...
-    @property
-    def damping(self) -> float: ...
-
-
-class BurstTable(Protocol):
-    """The table [burst]."""
-
-    @property
-    def carriers_Hz(self) -> Sequence[float]: ...
-    @property
-    def directions_deg(self) -> Sequence[float]: ...
-    @property
-    def source(self) -> str: ...
-    @property
-    def names(self) -> Sequence[str]: ...
-    def burst(self, k: int, site: Site) -> Burst:
-        """Burst number k at a site."""
-        ...
-
-
-class PlanTable(Protocol):
-    """The table [plan]."""
-
-    @property
-    def edge(self) -> str | None: ...
-    @property
-    def branch(self) -> int: ...
-    @property
-    def force_N(self) -> float | None: ...
-
-
-class AskingScene(Protocol):
-    """A scene that asks for quantities."""
-
-    @property
-    def title(self) -> str: ...
-    @property
-    def law(self) -> Any: ...  # one of several tables; those of one particle or of a file have no path, or shells of the class
-    @property
-    def lattice(self) -> Any: ...
-    @property
-    def laws_of_kinds(self) -> object: ...  # true where pairs of kinds have laws of their own
-    @property
-    def foundation(self) -> FoundationTable | None: ...
-    @property
-    def bands(self) -> object | None: ...
-    @property
-    def frf(self) -> ResponseTable | None: ...
-    @property
-    def burst(self) -> BurstTable | None: ...
-    @property
-    def plan(self) -> PlanTable | None: ...
-    @property
-    def single(self) -> bool: ...
-    def cell(self) -> Atoms:
-        """One cell without a calculator."""
-        ...
-    def atoms(self) -> Atoms:
-        """One cell with its calculator."""
-        ...
-    def patch_atoms(self, model: str = 'complete') -> Atoms:
-        """The patch with its calculator."""
-        ...
-    def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:
-        """The structure of the response, and where it is pushed and measured."""
-        ...
-    def band_path(self) -> BandPath:
-        """The path of the bands."""
-        ...
-
+    from ..scenes.scene import Scene
 
 NEGLIGIBLE = 1e-3
 """Largest relative change of the bands by neglected neighbours that is not mentioned: spacings and forces of real lattices are
@@ -145,7 +54,7 @@ class Wanted:
         self.answer(folder / f'plan_{self.name}', self.plan.choice.settings)
 
 
-def scene_plans(scene: AskingScene, tolerance: float) -> Iterator[Wanted]:
+def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
     """Plans for all quantities that a scene asks for, one after the other, as Wanted.
 
     Parameters
@@ -211,7 +120,7 @@ def _beyond_nearest(scene):
             'highest frequency.')
 
 
-def neglected(scene: AskingScene) -> list[str]:
+def neglected(scene: Scene) -> list[str]:
     """The effect on the bands of the neighbours that a scene leaves out: a list of one line, or empty if it is negligible.
 
     Parameters
@@ -297,14 +206,11 @@ def _write_response(scene, file, force, settings):
 
 def _burst(scene, cell, patch, tolerance, k, left_out):
     from ..waves.wave_source import site
-    from .waveform import plan_beam, plan_waveform
+    from .waveform import plan_waveform
 
     plan, where = scene.burst, site(cell, patch, scene.burst.source)
     burst = plan.burst(k, where)
-    if plan.source == 'row':
-        found = plan_beam(cell, patch, where, burst.drive, burst.damping, burst.duration, tolerance)
-    else:
-        found = plan_waveform(patch, burst.drive, where.row, burst.damping, burst.duration, tolerance)
+    found = plan_waveform(patch, burst.drive, where.row, burst.damping, burst.duration, tolerance)
     name = f'Waveform of the burst at {plan.carriers_Hz[k]:.4g} Hz, {plan.directions_deg[k]:g} degrees'
     found = replace(found, quantity=name)
     return Wanted(f'burst_{plan.names[k]}', found,

@@ -1,11 +1,14 @@
 """Plans for bands over lattices, laws and tolerances: no method is worse than told, by the exact sums over all neighbours."""
 
+import tomllib
+
 import numpy as np
 import pytest
 from ase import Atoms
 
 from magphonon import InversePower, MagneticRepulsion, Yukawa, read_scene, ready_scene
 from magphonon.planning import bands as planner, neglected, plan_bands, scene_plans
+from magphonon.scenes.scene import scene_of
 from workflows.situations import EDGES, Bands
 
 LAWS = {'2': InversePower(1.0, 2.0), '3': InversePower(1.0, 3.0), '4.58': InversePower(1.0, 4.58), 'Yukawa': Yukawa(1.0, 1.0)}
@@ -131,3 +134,16 @@ def test_a_table_that_ends_at_the_nearest_neighbours_is_no_reason_to_fail():
     with pytest.raises(ValueError, match=r'no model here gives bands .* the law is not known farther'):
         _ = next(scene_plans(scene, 1e-2)).plan.choice  # nothing is known of them that would bound the error
     assert 'not known' not in next(scene_plans(longer, 0.5)).plan.report()
+
+
+@pytest.mark.parametrize(('reach_mm', 'words'), [
+    (16.0, 'ends before the next ones'), (18.0, 'ends within the reach of the others')])
+def test_what_the_neighbours_beyond_a_table_do_is_told_as_a_guess(reach_mm, words):
+    """The second neighbours are 17.3 mm away; a table to 18 mm knows them, but not those that a plan compares with."""
+    tables = tomllib.loads(ready_scene('prototype').read_text())
+    r = np.linspace(0.008, reach_mm / 1e3, 30)
+    tables['law'] = {'kind': 'table', 'shells': 1, 'distances_m': r.tolist(),
+                     'forces_N': (1.6209e-10 * r**-4.5824).tolist()}
+    told = neglected(scene_of(tables))
+    assert len(told) == 1
+    assert words in told[0]

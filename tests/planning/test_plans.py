@@ -24,14 +24,14 @@ from magphonon.planning.bands import plan_bands
 from magphonon.planning.peak import DOUBT_ONE_PATTERN, highest_peak, plan_peak, turning
 from magphonon.planning.plan import Method, Plan, Settings
 from magphonon.planning.scene import scene_plans
-from magphonon.planning.waveform import plan_waveform, strip
+from magphonon.planning.waveform import plan_waveform
 from magphonon.response import propagation
 from magphonon.response.frf import Place
 from magphonon.response.normal_modes import modes
 from magphonon.scenes.scene import read_scene, ready_scene
 from magphonon.stiffness import bond
 from workflows.planning import judge, met_by, without_amplitude, without_dstar
-from workflows.situations import Bands, Beam, Peak, Waveform
+from workflows.situations import Bands, Peak, Waveform, strip
 
 LAW, YUKAWA = InversePower(1.0, 4.0), Yukawa(1.0, 2.0)
 
@@ -54,20 +54,6 @@ def test_choices_meet_the_tolerance_and_are_not_dear_unless_they_ignore_what_mat
     assert max(v.ratio for v in verdicts) < 2
     assert met_by(without_dstar, verdicts) < 0.9
     assert met_by(without_amplitude, verdicts) < 0.9
-
-
-@pytest.mark.slow
-def test_a_strip_does_not_promise_for_a_beam():
-    """Without foundation the sides of a shear beam nearly double what a strip shows of nonlinearity."""
-    beam, tolerance = Beam('triangular', LAW, 0.0, (1, 0), 0.13, 3e-4), 7e-4
-    drive, _, damping, duration = beam._burst
-    pilot = strip(beam._cell, beam.rows)
-    inside = np.flatnonzero(pilot.get_tags() == 0)
-    along = replace(drive, particles=inside[:1], amplitude=abs(drive.amplitude).max())
-    promised = plan_waveform(pilot, along, inside, damping, duration, tolerance)
-    assert promised.choice.name == 'complete linear'
-    assert beam.truth(promised.choice) > 1.2 * tolerance
-    assert beam.truth(beam.plan(tolerance).choice) <= tolerance
 
 
 def test_the_cheapest_method_that_is_surely_good_enough_is_taken():
@@ -129,9 +115,7 @@ def test_along_a_line_of_magnets_no_dstar_is_assembled(monkeypatch):
 
 def test_bounds_without_a_pilot_hold_along_a_beam_of_sixty_steps():
     """Harmonics that build up on the way, and the phase that long steps lose, against runs in time steps."""
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, LAW)
-    pilot = strip(cell, 62)
+    pilot = strip(lattices.triangular(1.0, 1.0), 62, LAW)
     inside = np.flatnonzero(pilot.get_tags() == 0)
     burst, duration = ToneBurst(inside[:1], (0, 1), 1e-3, 2.0, 5), 47.0
 
@@ -224,35 +208,13 @@ def test_a_linear_scene_takes_no_time_steps(monkeypatch):
         raise AssertionError('a linear scene was run in time steps')
 
     monkeypatch.setattr(DrivenVerlet, 'run', step)
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, LAW)
-    pilot = strip(cell, 12)
+    pilot = strip(lattices.triangular(1.0, 1.0), 12, LAW)
     inside = np.flatnonzero(pilot.get_tags() == 0)
     burst = ToneBurst(inside[:1], (0, 1), 1e-7, 2.0)
     plan = plan_waveform(pilot, burst, inside, 0.02, 1.5 * burst.end, 1e-3)
     assert plan.choice.name == 'complete linear'
     with pytest.raises(AssertionError, match='in time steps'):  # a loud one has to be looked at
         plan_waveform(pilot, replace(burst, amplitude=0.1), inside, 0.02, 1.5 * burst.end, 1e-3)
-
-
-@pytest.mark.parametrize('shells', [1, 2, 3])
-def test_a_strip_has_the_bonds_of_its_cell_however_they_were_found(shells):
-    cell = lattices.honeycomb(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, LAW, shells=shells)
-    counted = strip(cell, 8).calc.bonds
-    listed = [(i, j, tuple(shift)) for i, j, shift in zip(cell.calc.bonds.i, cell.calc.bonds.j, cell.calc.bonds.shift,
-                                                          strict=True)]
-    cell.calc = MagneticRepulsion(cell, LAW, bonds=listed, load=[[0.1, 0, 0], [0, 0.2, 0]])
-    found = strip(cell, 8).calc
-
-    def in_order(bonds):
-        return np.sort(np.round(np.abs(bonds.vectors @ [1.0, np.pi, 0]), 9))
-
-    np.testing.assert_array_equal(in_order(found.bonds), in_order(counted))
-    atoms = strip(cell, 8)
-    by_distance = MagneticRepulsion(atoms, LAW, shells=shells)  # the geometry's own count, ends of the strip included
-    np.testing.assert_array_equal(np.sort(found.bonds.coordination), np.sort(by_distance.bonds.coordination))
-    np.testing.assert_array_equal(found.load, np.tile([[0.1, 0, 0], [0, 0.2, 0]], (8, 1)))
 
 
 def test_one_particle_needs_no_lattice(monkeypatch):

@@ -1,18 +1,13 @@
 """Time steps that a plan offers, judged by a velocity Verlet written here; and peaks that are round-off."""
 
-import ast
-import inspect
-import textwrap
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
 from magphonon import InversePower, MagneticRepulsion, ToneBurst, foundation_needed, lattices, modes
-from magphonon.dynamics.law_pieces import DEGREE
 from magphonon.planning import waveform
 from magphonon.planning.peak import highest_peak, plan_peak
-from magphonon.planning.plan import Settings, force_cost
+from magphonon.planning.plan import Settings
 from magphonon.planning.waveform import plan_waveform
 from magphonon.response.frf import Place
 
@@ -191,18 +186,3 @@ def chains(patch):
                 K[i, :, j] -= block
         K[i, :, i] += 2.0 * np.eye(2)
     return K[free][:, :, free].reshape(2 * len(free), -1)
-
-
-def test_the_cost_of_a_force_is_that_of_the_compiled_kernel():
-    """Multiplications are counted in the source of the kernel, with one for each power of a polynomial."""
-    bonds = pytest.importorskip('magphonon.dynamics.compiled_bonds', exc_type=ImportError)
-
-    def multiplications(function):
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function.py_func)))
-        places = {part for node in ast.walk(tree) if isinstance(node, ast.Subscript) for part in ast.walk(node)}
-        return sum(isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult) for node in set(ast.walk(tree)) - places)
-
-    law = bonds._pieces(own=False, halved=False)[1]  # two products are that of an index, and one that bonds of a kind do without
-    counted = sum(multiplications(part) for part in (bonds._increment, bonds._force, law)) - 2 + DEGREE
-    # a plan compares whole methods, whose costs are mostly several times apart
-    assert 1 / 1.5 < force_cost(2) / counted < 1.5
