@@ -216,28 +216,14 @@ class Plan:
 
 
 def percent(share: float) -> str:
-    """A relative error as text.
-
-    Examples
-    --------
-    >>> from magphonon.planning import percent
-    >>> percent(0.123), percent(1e-5)
-    ('12 %', '0.001 %')
-    """
+    """A relative error as text, with two digits."""
     if share == float('inf'):
         return 'unbounded'
     return f'{100 * share:.2g} %' if share < 1 else f'{100 * share:.0f} %'
 
 
 def times(ratio: float) -> str:
-    """A ratio as text, with two digits.
-
-    Examples
-    --------
-    >>> from magphonon.planning import times
-    >>> times(2.5), times(130.0)
-    ('2.5 times', '130 times')
-    """
+    """A ratio as text, with two digits."""
     return f'{float(f"{ratio:.2g}"):,.0f} times' if ratio >= 10 else f'{ratio:.2g} times'
 
 
