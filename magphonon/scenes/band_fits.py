@@ -101,13 +101,7 @@ UNITS = {'force': 'N', 'a': '', 'screening_length': 'm', 'foundation': 'N/m', 'b
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
-    """The parameters of a scene that bands depend on and a fit may vary; mass and spacing are known.
-
-    Raises
-    ------
-    ValueError
-        For a law that is not given by a few numbers, or a foundation or law that differs from site to site.
-    """
+    """The parameters of a scene that bands depend on and a fit may vary; mass and spacing are known."""
     one_of('law.kind', scene.law.kind, tuple(STRENGTHS))
     if scene.law.shells == ALL:
         raise ValueError(f"law.shells = '{ALL}': a fit takes a number of shells; take shells = 3 or more")

@@ -83,11 +83,6 @@ def scene_keys(name: str | None = None) -> list[Key]:
     -------
     list of Key
 
-    Raises
-    ------
-    ValueError
-        For a name that no table and no key of a scene has.
-
     Examples
     --------
     >>> from magphonon.scenes import scene_keys

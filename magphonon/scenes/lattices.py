@@ -222,13 +222,7 @@ class PatchTable(Table):
         raise NotImplementedError
 
     def cut(self, cell: Atoms) -> Atoms:
-        """The patch, `ase.Atoms` without calculator.
-
-        Raises
-        ------
-        ValueError
-            If it is too large to compute with or too small to have an inside, or the lattice has no plane.
-        """
+        """The patch, `ase.Atoms` without calculator."""
         cells = self.cells(cell)
         if cells > MOST_CELLS:
             raise ValueError(f'the patch of {cells:.2g} cells is too large (at most {MOST_CELLS:g}); make it smaller, '

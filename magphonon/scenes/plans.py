@@ -67,13 +67,7 @@ class Pick(Table):
     direction_deg: Angle = Field(description='the direction in degrees from the x axis')
 
     def of(self, patch: Atoms) -> Place:
-        """The Place: the particle of a patch that is nearest, and the unit vector of the direction.
-
-        Raises
-        ------
-        ValueError
-            If the nearest particle is farther than a spacing away or belongs to the held rim.
-        """
+        """The Place: the particle of a patch that is nearest, and the unit vector of the direction."""
         distance = np.linalg.norm(patch.positions[:, :2] - np.array(self.at_m) * u.m, axis=1)
         particle, angle = distance.argmin(), self.direction_deg * u.deg
         x, y = patch.positions[particle, :2] / u.m
@@ -297,13 +291,7 @@ class DesignPlan(Table):
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
     def solve(self, scene: Scene) -> tuple[float, list[Design]]:
-        """The foundation in N/mm and every `Design` that meets the table.
-
-        Raises
-        ------
-        ValueError
-            If there is none, with the range that can be reached.
-        """
+        """The foundation in N/mm and every `Design` that meets the table."""
         k, present = self.foundation(scene), scene.lattice.spacing_m * u.m
 
         def build(spacing):

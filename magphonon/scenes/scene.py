@@ -100,13 +100,7 @@ class Scene(Table):
 
     @classmethod
     def from_atoms(cls, atoms: Atoms, title: str | None = None) -> Scene:
-        """A scene of atoms with their calculator, without a file; `magphonon.write_scene` writes one.
-
-        Raises
-        ------
-        ValueError
-            If the atoms carry no calculator of this package, or one whose law a file cannot tell.
-        """
+        """A scene of atoms with their calculator, without a file; `magphonon.write_scene` writes one."""
         return cls.model_validate(tables_of(atoms, title, file='particles.traj'), context={'structure': checked_atoms(atoms)})
 
     def cell(self) -> Atoms:
@@ -242,11 +236,6 @@ class Scene(Table):
         atoms : ase.Atoms
         source, answer : Place
             As `magphonon.response.frf.receptance` takes them.
-
-        Raises
-        ------
-        ValueError
-            If there is no such table, or no free particle where it points.
         """
         plan = self.wanted('frf')
         if self.single:
@@ -263,13 +252,7 @@ class Scene(Table):
         return atoms, source, answer
 
     def wanted(self, name: str) -> Any:
-        """One of the tables of computations, such as 'bands'.
-
-        Raises
-        ------
-        ValueError
-            If the scene has none.
-        """
+        """One of the tables of computations, such as 'bands'."""
         table = getattr(self, name)
         if table is None:
             have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
@@ -403,13 +386,7 @@ def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:
 
 
 def scene_of(tables: dict[str, Any], particles: Atoms | None = None) -> Scene:
-    """The scene of these tables, in the plain Python of `tomllib` or of `parts_of`.
-
-    Raises
-    ------
-    ValueError
-        If they make no scene; the message names each key, its value and the mend.
-    """
+    """The scene of these tables, in the plain Python of `tomllib` or of `parts_of`."""
     try:
         return Scene.model_validate(tables, context=None if particles is None else {'structure': particles})
     except ValidationError as error:

@@ -57,26 +57,12 @@ class Source:
 
     @property
     def text(self) -> str:
-        """The text, with the line ends of every system as one.
-
-        Raises
-        ------
-        UnicodeDecodeError
-            If it is none in UTF-8.
-        """
+        """The text, with the line ends of every system as one."""
         return StringIO(self.content.decode('utf-8-sig'), newline=None).getvalue()
 
 
 def source_of(scene: str | PathLike[str] | Source) -> Source:
-    """The source of a scene: of a file or, if there is no such file, of the ready scene of this name.
-
-    Raises
-    ------
-    OSError
-        If there is neither, or the file cannot be read.
-    ValueError
-        If it is no regular file, or too large.
-    """
+    """The source of a scene: of a file or, if there is no such file, of the ready scene of this name."""
     if isinstance(scene, Source):
         return scene
     name, path = str(scene), Path(scene)
@@ -94,13 +80,7 @@ def source_of(scene: str | PathLike[str] | Source) -> Source:
 
 
 def source_in_stream(stream: BinaryIO) -> Source:
-    """The source of a scene that stands in a stream; files that it names are looked for in the current folder.
-
-    Raises
-    ------
-    ValueError
-        If it is empty or too large.
-    """
+    """The source of a scene that stands in a stream; files that it names are looked for in the current folder."""
     content = stream.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         raise ValueError(f'stdin holds more than the {MOST_BYTES / MEGABYTE:g} MB that are read; it is probably no scene')
@@ -139,11 +119,6 @@ def ready_scenes() -> dict[str, Traversable]:
 def ready_scene(name: str) -> Traversable:
     """The file of one of the `ready_scenes`.
 
-    Raises
-    ------
-    ValueError
-        For an unknown name.
-
     Examples
     --------
     >>> from magphonon import ready_scene
@@ -159,13 +134,7 @@ POINTS = 200
 
 
 def checked_atoms(atoms: Atoms) -> Atoms:
-    """The atoms, if a scene can hold them.
-
-    Raises
-    ------
-    ValueError
-        If they carry no calculator of this package, or one whose law a file cannot tell.
-    """
+    """The atoms, if a scene can hold them."""
     calc: Any = atoms.calc
     if not isinstance(calc, Repulsion):
         raise ValueError(f'a scene is made of atoms with MagneticRepulsion or AllNeighbours, not with {calc!r}; attach one')

@@ -188,13 +188,7 @@ class FileLattice(Table):
         return atoms
 
     def saved(self) -> Atoms:
-        """The particles with the calculator in the file.
-
-        Raises
-        ------
-        ValueError
-            If there is none.
-        """
+        """The particles with the calculator in the file."""
         if isinstance(self._atoms.calc, Repulsion):
             atoms = self._atoms.copy()
             atoms.calc = deepcopy(self._atoms.calc)
@@ -317,13 +311,7 @@ class Defects(Table):
         return self
 
     def applied(self, atoms: Atoms) -> Atoms:
-        """The structure with these defects, not yet at rest.
-
-        Raises
-        ------
-        ValueError
-            Where no free particle stands near a place, or two defects mean the same one, or an interstitial has no room.
-        """
+        """The structure with these defects, not yet at rest."""
         missing = [_site(f'vacancies_m[{k}]', atoms, place) for k, place in enumerate(self.vacancies_m)]
         others = [_site(f'substitutions[{k}].at_m', atoms, guest.at_m) for k, guest in enumerate(self.substitutions)]
         sites = missing + others
@@ -383,13 +371,7 @@ class Disorder(Table):
         return self
 
     def applied(self, atoms: Atoms) -> Atoms:
-        """The structure with its sites scattered, not yet at rest.
-
-        Raises
-        ------
-        ValueError
-            If the places scatter by more than a tenth of the shortest bond.
-        """
+        """The structure with its sites scattered, not yet at rest."""
         shortest = atoms.calc.bonds.lengths.min()
         if self.position_m * u.m > shortest / 10:
             raise ValueError(f'disorder.position_m = {self.position_m!r} is more than a tenth of the distance of nearest '

@@ -76,14 +76,7 @@ class _Uncertainty(Table):
         None, description='the correlation of forces and exponent, as "magphonon fit" prints it')
 
     def tolerances(self, scene: Scene) -> Tolerances:
-        """What they mean for a scene, `magphonon.design.uncertainty.Tolerances`.
-
-        Raises
-        ------
-        ValueError
-            For a parameter that the scene does not have, or that has two tolerances, or a correlation of exact parameters, or
-            for all neighbours.
-        """
+        """What they mean for a scene, `magphonon.design.uncertainty.Tolerances`."""
         if scene.law.shells == ALL:
             raise ValueError(f"uncertainty is propagated for a number of shells, not for law.shells = '{ALL}'; "
                              'take shells = 3 or more')

@@ -209,13 +209,7 @@ def known_questions() -> dict[str, str]:
 
 
 def question(name: str) -> tuple[Question, tuple[str, ...]]:
-    """The question of a name such as 'bands.M.1', and the words in it, here 'M' and '1'.
-
-    Raises
-    ------
-    ValueError
-        If there is none of this name.
-    """
+    """The question of a name such as 'bands.M.1', and the words in it, here 'M' and '1'."""
     words = name.split('.')
     for pattern, known in QUESTIONS.items():
         places = pattern.split('.')
@@ -247,14 +241,7 @@ class SceneAnswers:
 
     @classmethod
     def of(cls, scene: Scene, over: Mapping[str, NDArray[np.float64]], asked: Sequence[str]) -> SceneAnswers:
-        """The function for a scene.
-
-        Raises
-        ------
-        ValueError
-            For a key that the scene does not have or whose value is no number, or a question that is not known or that this
-            scene cannot answer whatever its numbers are.
-        """
+        """The function for a scene."""
         if not asked:
             raise ValueError("ask names no question; give at least one, such as ask=['bands.M.1']")
         tables = scene.model_dump(mode='json')
@@ -284,13 +271,7 @@ class SceneAnswers:
         return told
 
     def __call__(self, point: Mapping[str, float]) -> tuple[dict[str, float], str]:
-        """The answers at one point, by the dotted keys of the scene, and why some are missing.
-
-        Raises
-        ------
-        ValueError
-            If there is no such scene, as with a law that decays too slowly for its shells.
-        """
+        """The answers at one point, by the dotted keys of the scene, and why some are missing."""
         situation = Situation(scene_of(_replaced(self.tables, point), self.particles))
         values, faults = {}, []
         for name in self.asked:

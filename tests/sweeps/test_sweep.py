@@ -331,3 +331,15 @@ def test_answers_over_decades_are_drawn_on_a_logarithmic_scale(largest, scale):
     assert plot_sweep(answers.isel(x=1), 'f').get_yscale() == scale
     ax = plot_sweep(answers, 'f')
     assert type(ax.collections[-1].norm).__name__ == {'log': 'LogNorm', 'linear': 'Normalize'}[scale]
+
+
+def test_pictures_are_labelled_in_words_and_small_units():
+    over = {'lattice.spacing_m': [0.01, 0.012], 'foundation.pillar.height_m': [0.2], 'law.a': [4, 5], 'law.force_N': [0.25]}
+    found = sweep(read_scene('prototype'), over, ['bands.M.1', 'linear.amplitude'])
+    ax = plot_sweep(found, 'bands.M.1')
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ('exponent a', 'lattice spacing (mm)')
+    assert ax.get_title() == 'pillar height (m) = 0.2, force between neighbours (N) = 0.25'
+    assert ax.get_ylim() == pytest.approx((9, 13))
+    line = plot_sweep(found.isel({'law.a': 0}), 'linear.amplitude')
+    assert line.get_ylabel() == 'amplitude for an error of 1 % (mm)'
+    assert_allclose(line.lines[0].get_ydata(), 1e3 * found['linear.amplitude'].values[:, 0, 0, 0])
