@@ -151,7 +151,7 @@ class ToneBurst:
 
 
 def _prepare(drive, *strengths):
-    """Check and normalise the fields that the drives share."""
+    """Check and normalise the fields that the drives share; those of `strengths` get a number for each particle."""
     try:
         particles = np.atleast_1d(np.asarray(drive.particles))
         whole = np.issubdtype(particles.dtype, np.integer) and particles.ndim == 1 and (particles >= 0).all()
@@ -206,11 +206,6 @@ class Drives:
     ----------
     particles : ndarray of int
         All particles that are driven.
-
-    Raises
-    ------
-    ValueError
-        If a drive names a particle that is not there, or is no drive.
     """
 
     def __init__(self, drives: Sequence[Any], count: int) -> None:
@@ -231,13 +226,7 @@ class Drives:
         return len(self.particles) > 0
 
     def forces(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Forces in N at the `times` in ms, shape (times, particles, 3).
-
-        Raises
-        ------
-        ValueError
-            If a function returns something else than one finite vector for each particle.
-        """
+        """Forces in N at the `times` in ms, shape (times, particles, 3); refuses what is not one finite vector a particle."""
         total = np.zeros((len(times), len(self.particles), 3))
         for (drive, particles), rows in zip(self._parts, self._rows, strict=True):
             shape = (len(times), len(particles), 3)
