@@ -3,7 +3,6 @@ from .bands import (
     analytic_bands as analytic_bands,
     band_path as band_path,
     cut_off as cut_off,
-    edge_rows as edge_rows,
     edge_weights as edge_weights,
     group_velocities as group_velocities,
     path_of as path_of,
@@ -24,14 +23,10 @@ from .evanescent import (
     measured_decay as measured_decay,
 )
 from .force_constants import (
-    checked_supercell as checked_supercell,
-    default_distance as default_distance,
     displacement_errors as displacement_errors,
     extracted_dstar as extracted_dstar,
     finite_displacements as finite_displacements,
-    force_constants_of as force_constants_of,
     foundation_recovered as foundation_recovered,
-    path_on as path_on,
     phonopy_bands as phonopy_bands,
 )
 from .gruneisen import (

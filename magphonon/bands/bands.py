@@ -1,8 +1,5 @@
-"""Bands of a periodic lattice from its Bloch matrix: frequencies, modes, group velocities, sound speeds.
-
-Edge waves of a ribbon: how much of each mode lies in the rows at its two edges.
-
-Group velocities, and the speeds of sound in long waves.
+"""Bands of a periodic lattice from its Bloch matrix: frequencies and modes along a path, group velocities, the speeds of sound in
+long waves, and how much of each mode of a ribbon lies at its edges.
 """
 
 from __future__ import annotations
@@ -43,6 +40,8 @@ SAME_LATTICE = 1e-3
 whose products differ by up to 2e-4 of its volume^(2/3), which is at most 8e-4 of the largest one for periods above 0.1 mm."""
 CROSSINGS = 1024
 """Number of wavevectors at which crossings are looked for at a time, so that pairs of branches of a large mesh fit in memory."""
+ROUND_OFF = 1e-9
+"""Relative tolerance of the depth, so that a row exactly at this depth belongs to the edge."""
 
 
 @dataclass(frozen=True)
@@ -395,10 +394,6 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 
     regular = axes[:, abs(endless) <= 1e-12 * abs(endless).max()]
     ends = np.copysign(np.inf, endless[abs(endless) > 1e-12 * abs(endless).max()])
     return np.sort(np.append(signed_root(np.linalg.eigvalsh(regular.T @ squares @ regular)), ends))
-
-
-ROUND_OFF = 1e-9
-"""Relative tolerance of the depth, so that a row exactly at this depth belongs to the edge."""
 
 
 def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDArray[np.float64]:

@@ -8,9 +8,7 @@ bonds bridge, all multiples of s.  At the frequency omega its mass-weighted mode
 a polynomial eigenproblem of degree 2 P.  Where xi is real these are the bands; complex xi decay as e^{-Im xi} per step: below
 the cut-off of a foundation, above the bands and between them.
 
-Roots of a Laurent polynomial with matrix coefficients: mu and v with sum_p A_p mu^p v = 0, p = -P ... P, A_-p = A_p^T.
-
-Few components are coupled by what reaches farthest, so A_P is singular, and of the 2 P n roots some lie at infinity and as
+Few components are coupled by what reaches farthest, so D_P is singular, and of the 2 P n roots some lie at infinity and as
 many at zero, in chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
 decay by 36/k per step.  So the chains are taken off the pencil of companion matrices, link by link, by rotations
 that leave all other roots where they are; the roots that remain are then polished by Newton's method.
@@ -46,6 +44,13 @@ LONGEST_STEP = 0.1
 SINGULAR_FRACTION = 1e-14
 """Fraction of the largest singular value below which a singular value of Newton's matrix is round-off, as where two roots
 coincide."""
+LARGEST_DENOMINATOR = 6
+"""Largest denominator of the exponents along a direction.  The matrix pencil grows with it; symmetry directions need 1, 2 or
+3."""
+LEAST_DECAY = 1e-6
+"""Smallest decay per step that is not round-off: at a band edge, a double root, round-off changes xi by its own square root."""
+INFINITE_DECAY = 16
+"""Decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)."""
 
 
 def laurent_roots(A: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -149,15 +154,6 @@ def _at(A, powers, log, v):
     matrix, slope = np.einsum('rp,pab->rab', terms, A), np.einsum('rp,pab->rab', powers * terms, A)
     rest = np.einsum('rab,rb->ra', matrix, v)
     return matrix, slope, rest, abs(rest).max(axis=1) / np.einsum('rp,pab->rab', abs(terms), abs(A)).max(axis=(1, 2))
-
-
-LARGEST_DENOMINATOR = 6
-"""Largest denominator of the exponents along a direction.  The matrix pencil grows with it; symmetry directions need 1, 2 or
-3."""
-LEAST_DECAY = 1e-6
-"""Smallest decay per step that is not round-off: at a band edge, a double root, round-off changes xi by its own square root."""
-INFINITE_DECAY = 16
-"""Decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)."""
 
 
 @dataclass(frozen=True)

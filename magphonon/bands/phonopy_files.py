@@ -1,13 +1,10 @@
-"""Files for phonopy and related programs: bands with their modes, and the force constants.
+"""What phonopy and related programs take: files of bands and force constants, and a phonon in their own units.
 
-Lengths are in mm, masses in g, forces in N, frequencies in Hz; phonopy and the viewers print what they are used to
-(Angstrom, THz, cm^-1) beside these numbers.
-
-A phonon in the default units of phonopy and related programs: Angstrom, atomic mass unit, eV, and thus THz.
-
-Frequencies of magnets in Hz are numbers like any others, and phonopy plots and tabulates them without harm.  Where it
-multiplies them by Planck's constant it takes them for THz: heat capacities, free energies and mean square displacements
-of a phonon in mm, g and N are then wrong by twelve powers of ten in the frequency, without a word.
+Frequencies of magnets in Hz are numbers like any others, and phonopy plots and tabulates them without harm; files hold mm, g, N
+and Hz, beside which phonopy and the viewers print what they are used to (Angstrom, THz, cm^-1).  Where phonopy multiplies a
+frequency by Planck's constant it takes it for THz: heat capacities, free energies and mean square displacements of a phonon in
+mm, g and N are then wrong by twelve powers of ten in the frequency, without a word.  For these the phonon is converted to
+Angstrom, atomic mass units and eV, and thus THz.
 """
 
 from __future__ import annotations
@@ -37,6 +34,9 @@ if TYPE_CHECKING:
 
 ZERO_FRACTION = 1e-6
 """Fraction of the highest frequency below which a frequency is zero: it is the square root of a rounded eigenvalue."""
+KEY = re.compile(r'[ -]*(\w+):')
+DECIMALS = re.compile(r'-?\d+\.\d{6,}')
+"""A number as phonopy writes it, with six to sixteen decimals: enough for Angstrom, u and eV."""
 
 
 def in_phonopy_units(phonon: Phonopy) -> Phonopy:
@@ -136,11 +136,6 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
         # all others, and to symmetrise, as it advises, would erase them
         warnings.filterwarnings('ignore', message=r'(\d+|The) acoustic')
         return crystal.run_thermal_properties(temperatures=finite('temperatures', temperatures).ravel(), cutoff_frequency=zero)
-
-
-KEY = re.compile(r'[ -]*(\w+):')
-DECIMALS = re.compile(r'-?\d+\.\d{6,}')
-"""A number as phonopy writes it, with six to sixteen decimals: enough for Angstrom, u and eV."""
 
 
 def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) -> None:

@@ -6,9 +6,8 @@ e^{2 pi i q.shift} at j,
 
     forces  -C^T (phi' n)        Hessian  C^T K C        Bloch matrix  C(q)^+ K C(q)
 
-Pairs of particles within a distance of each other, also across the border of a periodic cell.
-
-Shells of neighbours: which distances belong to one shell despite rounded positions, and where the last wanted shell ends.
+Pairs are found within a distance, or within some shells of neighbours: which distances belong to one shell despite rounded
+positions, and where the last wanted shell ends, is judged by the gaps between them.
 """
 
 from __future__ import annotations
@@ -37,6 +36,33 @@ if TYPE_CHECKING:
 
 PIECE = 2**16
 """Number of pairs whose vectors are computed at once."""
+SHELL_WIDTH = 1e-4
+"""Largest relative difference of successive distances that belong to one shell of neighbours.
+
+Lattice constants are often written with three or more digits (8.66 for 5 sqrt(3) changes a distance by 2e-5), files with eight
+decimals.  In the usual lattices the relative distance of two of the first hundred shells is at least 1e-3, of the first thousand
+1e-4.
+"""
+EXACT = 1e-9
+"""Relative difference of two distances below which they are equal up to the round-off of the positions, without rounding."""
+CLEAR = 4.0
+"""Smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions."""
+CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
+"""Two shells may be one that rounding split if their relative gap is narrow and a neighbouring gap is `CONTRAST` times wider.
+
+A gap is narrow below `CLOSE` after the last wanted shell, where neighbours would be lost, and below `ROUNDED` between the shells
+before it, where only their number is in doubt.  Gaps in crystals are wider (3e-3 between the first two distances in cobalt and
+magnesium).  In the usual lattices the ratio of neighbouring gaps stays below 20 over the first three thousand shells.
+"""
+DECIMALS = range(2, 8)
+"""Numbers of decimals of positions that are taken as rounded; positions with fewer decimals are exact multiples of 0.1 mm."""
+UNITS = 2.0
+"""Difference of two distances, in units of the last decimal of positions that have few decimals, below which rounding may have
+split one shell: two ends and a lattice vector are each off by half a unit."""
+SCATTER = 0.1
+"""Relative gap to the next distance below which particles without a bond show that the positions are irregular."""
+ON_SHELL = 1e-6
+"""Smallest relative distance of a cutoff from a shell; displacements of finite differences would cross a closer one."""
 
 
 def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:
@@ -98,33 +124,6 @@ def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:
     [1.0, 1.414214]
     """
     return np.unique(pairs_within(atoms, cutoff)[3])
-
-
-SHELL_WIDTH = 1e-4
-"""Largest relative difference of successive distances that belong to one shell of neighbours.
-
-Lattice constants are often written with three or more digits (8.66 for 5 sqrt(3) changes a distance by 2e-5), files with eight
-decimals.  In the usual lattices the relative distance of two of the first hundred shells is at least 1e-3, of the first thousand
-1e-4.
-"""
-EXACT = 1e-9
-"""Relative difference of two distances below which they are equal up to the round-off of the positions, without rounding."""
-CLEAR = 4.0
-"""Smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions."""
-CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
-"""Two shells may be one that rounding split if their relative gap is narrow and a neighbouring gap is `CONTRAST` times wider.
-
-A gap is narrow below `CLOSE` after the last wanted shell, where neighbours would be lost, and below `ROUNDED` between the shells
-before it, where only their number is in doubt.  Gaps in crystals are wider (3e-3 between the first two distances in cobalt and
-magnesium).  In the usual lattices the ratio of neighbouring gaps stays below 20 over the first three thousand shells.
-"""
-DECIMALS = range(2, 8)
-"""Numbers of decimals of positions that are taken as rounded; positions with fewer decimals are exact multiples of 0.1 mm."""
-UNITS = 2.0
-"""Difference of two distances, in units of the last decimal of positions that have few decimals, below which rounding may have
-split one shell: two ends and a lattice vector are each off by half a unit."""
-SCATTER = 0.1
-"""Relative gap to the next distance below which particles without a bond show that the positions are irregular."""
 
 
 def _held(atoms):
@@ -252,10 +251,6 @@ def refuse_scatter(atoms: Atoms, bonds: Bonds) -> None:
                          f'{len(alone)} particles such as {alone[0]} have no bond: the positions are irregular, so that each '
                          'distance is a shell by itself; give a cutoff= between true shells '
                          f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
-
-
-ON_SHELL = 1e-6
-"""Smallest relative distance of a cutoff from a shell; displacements of finite differences would cross a closer one."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from .frf import (
     frequency_response as frequency_response,
     harmonic_response as harmonic_response,
     receptance as receptance,
-    resolvents as resolvents,
     series_response as series_response,
 )
 from .normal_modes import (
@@ -24,14 +23,12 @@ from .spectral_density import (
     SpectralFunction as SpectralFunction,
     density_of_states as density_of_states,
     local_density as local_density,
-    sites_of as sites_of,
     spectral_function as spectral_function,
 )
 from .stepped import (
     fourier as fourier,
     impulse_response as impulse_response,
     lock_in as lock_in,
-    remaining_transient as remaining_transient,
     replicas as replicas,
     steady_amplitudes as steady_amplitudes,
     stepped_response as stepped_response,

@@ -1,16 +1,16 @@
-"""Functions of a large symmetric matrix, applied to vectors by products with the matrix alone.
+"""Functions and densities of a large symmetric matrix K by products with the matrix alone.
 
-On an interval that holds the spectrum of K, a smooth function is a Chebyshev series,
+With masses absorbed and what the constraints hold left out, each linear answer is a function of K (`magphonon.stiffness.rest`):
+of a small one by its modes, of a large one by a Chebyshev series.  On an interval that holds the spectrum of K, a smooth
+function is a Chebyshev series,
 
     f(K) s = sum_n c_n T_n(X) s        X = (K - centre)/radius        T_{n+1} = 2 X T_n - T_{n-1}
 
 The vectors T_n(X) s do not depend on f: one sequence of products serves every time of a transient, every frequency of
 a response.
 
-The kernel polynomial method: densities of the squared frequencies of a large structure, by products with its matrix alone.
-
-Of a start vector s the Chebyshev moments `mu_n = s.T_n(X) s`, X = (K - centre)/radius, describe how its energy is spread over the
-spectrum.  A product gives two of them,
+The kernel polynomial method gives the density of the squared frequencies.  Of a start vector s the Chebyshev moments `mu_n =
+s.T_n(X) s`, X = (K - centre)/radius, describe how its energy is spread over the spectrum.  A product gives two of them,
 
     mu_2n = 2 t_n.t_n - mu_0        mu_2n+1 = 2 t_n+1.t_n - mu_1        t_n = T_n(X) s
 
@@ -47,6 +47,12 @@ LARGEST_GROWTH = 2.0
 """Largest ratio |T_n s|/|s|: it is at most one if the spectrum lies in the interval, and grows exponentially with n outside."""
 MARGIN = 1e-3
 """Relative amount by which a negative end of the spectrum is moved outwards, because it is known only to round-off."""
+COLUMNS = 8
+"""Number of start vectors that are multiplied at once, so that a product reads the matrix only once for all of them."""
+ROWS = 2**14
+"""Number of rows of the matrix in one piece, so that the product is still in the processor's cache when it is used."""
+BATCH = 2**22
+"""Number of cosines computed at a time."""
 
 
 class Outside(ArithmeticError):
@@ -141,14 +147,6 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
                 raise Outside
             progress.update(BLOCK)
             yield block
-
-
-COLUMNS = 8
-"""Number of start vectors that are multiplied at once, so that a product reads the matrix only once for all of them."""
-ROWS = 2**14
-"""Number of rows of the matrix in one piece, so that the product is still in the processor's cache when it is used."""
-BATCH = 2**22
-"""Number of cosines computed at a time."""
 
 
 def spectrum_of(K: sparse.csr_array, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,

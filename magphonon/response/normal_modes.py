@@ -1,14 +1,5 @@
-"""Normal modes of a structure about its rest.
-
-About rest, with what the constraints hold left out and masses absorbed, the motion of a structure is
-(`magphonon.stiffness.rest`)
-
-    y'' + gamma y' + K y = g(t)        u = S y
-
-Each linear answer is a function of the matrix K: of a small one by its modes, of a large one by a Chebyshev series
-(`magphonon.response.chebyshev`), whose products with K serve all times and all frequencies at once.
-
-Extent of each mode of a structure, and the local modes of defects, walls and edges in a gap of the lattice.
+"""Normal modes of a structure about its rest, `K y = omega^2 y` (`magphonon.stiffness.rest`): all of them, the lowest, those in a
+gap of the lattice, which are local modes of defects, walls and edges; and how far each of them extends.
 """
 
 from __future__ import annotations
@@ -17,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from ase.cell import Cell
 
 from .. import units
 from ..errors import Unstable, finite, whole
@@ -240,10 +232,10 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
 
 
 def _nearest_images(vectors: NDArray[np.float64], atoms: Atoms) -> NDArray[np.float64]:
-    if not atoms.pbc.any():
-        return vectors
-    cells = atoms.cell.scaled_positions(vectors)
-    return (cells - np.where(atoms.pbc, cells.round(), 0)) @ atoms.cell.array
+    # a vector along which nothing repeats may be missing, or lean over the periodic ones
+    cell = Cell(np.where(atoms.pbc[:, None], atoms.cell.array, 0)).complete()
+    cells = cell.scaled_positions(vectors)
+    return (cells - np.where(atoms.pbc, cells.round(), 0)) @ cell.array
 
 
 def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:

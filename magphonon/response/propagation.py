@@ -1,13 +1,11 @@
 """The exact linear transient: `u(t) = int G(t - t') f(t') dt'` without time steps.
 
-The flow of `y'' + gamma y' + K y = g(t)` from t' to t is a function of K.  A drive is a sum of time courses times patterns
-of force s; of each, the response is `sum_n c_n(t) T_n(X) s` at every time t, where the c_n(t) are those of single oscillators
-(`magphonon.response.propagation`) at the Chebyshev points.  Free motion is two more such sums, of
-initial displacements and velocities.
+The flow of `y'' + gamma y' + K y = g(t)` from t' to t is a function of K.  A drive is a sum of time courses times patterns of
+force s; of each, the response is `sum_n c_n(t) T_n(X) s` at every time t, where the c_n(t) are those of single oscillators at
+the Chebyshev points.  Free motion is two more such sums, of initial displacements and velocities.
 
-Exact response of damped oscillators to a force: `y'' + gamma y' + w2 y = f(t)`, exactly, for many w2 at once.
-
-With W^2 = w2 - gamma^2/4, the free motion over a time t is made of
+Single oscillators, `y'' + gamma y' + w2 y = f(t)`, are solved exactly for many w2 at once.  With W^2 = w2 - gamma^2/4, the free
+motion over a time t is made of
 
     c = e^{-gamma t/2} cos(W t)        s = e^{-gamma t/2} sin(W t)/W
 
@@ -47,6 +45,22 @@ _x, _w = np.polynomial.legendre.leggauss(NODES)
 POINTS, WEIGHTS = (1 + _x) / 2, _w / 2
 _TOP = (np.polynomial.legendre.legvander(_x, NODES - 1) * _w[:, None] * (np.arange(NODES) + 0.5))[:, -2:].T
 """The last two Legendre coefficients of a function on a panel, from its values at the points."""
+SPAN = 2000.0
+"""Longest part of a propagation in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
+LARGEST = 2**22
+"""Largest number of coefficients of a part, the product of times and terms."""
+OVERFLOW = 600.0
+"""Largest exponent of exponential growth."""
+RESOLVED = 1e-14
+"""Round-off of the kinks of a drive, as a fraction of its impulse."""
+UNRESOLVED = 1e-11
+"""Size of the last coefficients, as a fraction of the largest one, above which the series is too short."""
+MOST = 8
+"""Largest ratio of the number of terms to that of an oscillation of the known length; a longer series does not converge."""
+IN_PLACE = 1e-14
+"""Displacement, as a fraction of the largest coordinate, below which it is round-off, as for a particle in another image of its
+cell."""
+EPS = np.finfo(float).eps
 
 
 def free_motion(w2: NDArray[np.float64], gamma: float, t: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -181,24 +195,6 @@ def forced_response(w2: NDArray[np.float64], gamma: float, edges: NDArray[np.flo
             flow, push = tables[kind[k]]
             y = (flow[:, :, None] * y).sum(axis=1) + courses[k].T @ push
     return np.array(found)
-
-
-SPAN = 2000.0
-"""Longest part of a propagation in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
-LARGEST = 2**22
-"""Largest number of coefficients of a part, the product of times and terms."""
-OVERFLOW = 600.0
-"""Largest exponent of exponential growth."""
-RESOLVED = 1e-14
-"""Round-off of the kinks of a drive, as a fraction of its impulse."""
-UNRESOLVED = 1e-11
-"""Size of the last coefficients, as a fraction of the largest one, above which the series is too short."""
-MOST = 8
-"""Largest ratio of the number of terms to that of an oscillation of the known length; a longer series does not converge."""
-IN_PLACE = 1e-14
-"""Displacement, as a fraction of the largest coordinate, below which it is round-off, as for a particle in another image of its
-cell."""
-EPS = np.finfo(float).eps
 
 
 @dataclass(frozen=True)

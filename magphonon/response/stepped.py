@@ -1,4 +1,7 @@
-"""Many small structures in one Atoms, each at a frequency of its own: a response at finite amplitude in one run."""
+"""Frequency responses from time steps, at finite amplitude: lock-in on a steady signal, or one impulse for all frequencies.
+
+Many small structures stand in one Atoms, each at a frequency of its own, so that one run is a whole response.
+"""
 
 from __future__ import annotations
 
@@ -34,6 +37,10 @@ TRANSIENT_FRACTION = 1e-3
 lock-in by less."""
 FRAMES = 12
 """Number of recorded frames per period."""
+LEAST_PERIODS = 3
+"""Smallest number of periods in a lock-in window, so that its Hann window separates the frequency from zero and its double."""
+HEADSTART = 1e3
+"""Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 
 
 def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLike, damping: float, force: float,
@@ -150,12 +157,6 @@ def _joined(constraints, first):
         for c in own:
             held.setdefault((type(c), () if isinstance(c, FixAtoms) else tuple(c.dir)), []).extend(c.index + shift)
     return [kind(particles, *([direction] if direction else ())) for (kind, direction), particles in held.items()]
-
-
-LEAST_PERIODS = 3
-"""Smallest number of periods in a lock-in window, so that its Hann window separates the frequency from zero and its double."""
-HEADSTART = 1e3
-"""Largest initial ratio of the transient to the steady-state amplitude: far from resonance the transient is larger."""
 
 
 def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) -> NDArray[np.complex128]:

@@ -175,3 +175,18 @@ def test_bad_input_is_refused():
         local_modes(patch(), (0.5, 0.4))
     with pytest.raises(ValueError, match='those of 49 particles, but the structure has 64'):
         extents(modes(patch(7)), patch(8))
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+def test_extents_do_not_ask_for_a_cell_where_nothing_repeats(periodic):
+    """A cell may have no vectors where nothing is periodic, or vectors that lean over the others, as that of a ribbon does."""
+    atoms = lattices.ribbon(lattices.triangular(L0, MASS), 5).repeat((5, 1, 1)) if periodic else patch()
+    atoms.set_masses(np.random.default_rng(0).uniform(0.5, 1.5, len(atoms)))  # no two images are equally near to a mode
+    atoms.calc = MagneticRepulsion(atoms, LAW, foundation=1.0)
+    bare = atoms.copy()
+    bare.cell[~bare.pbc] = 0
+    found = modes(atoms)
+    with_cell, without = extents(found, atoms), extents(found, bare)
+    assert with_cell.length.max() > L0 / 2
+    for name in ('centre', 'length', 'participation'):
+        assert_allclose(getattr(without, name), getattr(with_cell, name), rtol=1e-9, atol=1e-9)

@@ -15,10 +15,10 @@ from magphonon.response import (
     frequency_response,
     local_density,
     natural_frequencies,
-    sites_of,
     spectral_function,
 )
 from magphonon.response.chebyshev import Interval, SpectralMoments, stable_interval, whole_interval
+from magphonon.response.spectral_density import sites_of
 from magphonon.stiffness import LinearSystem
 
 K0 = 0.12  # N/mm, on which all the lattices here are stable
