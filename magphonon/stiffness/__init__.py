@@ -1,11 +1,11 @@
 """The stiffness D0 + D*, from one bond to the whole structure.
 
-`bond` is Eq. 4 of the paper; `matrices` assembles bonds to the Hessian and the Bloch matrix (Eq. 18); `calculator` is the ASE
-calculator with its foundation, `all_neighbours` the one without a cutoff, on the lattice sums of `ewald`; `rest` checks
-where the forces balance, `relaxation` finds such positions, and `constraints` determines the free directions.  `sites` holds
-properties of individual particles, `defects` makes vacancies and disorder.  `cells` handles cells that change and computes their
-stress, `elastic` the elastic moduli.  `truncation` bounds the effect of neighbours beyond a cutoff.  `restart` restores a
-calculator from a file of ASE.
+`bond` is what two particles do to each other, Eq. 4 of the paper; `matrices` assembles bonds to the Hessian and the Bloch
+matrix (Eq. 18); `calculator` is the ASE calculator with its foundation, also of cells that change, and `all_neighbours` the one
+without a cutoff, on the lattice sums of `ewald`.  `repulsion` and `restartable` are what both have in common.  `rest` holds the
+linear system about positions where the forces balance, `relaxation` finds such positions.  `sites` holds properties of individual
+particles, `defects` makes vacancies and disorder, `elastic` computes stress and moduli.  `restart` restores a calculator from a
+file of ASE.
 """
 
 import lazy_loader

@@ -29,7 +29,6 @@ from .elastic import (
 from .ewald import (
     EwaldSums as EwaldSums,
     lattice_sum as lattice_sum,
-    particle_sums as particle_sums,
     points_within as points_within,
 )
 from .lowest import (

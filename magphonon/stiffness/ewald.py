@@ -8,8 +8,9 @@ formula in the d periodic directions, of volume V, with p = G - k and x the offs
 
     sum_R e^{ik.R} exp(-t |R + r|^2) = (pi/t)^{d/2}/V exp(-t x^2) sum_G e^{ip.r} exp(-p^2/4t)
 
-Both sums converge like a Gaussian whatever s.  (The integrals over t are evaluated
-by quadrature, `magphonon.stiffness.ewald`.)
+Both sums converge like a Gaussian whatever s.  In closed form the integrals over the widths, t in 1/mm^2, are the incomplete
+gamma functions of the usual Ewald sum; here they are done by quadrature, which also allows offsets across a chain, and every
+mixture rho(t).
 
 The stiffness of a bond is a mixture of the same Gaussians and their second derivatives, `int [alpha + beta grad grad]
 exp(-t r^2) dt`.  With W = int_0^t t rho dt, from 1/r^2 = int_0^inf exp(-t r^2) dt in the n(x)n of D*,
@@ -19,11 +20,6 @@ exp(-t r^2) dt`.  With W = int_0^t t rho dt, from 1/r^2 = int_0^inf exp(-t r^2) 
 
 Where the sum over all neighbours diverges (r^-s in d <= s dimensions), a uniform background neutralises it: the term
 p = 0 is continued analytically, and omitted at k = 0.
-
-Integrals over the widths of the Gaussians of an Ewald sum: t is the inverse square of a width, in 1/mm^2.
-
-Done in closed form these integrals are the incomplete gamma functions of the usual Ewald sum.  Done by quadrature they also
-allow offsets across a chain, and every mixture rho(t) of `magphonon.stiffness.ewald`.
 """
 
 from __future__ import annotations
@@ -45,60 +41,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from ..interactions.pair_laws import PairLaw
 
 REACH = 42.0
 """Exponent at which both sums are truncated: e^-42 is 6e-19."""
 _X, _W = np.polynomial.legendre.leggauss(16)
 _PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is integrated to round-off, without a power of t
-
-
-class WideGaussians:
-    """Integrals over the wide Gaussians, `int f(t) (pi/t)^{d/2}/V exp(-p^2/4t - t x^2) dt` up to eta^2, one for each p^2."""
-
-    def __init__(self, sums: EwaldSums, p2: NDArray[np.float64], x2: Any) -> None:
-        self.sums = sums
-        algebraic = np.isfinite(sums.decay)
-        # p = 0: below t = 1/x^2 the integrand without the offset across is a power of t, integrated in closed form
-        self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
-        self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
-        low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
-        low = (low if algebraic else low + sums.law.screening**2) / 4 / (REACH + 20)
-        if x2 > 0 and algebraic:
-            low = min(low, self.flat * np.exp(-80))
-        power = 2 * sums.decay if algebraic else 0
-        self.t, w = (np.concatenate(both) for both in zip(nodes(low, self.flat, power), nodes(self.flat, sums.eta2, power),
-                                                          strict=True))
-        self.w = w * (np.pi / self.t) ** (sums.d / 2) / sums.volume
-        self.gauss = np.exp(-p2[..., None] / (4 * self.t)) * np.exp(-self.t * x2)
-        self.gauss[self.uniform] = np.where(self.t < self.flat, np.expm1(-self.t * x2), np.exp(-self.t * x2))
-
-    def moment(self, f: Callable[..., Any], m: int, uniform: bool = True) -> NDArray[np.float64]:
-        """The integral of a function that behaves as rho t^m near t = 0; without the term p = 0 if not `uniform`."""
-        sums = self.sums
-        result = self.gauss @ (self.w * f(self.t))
-        if not self.uniform.any():
-            return result
-        if not uniform:
-            return np.where(self.uniform, 0.0, result)
-        exponent = (sums.decay - sums.d) / 2 + m
-        # an exponent of zero gives a logarithm of the size, equal for all particles: the zero of the energy is then arbitrary
-        factor = 1 / exponent if abs(exponent) > 1e-12 else np.log(self.flat * sums.volume ** (2 / sums.d))
-        closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume * factor
-        return result + np.where(self.uniform, closed, 0.0)
-
-
-def nodes(low: float, high: float, power: float = 0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gauss-Legendre nodes and weights of an integral over t, on panels of equal ratio, narrower for a high power of t."""
-    if low >= high:  # the screening is so strong that there are no wide Gaussians
-        return np.array([high]), np.zeros(1)
-    panels = max(1, int(np.ceil(np.log(high / low) / _PANEL * (1 + power / 32))))
-    half = np.log(high / low) / panels / 2
-    centre = np.log(low) + half * (2 * np.arange(panels) + 1)
-    t = np.exp(centre[:, None] + half * _X)
-    return t.ravel(), (half * _W * t).ravel()
-
-
 PARTS = ('all', 'D0', 'Dstar')
 
 
@@ -110,7 +57,7 @@ def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayL
     ----------
     lattice : array_like, shape (d, dim), or ase.Atoms
         Lattice vectors in rows, d = 1, 2 or 3 of them; of Atoms, those along which they are periodic (their positions
-        do not enter: `particle_sums` adds up those).
+        do not enter).
     law : float or GaussianMixture
         The exponent s > 0 of phi = r^-s, or a law such as Yukawa(c, kappa).  Where s <= d and the wave is uniform (q = 0)
         the sum diverges; its value is then that with a uniform neutralising background, Epstein's zeta function.
@@ -138,24 +85,11 @@ def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayL
     11.0341757349
     """
     periods = lattice.cell.array[lattice.pbc] if isinstance(lattice, Atoms) else finite('lattice', lattice)
-    sums = EwaldSums(periods, _potential(law), split)
+    law = law if isinstance(law, GaussianMixture) else InversePower(b=positive('s', law), a=law + 1)
+    sums = EwaldSums(periods, law, split)
     offset = np.zeros(sums.dim) if offset is None else finite('offset', offset, (sums.dim,))
     total = sums.scalar(np.zeros(sums.d) if q is None else finite('q', q, (sums.d,)), offset)
     return complex(total) if q is not None else float(total.real)
-
-
-def _potential(law):
-    return law if isinstance(law, GaussianMixture) else InversePower(b=positive('s', law), a=law + 1)
-
-
-def particle_sums(atoms: Atoms, law: PairLaw, split: float = 1.0) -> NDArray[np.float64]:
-    """`sum phi(|r|)` over all other particles of an infinite structure, as seen from each; shape (particles,).
-
-    Parameters and errors as in `lattice_sum`, from which it differs by the sum over the particles of the cell.
-    """
-    sums = EwaldSums(atoms.cell.array[atoms.pbc], _potential(law), split)
-    q = np.zeros(sums.d)
-    return np.array([sum(sums.scalar(q, end - start).real for end in atoms.positions) for start in atoms.positions])
 
 
 @dataclass(frozen=True)
@@ -396,6 +330,52 @@ class EwaldSums:
                 wave = integral * factor * np.exp(1j * G @ offset)
                 series[j + k, o] += np.einsum('G,Gab->ab', wave, np.broadcast_to(tensor, (len(G), *eye.shape)))
         return series
+
+
+class WideGaussians:
+    """Integrals over the wide Gaussians, `int f(t) (pi/t)^{d/2}/V exp(-p^2/4t - t x^2) dt` up to eta^2, one for each p^2."""
+
+    def __init__(self, sums: EwaldSums, p2: NDArray[np.float64], x2: Any) -> None:
+        self.sums = sums
+        algebraic = np.isfinite(sums.decay)
+        # p = 0: below t = 1/x^2 the integrand without the offset across is a power of t, integrated in closed form
+        self.uniform = (p2 < 1e-24 * sums.eta2) & algebraic
+        self.flat = sums.eta2 / max(1, x2 * sums.eta2) if algebraic else sums.eta2
+        low = min(np.where(self.uniform, np.inf, p2).min(initial=np.inf), 4 * sums.eta2)
+        low = (low if algebraic else low + sums.law.screening**2) / 4 / (REACH + 20)
+        if x2 > 0 and algebraic:
+            low = min(low, self.flat * np.exp(-80))
+        power = 2 * sums.decay if algebraic else 0
+        self.t, w = (np.concatenate(both) for both in zip(nodes(low, self.flat, power), nodes(self.flat, sums.eta2, power),
+                                                          strict=True))
+        self.w = w * (np.pi / self.t) ** (sums.d / 2) / sums.volume
+        self.gauss = np.exp(-p2[..., None] / (4 * self.t)) * np.exp(-self.t * x2)
+        self.gauss[self.uniform] = np.where(self.t < self.flat, np.expm1(-self.t * x2), np.exp(-self.t * x2))
+
+    def moment(self, f: Callable[..., Any], m: int, uniform: bool = True) -> NDArray[np.float64]:
+        """The integral of a function that behaves as rho t^m near t = 0; without the term p = 0 if not `uniform`."""
+        sums = self.sums
+        result = self.gauss @ (self.w * f(self.t))
+        if not self.uniform.any():
+            return result
+        if not uniform:
+            return np.where(self.uniform, 0.0, result)
+        exponent = (sums.decay - sums.d) / 2 + m
+        # an exponent of zero gives a logarithm of the size, equal for all particles: the zero of the energy is then arbitrary
+        factor = 1 / exponent if abs(exponent) > 1e-12 else np.log(self.flat * sums.volume ** (2 / sums.d))
+        closed = self.flat * f(self.flat) * (np.pi / self.flat) ** (sums.d / 2) / sums.volume * factor
+        return result + np.where(self.uniform, closed, 0.0)
+
+
+def nodes(low: float, high: float, power: float = 0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gauss-Legendre nodes and weights of an integral over t, on panels of equal ratio, narrower for a high power of t."""
+    if low >= high:  # the screening is so strong that there are no wide Gaussians
+        return np.array([high]), np.zeros(1)
+    panels = max(1, int(np.ceil(np.log(high / low) / _PANEL * (1 + power / 32))))
+    half = np.log(high / low) / panels / 2
+    centre = np.log(low) + half * (2 * np.arange(panels) + 1)
+    t = np.exp(centre[:, None] + half * _X)
+    return t.ravel(), (half * _W * t).ravel()
 
 
 def _symmetric(tensor):

@@ -1,10 +1,7 @@
-"""Properties that may differ between the sites of a structure: the stiffness of the foundation, the strength of the particle.
+"""What the sites of a structure may have of their own, the stiffness of the foundation and the strength of the particle; and what
+is refused of them: positions that are not those of a calculator or out of its plane, numbers that are not finite, units left out.
 
 Where all sites are alike the foundation stays a single number, and the computation is as fast as with one spring for all.
-
-Checks of positions: whether atoms match the reference of a calculator and stay in its plane; the minimum image.
-
-The frequency scale of a law, a foundation and masses, by which missing units are detected.
 """
 
 from __future__ import annotations
@@ -37,40 +34,72 @@ FREQUENCIES_Hz = 1e-4, 1e13
 DENSITY = 50.0
 """Mass per cube of the shortest bond in g/mm^3 above which a unit is wrong.  No solid has more than 0.023, a lattice of unit
 masses and lengths has 1; kg and m read as g and mm give a million times what it should be."""
-
-
-def frequency_scale(calc: Repulsion) -> float:
-    """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
-    stiffest = sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[1].max(initial=0.0)
-    return units.hertz(np.sqrt((stiffest + np.max(calc.foundation)) / calc.reference.get_masses().min()))
-
-
-def density_scale(calc: Repulsion) -> float:
-    """Mass of the heaviest particle per cube of the shortest bond, g/mm^3."""
-    return calc.reference.get_masses().max() / calc.bonds.lengths.min(initial=np.inf) ** 3
-
-
-def warn_of_units(calc: Repulsion) -> None:
-    """Warn of frequencies beyond FREQUENCIES_Hz, which a law and springs without stiffness do not have, and of DENSITY."""
-    if density_scale(calc) > DENSITY:
-        shortest = calc.bonds.lengths.min()
-        warnings.warn(f'a mass of {calc.reference.get_masses().max():.3g} g every {shortest:.3g} mm is '
-                      f'{1e3 * density_scale(calc):.2g} g/cm^3; numbers are in mm, g, ms and N: multiply SI values by their '
-                      'units, as in lattices.triangular(0.01 * m, 7e-4 * kg), see magphonon.units', stacklevel=3)
-    f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
-    if f and not least <= f <= most:
-        warnings.warn(f'{calc.laws!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
-                      f'range {least:g} to {most:g} Hz; numbers are in mm, g, ms and N: multiply SI values by their units, as '
-                      'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)
-
-
 OUT_OF_PLANE = 0.1
 """Largest displacement of a finite difference, as a fraction of the shortest bond; a larger one out of the plane is refused."""
 ROUND_OFF = 1e-12
 """Fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane."""
-
 FLAT = 1e-9
 """Largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions."""
+
+
+def displacement_components(reference: Atoms, foundation: Any) -> int:
+    """Number of components of a displacement: 3 in space, and in a plane if the foundation has three components."""
+    return 3 if reference.pbc.all() or np.shape(foundation)[1:] == (3,) else 2
+
+
+def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
+    """The foundation as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
+
+    For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
+
+    Parameters
+    ----------
+    foundation : float or array_like, shape (particles,), (particles, 1), (1, dim) or (particles, dim)
+        Stiffness in N/mm; in one dimension one number per particle.
+
+    Raises
+    ------
+    ValueError
+        For another shape, or a number that is negative or not finite.
+    """
+    if np.ndim(foundation) == 0 and not layer:
+        return not_negative('foundation', foundation, 'N/mm')
+    given = finite('foundation', foundation)
+    for where in np.argwhere(given < 0)[:1]:
+        not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
+    shapes = (particles,), (particles, 1), (1, dim), (particles, dim), *([()] if layer else [])
+    if given.shape not in shapes:
+        raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
+                         f'{particles} particles in {dim} dimensions, not {given.shape}')
+    springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
+    if (springs == springs[0, 0]).all() and not layer:
+        return float(springs[0, 0])
+    springs.flags.writeable = False
+    return springs
+
+
+def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
+    """The strengths of the particles, read-only; each a finite number, zero or above, or ValueError."""
+    given = finite('strengths', strengths, (particles,)).copy()
+    for k in np.flatnonzero(given < 0)[:1]:
+        not_negative(f'strengths[{k}]', given[k])
+    given.flags.writeable = False
+    return given
+
+
+def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
+    """The `values` at some sites; they are given for each site, or as one number for all."""
+    return values[sites] if np.ndim(values) else values
+
+
+def range_of(values: Foundation) -> str:
+    """The text for `repr`: the number if there is only one, otherwise the lowest and the highest value of all sites."""
+    return repr(values) if np.ndim(values) == 0 else f'<{np.min(values):.4g} to {np.max(values):.4g}>'
+
+
+def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.float64]:
+    """Stiffness of the foundation along each component of the displacements, shape (particles * dim,), in N/mm."""
+    return np.broadcast_to(foundation, (particles, dim)).ravel()
 
 
 def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
@@ -154,64 +183,24 @@ def refuse_motion_out_of_the_plane(calc: Repulsion, atoms: Atoms) -> None:
                          'before it is rattled or given velocities')
 
 
-def displacement_components(reference: Atoms, foundation: Any) -> int:
-    """Number of components of a displacement: 3 in space, and in a plane if the foundation has three components."""
-    return 3 if reference.pbc.all() or np.shape(foundation)[1:] == (3,) else 2
+def frequency_scale(calc: Repulsion) -> float:
+    """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
+    stiffest = sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[1].max(initial=0.0)
+    return units.hertz(np.sqrt((stiffest + np.max(calc.foundation)) / calc.reference.get_masses().min()))
 
 
-def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
-    """The foundation as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
-
-    For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
-
-    Parameters
-    ----------
-    foundation : float or array_like, shape (particles,), (particles, 1), (1, dim) or (particles, dim)
-        Stiffness in N/mm; in one dimension one number per particle.
-
-    Raises
-    ------
-    ValueError
-        For another shape, or a number that is negative or not finite.
-    """
-    if np.ndim(foundation) == 0 and not layer:
-        return not_negative('foundation', foundation, 'N/mm')
-    given = finite('foundation', foundation)
-    for where in np.argwhere(given < 0)[:1]:
-        not_negative(f'foundation{where.tolist()}', given[tuple(where)], 'N/mm')
-    shapes = (particles,), (particles, 1), (1, dim), (particles, dim), *([()] if layer else [])
-    if given.shape not in shapes:
-        raise ValueError(f'the foundation must be one number, or have one of the shapes {", ".join(map(str, shapes))} for its '
-                         f'{particles} particles in {dim} dimensions, not {given.shape}')
-    springs = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (particles, dim)).copy()
-    if (springs == springs[0, 0]).all() and not layer:
-        return float(springs[0, 0])
-    springs.flags.writeable = False
-    return springs
-
-
-def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
-    """The strengths of the particles, read-only; each a finite number, zero or above, or ValueError."""
-    given = finite('strengths', strengths, (particles,)).copy()
-    for k in np.flatnonzero(given < 0)[:1]:
-        not_negative(f'strengths[{k}]', given[k])
-    given.flags.writeable = False
-    return given
-
-
-def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
-    """The `values` at some sites; they are given for each site, or as one number for all."""
-    return values[sites] if np.ndim(values) else values
-
-
-def range_of(values: Foundation) -> str:
-    """The text for `repr`: the number if there is only one, otherwise the lowest and the highest value of all sites."""
-    return repr(values) if np.ndim(values) == 0 else f'<{np.min(values):.4g} to {np.max(values):.4g}>'
-
-
-def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.float64]:
-    """Stiffness of the foundation along each component of the displacements, shape (particles * dim,), in N/mm."""
-    return np.broadcast_to(foundation, (particles, dim)).ravel()
+def warn_of_units(calc: Repulsion) -> None:
+    """Warn of frequencies beyond FREQUENCIES_Hz, which a law and springs without stiffness do not have, and of DENSITY."""
+    heaviest, shortest = calc.reference.get_masses().max(), calc.bonds.lengths.min(initial=np.inf)
+    if (density := heaviest / shortest**3) > DENSITY:
+        warnings.warn(f'a mass of {heaviest:.3g} g every {shortest:.3g} mm is {1e3 * density:.2g} g/cm^3; numbers are in mm, '
+                      'g, ms and N: multiply SI values by their units, as in lattices.triangular(0.01 * m, 7e-4 * kg), see '
+                      'magphonon.units', stacklevel=3)
+    f, (least, most) = frequency_scale(calc), FREQUENCIES_Hz
+    if f and not least <= f <= most:
+        warnings.warn(f'{calc.laws!r}, the foundation and the masses give frequencies of about {f:.1g} Hz, outside the '
+                      f'range {least:g} to {most:g} Hz; numbers are in mm, g, ms and N: multiply SI values by their units, as '
+                      'in InversePower(b=1.6e-10 * N * m**4.58, a=4.58) and 1e-3 * kg, see magphonon.units', stacklevel=3)
 
 
 def refuse_infinite(calc: MagneticRepulsion) -> None:
