@@ -193,7 +193,10 @@ class FileLattice(Table):
             atoms = self._atoms.copy()
             atoms.calc = deepcopy(self._atoms.calc)
             return atoms
-        return restored(self._atoms)
+        try:
+            return restored(self._atoms)
+        except ValueError as error:
+            raise ValueError(f'lattice.file = {self.file!r}: {error}') from None
 
     @property
     def cutoff(self) -> float | None:

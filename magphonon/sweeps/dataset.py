@@ -22,7 +22,7 @@ import numpy as np
 from .. import __version__
 from ..errors import finite, shown
 from ..files import MEGABYTE, refuse_endless
-from .questions import SceneAnswers
+from .questions import REFUSALS, SceneAnswers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -39,8 +39,6 @@ MOST_POINTS = 10**8
 """Largest number of points; the answers to more do not fit into memory."""
 MOST_BYTES = 10**5 * MEGABYTE
 """Largest size of a journal."""
-REFUSALS = ValueError, ArithmeticError, MemoryError
-"""Errors that say that a point has no answer; any other is a mistake in a program, and ends the sweep."""
 _limited = False  # whether linear algebra in this process is limited to one thread
 
 

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 BORDER = 1e-9
 """Fraction of the needed foundation within which a lattice is on the border of buckling, its softest frequency round-off."""
 
+REFUSALS = ValueError, ArithmeticError, MemoryError
+"""Errors that say that a point has no answer; any other is a mistake in a program, and ends the sweep."""
 INSTEAD = {'force_N': 'b_N_m_a', 'b_N_m_a': 'force_N'}
 """Keys of a law that replace each other: an axis of one takes the place of the other in the scene."""
 FORCES_ALIKE = 1.01
@@ -279,7 +281,7 @@ class SceneAnswers:
             try:
                 with np.errstate(over='raise', divide='raise', invalid='raise'):
                     values[name] = known.answer(situation, *words)
-            except (ValueError, ArithmeticError, MemoryError) as error:
+            except REFUSALS as error:
                 faults.append(f'{name}: {error}' if len(self.asked) > 1 else str(error))
         return values, '; '.join(dict.fromkeys(faults))
 
