@@ -153,7 +153,7 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     mobile : ndarray of bool, shape (particles,)
         Particles that are not held.
     labels : ndarray of int, shape (bonds,)
-        The same for bonds of the same law, `magphonon.interactions.labels`; by default all have the same.
+        The same for bonds of the same law, `magphonon.interactions.bond_laws.labels`; by default all have the same.
     """
     other = np.flatnonzero(bonds.i != bonds.j)  # a bond to one's own image never changes
     i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]

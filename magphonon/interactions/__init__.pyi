@@ -1,10 +1,3 @@
-from .bond_laws import (
-    BondLaws as BondLaws,
-    groups as groups,
-    labels as labels,
-    laws_of as laws_of,
-    taken as taken,
-)
 from .fits import (
     Fit as Fit,
     SharedErrors as SharedErrors,
@@ -14,14 +7,12 @@ from .fits import (
 from .force_tables import (
     Forces as Forces,
     read_forces as read_forces,
-    synthetic_forces as synthetic_forces,
 )
 from .magnet_pairs import (
     MagnetLaw as MagnetLaw,
     SphereLaw as SphereLaw,
     calibrated as calibrated,
     magnet_law as magnet_law,
-    pair_energy as pair_energy,
     pair_force as pair_force,
 )
 from .magnets import (
@@ -39,8 +30,6 @@ from .pair_laws import (
     PairLaw as PairLaw,
     Tabulated as Tabulated,
     Yukawa as Yukawa,
-    higher_derivatives as higher_derivatives,
-    local_exponent as local_exponent,
     repulsion as repulsion,
 )
 from .upright import (

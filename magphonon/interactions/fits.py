@@ -192,7 +192,8 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import SharedErrors, fit_forces, synthetic_forces
+    >>> from magphonon.interactions import SharedErrors, fit_forces
+    >>> from magphonon.interactions.force_tables import synthetic_forces
     >>> forces = synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0)
     >>> fit = fit_forces(forces, 10.0, SharedErrors(distance=0.05))
     >>> bool(abs(fit.exponent - 4) < fit.half_widths[2])

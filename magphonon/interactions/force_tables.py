@@ -156,7 +156,7 @@ def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], s
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import synthetic_forces
+    >>> from magphonon.interactions.force_tables import synthetic_forces
     >>> synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0).f.shape
     (8,)
     """

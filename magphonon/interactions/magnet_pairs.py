@@ -40,7 +40,7 @@ def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
     Examples
     --------
     >>> from magphonon import Ring, units as u
-    >>> from magphonon.interactions import pair_energy
+    >>> from magphonon.interactions.magnet_pairs import pair_energy
     >>> magnet = Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T)
     >>> bool(pair_energy(magnet, 10.0) > pair_energy(magnet, 12.0) > 0)  # mJ
     True

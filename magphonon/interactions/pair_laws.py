@@ -464,7 +464,7 @@ def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
     --------
     >>> import numpy as np
     >>> from magphonon import InversePower
-    >>> from magphonon.interactions import higher_derivatives
+    >>> from magphonon.interactions.pair_laws import higher_derivatives
     >>> third, fourth = higher_derivatives(InversePower(1.0, 2.0), np.array([1.0]))  # of phi = 1/r
     >>> third.round(6), fourth.round(6)
     (array([-6.]), array([24.]))
@@ -481,7 +481,7 @@ def local_exponent(law: PairLaw, r: Any) -> Any:
     Examples
     --------
     >>> from magphonon import InversePower, Yukawa
-    >>> from magphonon.interactions import local_exponent
+    >>> from magphonon.interactions.pair_laws import local_exponent
     >>> float(local_exponent(InversePower(1.0, 4.0), 2.0)), round(float(local_exponent(Yukawa(1.0, 1.0), 1.0)), 6)
     (4.0, 2.5)
     """

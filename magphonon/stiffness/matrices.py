@@ -213,7 +213,7 @@ def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:
     Examples
     --------
     >>> import numpy as np
-    >>> from magphonon.stiffness import signed_root
+    >>> from magphonon.stiffness.matrices import signed_root
     >>> signed_root(np.array([4.0, -9.0])).tolist()
     [2.0, -3.0]
     """

@@ -9,7 +9,8 @@ from scipy import sparse
 
 from magphonon import AllNeighbours, InversePower, MagneticRepulsion, analytic_bands, group_velocities, lattices, modes
 from magphonon.bands import bloch, bloch_modes
-from magphonon.stiffness import inverse_pays, lowest, lowest_eigenpairs
+from magphonon.stiffness import lowest
+from magphonon.stiffness.lowest import inverse_pays, lowest_eigenpairs
 
 SIDES = {'triangular': 16, 'square': 16, 'honeycomb': 11, 'kagome': 9, 'fcc': 5}
 MODELS = 'complete', 'conventional'

@@ -10,7 +10,8 @@ from scipy import sparse
 from magphonon import MagneticRepulsion, lattices, modes, relaxed, units as u
 from magphonon.bands import band_gaps
 from magphonon.response import Extent, Modes, extents, local_modes
-from magphonon.stiffness import LinearSystem, eigenpairs_between
+from magphonon.stiffness import LinearSystem
+from magphonon.stiffness.lowest import eigenpairs_between
 
 K = LAW.d2phi(L0)  # N/mm
 

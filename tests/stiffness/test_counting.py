@@ -6,7 +6,8 @@ from scipy import sparse
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes
 from magphonon.response import modes_below
-from magphonon.stiffness import LinearSystem, count_below
+from magphonon.stiffness import LinearSystem
+from magphonon.stiffness.lowest import count_below
 
 
 def drawn(seed):

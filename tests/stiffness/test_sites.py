@@ -25,8 +25,9 @@ from magphonon import (
 )
 from magphonon.bands import band_path
 from magphonon.bands.bloch import bloch_modes
-from magphonon.interactions import BondLaws, UprightMagnets
-from magphonon.stiffness import bloch_series
+from magphonon.interactions import UprightMagnets
+from magphonon.interactions.bond_laws import BondLaws
+from magphonon.stiffness.matrices import bloch_series
 
 LAWS = {(0, 0): InversePower(b=6200.0, a=4.5824), (1, 0): InversePower(b=25.0, a=2.0), (1, 1): Yukawa(c=20.0, kappa=0.3)}
 """About 0.2 N at 10 mm each, and of different slope."""
