@@ -111,7 +111,7 @@ def test_a_ribbon_too_narrow_on_top_of_the_peak_is_called_so(to, warns, tmp_path
 
 @pytest.mark.slow
 def test_in_a_patch_only_peaks_are_called_too_narrow(tmp_path, capsys):
-    """37 free magnets, 300 drawn at random: on the peak that is told the mean is lower; in the dip where the second order is
+    """37 free magnets, 100 drawn at random: on the peak that is told the mean is lower; in the dip where the second order is
     largest it is higher, though the second order of one resonance would have it lower by a third.
     """
     text = ready_scene('prototype').read_text().partition('[patch]')[0].partition('[bands]')[0]
@@ -129,13 +129,13 @@ force = {at_m = [0.0, 0.0], direction_deg = 90.0}\nresponse = {at_m = [0.0, 0.02
     peak, dip = abs(omega / (2 * np.pi) * 1e3 - at).argmin(), (spread.second_order / spread.values).argmax()
     assert spread.values[peak] > max(spread.values[peak - 1], spread.values[peak + 1])
     drawn = []
-    for factors in tolerances.samples(300, 1):
+    for factors in tolerances.samples(100, 1):
         changed = varied(scene, dict(zip(tolerances.changes, factors, strict=True)))
         atoms, source, answer = changed.shaken('complete')
         found = receptance(atoms, source, answer, np.sort(omega[[peak, dip]]), changed.frf.damping).response
         drawn.append(abs(found)[np.argsort(np.argsort([peak, dip]))] / spread.values[[peak, dip]])
     drawn = np.array(drawn)
-    assert 0.4 * told < drawn[:, 0].std() < 1.2 * told  # the sampling error is 4 %; the next order lowers it
+    assert 0.4 * told < drawn[:, 0].std() < 1.2 * told  # the sampling error is 7 %; the next order lowers it
     assert -0.8 * told < drawn[:, 0].mean() - 1 < -0.2 * told
     assert drawn[:, 1].mean() > 1.1
 
