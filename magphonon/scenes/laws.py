@@ -275,7 +275,9 @@ def _read_columns(file):
     """Distances and forces from a table of the kind that "magphonon fit" takes."""
     try:
         forces = read_forces(file)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ValueError(f'.file: {file} cannot be read ({error.strerror})') from None
+    except ValueError as error:
         raise ValueError(f'.file: {error}') from None
     order = np.argsort(forces.r)
     r, f = forces.r[order], forces.f[order]
