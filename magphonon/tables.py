@@ -160,7 +160,7 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
             parts[quantity].append(_numbers(path, rows[start:], header[quantity], words, quantity in blank, signs)
                                    if units[quantity] else words)
     with np.errstate(over='ignore'):
-        values = {quantity: np.concatenate(part) * (units[quantity] or 1) if units[quantity] else np.concatenate(part)
+        values = {quantity: np.concatenate(part) * units[quantity] if units[quantity] else np.concatenate(part)
                   for quantity, part in parts.items()}
     table = Table(path, header, units, values, np.array([n for n, _ in rows]))
     for quantity in (quantity for quantity in places if units[quantity]):

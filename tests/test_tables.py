@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from magphonon.tables import FORCE, LENGTH, PURE, SPEED, TEXT, TIME, read_table
+from magphonon.tables import ANGLE, AREA, FORCE, FREQUENCY, LENGTH, MASS, PURE, SPEED, STIFFNESS, TEXT, TIME, read_table
 
 COLUMNS = {'time': TIME, 'x': LENGTH, 'v_x': SPEED, 'f': FORCE, 'name': TEXT, 'count': PURE}
 
@@ -51,6 +51,19 @@ def test_a_drawn_table_comes_back_as_it_was_drawn(seed, tmp_path):
             np.testing.assert_allclose(table[name], values, rtol=1e-15)  # read to the last bit, times the unit
         else:
             assert table[name].tolist() == values
+
+
+@pytest.mark.parametrize(('units', 'name', 'inside'), [  # what 6 of the unit in the name are in mm, g, ms
+    (LENGTH, 'm', 6e3), (LENGTH, 'mm', 6), (LENGTH, 'um', 6e-3), (LENGTH, 'nm', 6e-6), (TIME, 's', 6e3), (TIME, 'ms', 6),
+    (TIME, 'us', 6e-3), (FORCE, 'N', 6), (FORCE, 'mN', 6e-3), (FORCE, 'uN', 6e-6), (MASS, 'kg', 6e3), (MASS, 'g', 6),
+    (MASS, 'mg', 6e-3), (SPEED, 'm_per_s', 6), (SPEED, 'mm_per_s', 6e-3), (SPEED, 'um_per_ms', 6e-3),
+    (STIFFNESS, 'N_per_m', 6e-3), (STIFFNESS, 'mN_per_mm', 6e-3), (STIFFNESS, 'N_per_mm', 6),
+    (FREQUENCY, 'Hz', 0.03769911184), (FREQUENCY, 'kHz', 37.69911184),
+    (AREA, 'm2', 6e6), (AREA, 'mm2', 6), (ANGLE, 'rad', 6), (PURE, '', 6),
+])
+def test_units_by_the_header(units, name, inside, tmp_path):
+    path = write(tmp_path, f'{f"q_{name}".rstrip("_")},x\n6,1\n')
+    assert read_table(path, {'q': units}, ['q'])['q'][0] == pytest.approx(inside, rel=1e-9)
 
 
 NEEDED = 'a table has time_s and x_m'
