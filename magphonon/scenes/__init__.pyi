@@ -8,10 +8,8 @@ from .keys import (
 )
 from .scene import (
     Scene as Scene,
-    parts_of as parts_of,
     read_scene as read_scene,
     reference as reference,
-    scene_of as scene_of,
     write_scene as write_scene,
 )
 from .sources import (
