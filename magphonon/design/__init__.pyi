@@ -11,6 +11,7 @@ from .inverse import (
     spacings_for as spacings_for,
 )
 from .scatter import (
+    ModeScatter as ModeScatter,
     Scatter as Scatter,
     mode_scatter as mode_scatter,
     response_scatter as response_scatter,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bands.bloch import bloch_modes
-from ..errors import finite, positive
+from ..errors import PhysicsError, finite, positive
 from ..stability.buckling import common_spring, foundation_needed
 from ..stiffness.repulsion import masses_of
 from .sensitivities import Change, frequency_sensitivities, spacing_change
@@ -173,7 +173,7 @@ def spacings_for(build: Callable[[float], Atoms], target: Callable[[Atoms], tupl
     return designs
 
 
-class NoDesign(ValueError):
+class NoDesign(PhysicsError):
     """No spacing in the range gives the wanted value.
 
     Attributes

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -127,8 +127,21 @@ class SiteSlopes:
         return np.array([inertia * self.system.masses * (x * y).sum(axis=1), strength, spring])
 
 
-def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter,
-                 count: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+class ModeScatter(NamedTuple):
+    """How natural frequencies scatter, all in rad/ms.
+
+    Attributes
+    ----------
+    omega, std : ndarray, shape (modes,)
+        Frequencies, and their standard deviations to first order.  Modes of equal frequency, which the scatter splits, all get
+        the root mean square of their group.  NaN for a frequency of zero.
+    """
+
+    omega: NDArray[np.float64]
+    std: NDArray[np.float64]
+
+
+def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter, count: int | None = None) -> ModeScatter:
     """Natural frequencies of a structure, and their standard deviation from one sample to the next.
 
     For a periodic cell these are the waves whose displacements are equal in all cells; band edges of a supercell of N particles
@@ -144,11 +157,8 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter,
 
     Returns
     -------
-    omega : ndarray, shape (modes,)
-        In rad/ms.
-    std : ndarray, shape (modes,)
-        Standard deviation to first order, in rad/ms.  Modes of equal frequency, which the scatter splits, all get the root mean
-        square of their group.  NaN for a frequency of zero.
+    ModeScatter
+        A tuple of the frequencies `omega` and their standard deviations `std`.
 
     Examples
     --------
@@ -171,7 +181,7 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter,
         variance[alike] = np.einsum('p,wpi->', scatter.std**2, np.square(W)) / len(alike)
     with np.errstate(divide='ignore', invalid='ignore'):
         std = np.sqrt(variance) / (2 * abs(found.omega))
-    return found.omega, np.where(abs(squares) <= CROSSING * abs(squares).max(), np.nan, std)
+    return ModeScatter(found.omega, np.where(abs(squares) <= CROSSING * abs(squares).max(), np.nan, std))
 
 
 def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place, omega: NDArray[np.float64],

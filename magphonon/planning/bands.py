@@ -129,7 +129,8 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
 def _buckles(atoms, q):
     """Whether nearest neighbours alone let the lattice buckle."""
     calc, (nearest, *_) = atoms.calc, neighbour_shells(atoms, REACHES[0])
-    D = bloch_matrix(nearest, sum(bond_stiffness(nearest.vectors[:, : calc.dim], calc.law)), q)
+    D0, Dstar = bond_stiffness(nearest.vectors[:, : calc.dim], calc.law)
+    D = bloch_matrix(nearest, D0 + Dstar, q)
     squares = np.linalg.eigvalsh(mass_weighted(D + calc.foundation * np.eye(D.shape[-1]), atoms.get_masses()))
     return squares.min() < -(ROUND_OFF**2) * squares.max()
 
@@ -155,7 +156,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     bonds = np.cumsum([len(shell) for shell in shells])
     models = ['conventional'] + len(counts) * ['complete']
     methods = [Method(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
-                      bloch_cost(bonds[k - 1], waves, size, calc.dim, model), float(error), DOUBT,
+                      bloch_cost(int(bonds[k - 1]), waves, size, calc.dim, model), float(error), DOUBT,
                       Settings(model, int(k)))
                for model, k, error in zip(models, [counts[0], *counts], errors, strict=True)]
     if isinstance(calc.law, GaussianMixture) and calc.law.decay > 0:

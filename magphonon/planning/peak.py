@@ -118,7 +118,7 @@ def _peak_of_field(system, source, answer, omega, damping):
     found = frequency_response(system, force, omega, damping, [answer.particle], tolerance=1e-4)
     response = found.response[:, 0] @ answer.direction
     w = omega[abs(response).argmax()]
-    e = harmonic_response(system, force, [w], damping).response[0, :, : system.dim].imag
+    e = np.imag(harmonic_response(system, force, [w], damping).response[0, :, : system.dim])
     e /= np.sqrt(np.einsum('i,ix,ix->', system.masses, e, e))
     return Peak(Modes(np.array([w]), e[None]), 0, np.array([0]), float(abs(source.seen(e))))
 

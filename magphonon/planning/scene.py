@@ -139,7 +139,8 @@ def neglected(scene: Scene) -> list[str]:
     if scene.single or scene.law.shells == ALL or scene.lattice.kind == 'file' or scene.laws_of_kinds:
         return []
     counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
-    if all(len(neighbour_shells(scene.perfect_cell(), reach)) <= scene.law.shells for reach in REACHES):
+    shells = int(scene.law.shells)
+    if all(len(neighbour_shells(scene.perfect_cell(), reach)) <= shells for reach in REACHES):
         return [f'{counted}: the table of forces ends before the next ones, so that their effect is not known.']
     error, known = _error_of_shells(scene, scene.law.shells)
     if error < NEGLIGIBLE:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from .. import units
+from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import LinearSystem
@@ -197,7 +198,7 @@ class Vibration:
     evaluations: int
 
 
-class FarFromLinear(ValueError):
+class FarFromLinear(PhysicsError):
     """The iteration does not converge.
 
     Attributes

@@ -1,10 +1,8 @@
 """Buckling: the softest mode of a lattice, and the foundation or the spacing that makes it stable.
 
-Static repulsion favours the rotation of every bond.  A structure on springs k is stable if every
-eigenvalue of its stiffness matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive;
-masses do not matter for that.
-
-The limit of buckling: the foundation that a lattice needs as a function of its spacing or of the exponent of its law.
+Static repulsion favours the rotation of every bond.  A structure on springs k is stable if every eigenvalue of its stiffness
+matrix, D(q) + k of a periodic cell or the condensed Hessian of a finite one, is positive; masses do not matter for that.  The
+border of buckling is the foundation needed, as a function of the spacing or of the exponent of the law.
 """
 
 from __future__ import annotations

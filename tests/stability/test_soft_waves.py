@@ -259,3 +259,20 @@ def test_the_mesh_alone_misses_most_of_them():
         height, dim, scale = landscape(seed)
         missed += height(mesh(dim, 24)).min() > height(mesh(dim, 120)).min() + 1e-4 * scale
     assert missed > 15
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_pocket_of_long_waves_is_found_beside_a_softer_point_of_the_mesh(seed):
+    """f = s (s - s0) of s = sum of sin^2(pi q), lowest at s0/2 within the first step of the mesh, less low at the edge."""
+    rng, dim = np.random.default_rng(seed), 1 + seed % 2
+    s0 = np.sin(np.pi * rng.uniform(0.01, 0.035)) ** 2
+    depth, edge = s0**2 / 4, 0.6 * s0**2 / 4
+
+    def height(q):
+        s = (np.sin(np.pi * q[..., :dim]) ** 2).sum(axis=-1)
+        return s * (s - s0) - (dim * (dim - s0) + edge) * (s / dim) ** 40
+
+    assert height(mesh(dim, 24)).min() == pytest.approx(-edge)  # the control: all that the mesh sees
+    found, _, q = softest_wave(lambda q: height(q)[:, None, None] + 0j, np.eye(3), np.arange(3) < dim, 24)
+    assert found == pytest.approx(-depth, rel=1e-6)
+    assert abs(q).max() < 0.035
