@@ -1,5 +1,6 @@
 from .bands import (
     Bands as Bands,
+    GroupVelocities as GroupVelocities,
     analytic_bands as analytic_bands,
     band_path as band_path,
     cut_off as cut_off,
@@ -19,6 +20,7 @@ from .density import (
 )
 from .evanescent import (
     ComplexBands as ComplexBands,
+    MeasuredDecay as MeasuredDecay,
     complex_bands as complex_bands,
     measured_decay as measured_decay,
 )
@@ -30,6 +32,7 @@ from .force_constants import (
     phonopy_bands as phonopy_bands,
 )
 from .gruneisen import (
+    Gruneisen as Gruneisen,
     gruneisen_parameters as gruneisen_parameters,
 )
 from .phonopy_files import (

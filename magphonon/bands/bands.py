@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from ase import Atoms
@@ -261,7 +261,22 @@ def _mean_over_crossings(omega, values):
     return means
 
 
-def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+class GroupVelocities(NamedTuple):
+    """Frequencies and group velocities at some wavevectors.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms.
+    velocity : ndarray, shape (wavevectors, modes, dim)
+        In mm/ms = m/s; NaN where the frequency is zero or imaginary.
+    """
+
+    omega: np.ndarray
+    velocity: np.ndarray
+
+
+def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complete') -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
     For a mode v of frequency w, `2 w dw/dk = v^+ (dD/dk) v`.  At degenerate points the velocity depends on the
@@ -269,26 +284,22 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
 
     Parameters
     ----------
-    atoms : ase.Atoms
+    atoms : ase.Atoms or LinearSystem
         One cell with its MagneticRepulsion.
     q, model
         As for `bloch_modes`.
 
     Returns
     -------
-    omega : ndarray, shape (wavevectors, modes)
-        In rad/ms.
-    velocity : ndarray, shape (wavevectors, modes, dim)
-        In mm/ms = m/s; NaN where the frequency is zero or imaginary.
+    GroupVelocities
 
     Examples
     --------
-    >>> import numpy as np
     >>> from magphonon import InversePower, MagneticRepulsion, group_velocities, lattices
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=1.0)
-    >>> omega, velocity = group_velocities(cell, [[0.1, 0.2, 0.0]])
-    >>> omega.shape, velocity.shape
+    >>> found = group_velocities(cell, [[0.1, 0.2, 0.0]])
+    >>> found.omega.shape, found.velocity.shape
     ((1, 2), (1, 2, 2))
     """
     system = LinearSystem.of(atoms)
@@ -306,7 +317,7 @@ def group_velocities(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tup
     with np.errstate(divide='ignore', invalid='ignore'):
         velocity = slope / (2 * omega[..., None])
     velocity[omega <= 1e-6 * abs(omega).max()] = np.nan  # the root of a square's round-off
-    return omega, velocity
+    return GroupVelocities(omega, velocity)
 
 
 def cut_off(atoms: Atoms) -> float | None:

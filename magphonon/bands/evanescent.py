@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import gcd, lcm
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -293,7 +293,14 @@ def _waves(D, omega, unit):
     return xi, modes
 
 
-def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> tuple[float, float]:
+class MeasuredDecay(NamedTuple):
+    """Decay per step, Im xi, and its standard uncertainty from the scatter about the fit."""
+
+    decay: float
+    sigma: float
+
+
+def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> MeasuredDecay:
     """Decay per step, Im xi, from the amplitudes at one frequency along a row, by least squares.
 
     Behind a row of sources, |U| = A e^{-Im xi n}.  Around a point source the wave spreads as well:
@@ -310,8 +317,7 @@ def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> tupl
 
     Returns
     -------
-    decay, sigma : float
-        Per step, and its standard uncertainty from the scatter about the fit.
+    MeasuredDecay
 
     Raises
     ------
@@ -322,8 +328,7 @@ def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> tupl
     --------
     >>> import numpy as np
     >>> from magphonon.bands import measured_decay
-    >>> decay, uncertainty = measured_decay(np.exp(-0.3 * np.arange(1, 7)), np.arange(1, 7), 'row')
-    >>> round(decay, 9)
+    >>> round(measured_decay(np.exp(-0.3 * np.arange(1, 7)), np.arange(1, 7), 'row').decay, 9)
     0.3
     """
     amplitudes, n = finite('amplitudes', abs(np.asarray(amplitudes))), finite('steps', steps)
@@ -340,4 +345,4 @@ def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> tupl
     y = np.log(amplitudes) + spreading
     solution = np.linalg.lstsq(B, y)[0]
     scatter = ((y - B @ solution) ** 2).sum() / (len(n) - len(columns))
-    return float(solution[1]), float(np.sqrt(scatter * np.linalg.inv(B.T @ B)[1, 1]))
+    return MeasuredDecay(float(solution[1]), float(np.sqrt(scatter * np.linalg.inv(B.T @ B)[1, 1])))

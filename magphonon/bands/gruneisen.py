@@ -8,7 +8,7 @@ matrix D, whose foundation does not change, `gamma = -d ln w/d ln V = -v^+ dD v/
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,22 @@ STILL = 1e-6
 """Fraction of the highest frequency below which a frequency counts as zero: it is the square root of a round-off."""
 
 
-def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+class Gruneisen(NamedTuple):
+    """Frequencies, and Grueneisen parameters `-d ln w/d ln V` of the bands.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms, unstable modes negative.
+    gamma : ndarray, shape (wavevectors, modes)
+        Where branches cross, the parameters of the crossing branches in no particular order.  NaN where the frequency is zero.
+    """
+
+    omega: np.ndarray
+    gamma: np.ndarray
+
+
+def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') -> Gruneisen:
     """Grueneisen parameters `-d ln w/d ln V` of the bands; V is the length, area or volume of a cell.
 
     The foundation keeps its stiffness; its anchors and the held particles follow the spacing.
@@ -47,10 +62,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
 
     Returns
     -------
-    omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.
-    gamma : ndarray, shape (wavevectors, modes)
-        Where branches cross, the parameters of the crossing branches in no particular order.  NaN where the frequency is zero.
+    Gruneisen
 
     Raises
     ------
@@ -63,8 +75,8 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
     >>> from magphonon.bands import gruneisen_parameters
     >>> cell = lattices.triangular(1.0, 1.0)
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> omega, gamma = gruneisen_parameters(cell, [[0.5, 0, 0]])
-    >>> gamma.round(6).tolist()  # (a + 1)/4 for all modes, as omega^2 goes as r^-(a + 1) and an area as r^2
+    >>> found = gruneisen_parameters(cell, [[0.5, 0, 0]])
+    >>> found.gamma.round(6).tolist()  # (a + 1)/4 for all modes, as omega^2 goes as r^-(a + 1) and an area as r^2
     [[1.25, 1.25]]
     """
     system = LinearSystem.of(atoms).moving()
@@ -86,7 +98,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
     with np.errstate(divide='ignore', invalid='ignore'):
         gamma = -slopes / (2 * atoms.pbc.sum() * omega * abs(omega))
     gamma[abs(omega) <= STILL * highest] = np.nan
-    return omega, gamma
+    return Gruneisen(omega, gamma)
 
 
 def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.float64]:
