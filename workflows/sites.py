@@ -5,7 +5,7 @@ from ase.constraints import FixAtoms, FixedLine
 
 from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, modes, relaxed, units
 from magphonon.bands import band_gaps, bloch_modes, gruneisen_parameters
-from magphonon.design import Scatter, mode_scatter
+from magphonon.design import SiteScatter, mode_scatter
 from magphonon.plotting import new_axes, plot_shape
 from magphonon.plotting.axes import legend_above
 from magphonon.response import density_of_states, extents, local_modes, spectral_function
@@ -20,7 +20,7 @@ CELLS = 10                             # of the honeycomb patch, along each vect
 SCATTER, SUPERCELLS, SMALL, PATCHES, LARGE = 0.01, 200, 8, 3, 24
 M = np.array([[0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0]])
 SHEAR = 54.0, 62.0                     # Hz, where the shear wave at M lies, alone
-SITES, SAMPLES = Scatter(mass=0.01, strength=0.01, stiffness=0.02), 1000
+SITES, SAMPLES = SiteScatter(mass=0.01, strength=0.01, stiffness=0.02), 1000
 CHAIN = 6000                           # particles of the disordered chain
 LOW = (0.3, 0.6, 1.2)                  # its frequencies, over sqrt(k/m), where waves are long
 
@@ -198,7 +198,7 @@ def scattered_magnets(out, known):
         found = spectral_function(relaxed(patch).atoms, cell, M, 2 * np.pi * units.Hz * f, moments=2048)
         smooth = smooth + found.density.mean(axis=0)
     resolution = units.hertz(found.width.mean())
-    exact = Supercells(known, SMALL, SUPERCELLS, Scatter(strength=SCATTER))
+    exact = Supercells(known, SMALL, SUPERCELLS, SiteScatter(strength=SCATTER))
     frequencies, weight = shear_at_M(exact)
     width = np.sqrt(width_of(f, smooth) ** 2 - resolution**2)
     here = (frequencies > SHEAR[0]) & (frequencies < SHEAR[1])
@@ -241,7 +241,7 @@ def each_magnet(known):
     supercell = lattices.triangular(known['spacing'] * units.m, known['mass'] * units.kg).repeat((4, 4, 1))
     supercell.calc = MagneticRepulsion(supercell, law, foundation=k)
     omega, std = mode_scatter(supercell, SITES)
-    without = mode_scatter(supercell, Scatter(SITES.mass, 0.0, SITES.stiffness))[1]
+    without = mode_scatter(supercell, SiteScatter(SITES.mass, 0.0, SITES.stiffness))[1]
     drawn = np.sqrt(Supercells(known, 4, SAMPLES, SITES).squares)
     rows = []
     for name, frequency in (('cut-off', known['gamma_Hz']), ('M shear', known['M_complete_Hz'][0])):

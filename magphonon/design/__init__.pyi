@@ -12,7 +12,7 @@ from .inverse import (
 )
 from .scatter import (
     ModeScatter as ModeScatter,
-    Scatter as Scatter,
+    SiteScatter as SiteScatter,
     mode_scatter as mode_scatter,
     response_scatter as response_scatter,
 )

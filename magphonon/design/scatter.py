@@ -43,7 +43,7 @@ CROSSING = 1e-9
 
 
 @dataclass(frozen=True)
-class Scatter:
+class SiteScatter:
     """Relative standard deviations of the quantities of each site; all of them scatter independently.
 
     Attributes
@@ -75,7 +75,7 @@ class Scatter:
         return np.array([self.mass, self.strength, self.stiffness])
 
 
-NO_SCATTER = Scatter()
+NO_SCATTER = SiteScatter()
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ class ModeScatter(NamedTuple):
     std: NDArray[np.float64]
 
 
-def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter, count: int | None = None) -> ModeScatter:
+def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int | None = None) -> ModeScatter:
     """Natural frequencies of a structure, and their standard deviation from one sample to the next.
 
     For a periodic cell these are the waves whose displacements are equal in all cells; band edges of a supercell of N particles
@@ -151,7 +151,7 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter, count: int | Non
     ----------
     atoms : ase.Atoms
         At rest, with MagneticRepulsion.
-    scatter : Scatter
+    scatter : SiteScatter
     count : int, optional
         Number of modes, the lowest ones; all if not given.
 
@@ -163,10 +163,10 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: Scatter, count: int | Non
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.design import Scatter, mode_scatter
+    >>> from magphonon.design import SiteScatter, mode_scatter
     >>> cells = lattices.triangular(1.0, 1.0).repeat((3, 3, 1))
     >>> cells.calc = MagneticRepulsion(cells, InversePower(1.0, 4.0), foundation=1.0)
-    >>> omega, std = mode_scatter(cells, Scatter(stiffness=0.06), count=1)  # of each of nine pillars
+    >>> omega, std = mode_scatter(cells, SiteScatter(stiffness=0.06), count=1)  # of each of nine pillars
     >>> round(float(std[0] / omega[0]), 6)  # 0.06/2/sqrt(9)
     0.01
     """

@@ -15,7 +15,7 @@ import numpy as np
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
 from ..files import Saved
-from .scatter import NO_SCATTER, SITES, Scatter, response_scatter
+from .scatter import NO_SCATTER, SITES, SiteScatter, response_scatter
 from .sensitivities import Change, frequency_sensitivities, response_sensitivities
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Tolerances:
         Each parameter by name, and what it changes (`magphonon.design.sensitivities`).
     covariance : ndarray, shape (parameters, parameters)
         Covariance of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
-    scatter : Scatter
+    scatter : SiteScatter
         What each site deviates by itself besides; nothing by default.
 
     Raises
@@ -51,7 +51,7 @@ class Tolerances:
 
     changes: dict[str, Change]
     covariance: np.ndarray
-    scatter: Scatter = NO_SCATTER
+    scatter: SiteScatter = NO_SCATTER
 
     def __post_init__(self) -> None:
         n = len(self.changes)

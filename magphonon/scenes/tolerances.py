@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, create_model
 
 from .. import units as u
-from ..design.scatter import SITES, Scatter
+from ..design.scatter import SITES, SiteScatter
 from ..design.sensitivities import Change, LawChange, exponent_change, force_change, screening_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
@@ -130,7 +130,7 @@ class _Uncertainty(Table):
             if value > 100 * LARGEST_TOLERANCE:
                 raise ValueError(f'uncertainty.each_{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} '
                                  'within which a linear propagation holds; measure it better, or leave it out')
-        return Scatter(**{name: value / 100 for name, value in percent.items()})
+        return SiteScatter(**{name: value / 100 for name, value in percent.items()})
 
 
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all

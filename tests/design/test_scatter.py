@@ -6,7 +6,7 @@ from ase.constraints import FixAtoms
 from oracles import lattice
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
-from magphonon.design import Scatter, mode_scatter, response_scatter
+from magphonon.design import SiteScatter, mode_scatter, response_scatter
 from magphonon.design.scatter import SITES, SiteSlopes
 from magphonon.response import Place, harmonic_response
 from magphonon.stiffness import LinearSystem
@@ -70,7 +70,7 @@ def test_waves_of_a_supercell():
     cell = lattices.triangular(10.0, 0.7)
     supercell = cell.repeat((3, 3, 1))
     supercell.calc = MagneticRepulsion(supercell, LAW, foundation=0.02)
-    scatter = Scatter(mass=0.01)
+    scatter = SiteScatter(mass=0.01)
     omega, std = mode_scatter(supercell, scatter)
     # waves of one frequency, two at Gamma: of the forms -w^2 m_i u_a.u_b the squares add up to w^4 (2/2)/9
     np.testing.assert_allclose(std[:2], 0.01 * omega[:2] / 2 / 3, rtol=1e-9)
@@ -83,4 +83,4 @@ def test_waves_of_a_supercell():
 
 def test_refusals():
     with pytest.raises(ValueError, match=r'scatter of the strength must be a zero or positive number, not -0\.1'):
-        Scatter(strength=-0.1)
+        SiteScatter(strength=-0.1)

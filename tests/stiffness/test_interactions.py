@@ -17,7 +17,7 @@ from magphonon import (
     relaxed,
 )
 from magphonon.bands import band_path, gruneisen_parameters
-from magphonon.design import Scatter, mode_scatter
+from magphonon.design import SiteScatter, mode_scatter
 from magphonon.dynamics import refusal
 from magphonon.interactions import PairInteraction, UprightMagnets, Yukawa
 from magphonon.stability import frequency_shifts
@@ -181,7 +181,7 @@ def test_tools_that_were_for_central_forces_answer_for_any(law):
     assert cauchy_stress(cell)[0, 0] == pytest.approx(stress, rel=1e-6)
     supercell = cell.repeat((3, 3, 1))
     supercell.calc = cell.calc.on(supercell)
-    _, std = mode_scatter(supercell, Scatter(strength=0.01))
+    _, std = mode_scatter(supercell, SiteScatter(strength=0.01))
     assert np.isfinite(std).all()
 
 
