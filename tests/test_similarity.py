@@ -31,6 +31,9 @@ from magphonon.lattices.patches import RIM
 from magphonon.stability.escapes import escape_speeds
 from magphonon.stiffness.rest import BALANCED, LinearSystem
 
+# other units make other densities, at which SI numbers without units would be suspected
+pytestmark = pytest.mark.filterwarnings('ignore:a mass of .* every')
+
 UNITS = [(4.0**-9, 1.0, 1.0), (4.0**8, 1.0, 1.0), (1.0, 4.0**-9, 1.0), (1.0, 4.0**9, 1.0), (1.0, 1.0, 4.0**-9),
          (1.0, 1.0, 4.0**9), (4.0**-8, 4.0**7, 4.0**-10), (4.0**6, 4.0**-8, 4.0**9)]
 POWER = 4
