@@ -122,10 +122,14 @@ def test_the_ridge_of_velocities_is_that_of_displacements(tmp_path):
     assert mapped.spectrum.peak > 1e3 * u_wave.spectrum.peak
 
 
-def test_integration_undoes_the_derivative():
+def test_integration_undoes_the_derivative_at_any_start_and_leaves_a_mean_velocity_out(tmp_path):
     t = np.linspace(0, 1, 200, endpoint=False)[:, None]
     phase = 2 * np.pi * 7 * t
-    np.testing.assert_allclose(integrated(np.cos(phase), 1 / 200), np.sin(phase) / (2 * np.pi * 7), atol=1e-15)
+    np.testing.assert_allclose(integrated(3 + np.cos(phase), 1 / 200), np.sin(phase) / (2 * np.pi * 7), atol=1e-15)
+    rows = [f'{5 + s:.6g},{p},{np.cos(x):.12g}' for (s,), (x,) in zip(t, phase, strict=True) for p in range(8)]
+    (tmp_path / 'scan.csv').write_text('time_s,point,v_y_mm_per_s\n' + '\n'.join(rows))
+    found = read_scan(tmp_path / 'scan.csv').motions['y']  # in mm
+    np.testing.assert_allclose(found, np.tile(np.sin(phase) / (2 * np.pi * 7), 8), atol=1e-6)
 
 
 @pytest.mark.parametrize(('jitter', 'resampled'), [(0.004, False), (0.2, True)])  # of a step; a distance of 0.01 counts as equal
