@@ -110,13 +110,7 @@ class Bands(units.InHertz):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file is truncated or holds something else.
-        """
+        """Read what `save` wrote."""
         data = saved_arrays(path, 'bands', UNITS, optional=('vectors',))
         for name in ('cell', 'kpts', 'points', 'omega'):
             if data[name].dtype.kind != 'f' or (name != 'omega' and data[name].shape[-1] != 3) or data['cell'].shape != (3, 3):
@@ -427,11 +421,6 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
     ndarray, shape (wavevectors, modes, 2)
         The edge on the right of the periodic direction comes first, then that on the left: for a ribbon along x the lower edge
         comes first.
-
-    Raises
-    ------
-    ValueError
-        For atoms that are no ribbon, bands without modes or of other atoms, a depth that is not positive.
     """
     calc: Any = LinearSystem.of(atoms).atoms.calc
     if atoms.pbc.sum() != 1:

@@ -57,11 +57,6 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
         Normalised to one and weighted with the square root of the mass; zero on held particles.
 
-    Raises
-    ------
-    ValueError
-        For an unknown model, a wavevector that is not finite, more branches than there are, or atoms without MagneticRepulsion.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene

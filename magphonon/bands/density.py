@@ -100,11 +100,6 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     DensityOfStates
         With as many `modes` as the lattice has branches.
 
-    Raises
-    ------
-    ValueError
-        If the atoms are not periodic, frequencies do not increase, `steps` is no whole number.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene

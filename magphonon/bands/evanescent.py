@@ -319,11 +319,6 @@ def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> Meas
     -------
     MeasuredDecay
 
-    Raises
-    ------
-    ValueError
-        For fewer points than the fit has unknowns and two more, an amplitude of zero, or a distance that is not positive.
-
     Examples
     --------
     >>> import numpy as np

@@ -220,11 +220,6 @@ def force_constants_of(phonon: Phonopy) -> NDArray[np.float64]:
     -------
     ndarray, shape (particles, particles of the supercell, dim, dim)
         In the plane (dim = 2) where nothing acts along z.
-
-    Raises
-    ------
-    ValueError
-        If the phonon holds no force constants.
     """
     FC = getattr(phonon, 'force_constants', None)
     if FC is None:

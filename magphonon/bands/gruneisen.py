@@ -64,11 +64,6 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
     -------
     Gruneisen
 
-    Raises
-    ------
-    ValueError
-        For another calculator, or if a dead load or stretched springs of the foundation hold the particles.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices

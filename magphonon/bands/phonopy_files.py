@@ -56,11 +56,6 @@ def in_phonopy_units(phonon: Phonopy) -> Phonopy:
     phonopy.Phonopy
         With force constants but without the forces they came from; never symmetrised, as the sum rule erases the foundation.
 
-    Raises
-    ------
-    ValueError
-        For a phonon without force constants, or one whose frequencies are not in Hz.
-
     Examples
     --------
     >>> from magphonon import finite_displacements, read_scene, ready_scene

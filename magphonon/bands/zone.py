@@ -102,11 +102,6 @@ def zone_map(atoms: Atoms, steps: int = 96, model: str = 'complete') -> ZoneMap:
     -------
     ZoneMap
 
-    Raises
-    ------
-    ValueError
-        For a lattice that is not planar, `steps` that is no whole number, an unknown model.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
@@ -143,11 +138,6 @@ def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.floa
     Returns
     -------
     ndarray, shape (n1, n2, branches)
-
-    Raises
-    ------
-    ValueError
-        If the maps belong to different lattices or meshes.
 
     Examples
     --------

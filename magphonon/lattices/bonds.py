@@ -488,14 +488,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
 
 
 def bonds_of(atoms: Atoms, bonds: Bonds | Iterable[Any] | None, shells: int, cutoff: float | None) -> Bonds:
-    """The bonds of a structure: given, listed as in `explicit_bonds`, or else found as by `find_bonds`.
-
-    Raises
-    ------
-    ValueError
-        If the bonds belong to a structure of another size or to other positions, or there are none; and as for these two
-        functions.
-    """
+    """The bonds of a structure: given, listed as in `explicit_bonds`, or else found as by `find_bonds`."""
     if bonds is None:
         bonds = find_bonds(atoms, shells, cutoff)
     elif not isinstance(bonds, Bonds):
@@ -523,11 +516,6 @@ def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
     -------
     Bonds
 
-    Raises
-    ------
-    ValueError
-        If the supercell does not consist of images of the cell's particles.
-
     Examples
     --------
     >>> from magphonon import find_bonds, lattices
@@ -549,13 +537,7 @@ def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
 
 
 def image_of(atoms: Atoms, supercell: Atoms) -> NDArray[np.int_]:
-    """For each particle of a supercell, the particle of the periodic cell `atoms` whose image it is, shape (particles,).
-
-    Raises
-    ------
-    ValueError
-        If the supercell does not consist of images of the cell's particles.
-    """
+    """For each particle of a supercell, the particle of the periodic cell `atoms` whose image it is, shape (particles,)."""
     return _site_of(supercell.positions, atoms)
 
 

@@ -141,11 +141,6 @@ def oscillator(theta0: float, spacing: float, mass: float) -> Atoms:
     ase.Atoms
         Four particles, the first three held by FixAtoms.
 
-    Raises
-    ------
-    ValueError
-        If `theta0` is outside 0 to pi/2, or spacing or mass is not positive.
-
     Examples
     --------
     >>> from magphonon import lattices, units as u

@@ -37,11 +37,6 @@ def parallelogram(cell: Atoms, n1: int, n2: int) -> Atoms:
     ase.Atoms
         The patch, not periodic.
 
-    Raises
-    ------
-    ValueError
-        If the cell is not planar, or no particle of the patch lies inside its rim.
-
     Examples
     --------
     >>> from magphonon import lattices

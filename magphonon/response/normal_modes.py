@@ -114,11 +114,6 @@ def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     -------
     int
 
-    Raises
-    ------
-    ValueError
-        If nothing is free, the structure is not at rest, or `omega` is no finite number.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
@@ -139,13 +134,7 @@ def refuse_unstable(system: LinearSystem) -> None:
 
 
 def refuse_growing(lowest: float, highest: float) -> None:
-    """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response.
-
-    Raises
-    ------
-    ValueError
-        If the lowest one is negative, by more than the round-off of one that is zero.
-    """
+    """The one refusal of unstable structures, by the ends of their spectrum, rad^2/ms^2: they have no steady response."""
     if lowest < -ROUND_OFF * highest:
         raise Unstable('the structure is unstable and has no steady response: its fastest growing mode has the rate '
                          f'{np.sqrt(-lowest) * units.s:.4g} 1/s; a stiffer foundation or more space would hold it, and '
@@ -197,11 +186,6 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     -------
     Extent
 
-    Raises
-    ------
-    ValueError
-        If the structure has another number of particles.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
@@ -252,11 +236,6 @@ def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:
     -------
     Modes
         Ascending; none if the gap is empty.
-
-    Raises
-    ------
-    ValueError
-        If nothing is free, the structure is not at rest, or the ends do not increase.
 
     Examples
     --------

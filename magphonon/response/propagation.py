@@ -101,11 +101,6 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
     -------
     edges : ndarray, shape (panels + 1,)
     values : ndarray, shape (panels, NODES, components)
-
-    Raises
-    ------
-    ValueError
-        If the force cannot be resolved.
     """
     pieces = np.ceil(np.diff(edges) * rate / TURN).astype(int)
     if pieces.sum() > PANELS:

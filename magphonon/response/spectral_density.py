@@ -54,11 +54,6 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     DensityOfStates
         With as many `modes` as there are free directions, and the standard error of the mean over the vectors.
 
-    Raises
-    ------
-    ValueError
-        If nothing is free, the structure is not at rest, or a number is no such number.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
@@ -100,11 +95,6 @@ def local_density(atoms: Atoms | LinearSystem, place: Place, omega: ArrayLike | 
     -------
     DensityOfStates
         Its integral over the frequency is one.
-
-    Raises
-    ------
-    ValueError
-        As `density_of_states`, and if the particle is held in this direction.
     """
     system, count = LinearSystem.of(atoms).moving(), _even(moments)
     given = place.force(len(system))[:, : system.dim].ravel()
@@ -173,11 +163,6 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
     Returns
     -------
     SpectralFunction
-
-    Raises
-    ------
-    ValueError
-        As `density_of_states`, and if a particle belongs to no site of the lattice.
     """
     system, count = LinearSystem.of(atoms).moving(), _even(moments)
     q = finite('q', q)
@@ -236,11 +221,6 @@ def sites_of(places: NDArray[np.float64], cell: Atoms) -> NDArray[np.int_]:
     Returns
     -------
     ndarray of int, shape (particles,)
-
-    Raises
-    ------
-    ValueError
-        If a particle is on no site.
     """
     def away(first):
         """Distances of the particles from the sites of each sort, shape (sorts, particles), if that of the first is `first`."""

@@ -91,11 +91,6 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     ase.Atoms
         With the places, momenta and rests of all of them.
 
-    Raises
-    ------
-    ValueError
-        If they differ in law, model, cell or periodicity, or have another calculator or constraint.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
@@ -181,11 +176,6 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
     ndarray of complex, shape (...)
         In the unit of the signal.
 
-    Raises
-    ------
-    ValueError
-        If the window holds less than three periods, or less than two frames per period.
-
     Examples
     --------
     >>> import numpy as np
@@ -231,11 +221,6 @@ def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float
     -------
     ndarray, shape (...)
         Steady state is reached where this is below the tolerance.
-
-    Raises
-    ------
-    ValueError
-        For fewer than three windows, or a decay that is not between 0 and 1: without damping there is no steady state.
     """
     amplitudes = np.asarray(amplitudes)
     if len(amplitudes) < 3:
@@ -345,11 +330,6 @@ def impulse_response(signal: ArrayLike, dt: float, impulse: float, omega: ArrayL
     -------
     FrequencyResponse
         Its `transient` is the largest displacement of the last tenth of the record over that of the first.
-
-    Raises
-    ------
-    ValueError
-        If the record starts with a displacement, stays at rest, or is shorter than 20 frames.
     """
     u = finite('signal', signal)
     dt, impulse = positive('dt', dt, 'ms'), positive('impulse', impulse, 'N ms')
