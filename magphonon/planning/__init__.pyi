@@ -1,11 +1,8 @@
 from .bands import (
     Edge as Edge,
-    neighbour_shells as neighbour_shells,
     plan_bands as plan_bands,
 )
 from .peak import (
-    Peak as Peak,
-    highest_peak as highest_peak,
     plan_peak as plan_peak,
 )
 from .plan import (

@@ -226,7 +226,7 @@ def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.planning import neighbour_shells
+    >>> from magphonon.planning.bands import neighbour_shells
     >>> [len(shell) for shell in neighbour_shells(read_scene(ready_scene('prototype')).atoms(), reach=2.1)]
     [3, 3, 3]
     """

@@ -14,7 +14,6 @@ from .buckling import (
     border_over_spacings as border_over_spacings,
     common_spring as common_spring,
     foundation_needed as foundation_needed,
-    softest as softest,
     softest_of as softest_of,
     softest_out_of_plane as softest_out_of_plane,
     spacing_held as spacing_held,
@@ -23,9 +22,6 @@ from .buckling import (
 from .escapes import (
     Escape as Escape,
     escape_speeds as escape_speeds,
-)
-from .soft_waves import (
-    softest_wave as softest_wave,
 )
 from .verdicts import (
     Buckling as Buckling,
