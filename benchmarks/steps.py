@@ -19,7 +19,6 @@ import numpy as np
 from ase.calculators.calculator import Calculator, all_changes
 from ase.md.verlet import VelocityVerlet
 from lammps_steps import STYLES, lammps_stepper
-from step_parts import print_parts
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.dynamics.bond_increments import RANGES

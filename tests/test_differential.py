@@ -230,8 +230,9 @@ def test_threads_change_nothing_of_that(monkeypatch):
         case = drawn(seed, most=1000, **SIMILAR)
         u = case.run('compiled grid')
         assert misfit(u, case.expected()) < EXACT
-        for threads, cache in ((2, 0), (3, 2**16), (3, 2**40)):
-            monkeypatch.setattr(kernels_numba, 'CACHE', cache)
+        for threads, together, share in ((1, 7, 8), (2, 1, 8), (2, 40, 1), (3, 2, 2)):
+            monkeypatch.setattr(kernels_numba, 'TOGETHER', together)
+            monkeypatch.setattr(kernels_numba, 'SHARE', share)
             assert np.array_equal(replace(case, threads=threads).run('compiled grid'), u), f'drawn({seed}), {threads} threads'
 
 

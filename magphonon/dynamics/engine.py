@@ -16,12 +16,11 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane
-from .bond_increments import RANGES, Increments
+from .bond_increments import RANGES, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
 from .kernels_numpy import Kernel, Motion, largest
-from .law_pieces import Pieces, pieces
-from .memory_layout import arrange
+from .memory_layout import aligned_zeros, arrange
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -220,13 +219,13 @@ class Blocks:
     def _fit(self, level):
         """Make the kernel for increments up to RANGES[level]; beyond with the law in pieces, or itself where that is left."""
         fit = self._increments.polynomial(RANGES[level]) if level < PIECES else None
-        self._level, self._reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
+        self._level, reach = (level, RANGES[level]) if fit else (max(level, PIECES), np.inf)
         fitted = fit and fit[0]
         if self._level == PIECES:
             fitted = self._in_pieces()
-            self._level, self._reach = (PIECES, 1.0) if fitted else (PIECES + 1, np.inf)
+            self._level = PIECES if fitted else PIECES + 1
         kernel_class = Kernel if fitted is None else self._kernel_class
-        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, self.threads)
+        self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, reach, self.threads)
 
     def _in_pieces(self) -> list[Pieces] | None:
         """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many.
@@ -263,8 +262,8 @@ class Blocks:
         times = self.dt * np.arange(first, first + steps + 1)
         forces = self._external(times)
         while True:
-            strain, *extent = self._try(forces)
-            if strain <= self._reach or self._exact:
+            beyond, *extent = self._try(forces)
+            if not beyond or self._exact:
                 break
             with np.errstate(over='ignore', invalid='ignore'):
                 self._fit(self._level + 1)
@@ -281,11 +280,10 @@ class Blocks:
         """Fill the spare state with the end of the block; returns what `Kernel.advance` does."""
         if not self._stale:
             return self._kernel.advance(self._state, forces[1:], out=self._spare)
-        u, _, a = self._state
-        strain = self._kernel.accelerate(u, a, forces[0])
+        beyond = self._kernel.accelerate(self._state, forces[0])
         self._stale = False
         found, *extent = self._kernel.advance(self._state, forces[1:], out=self._spare)
-        return np.maximum(strain, found), *extent
+        return beyond or found, *extent
 
     def _external(self, times):
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
@@ -322,9 +320,8 @@ class Blocks:
     def _take(self, u, v, anchors):
         v = self._mobile * v
         v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
-        scatter = self.layout.scatter
-        self._state = scatter(u), scatter(v), scatter(0 * v)
-        self._spare = scatter(0 * u), scatter(0 * u), scatter(0 * u)
+        self._state = self.layout.scatter(np.stack([u, v, 0 * v], axis=1))
+        self._spare = aligned_zeros(self._state.shape)
         self._anchors, self._stale = anchors, True
         self._measure()
         level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time

@@ -1,114 +1,444 @@
-"""The kernel of compiled steps: the structure laid out as `compiled_steps` and `compiled_bonds` take it."""
+"""The steps of `magphonon.dynamics.kernels_numpy`, compiled by numba.
+
+Slots are taken in runs that fit the first cache.  Each bond is evaluated once in a step, with the run of its lower slot; then the
+slots of the run add up the forces of their bonds and move on, in place: bonds lead upwards, so no later bond needs their old
+displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
+together, while these are in the cache.
+
+Each thread takes a share of the runs by itself for some steps.  It repeats the steps of as many runs beside its share as its
+bonds reach in that time, in memory of its own; so threads need not wait for each other, and act on a slot by the same operations
+in the same order: the bits do not depend on them.
+
+Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
+"""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
+from warnings import warn
 
 import numpy as np
+from numba import njit, types
+from numba.extending import intrinsic, overload
 
-from .bond_increments import RANGES
-from .compiled_bonds import grid_pull, law_in_reach, table_pull
-from .compiled_steps import FAR, advance, grid_move, table_move, write, written
+from .bond_increments import DEGREE, RANGES, SHIFT
 from .kernels_numpy import Kernel
 from .memory_layout import LINE, aligned_zeros
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from typing import Any
 
     from numpy.typing import NDArray
 
-    from .kernels_numpy import Found, State
-    from .machine_code import Compiled
+    from .kernels_numpy import Found
 
-RUN = 256
+RUN = 2048
 """Number of slots processed at a time."""
 GAP = 32
 """Largest number of holes in a run of slots that are cheaper to fill than to skip."""
-CACHE = 2**20
-"""Bytes that the levels of a chunk should need at a time, half of a second-level cache of today."""
+TOGETHER = 3
+"""Number of steps that go over the slots together; of a million slots they take 20 % less time than one by one."""
+SHARE = 8
+"""Runs of the share of a thread for each run that is repeated for others: a step costs an eighth more at most."""
 SAME_SHAPE = 1e-14
 """Relative difference of coefficients up to which laws differ by a factor only."""
-REACHES = RANGES[2], RANGES[-1]
-"""Largest increments |e| in a run of slots whose bonds take a polynomial although others need the pieces; to find that they do
-not costs the time of one group of bonds."""
+NEAR = RANGES[2]
+"""Largest increment |e| in a run whose bonds take a polynomial although others need the pieces."""
+OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True}
+CARRY, PUSH, FORGET, MOBILITY, DECAY = range(5)
+"""Rows of what is known of each slot: `v <- carry v + push F`, for accelerations `v <- mobility F`."""
+KICK, COPY, GO_ON = range(3)
+"""How some steps begin: with half a kick, by a copy of displacements and velocities, or where the last ones ended."""
+MAGNITUDE = 2**63 - 1
+"""Bits of a number without its sign.  As integers they have the order of |x|, nan last, and a maximum that vector units know."""
+
+part = njit(no_cpython_wrapper=True, **OPTIONS)
 
 
-FEW = 4
-"""Number of tables of addresses that are kept for states and atoms: those of two states that take turns."""
+def kept(function):
+    """Compile, and keep the result on disk where numba finds a folder that it may write."""
+    try:
+        return njit(cache=True, **OPTIONS)(function)
+    except RuntimeError:
+        return njit(**OPTIONS)(function)
 
 
-class Addresses:
-    """A table of addresses of arrays, functions and other tables, which it keeps; zero of what does not exist."""
+@intrinsic
+def vectorise(typing_context):
+    """Promise that arrays of the calling function do not overlap, and ask for wide vectors: worth a factor of 1.5."""
+    def code(context, builder, signature, arguments):
+        function = builder.function
+        try:
+            set.add(function.attributes, '"prefer-vector-width"="512"')  # a name of LLVM's; llvmlite's own `add` knows only some
+            function.attributes.add('noinline')  # neither would hold within another function
+            for argument in function.args:
+                if argument.type.is_pointer and 'noalias' not in argument.attributes:
+                    argument.add_attribute('noalias')
+        except (AttributeError, TypeError, ValueError) as error:
+            warn(f'this version of numba takes no hints for vector units ({error}): compiled steps are slower', stacklevel=2)
+        return context.get_dummy_value()
 
-    def __init__(self, *things: np.ndarray | Compiled | Addresses | None) -> None:
-        self.things = [np.ascontiguousarray(x) if isinstance(x, np.ndarray) else x for x in things]
-        self.table = np.array([_address(x) for x in self.things])
-        self.address = _address(self.table)
+    return types.void(), code
 
 
-def _address(thing):
-    if thing is None:
-        return 0
-    return thing.ctypes.data if isinstance(thing, np.ndarray) else thing.address
+def _unrolled(arguments, expression):
+    """A function whose expression is written out for a number of terms that is known from a type."""
+    names = {'at': at}
+    exec(f'def unrolled({arguments}):\n    return {expression}', names)  # noqa: S102  of nothing but numbers of terms
+    return names['unrolled']
 
 
-@dataclass(frozen=True)
-class Bonds:
-    """Bonds between slots, on a grid or in a table; what belongs to the other one is None.
+def at(x, kind, i):
+    """x of a kind of bonds, shape (kinds,), or of bond i, shape (1, bonds); 1 where there is none."""
+
+
+@overload(at)
+def _at(x, kind, i):
+    if isinstance(x, types.NoneType):
+        return lambda x, kind, i: 1.0
+    return (lambda x, kind, i: x[kind]) if x.ndim == 1 else (lambda x, kind, i: x[0, i])
+
+
+# --- laws: H/e at x, which is r0^2 e where bonds of a kind share a law, or e where each bond has its own ------------------
+
+
+class Polynomial(NamedTuple):
+    """Coefficients of kinds, shape (kinds, count), or of bonds, shape (1, count, bonds), and how far they reach.
+
+    `count` is a tuple as long as there are coefficients: numba compiles for each length.
+    """
+
+    count: tuple[float, ...]
+    c: np.ndarray
+    limit: np.ndarray
+    factors: np.ndarray | None
+
+
+class PiecesOfAll(NamedTuple):
+    """The `Pieces` of all kinds one after the other; `child` is None where no piece is halved."""
+
+    per_increment: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    start: np.ndarray
+    c: np.ndarray
+    child: np.ndarray | None
+    centre: np.ndarray
+    factors: np.ndarray | None
+
+
+def constants(law, kind):
+    """Coefficients of a kind.  Read before a loop they stay in registers; within it LLVM is sure of the first ones only."""
+
+
+@overload(constants)
+def _constants(law, kind):
+    if law.instance_class is PiecesOfAll or law.types[1].ndim == 3:
+        return lambda law, kind: 0
+    return _unrolled('law, kind', f'({", ".join(f"law.c[kind, {n}]" for n in range(len(law.types[0])))},)')
+
+
+def quotient(law, c, kind, i, x):
+    """H/e of bond i at x."""
+
+
+@overload(quotient)
+def _quotient(law, c, kind, i, x):
+    if law.instance_class is PiecesOfAll:
+        return _halved_piece if isinstance(law.types[5], types.Array) else _octave_piece
+    *others, value = [('c[{}]' if law.types[1].ndim == 2 else 'law.c[0, {}, i]').format(n) for n in range(len(law.types[0]))]
+    for c_n in reversed(others):
+        value = f'({value}) * x + {c_n}'
+    return _unrolled('law, c, kind, i, x', f'at(law.factors, kind, i) * ({value})')
+
+
+def _octave_piece(law, c, kind, i, x):
+    a, low, high, n = at(law.per_increment, kind, i), at(law.low, kind, i), at(law.high, kind, i), at(law.start, kind, i)
+    w = 1.0 + a * x
+    v = w if w > low else low  # also for no number, where `max` would let it through
+    v = v if v < high else high
+    piece = np.float64(v).view(np.int64) >> SHIFT
+    k = np.uint64(n + piece)
+    y = v - np.int64(piece << SHIFT | 1 << (SHIFT - 1)).view(np.float64)
+    p = (((law.c[k, 4] * y + law.c[k, 3]) * y + law.c[k, 2]) * y + law.c[k, 1]) * y + law.c[k, 0]
+    return at(law.factors, kind, i) * p
+
+
+def _halved_piece(law, c, kind, i, x):
+    w, low, high = 1.0 + at(law.per_increment, kind, i) * x, at(law.low, kind, i), at(law.high, kind, i)
+    v = w if w > low else low
+    v = v if v < high else high
+    n = at(law.start, kind, i) + (np.float64(v).view(np.int64) >> SHIFT)
+    while law.child[n] >= 0:
+        n = law.child[n] + (v >= law.centre[n])
+    y = v - law.centre[n]
+    p = (((law.c[n, 4] * y + law.c[n, 3]) * y + law.c[n, 2]) * y + law.c[n, 1]) * y + law.c[n, 0]
+    return at(law.factors, kind, i) * p
+
+
+def beyond(law, kind, i, x):
+    """Whether x, or no number, is out of the reach of the law."""
+
+
+@overload(beyond)
+def _beyond(law, kind, i, x):
+    if law.instance_class is Polynomial:
+        return lambda law, kind, i, x: not abs(x) <= law.limit[kind]
+
+    def beyond_pieces(law, kind, i, x):
+        w, low, high = 1.0 + at(law.per_increment, kind, i) * x, at(law.low, kind, i), at(law.high, kind, i)
+        return not ((w >= low) & (w <= high))
+
+    return beyond_pieces
+
+
+# --- bonds: `H R + (g + t H) du` on their far ends ------------------------------------------------------------------------
+
+
+class Bonds(NamedTuple):
+    """What is known of kinds of bonds or of each bond, see `at`; on a grid bond i of group n is number `n x slots + i`.
+
+    `model` is (q, t); `unit` is 1/r0^2 where the argument of a law is e; `strength` is 0 where a grid has no bond.
+    """
+
+    model: tuple[float, float]
+    Rx: np.ndarray
+    Ry: np.ndarray
+    g: np.ndarray
+    unit: np.ndarray | None
+    strength: np.ndarray | None
+
+
+@part
+def grid_pull(state, b, bonds, law, offset, pad, kind, s, e):
+    """Forces of the bonds of a group that start in the slots s to e, `pad` places later in b; whether one is beyond the law."""
+    vectorise()
+    first, c, (q, t), wide = kind * np.uint64(state.shape[2]), constants(law, kind), bonds.model, False
+    X, Y, g, unit, strength = bonds.Rx, bonds.Ry, bonds.g, bonds.unit, bonds.strength
+    for i in range(s, e):
+        k = first + i
+        Rx, Ry, there = at(X, kind, k), at(Y, kind, k), at(strength, kind, k)  # one that is not strained pulls at nothing
+        dx, dy = there * (state[0, 0, i + offset] - state[0, 0, i]), there * (state[0, 1, i + offset] - state[0, 1, i])
+        x = at(unit, kind, k) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
+        H = x * quotient(law, c, kind, k, x)
+        G = at(g, kind, k) + t * H
+        b[0, kind, i + pad], b[1, kind, i + pad] = H * Rx + G * dx, H * Ry + G * dy
+        wide |= beyond(law, kind, k, x)
+    return wide
+
+
+@part
+def table_pull(state, b, bonds, law, near, far, kind, s, e):
+    """Forces of the bonds s to e of a table on their far ends, and as many places later as there are bonds on the near ends."""
+    vectorise()
+    listed, c, (q, t), wide = np.uint64(len(near)), constants(law, kind), bonds.model, False
+    X, Y, g, unit = bonds.Rx, bonds.Ry, bonds.g, bonds.unit
+    for i in range(s, e):
+        j, k, Rx, Ry = near[i], far[i], X[0, i], Y[0, i]
+        dx, dy = state[0, 0, k] - state[0, 0, j], state[0, 1, k] - state[0, 1, j]
+        x = at(unit, kind, i) * ((2 * Rx + q * dx) * dx + (2 * Ry + q * dy) * dy)
+        H = x * quotient(law, c, kind, i, x)
+        G = at(g, kind, i) + t * H
+        fx, fy = H * Rx + G * dx, H * Ry + G * dy
+        b[0, 0, i], b[1, 0, i], b[0, 0, i + listed], b[1, 0, i + listed] = fx, fy, -fx, -fy
+        wide |= beyond(law, kind, i, x)
+    return wide
+
+
+def pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
+    """`grid_pull` or `table_pull`."""
+
+
+@overload(pull)
+def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
+    if isinstance(near, types.NoneType):
+        return lambda state, b, bonds, law, near, far, places, pad, kind, s, e: grid_pull(state, b, bonds, law, places[kind], pad,
+                                                                                          kind, s, e)
+    return lambda state, b, bonds, law, near, far, places, pad, kind, s, e: table_pull(state, b, bonds, law, near, far, kind, s, e)
+
+
+def total(b, x, places, pad, i):
+    """Force of all bonds of slot i along x; `places` are the offsets of the groups, or columns of places in b."""
+
+
+@overload(total)
+def _total(b, x, places, pad, i):
+    grid = isinstance(places.dtype, types.Integer)
+    term = '(b[x, {0}, i + (pad - places[{0}])] - b[x, {0}, i + pad])' if grid else 'b[x, 0, places[{0}][i]]'
+    return _unrolled('b, x, places, pad, i', ' + '.join(term.format(n) for n in range(len(places))) or '0.0')
+
+
+# --- slots --------------------------------------------------------------------------------------------------------------
+
+
+class Outer(NamedTuple):
+    """Forces that are no bonds: springs and static ones, see `at`, and those of each run on driven and guided slots."""
+
+    springs: np.ndarray
+    static: np.ndarray
+    driven: np.ndarray
+    row: np.ndarray
+    from_driven: np.ndarray
+    guided: np.ndarray
+    barred: np.ndarray
+    from_guided: np.ndarray
+
+
+@part
+def move(state, b, places, pad, slots, k, static, v, row, s, e, drift):
+    """Kick row v of the state by all forces but external ones, and drift."""
+    vectorise()
+    for x in range(2):
+        first = np.uint64(x) * np.uint64(state.shape[2])
+        for i in range(s, e):
+            f = at(static, 0, first + i) + total(b, x, places, pad, i) - at(k, 0, first + i) * state[0, x, i]
+            state[v, x, i] = slots[row, i] * state[v, x, i] + slots[row + 1, i] * f
+            state[0, x, i] += drift * state[v, x, i]
+
+
+@part
+def correct(state, slots, outer, force, v, row, r, drift):
+    """Add external forces on the slots of run r, and take away what lines and planes bar."""
+    for n in range(outer.from_driven[r], outer.from_driven[r + 1]):
+        i = outer.driven[n]
+        for x in range(2):
+            kick = slots[row + 1, i] * force[outer.row[n], x]
+            state[v, x, i] += kick
+            state[0, x, i] += drift * kick
+    for n in range(outer.from_guided[r], outer.from_guided[r + 1]):
+        i = outer.guided[n]
+        vx, vy = state[v, 0, i], state[v, 1, i]
+        for x in range(2):
+            away = outer.barred[n, x, 0] * vx + outer.barred[n, x, 1] * vy
+            state[v, x, i] -= away
+            state[0, x, i] -= drift * away
+
+
+@part
+def start(state, work, slots, kicked, s, e, dt):
+    """Copy displacements and velocities, with half a kick by the accelerations, and a drift, if `kicked`."""
+    vectorise()
+    for x in range(2):
+        for i in range(s, e):
+            work[2, x, i] = 0.0  # zero times what was there might be no number
+            if kicked:
+                v = slots[DECAY, i] * state[1, x, i] + dt / 2 * state[2, x, i]
+                work[1, x, i] = v
+                work[0, x, i] = state[0, x, i] + dt * v
+            else:
+                work[0, x, i], work[1, x, i] = state[0, x, i], state[1, x, i]
+
+
+@part
+def finish(work, slots, s, e, dt):
+    """Half a kick; the largest components of displacement and velocity then."""
+    vectorise()
+    far = fast = np.int64(0)
+    for x in range(2):
+        for i in range(s, e):
+            v = slots[DECAY, i] * (work[1, x, i] + dt / 2 * work[2, x, i])
+            work[1, x, i] = v
+            p, q = np.float64(work[0, x, i]).view(np.int64) & MAGNITUDE, np.float64(v).view(np.int64) & MAGNITUDE
+            far, fast = p if p > far else far, q if q > fast else fast
+    return np.int64(far).view(np.float64), np.int64(fast).view(np.float64)
+
+
+# --- steps ----------------------------------------------------------------------------------------------------------------
+
+
+@kept
+def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, outer, forces, dt,
+            begin, low, high, last, together, first, end):
+    """Steps `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
+
+    Bonds of a run take the second law, which may be None, only where one of them is beyond the first: few are, near a source.
+
+    Returns
+    -------
+    wide : bool
+        Whether a bond was beyond all laws.
+    largest, fastest : float
+        Largest components of displacement and velocity after the last step.
+    """
+    count, wide, largest, fastest = len(runs), False, 0.0, 0.0
+    for lowest in range(low, high + 1, together):
+        above, bottom = min(lowest + together, high + 1), lowest - (lowest == low and begin != GO_ON)
+        for m in range(max(0, first - (high - bottom + 1) * lag), count + (above - bottom) * lag):
+            for n in range(bottom, above):
+                r = m - (n - bottom) * lag
+                if r < max(0, first - (high - n + 1) * lag) or r >= min(count, end + (high - n) * lag):
+                    continue
+                s, e, ends = runs[r, 0], runs[r, 1], n == last
+                if n < low:
+                    start(state, work, slots, begin == KICK, s, e, dt)
+                    continue
+                for j in range(within[r], within[r + 1]):
+                    i, k, kind = segments[j, 0], segments[j, 1], segments[j, 2]
+                    out = pull(work, b, bonds, law, near, far, places, pad, kind, i, k)
+                    if wider is not None:
+                        if out:  # noqa: SIM102  numba leaves out what follows a test for None alone
+                            out = pull(work, b, bonds, wider, near, far, places, pad, kind, i, k)
+                    wide |= out
+                v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY, dt)
+                move(work, b, places, pad, slots, outer.springs, outer.static, v, row, s, e, drift)
+                correct(work, slots, outer, forces[n - 1], v, row, r, drift)
+                if ends and dt > 0:
+                    x, y = finish(work, slots, s, e, dt)
+                    if first <= r < end:
+                        largest, fastest = max(largest, x), max(fastest, y)
+    return wide, largest, fastest
+
+
+# --- the atoms ------------------------------------------------------------------------------------------------------------
+
+
+@kept
+def written(slot, u, v, anchors, masses, positions, momenta, s, e):
+    """Whether positions and momenta of the particles s to e, shape (particles, 3), are anchors + u and m v."""
+    other = False
+    for i in range(s, e):
+        n = i if slot is None else slot[i]
+        for x in range(2):
+            other |= (positions[i, x] != anchors[x, i] + u[x, n]) | (momenta[i, x] != masses[i] * v[x, n])
+    return not other
+
+
+class Order(NamedTuple):
+    """The order in which bonds are evaluated.
 
     Attributes
     ----------
-    runs : ndarray of int, shape (runs, 4)
-        First and last + 1 slot of each run, first and last + 1 of its groups (none if all its slots are empty) or segments.
-    needs : ndarray of int, shape (runs,)
-        For each run the number of runs of which all slots must have moved in the level before.
-    places : ndarray of int
-        On a grid, j - i of each group; in a table, places of the forces on each slot, shape (columns, slots).
+    runs : ndarray of int, shape (runs, 2)
+        First and last + 1 slot of each run.
+    segments, within : ndarray of int, shapes (segments, 3) and (runs + 1,)
+        First and last + 1 slot, and group, or bond and kind, of what is evaluated together, and the first of each run.
+    reach : ndarray of int, shape (runs,)
+        The highest slot at which a bond of the run ends, + 1.
+    near, far : ndarray of int, or None
+        Of a table, lower and upper slot of each bond.
+    places, pad : tuple, int
+        See `total` and `grid_pull`.
+    room : tuple of int
+        Shape of the forces of bonds.
+    along : callable
+        Lays values of the bonds, shape (..., bonds), out in this order: (..., groups, slots) or (..., bonds).
     R : ndarray, shape (2, kinds) or (2, bonds)
         Rest vectors.
-    along : callable
-        Lays values of the bonds, shape (..., bonds), out in the order in which they are evaluated.
-    pad : int
-        On a grid, bonds of slot i stand so many places later.
-    segments : ndarray of int, shape (segments, 3), or None
-        First and last + 1 bond and kind of each segment.
-    i, j : ndarray of int, or None
-        Lower and upper slots.
-    listed : int
-        Number of bonds in a table.
     """
 
     runs: np.ndarray
-    needs: np.ndarray
-    places: np.ndarray
+    segments: np.ndarray
+    within: np.ndarray
+    reach: np.ndarray
+    near: np.ndarray | None
+    far: np.ndarray | None
+    places: tuple[Any, ...]
+    pad: int
+    room: tuple[int, ...]
+    along: Any
     R: np.ndarray
-    along: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    pad: int = -1
-    segments: np.ndarray | None = None
-    i: np.ndarray | None = None
-    j: np.ndarray | None = None
-    listed: int = 0
-
-    @property
-    def windows(self) -> int:
-        """Number of windows on forces: one on each group, or one for each end of a listed bond and one for a bond of no force."""
-        return len(self.places) if self.pad >= 0 else 2 * self.listed + 1
-
-
-class Law(NamedTuple):
-    """A law of bonds or kinds as `compiled_bonds` takes it: its name there, number of coefficients, and arrays."""
-
-    name: str
-    count: int
-    g: NDArray[np.float64]
-    unit: NDArray[np.float64]
-    arrays: Sequence[np.ndarray]
-    factors: NDArray[np.float64] | None = None
-    which: NDArray[np.int_] | None = None
 
 
 class CompiledKernel(Kernel):
@@ -120,147 +450,132 @@ class CompiledKernel(Kernel):
     engine = 'compiled'
 
     def _prepare(self, fitted):
-        layout, m = self.layout, self.motion
-        self._grid = layout.offset is not None
-        bonds = self._bonds = (_grid if self._grid else _table)(layout)
-        pull, pulled = self._pull(fitted)
-        springs, loaded = np.ndim(m.foundation) > 0, m.static is not None
-        move = (grid_move if self._grid else table_move)(len(bonds.places), springs, loaded)
-        k = np.ascontiguousarray(m.foundation, float)
-        moved = Addresses(np.array([layout.length]), k, m.static, bonds.places)
-        driven, row, from_driven = _by_run(m.driven, bonds.runs, np.arange(len(m.driven)))
-        guided, barred, from_guided = _by_run(m.guided, bonds.runs, m.barred)
-        sizes = np.array([len(bonds.runs), layout.length, len(driven), bonds.windows, bonds.pad])
-        carry, push, forget = (_aligned(x) for x in (self.carry, self.push, self.forget))
-        self._advance = advance()
-        self._given = Addresses(bonds.runs, bonds.needs, m.decay, carry, push, forget, m.mobility, driven, row, from_driven,
-                                guided, from_guided, barred, np.array([m.dt]), sizes, pull, pulled, move, moved)
-        self._reach = int((bonds.needs - np.arange(len(bonds.needs))).max())  # runs from a level to the next
-        self._rooms, self._pool, self._known = [], None, {}
-
-    def _pull(self, fitted):
-        """The function of the forces of bonds, and what is given to it."""
+        layout, m, law = self.layout, self.motion, self.increments
+        order = (_grid if layout.offset is not None else _table)(layout)
+        own = layout.own_laws
         if isinstance(fitted, np.ndarray):
-            return self._by_law(fitted, np.inf)
-        fits = {reach: self.increments.polynomial(reach) for reach in REACHES}
-        laws = [*(self._by_law(fit[0], reach) for reach, fit in fits.items() if fit), self._by_law(fitted, 1.0)]
-        return law_in_reach(), Addresses(np.array([len(laws)]), *chain(*laws))
+            laws = [self._law(fitted, self.reach, order)]
+        else:
+            near = law.polynomial(NEAR)
+            laws = ([self._law(near[0], NEAR, order)] if near else []) + [self._law(fitted, np.inf, order)]
+        g, unit = (_flat(order.along(x[layout.kind])) for x in (law.g, 1 / layout.r0**2)) if own else (law.g, None)
+        strength = None if layout.each or layout.strength is None else _flat(layout.strength)
+        R = [_flat(x) for x in order.R] if layout.offset is None or own else order.R
+        bonds = Bonds((law.q, law.t), *R, g, unit, strength)
+        slots = aligned_zeros((5, layout.length))
+        slots[:] = self.carry, self.push, self.forget, m.mobility, m.decay
+        springs, static = (np.atleast_1d(np.asarray(x, float)) for x in (m.foundation, 0.0 if m.static is None else m.static))
+        outer = Outer(*(x if x.ndim == 1 else _flat(x) for x in (springs, static)),
+                      *_by_run(m.driven, order, np.arange(len(m.driven))), *_by_run(m.guided, order, m.barred))
+        self._runs, self._room = order.runs, order.room
+        self._lag = max(1, int((np.searchsorted(order.runs[:, 0], order.reach) - 1 - np.arange(len(order.runs))).max()))
+        unsigned = (x.astype(np.uint64) for x in (order.runs, order.segments))
+        self._given = (*unsigned, order.within, self._lag, bonds, *laws, *[None] * (2 - len(laws)), order.near, order.far,
+                       order.places, np.uint64(order.pad), slots, outer)
+        self._rooms, self._between, self._pool = [aligned_zeros(order.room)], None, None
+        self._slot = None if layout.whole else layout.slot.astype(np.uint64)
 
-    def _by_law(self, fitted, reach):
-        """The same by a single law."""
-        layout, law, bonds, own = self.layout, self.increments, self._bonds, self.layout.own_laws
-        of = (_own if own else _shared)(layout, law, fitted, bonds.along)
-        strength = None if layout.each else layout.strength
-        function = (grid_pull(of.name, of.count, own, strength is not None) if self._grid
-                    else table_pull(of.name, of.count, own))
-        sizes = np.array([layout.length if self._grid else bonds.listed, of.g.size])
-        return function, Addresses(np.array([law.q, law.t, reach]), sizes, bonds.R, of.g, of.unit, bonds.places, strength,
-                                   bonds.segments, bonds.i, bonds.j, of.factors, of.which, *of.arrays)
+    def _law(self, fitted, reach, order):
+        """A law as it is compiled: polynomials, or pieces; of kinds, or of each bond where these have their own."""
+        layout, own, kinds = self.layout, self.layout.own_laws, range(len(order.places) if self.layout.offset is not None else 1)
+        if isinstance(fitted, np.ndarray):
+            count = (0.0,) * fitted.shape[1]
+            if not own:
+                c = fitted / layout.r0[:, None] ** (2 + 2 * np.arange(len(count)))
+                return Polynomial(count, c, reach * layout.r0**2, None)
+            limit = np.full(len(kinds), reach)
+            with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
+                shapes = fitted / fitted[:, :1]
+            if (abs(shapes - shapes[0]) <= SAME_SHAPE * abs(shapes[0])).all():
+                return Polynomial(count, shapes[[0 for _ in kinds]], limit, _flat(order.along(fitted[layout.kind, 0])))
+            return Polynomial(count, order.along(fitted.T[:, layout.kind]).reshape(1, len(count), -1), limit, None)
+        r0 = np.ones(len(fitted)) if own else layout.r0
+        roots = np.cumsum([0, *(len(p.child) for p in fitted)])[:-1]
+        numbers = np.array([(p.per_increment / r**2, p.low, np.nextafter(p.high, 0)) for p, r in zip(fitted, r0, strict=True)]).T
+        start, factors = roots - [p.first for p in fitted], None
+        if own:
+            alone, which, strength = self.increments.shapes
+            every = len(fitted) == len(alone.r0)  # the pieces are those of all laws at strength 1, or else of the first kind
+            factors, which = (strength, which) if every else (self.increments.factors, 0 * which)
+            which = order.along(which[layout.kind].astype(float)).astype(int).reshape(1, -1)
+            numbers, start, factors = numbers[:, which], start[which], _flat(order.along(factors[layout.kind]))
+        c = np.concatenate([p.coefficients / r**2 for p, r in zip(fitted, r0, strict=True)])
+        child, centre = (np.concatenate(x) for x in zip(*((np.where(p.child < 0, -1, p.child + root), p.centre)
+                                                          for p, root in zip(fitted, roots, strict=True)), strict=True))
+        return PiecesOfAll(*numbers, start, c, child if (child >= 0).any() else None, centre, factors)
 
-    def advance(self, state: State, forces: NDArray[np.float64], out: State) -> Found:
-        return self._shared_out(state, forces, out, first=0)
+    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], out: NDArray[np.float64]) -> Found:
+        steps, count, dt = len(forces), len(self._runs), self.motion.dt
+        threads = max(1, min(self.threads, count // (2 * self._lag)))
+        if threads == 1:
+            return advance(state, out, self._rooms[0], *self._given, forces, dt, KICK, 1, steps, steps, TOGETHER, 0, count)
+        size = max(1, count // threads // (SHARE * self._lag))
+        while len(self._rooms) < 1 + threads:
+            self._rooms.append((aligned_zeros(self._room), aligned_zeros(state.shape)))
+        if self._between is None:
+            self._between = np.zeros_like(out)
+        shares = [*pairwise(count * n // threads for n in range(threads + 1))]
+        found = []
+        for low in range(1, steps + 1, size):
+            high = min(low + size - 1, steps)
+            target = out if (steps - high + size - 1) // size % 2 == 0 else self._between
 
-    def accelerate(self, u: NDArray[np.float64], a: NDArray[np.float64], force: NDArray[np.float64]) -> float:
-        nothing = np.zeros_like(u)
-        return self._shared_out((u, nothing, a), force[None], (u, nothing, a), first=1)[0]
+            def share(room, first, end, state=state, target=target, low=low, high=high):
+                b, work = room
+                found = advance(state, work, b, *self._given, forces, dt, KICK if low == 1 else COPY, low, high, steps, TOGETHER,
+                                first, end)
+                s, e = self._runs[first, 0], self._runs[end - 1, 1]
+                target[..., s:e] = work[..., s:e]
+                return found
 
-    def _shared_out(self, state, forces, out, first):
-        steps = len(forces)
-        levels = steps + 1 - first
-        threads = min(self.threads, levels)
-        size = max(1, min(self._levels_in_cache, -(-levels // threads)))
-        threads = min(threads, -(-levels // size))
-        while len(self._rooms) < threads:
-            self._rooms.append(self._room())
-        counters, found = np.zeros(FAR * levels + threads * size, np.int64), np.zeros((threads, FAR))
-        ends, forces = self._addresses(*state, *out), np.ascontiguousarray(forces)
-        block = self._given.address, ends, _address(forces), steps, first, size, threads, _address(counters), _address(found)
-        tasks = [(*block, thread, room, stride) for thread, (_, room, stride) in enumerate(self._rooms[:threads])]
-        self._together(self._advance.call, tasks, done=counters[: FAR * levels])
-        return tuple((found[0] if threads == 1 else found.max(axis=0))[:3].tolist())
+            found += self._shared(share, [(room, *part) for room, part in zip(self._rooms[1:], shares, strict=False)])
+            state = target
+        return tuple(max(x) for x in zip(*found, strict=True))  # pyright: ignore[reportReturnType]  three of them
 
-    def _addresses(self, *arrays):
-        """The address of the table of their addresses; asking NumPy for each takes as long as a step of a hundred particles."""
-        key = tuple(map(id, arrays))
-        if key not in self._known:
-            self._known = dict([*self._known.items()][-FEW:])
-            self._known[key] = Addresses(*arrays)
-        return self._known[key].address
+    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+        state[2] = 0
+        return advance(state, state, self._rooms[0], *self._given, force[None], 0.0, GO_ON, 1, 1, 1, 1, 0, len(self._runs))[0]
 
-    def _together(self, function, tasks, done=None):
-        """Results of one task for each thread, the first of which is this one."""
+    def _shared(self, function, tasks):
+        """Results of the tasks, the first of which is done by this thread."""
         if len(tasks) > 1 and self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads - 1)
-        try:
-            others = [self._pool.submit(function, *task) for task in tasks[1:]]
-        except RuntimeError:  # no more threads
-            if done is not None:
-                done[:] = np.iinfo(done.dtype).max  # so that those which have begun come to an end
-            raise
+        others = [self._pool.submit(function, *task) for task in tasks[1:]]
         return [function(*tasks[0]), *(other.result() for other in others)]
 
-    @cached_property
-    def _levels_in_cache(self):
-        """Levels that fit into the cache one behind the other."""
-        groups = len(self._bonds.places) if self._grid else 3
-        each = 48 + groups * (32 + (64 if self.layout.own_laws else 0))
-        return max(1, CACHE // (self._reach * RUN * each))
-
-    def _room(self):
-        """Room for the forces of bonds, all that are listed, or a window on those of a grid; its address and that length."""
-        bonds, stride = self._bonds, 1
-        if self._grid:
-            active = bonds.pad + (self._levels_in_cache * self._reach + 2) * RUN
-            whole = bonds.pad + int(bonds.runs[-1, 1])
-            stride = 3 * LINE + min(2 * active, whole + -whole % LINE)
-        room = aligned_zeros((2, bonds.windows * stride))
-        return room, _address(room), stride
-
-    def write(self, *arrays: NDArray[np.float64]) -> None:
-        if self._addressable(*arrays):
-            self._together(write(self.layout.whole).call, self._parts(arrays))
-        else:
-            super().write(*arrays)
-
     def written(self, *arrays: NDArray[np.float64]) -> bool:
-        if self._addressable(*arrays):
-            return all(self._together(written(self.layout.whole).call, self._parts(arrays)))
-        return super().written(*arrays)
-
-    def _addressable(self, u, v, anchors, masses, positions, momenta):
-        """Whether the atoms hold their arrays as ASE makes them: a user may have put others in their place."""
-        return all(x.flags.c_contiguous and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
-
-    def _parts(self, arrays):
-        """Particles shared out to threads."""
-        count, length, given = len(self.layout.slot), self.layout.length, self._addresses(self.layout.slot, *arrays)
-        ends = [count * n // self.threads for n in range(self.threads + 1)]
-        return [(given, s, e, count, length) for s, e in pairwise(ends)]
+        if not _as_ase_makes_them(*arrays):
+            return super().written(*arrays)
+        return written(self._slot, *arrays, np.uint64(0), np.uint64(len(self.layout.slot)))
 
 
-def _aligned(array):
-    copy = aligned_zeros(array.shape)
-    copy[:] = array
-    return copy
+def _as_ase_makes_them(u, v, anchors, masses, positions, momenta):
+    """Whether the atoms hold such arrays: a user may have put others in their place."""
+    return all(x.flags.c_contiguous and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
 
 
-def _by_run(slots, runs, values):
+def _flat(x):
+    """Values of each bond or slot as `at` takes them."""
+    flat = aligned_zeros((1, x.size))
+    flat[0] = x.ravel()
+    return flat
+
+
+def _by_run(slots, order, values):
     """Slots in order, their values, and the first of each run."""
-    order = np.argsort(slots)
-    first = np.searchsorted(slots[order], runs[:, 0])
-    return slots[order], values[order], np.append(first, len(slots))
+    by_slot = np.argsort(slots)
+    first = np.searchsorted(slots[by_slot], order.runs[:, 0])
+    return slots[by_slot].astype(np.uint64), values[by_slot], np.append(first, len(slots))
 
 
 def _grid(layout):
-    runs, behind, groups = [], 0, len(layout.offset)
-    for s, e in layout.runs(gap=GAP, longest=RUN):
-        runs += [(k, min(k + RUN, s), 0, 0) for k in range(behind, s, RUN)] + [(s, e, 0, groups)]
-        behind = e
-    runs = np.array(runs)
-    pad = int(layout.offset.max() + -layout.offset.max() % LINE)
-    needs = np.searchsorted(runs[:, 0], runs[:, 1] + layout.offset.max())
-    R = layout.on_grid(layout.R.T) if layout.each else np.ascontiguousarray(layout.kind_R.T)
-    return Bonds(runs, needs, layout.offset, R, layout.on_grid, pad)
+    runs, highest, groups = layout.runs(gap=GAP, longest=RUN), layout.offset.max(), len(layout.offset)
+    segments = np.column_stack([np.repeat(runs, groups, axis=0), np.tile(np.arange(groups), len(runs))])
+    pad = int(highest + -highest % LINE)
+    stride = pad + layout.length + 3 * LINE  # rows of powers of two would fall onto the same lines of a cache
+    return Order(runs, segments, groups * np.arange(len(runs) + 1), runs[:, 1] + highest, None, None,
+                 tuple(layout.offset.astype(np.uint64)), pad, (2, groups, stride), layout.on_grid,
+                 layout.on_grid(layout.R.T) if layout.each else np.ascontiguousarray(layout.kind_R.T))
 
 
 def _table(layout):
@@ -274,54 +589,14 @@ def _table(layout):
     starts = np.flatnonzero(np.diff(run, prepend=-1) | np.diff(group, prepend=-1))
     segments = np.column_stack([starts, np.append(starts[1:], len(i)), group[starts]])
     s = np.arange(0, layout.length, RUN)
-    within = np.searchsorted(run[starts], np.arange(len(s) + 1))
-    runs = np.column_stack([s, np.minimum(s + RUN, layout.length), within[:-1], within[1:]])
-    needs = np.arange(1, len(s) + 1)
-    np.maximum.at(needs, run, j // RUN + 1)
+    runs = np.column_stack([s, np.minimum(s + RUN, layout.length)])
+    reach = runs[:, 1].copy()
+    np.maximum.at(reach, run, j + 1)
     slots = np.concatenate([j, i])
     by_slot = np.argsort(slots, kind='stable')
     place = np.arange(len(slots)) - np.searchsorted(slots[by_slot], slots[by_slot])  # among the bonds of its slot
-    ends = np.full((place.max(initial=-1) + 1, layout.length), len(slots))
+    ends = np.full((place.max(initial=0) + 1, layout.length), len(slots))  # at first of a bond of no force
     ends[place, slots[by_slot]] = by_slot
-    i, j, ends = (x.astype(np.uint32) for x in (i, j, ends))
-    return Bonds(runs, needs, ends, R.T.copy(), lambda values: _aligned(values[..., order]), segments=segments, i=i, j=j,
-                 listed=len(i))
-
-
-def _shared(layout, law, fitted, along):
-    """Laws of a few kinds, for r0^2 e."""
-    r0 = layout.r0
-    if isinstance(fitted, np.ndarray):
-        c = fitted / r0[:, None] ** (2 + 2 * np.arange(fitted.shape[1]))
-        return Law('polynomial', c.shape[1], law.g, 1 / r0**2, [c])
-    return Law(_name(fitted), 0, law.g, np.ones(len(r0)), _joined(fitted, r0))  # what is reached is no length here
-
-
-def _own(layout, law, fitted, along):
-    """Each bond's law: one times a factor where that is all they differ by."""
-    kind, r0 = layout.kind, layout.r0
-    g, unit = along(law.g[kind]), along(1 / r0[kind] ** 2)
-    if isinstance(fitted, np.ndarray):
-        with np.errstate(divide='ignore', invalid='ignore'):  # of a law that is zero there, as far as numbers go
-            shapes = fitted / fitted[:, :1]
-        if (abs(shapes - shapes[0]) <= SAME_SHAPE * abs(shapes[0])).all():
-            return Law('common polynomial', fitted.shape[1], g, unit, [shapes[:1]], along(fitted[kind, 0]))
-        return Law('own polynomial', fitted.shape[1], g, unit, [along(fitted.T[:, kind])])
-    alone, which, strength = law.shapes
-    every = len(fitted) == len(alone.r0)  # the pieces are those of all laws at strength 1, or else of the first kind
-    factors, which = (strength, which) if every else (law.factors, 0 * which)
-    return Law('own ' + _name(fitted), 0, g, unit, _joined(fitted, np.ones(len(fitted))), along(factors[kind]),
-               along(which[kind].astype(float)).astype(int))
-
-
-def _name(pieces):
-    return 'halved pieces' if any((p.child >= 0).any() for p in pieces) else 'pieces'
-
-
-def _joined(pieces, r0):
-    """The pieces of all kinds, one after the other."""
-    ends = np.cumsum([0, *(len(p.child) for p in pieces)])
-    numbers = np.array([(p.per_increment / r**2, p.low, np.nextafter(p.high, 0)) for p, r in zip(pieces, r0, strict=True)])
-    places = np.array([(p.first, root) for p, root in zip(pieces, ends, strict=False)])
-    c = np.concatenate([p.coefficients / r**2 for p, r in zip(pieces, r0, strict=True)])
-    return numbers, places, c, np.concatenate([p.child for p in pieces]), np.concatenate([p.centre for p in pieces])
+    near, far, ends = (x.astype(np.uint32) for x in (i, j, ends))
+    return Order(runs, segments, np.searchsorted(run[starts], np.arange(len(s) + 1)), reach, near, far, tuple(ends), 0,
+                 (2, 1, 2 * len(i) + 1), lambda values: np.ascontiguousarray(values[..., order]), R.T)

@@ -7,8 +7,8 @@ neighbouring halves merge, so that inside a block a step is, with the decay d = 
 
 for v half a step behind u; a block starts with `v <- d v + dt/2 a` and ends with `v <- d (v + dt/2 a)`.
 
-Displacements u, velocities v and accelerations a have the shape (2, slots) of a `Layout`.  The mobility 1/m is zero
-for particles that are held, so that F may be anything there.
+A state holds displacements u, velocities v and accelerations a of the slots of a `Layout`, shape (3, 2, slots).  The mobility
+1/m is zero for particles that are held, so that F may be anything there.
 """
 
 from __future__ import annotations
@@ -25,14 +25,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..stiffness.sites import Foundation
-    from .bond_increments import Increments
-    from .law_pieces import Pieces
+    from .bond_increments import Increments, Pieces
     from .memory_layout import Layout
 
-    State = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-    """Displacements, velocities and accelerations of the slots, each of the shape (2, slots)."""
-    Found = tuple[float, float, float]
-    """The largest increment |e| that any bond has had, and the largest components of displacement (mm) and velocity (mm/ms)."""
+    Found = tuple[bool, float, float]
+    """Whether any bond was beyond the reach of the law, and the largest components of displacement (mm) and velocity (mm/ms)."""
 
 RUN = 8192
 """Number of slots processed at a time: large enough for NumPy's overhead, small enough for the second-level cache."""
@@ -83,6 +80,8 @@ class Kernel:
     motion : Motion
     coefficients : ndarray, shape (kinds, coefficients), or list of Pieces, or None
         Of the polynomials in the increment; pieces for `CompiledKernel` only; None to evaluate the law itself.
+    reach : float
+        Largest increment |e| for which the polynomials stand.
     threads : int
         For `CompiledKernel` only.
     """
@@ -90,8 +89,8 @@ class Kernel:
     engine = 'numpy'
 
     def __init__(self, layout: Layout, increments: Increments, motion: Motion,
-                 coefficients: NDArray[np.float64] | list[Pieces] | None, threads: int = 1) -> None:
-        self.layout, self.increments, self.motion, self.threads = layout, increments, motion, threads
+                 coefficients: NDArray[np.float64] | list[Pieces] | None, reach: float, threads: int = 1) -> None:
+        self.layout, self.increments, self.motion, self.reach, self.threads = layout, increments, motion, reach, threads
         d, h = motion.decay, motion.dt / 2
         self.carry, self.push = d**2, (1 + d**2) * h * motion.mobility
         self.forget = np.zeros_like(d)
@@ -104,14 +103,14 @@ class Kernel:
         self.scratch = np.empty((2, max(RUN, layout.length if self.forces.whole else 0)))
 
     @np.errstate(over='ignore', invalid='ignore')  # a run that goes wrong is noticed by its end
-    def advance(self, state: State, forces: NDArray[np.float64], out: State) -> Found:
+    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], out: NDArray[np.float64]) -> Found:
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
-        Returns the largest increment |e| that any bond has had on the way, and the largest components in the end.
+        Returns whether any bond has been beyond the reach of the law on the way, and the largest components in the end.
 
         Parameters
         ----------
-        state, out : tuple of three ndarrays, shape (2, slots)
+        state, out : ndarray, shape (3, 2, slots)
         forces : ndarray, shape (steps, driven, 2)
             External forces at the end of each step.
         """
@@ -119,17 +118,18 @@ class Kernel:
         (u0, v0, a0), d, dt = state, self.motion.decay, self.motion.dt
         v[:] = d * v0 + dt / 2 * a0
         u[:] = u0 + dt * v
-        strain = self._steps(u, v, forces[:-1], self.carry, self.push, dt)
-        strain = np.maximum(strain, self.accelerate(u, a, forces[-1]))
+        beyond = self._steps(u, v, forces[:-1], self.carry, self.push, dt)
+        beyond |= self.accelerate(out, forces[-1])
         v += dt / 2 * a
         v *= d
-        return strain, largest(u), largest(v)
+        return beyond, largest(u), largest(v)
 
-    def accelerate(self, u: NDArray[np.float64], a: NDArray[np.float64], force: NDArray[np.float64]) -> float:
-        """Fill `a` with the accelerations at `u`: what a step that takes no time would leave as velocities.
+    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+        """Fill in the accelerations: what a step that takes no time would leave as velocities.
 
-        Returns the largest increment.
+        Returns whether any bond is beyond the reach of the law.
         """
+        u, _, a = state
         a[:] = 0
         return self._steps(u, a, force[None], self.forget, self.motion.mobility, 0.0)
 
@@ -157,7 +157,7 @@ class Kernel:
                 away = np.einsum('gxy,yg->xg', m.barred, v[:, m.guided])
                 v[:, m.guided] -= away
                 u[:, m.guided] -= dt * away
-        return self.forces.strain
+        return not self.forces.strain <= self.reach
 
     def write(self, u: NDArray[np.float64], v: NDArray[np.float64], anchors: NDArray[np.float64], masses: NDArray[np.float64],
               positions: NDArray[np.float64], momenta: NDArray[np.float64]) -> None:

@@ -139,7 +139,7 @@ class Layout:
     def scatter(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values of the slots, shape (..., length), zero in empty ones, from those of the particles, shape (particles, ...)."""
         slots = aligned_zeros((*values.shape[1:], self.length))
-        slots[..., self.slot] = values.T
+        slots[..., self.slot] = np.moveaxis(values, 0, -1)
         return slots
 
 

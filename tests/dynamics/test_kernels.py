@@ -9,10 +9,9 @@ from oracles import LAWS
 
 from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, Tabulated, Yukawa, lattices
 from magphonon.dynamics import memory_layout
-from magphonon.dynamics.bond_increments import RANGES, TOLERANCE, Increments
+from magphonon.dynamics.bond_increments import DEGREE, RANGES, TOLERANCE, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
 from magphonon.dynamics.engine import PIECES, Blocks
-from magphonon.dynamics.law_pieces import DEGREE, octave_piece, pieces
 from magphonon.dynamics.memory_layout import arrange
 from magphonon.dynamics.verlet import threads_for
 from magphonon.interactions.bond_laws import labels
@@ -359,14 +358,15 @@ def test_a_law_that_is_noise_is_left_to_numpy_and_the_engine_says_so():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['free vacancies on a grid', 'many runs on a grid', 'many runs of a table'])
-def test_threads_and_chunks_of_levels_leave_every_bit_as_it_is(name, monkeypatch):
+def test_threads_and_steps_that_go_together_leave_every_bit_as_it_is(name, monkeypatch):
     pytest.importorskip('numba')
     from magphonon.dynamics import kernels_numba
 
     monkeypatch.setattr(kernels_numba, 'RUN', 64)  # 90 runs in the large ones
 
-    def run(threads, cache, amplitude=0.01):
-        monkeypatch.setattr(kernels_numba, 'CACHE', cache)
+    def run(threads, together, share, amplitude=0.01):
+        monkeypatch.setattr(kernels_numba, 'TOGETHER', together)
+        monkeypatch.setattr(kernels_numba, 'SHARE', share)
         atoms = STRUCTURES[name].copy()
         atoms.calc = MagneticRepulsion(atoms, LAW, foundation=40.0)
         drives = [Harmonic(np.arange(len(atoms))[:: len(atoms) // 9], (1, 2), amplitude, 0.5)]
@@ -377,11 +377,11 @@ def test_threads_and_chunks_of_levels_leave_every_bit_as_it_is(name, monkeypatch
         assert dyn.engine == 'compiled'
         return dyn.displacements, dyn.velocities, atoms.positions
 
-    expected = run(1, 2**40)  # all levels of a block in one chunk
+    expected = run(1, 1, 8)  # one step after the other
     assert abs(expected[0]).max() > 1e-6
-    for threads, cache in ((1, 0), (2, 2**40), (2, 0), (3, 2**17), (5, 0)):  # 0: each level by itself
-        assert all(np.array_equal(x, y) for x, y in zip(run(threads, cache), expected, strict=True))
-    assert not np.array_equal(run(2, 0, 0.0100001)[0], expected[0])  # the control
+    for threads, together, share in ((1, 3, 8), (1, 40, 8), (2, 1, 8), (2, 3, 1), (3, 2, 2), (5, 3, 8)):
+        assert all(np.array_equal(x, y) for x, y in zip(run(threads, together, share), expected, strict=True))
+    assert not np.array_equal(run(2, 3, 8, 0.0100001)[0], expected[0])  # the control
 
 
 def test_threads_are_a_whole_number_and_one_by_default_in_small_patches(monkeypatch):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from magphonon import DrivenVerlet, MagneticRepulsion, Tabulated, lattices
-from magphonon.dynamics.bond_increments import Increments
+from magphonon.dynamics.bond_increments import DEGREE, SMALL, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
-from magphonon.dynamics.law_pieces import DEGREE, SMALL, octave_piece, pieces
 
 REST = 10.0
 
