@@ -4,7 +4,7 @@ The paper's magnets on a triangular patch with a held rim, undriven, through `Dr
 ten steps: ASE's loop with a plain standard calculator, magphonon's three engines, and LAMMPS where it is installed.
 All run in turns, the least of several rounds counts.  The error is that of the displacements after 100 steps, by the
 largest one; the reference is the NumPy kernel with the law itself instead of polynomials.  Before that, what one core may do at
-best, and where the time of a compiled step goes.
+best.
 
 Targets on one core: compiled blocks on a patch 10 times as fast as LAMMPS from 10 000 particles on and 5 times at 1000,
 NumPy blocks twice from 10 000 on; on any topology compiled twice from 10 000 on; compiled at 1000 particles 50 times as
@@ -175,7 +175,7 @@ def roofline():
     """Print bandwidth of memory and rate of multiply-adds of one core; operations per second."""
     from numba import njit
 
-    from magphonon.dynamics.intrinsics import vectorise
+    from magphonon.dynamics.kernels_numba import vectorise
 
     @njit(fastmath={'contract'}, error_model='numpy')
     def multiply_add(x, rounds):
@@ -205,19 +205,9 @@ def roofline():
     return 1e9 * rate
 
 
-def running(n, every):
-    """Compiled blocks of a patch on one thread, after some steps, with an observer."""
-    dyn = DrivenVerlet(moving(*patch(n)), DT, engine='compiled', threads=1)
-    dyn.attach(lambda: None, every)
-    dyn.run(100)
-    return dyn
-
-
 if __name__ == '__main__':
     sizes = [round(float(count) ** 0.5) for count in sys.argv[1:]] or SIZES
-    rate = roofline()
-    for n in (n for n in sizes if n >= 100):
-        print_parts(lambda every, n=n: running(n, every), rate)
+    roofline()
     for n in sizes:
         measure('patch', patch, n, ('ase', 'numpy', 'compiled'))
         if n * n >= 1000:

@@ -1,12 +1,14 @@
-"""The state of a run between two reads of the atoms: displacements and velocities to full precision, advanced by a kernel.
+"""Blocks of steps between two reads of the atoms: displacements and velocities to full precision, advanced by a kernel.
 
-The longest stable time step of velocity Verlet, 2/omega_max.
+A step that is longer than 2/omega_max, the limit of velocity Verlet, is refused beforehand.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING
+from warnings import warn
 
 import numpy as np
 from scipy import sparse
@@ -145,6 +147,18 @@ def refusal(atoms: Atoms) -> str | None:
     except ValueError as error:
         return str(error)
     return None
+
+
+@cache
+def can_compile() -> bool:
+    """Whether the compiled kernel can be loaded; with a warning, once, where the numba that is installed does not serve."""
+    try:
+        from . import kernels_numba  # noqa: F401
+    except Exception as error:  # what a numba of another version raises
+        warn(f'compiled steps cannot be loaded with the numba that is installed ({error!r}); long runs go on in NumPy, which '
+             "takes several times as long: pip install -U 'magphonon[fast]'", stacklevel=4)
+        return False
+    return True
 
 
 class Blocks:

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic, overload
 
-from .bond_increments import DEGREE, RANGES, SHIFT
+from .bond_increments import RANGES, SHIFT
 from .kernels_numpy import Kernel
 from .memory_layout import LINE, aligned_zeros
 
@@ -91,7 +91,7 @@ def _unrolled(arguments, expression):
 
 
 def at(x, kind, i):
-    """x of a kind of bonds, shape (kinds,), or of bond i, shape (1, bonds); 1 where there is none."""
+    """X of a kind of bonds, shape (kinds,), or of bond i, shape (1, bonds); 1 where there is none."""
 
 
 @overload(at)
@@ -254,9 +254,12 @@ def pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
 @overload(pull)
 def _pull(state, b, bonds, law, near, far, places, pad, kind, s, e):
     if isinstance(near, types.NoneType):
-        return lambda state, b, bonds, law, near, far, places, pad, kind, s, e: grid_pull(state, b, bonds, law, places[kind], pad,
-                                                                                          kind, s, e)
-    return lambda state, b, bonds, law, near, far, places, pad, kind, s, e: table_pull(state, b, bonds, law, near, far, kind, s, e)
+        def choose(state, b, bonds, law, near, far, places, pad, kind, s, e):
+            return grid_pull(state, b, bonds, law, places[kind], pad, kind, s, e)
+    else:
+        def choose(state, b, bonds, law, near, far, places, pad, kind, s, e):
+            return table_pull(state, b, bonds, law, near, far, kind, s, e)
+    return choose
 
 
 def total(b, x, places, pad, i):
@@ -378,7 +381,7 @@ def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near
                     i, k, kind = segments[j, 0], segments[j, 1], segments[j, 2]
                     out = pull(work, b, bonds, law, near, far, places, pad, kind, i, k)
                     if wider is not None:
-                        if out:  # noqa: SIM102  numba leaves out what follows a test for None alone
+                        if out:  # numba leaves out what follows a test for None alone
                             out = pull(work, b, bonds, wider, near, far, places, pad, kind, i, k)
                     wide |= out
                 v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY, dt)

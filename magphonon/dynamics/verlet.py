@@ -27,7 +27,7 @@ from ..errors import finite, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
-from .engine import Blocks, refusal, refuse_long_step
+from .engine import Blocks, can_compile, refusal, refuse_long_step
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -209,7 +209,7 @@ class DrivenVerlet(VelocityVerlet):
     def irun(self, steps: int = 50) -> Iterator[bool]:
         """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most."""
         self.max_steps = self.nsteps + steps
-        long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None
+        long = len(self.atoms) * steps >= COMPILING_PAYS and find_spec('numba') is not None and can_compile()
         self._prepare(long)
         if self.nsteps == 0:
             self.log()

@@ -85,7 +85,7 @@ def _duration(seconds):
 ALL = 'all'
 """Value of `shells` for a method that sums over all neighbours."""
 LAW_COST = 16
-"""Number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.compiled_bonds`."""
+"""Number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.kernels_numba`."""
 EIGENSOLVE = 10
 """Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size: about 9 by the QR
 algorithm (Golub and Van Loan, Matrix Computations, Sec. 8.3)."""

@@ -136,3 +136,37 @@ def test_a_killed_run_goes_on_from_its_trajectory(engine, tmp_path):
     late = driven(restored(frames[-1]))  # the control: without its clock the drive begins anew
     late.run(140)
     assert abs(late.displacements - whole.displacements).max() > 1e-3 * abs(whole.displacements).max()
+
+
+def test_with_a_numba_that_does_not_serve_long_runs_go_on_in_numpy_with_one_warning(monkeypatch):
+    numba = pytest.importorskip('numba')
+    from magphonon.dynamics import engine
+
+    monkeypatch.setattr('magphonon.dynamics.verlet.COMPILING_PAYS', 0)
+    monkeypatch.delitem(sys.modules, 'magphonon.dynamics.kernels_numba', raising=False)
+    monkeypatch.delattr('magphonon.dynamics.kernels_numba', raising=False)
+    monkeypatch.delattr(numba.extending, 'overload')
+    engine.can_compile.cache_clear()
+    dyn = DrivenVerlet(patch(speed=0.01), DT)
+    with pytest.warns(UserWarning, match='compiled steps cannot be loaded .*overload'):
+        dyn.run(3)
+    dyn.run(3)  # warnings are errors
+    assert dyn.engine == 'numpy'
+    monkeypatch.undo()
+    engine.can_compile.cache_clear()
+
+
+def test_without_hints_for_vector_units_steps_are_compiled_all_the_same(monkeypatch):
+    numba = pytest.importorskip('numba')
+    from magphonon.dynamics import kernels_numba
+
+    vectorise = kernels_numba.vectorise
+
+    @numba.njit
+    def doubled(x):
+        vectorise()
+        return 2 * x
+
+    monkeypatch.setattr(kernels_numba, 'set', None, raising=False)  # as if attributes of a function were no set any more
+    with pytest.warns(UserWarning, match='no hints for vector units'):
+        assert (doubled(np.ones(3)) == 2).all()
