@@ -15,7 +15,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from ase.calculators.calculator import all_changes
 from ase.geometry import find_mic
 
 from ..errors import one_of, positive
@@ -166,12 +165,11 @@ class AllNeighbours(Repulsion):
         u = find_mic(from_reference(self, atoms), atoms.cell, atoms.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
         return u[:, : self.dim]
 
-    def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
-        super().calculate(atoms, properties, system_changes)
-        k, u, n = self.foundation, self.displacements(self.atoms), len(self.atoms)
+    def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
+        k, u, n = self.foundation, self.displacements(atoms), len(atoms)
         if self.dim == 2:
-            refuse_motion_out_of_the_plane(self, self.atoms)
-        flat = self.atoms.copy()
+            refuse_motion_out_of_the_plane(self, atoms)
+        flat = atoms.copy()
         flat.positions[:, self.dim :] = self.reference.positions[:, self.dim :]  # no force acts along z
         bonds = bonds_within(flat, self.sums.radius)
         x = bonds.vectors[:, : self.dim]
@@ -179,7 +177,7 @@ class AllNeighbours(Repulsion):
         phi, slope = s[bonds.i] * s[bonds.j] * self.sums.near_energy(bonds.lengths)
         pull = slope[:, None] * x  # grad phi, the force on i, and its opposite on j
         i, j = np.triu_indices(n)
-        far, gradient = self.sums.far_energy((self.atoms.positions[j] - self.atoms.positions[i])[:, : self.dim])
+        far, gradient = self.sums.far_energy((atoms.positions[j] - atoms.positions[i])[:, : self.dim])
         far, gradient = s[i] * s[j] * far, (s[i] * s[j])[:, None] * gradient
         energy = (phi.sum() + far @ np.where(i == j, 0.5, 1.0)
                   - (s**2).sum() / 2 * self.sums.wide_at_zero() + (k * u**2).sum() / 2)
@@ -188,7 +186,7 @@ class AllNeighbours(Repulsion):
         for ends, pulls in (((bonds.i, bonds.j), pull), ((i, j), gradient)):
             np.add.at(forces[:, : self.dim], ends[0], pulls)
             np.add.at(forces[:, : self.dim], ends[1], -pulls)
-        self.results = {'energy': energy, 'free_energy': energy, 'forces': forces}
+        return {'energy': energy, 'free_energy': energy, 'forces': forces}
 
     def _offsets(self):
         """Vectors from particle i to j in the cell, shape (particles * particles, dim)."""

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from ase.calculators.calculator import PropertyNotImplementedError, all_changes
+from ase.calculators.calculator import PropertyNotImplementedError
 from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
@@ -258,18 +258,16 @@ class MagneticRepulsion(Repulsion):
             raise PropertyNotImplementedError(NO_STRESS)
         return super().get_property(name, atoms, allow_calculation)
 
-    def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
-        super().calculate(atoms, properties, system_changes)
-        here = self if same_cell(self, self.atoms) else self.about(self.atoms)
-        u = here.displacements(self.atoms)
+    def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
+        here = self if same_cell(self, atoms) else self.about(atoms)
+        u = here.displacements(atoms)
         if self.dim == 2:
-            refuse_motion_out_of_the_plane(here, self.atoms)
+            refuse_motion_out_of_the_plane(here, atoms)
         energy, gradient = here._repulsion(u)
         forces, energies = np.zeros((len(u), 3)), here._energies(u, energy - self._rest[3])
         forces[:, : self.dim] = here._forces(u, gradient)
-        self.results = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
-        if 'stress' in properties:
-            self.results['stress'] = stress_per_volume(self, self.atoms)
+        found = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
+        return found | {'stress': stress_per_volume(self, atoms)} if 'stress' in properties else found
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
         """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions.

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from ase.calculators.calculator import all_changes
 
 from ..errors import positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
+from .supercells import fitted
 
 if TYPE_CHECKING:
     from typing import Any
@@ -58,6 +61,24 @@ class Repulsion(Restartable):
     bloch_models: Any
     _laws: Any
     _strengths: NDArray[np.float64]
+
+    def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
+        """Energy, forces and what else of `properties` is asked for, of the reference displaced or strained, by name."""
+        raise NotImplementedError
+
+    def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
+        super().calculate(atoms, properties, system_changes)
+        calc, atoms = fitted(self, self.atoms)  # of the reference, or of a supercell of it in any order
+        self.results = calc.answers(atoms, properties)
+
+    @cached_property
+    def supercells(self) -> list[Any]:
+        """The calculators on supercells to which this one was given, the last ones first."""
+        return []
+
+    def set(self, **parameters: Any) -> dict[str, Any]:
+        self.supercells.clear()
+        return super().set(**parameters)
 
     @property
     def laws(self) -> Any:

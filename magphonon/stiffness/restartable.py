@@ -31,7 +31,7 @@ class Shared(Calculator):
     """An ASE calculator that several threads may use at once.
 
     A lock prevents other threads from calculating between a calculation and the copy of its results.  Each copy of the
-    calculator has its own lock.
+    calculator has its own lock, and none takes the supercells along to which this one was given.
     """
 
     atoms: Any  # of ASE, which declares them as None
@@ -41,7 +41,7 @@ class Shared(Calculator):
         return RLock()
 
     def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name != '_lock'}
+        return {name: value for name, value in vars(self).items() if name not in ('_lock', 'supercells')}
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
         with self._lock:

@@ -1,8 +1,8 @@
 """Supercells of others: which site of the lattice each particle is, in any order, displaced, wrapped into the cell or not.
 
-Tools of phonons give the calculator of a cell to displaced supercells whose particles are in an order of their own, without masses,
-tags and constraints.  A cell that is a whole multiple T of the reference, with as many times as many particles, is such a supercell:
-each particle is matched to the site nearest to it, one to one.
+Tools of phonons give the calculator of a cell to displaced supercells whose particles are in an order of their own, without
+masses, tags and constraints.  A cell that is a whole multiple T of the reference, with as many times as many particles, is such a
+supercell: each particle is matched to the site nearest to it, one to one.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
     ValueError
         If the cell is no whole multiple, a particle is more than half a bond from every site, or two are at one site.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     reference, n = calc.reference, len(calc.reference)
     T = whole_multiple(reference, atoms)
     if T is None:
-        raise ValueError(f'the calculator was made for {n} particles, not {len(atoms)} in a cell that is no whole multiple of its own '
-                         'along its periodic directions; make one for this structure')
+        raise ValueError(f'the calculator was made for {n} particles, not {len(atoms)} in a cell that is no whole multiple of '
+                         'its own along its periodic directions; make one for this structure')
     cell = reference.cell.array
     inverse = np.linalg.inv(cell)
     at = atoms.cell.scaled_positions(atoms.positions) @ T  # in the vectors of the reference, without strain
@@ -61,19 +61,19 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
     sites = reference.positions - home @ cell
     images = np.indices((3, 3, 3)).reshape(3, -1).T - 1
     inside = np.floor(at).astype(int)
-    away, found = cKDTree((sites + (images @ cell)[:, None]).reshape(-1, 3)).query((at - inside) @ cell)
+    away, found = KDTree((sites + (images @ cell)[:, None]).reshape(-1, 3)).query((at - inside) @ cell)
     bond = calc.bonds.lengths.min()
     for k in np.flatnonzero(~(away <= NEAR * bond))[:1]:
-        raise ValueError(f'particle {k} is {away[k]:.4g} mm from the nearest site of the calculator\'s lattice, more than half the '
-                         f'shortest bond of {bond:.4g} mm, so that its site cannot be told; use calculator.on(supercell) with the '
+        raise ValueError(f'particle {k} is {away[k]:.4g} mm from the nearest site of the lattice, more than half the shortest '
+                         f'bond of {bond:.4g} mm, so that its site cannot be told; use calculator.on(supercell) with the '
                          'particles in their places')
     site, period = found % n, inside + images[found // n]
     within = period - np.floor(period @ np.linalg.inv(T) + 1e-9).astype(int) @ T  # of the supercell
     one, which, count = np.unique(np.column_stack([site, within]), axis=0, return_inverse=True, return_counts=True)
     if len(one) < len(atoms):
         first, second = np.flatnonzero(which.ravel() == count.argmax())[:2]
-        raise ValueError(f'the particles {first} and {second} are at one site of the lattice, and another site is empty; a supercell '
-                         'has one particle at each')
+        raise ValueError(f'the particles {first} and {second} are at one site of the lattice, and another site is empty; a '
+                         'supercell has one particle at each')
     placed = atoms.copy()
     placed.set_constraint()
     placed.set_cell(T @ cell)
@@ -85,12 +85,13 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     """The calculator for `atoms` and these with its periodicity: `calc` itself, or one for the supercell that they are."""
     own = calc.reference
-    if (len(atoms) == len(own) and np.array_equal(atoms.pbc, own.pbc)) or whole_multiple(own, atoms) is None:
-        return calc, atoms  # refused there, if they differ
+    T = whole_multiple(own, atoms)
+    if T is None or len(atoms) == len(own) or not (atoms.pbc >= own.pbc).all():
+        return calc, atoms  # which refuses what differs
     atoms = atoms.copy()
     atoms.pbc = own.pbc
     for on in calc.supercells:
-        if len(on.reference) == len(atoms) and np.array_equal(on.reference.cell.array, whole_multiple(own, atoms) @ own.cell.array):
+        if np.array_equal(on.reference.cell.array, T @ own.cell.array):
             here = atoms.copy()
             here.set_cell(on.reference.cell, scale_atoms=True)
             u = on.displacements(here)

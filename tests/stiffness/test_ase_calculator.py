@@ -116,15 +116,6 @@ def test_written_and_read_again(tmp_path, name):
     assert back.get_potential_energy() == pytest.approx(energy, rel=1e-8)
 
 
-def test_repeated_atoms_need_a_calculator_of_their_own():
-    atoms = triangular_patch()
-    twice = atoms.repeat((2, 1, 1))
-    assert twice.calc is None
-    twice.calc = atoms.calc
-    with pytest.raises(ValueError, match=r'made for 12 particles, not 24.*calculator\.on\(supercell\)'):
-        twice.get_forces()
-
-
 def test_another_cell_is_refused():
     atoms = triangular_patch(foundation=0.02)  # whose anchors do not know whether they follow
     atoms.set_cell(atoms.cell * 1.01, scale_atoms=True)

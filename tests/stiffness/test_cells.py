@@ -169,8 +169,6 @@ def test_what_does_not_follow_a_cell_is_refused():
         if words:
             with pytest.raises(ValueError, match=words):
                 atoms.get_forces()
-    with pytest.raises(ValueError, match='made for 1 particles, not 4'):
-        free = atoms.calc.get_forces(atoms.repeat((2, 2, 1)))
 
 
 def test_repulsion_without_a_pressure_and_a_height_that_changes():

@@ -1,4 +1,4 @@
-"""A calculator answers for supercells of others: any order, oblique, displaced, wrapped, without masses and tags; and refuses the rest."""
+"""A calculator answers for the supercells of others, oblique, displaced, in any order and image, and refuses the rest."""
 
 import pickle
 
@@ -8,7 +8,7 @@ from ase import Atoms
 from ase.build import make_supercell
 from numpy.testing import assert_allclose
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, Yukawa, lattices
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, Yukawa, analytic_bands, lattices
 
 LAW = InversePower(1.0, 4.0)
 CELLS = {'chain': lambda: lattices.chain(1.0, 1.0), 'square': lambda: lattices.square(1.0, 1.0),
@@ -23,19 +23,17 @@ def drawn(rng, name):
     cell.set_masses(rng.uniform(0.5, 2, n))
     cell.set_tags(rng.integers(0, 2, n))
     laws = {(0, 0): LAW, (0, 1): InversePower(1.3, 3.0), (1, 1): Yukawa(1.0, 0.8)}
-    cell.positions += rng.uniform(-30, 30, 3) * cell.pbc @ cell.cell.array * 0  # sites stay; their cell may be any
     load = np.zeros((n, 3))
     load[:, :dim] = rng.normal(scale=0.02, size=(n, dim))
     anchors = cell.positions.copy()
     anchors[:, :dim] += rng.normal(scale=0.02, size=(n, dim))
-    cell.calc = MagneticRepulsion(cell, laws, foundation=rng.uniform(4, 8, (n, dim)), strengths=rng.uniform(0.8, 1.2, n), load=load,
-                                  anchors=anchors, shells=int(rng.integers(1, 3)))
+    cell.calc = MagneticRepulsion(cell, laws, foundation=rng.uniform(4, 8, (n, dim)), strengths=rng.uniform(0.8, 1.2, n),
+                                  load=load, anchors=anchors, shells=int(rng.integers(1, 3)))
     periods = np.flatnonzero(cell.pbc)
     T = np.eye(3, dtype=int)
-    while True:
-        T[np.ix_(periods, periods)] = rng.integers(-2, 5, (len(periods), len(periods)))
-        if 5 <= np.linalg.det(T) <= 30 and abs(np.linalg.norm((T @ cell.cell.array)[periods], axis=1)).min() > 2.5:
-            return cell, T
+    while not 4 <= np.linalg.det(T) <= 30:
+        T[np.ix_(periods, periods)] = rng.integers(-2, 6, (len(periods), len(periods)))
+    return cell, T
 
 
 def disguised(rng, big, cell):
@@ -146,5 +144,41 @@ def test_half_a_bond_is_the_border(distance):
     if distance < 0.5:
         assert np.isfinite(big.get_forces()).all()
     else:
-        with pytest.raises(ValueError, match='at one site|half the shortest'):
+        with pytest.raises(ValueError, match=r'at one site|half the shortest'):
             big.get_forces()
+
+
+@pytest.mark.parametrize('name', ['triangular', 'honeycomb'])
+def test_phonons_of_ase_and_phonopy_take_the_calculator_of_the_cell(name, tmp_path):
+    """As their users do: the cell's calculator, nothing else; ASE's default sum rule would erase the foundation."""
+    from ase.phonons import Phonons
+    from phonopy import Phonopy
+    from phonopy.structure.atoms import PhonopyAtoms
+
+    cell = CELLS[name]()
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=6.0)
+    q = np.array([[0.3, 0.1, 0.0], [0.5, 0.0, 0.0]])
+    expected = analytic_bands(cell, cell.cell.bandpath(special_points={'A': q[0], 'B': q[1]}, path='AB', npoints=2,
+                                                       pbc=cell.pbc)).omega**2
+
+    phonons = Phonons(cell, cell.calc, supercell=(4, 4, 1), delta=1e-4, name=str(tmp_path / 'p'))
+    phonons.run()
+    phonons.read(method='standard', acoustic=False)
+    planar = [3 * k + x for k in range(len(cell)) for x in range(2)]
+    of_ase = [np.linalg.eigvalsh(phonons.compute_dynamical_matrix(k, phonons.D_N)[np.ix_(planar, planar)]) for k in q]
+    assert_allclose(of_ase, expected, rtol=1e-6)
+
+    phonon = Phonopy(PhonopyAtoms(symbols=cell.get_chemical_symbols(), cell=cell.cell.array, positions=cell.positions,
+                                  masses=cell.get_masses()), np.diag([4, 4, 1]), primitive_matrix='P', is_symmetry=False)
+    phonon.generate_displacements(distance=1e-4, is_plusminus=True, is_diagonal=False)
+    forces = []
+    for moved in phonon.supercells_with_displacements:
+        atoms = Atoms(moved.symbols, positions=moved.positions, cell=moved.cell, pbc=True, calculator=cell.calc)
+        if abs(atoms.positions[:, 2] - cell.positions[0, 2]).max() > 0:  # phonopy moves particles out of the plane too
+            atoms.positions[:, 2] = cell.positions[0, 2]
+        forces.append(atoms.get_forces())
+    phonon.forces = forces
+    phonon.produce_force_constants()
+    matrices = phonon.run_qpoints(q, with_dynamical_matrices=True).dynamical_matrices
+    found = [np.linalg.eigvalsh(matrix[np.ix_(planar, planar)]) for matrix in matrices]
+    assert_allclose(found, expected, rtol=1e-6)
