@@ -224,6 +224,17 @@ def test_columns_without_numbers_are_refused_in_words(rows, message, tmp_path):
         read_scan(tmp_path / 'scan.csv')
 
 
+@pytest.mark.parametrize(('u', 'fine'), [('1e300', False), ('1e-300', False), ('2e3', False), ('0', True), ('1e-12', True)])
+def test_motions_that_no_lattice_makes(u, fine, tmp_path):
+    """Their squares, the power on a map, are infinite or zero."""
+    (tmp_path / 'scan.csv').write_text('time_s,particle,u_x_m\n' + ''.join(f'{0.001 * k},7,{u}\n' for k in range(4)))
+    if fine:
+        assert read_scan(tmp_path / 'scan.csv').motions['x'].shape == (4, 1)
+        return
+    with pytest.raises(ValueError, match='none of a lattice; check the unit in the header and the exponents'):
+        read_scan(tmp_path / 'scan.csv')
+
+
 def test_a_component_that_does_not_move_at_all_may_lack_samples(tmp_path):
     rng, n, t = np.random.default_rng(1), np.arange(8), np.arange(300.0)[:, None]
     truth = np.sin(0.3 * t - 0.9 * n) * np.exp(-(((t - 120 - 8 * n) / 40) ** 2))
