@@ -171,7 +171,7 @@ def test_letters_that_the_terminal_lacks(tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists('/dev/full'), reason='a system without such files')
 def test_a_report_that_cannot_be_shown_has_a_status_of_its_own(tmp_path):
-    (tmp_path / 'law.csv').write_text('r_mm,f_N\n1,16\n2,8\n4,4\n8,2\n16,1\n')
+    (tmp_path / 'law.csv').write_text('r_mm,f_N\n' + '\n'.join(f'{r},{2e4 * r**-4}' for r in range(8, 18)) + '\n')
     fit = ('fit', tmp_path / 'law.csv', '-o', tmp_path / 'out')
     for arguments, written in ((('scene', 'chain'), ''), (fit, '; the results are written')):
         with open('/dev/full', 'w') as full:

@@ -227,7 +227,7 @@ def test_each_command_says_which_names_its_results_have(tmp_path):
     from magphonon.cli import bands, burst, dos, fit, frf, modes, plan, sweep, uncertainty
 
     forces = tmp_path / 'forces.csv'
-    forces.write_text('r_m,f_N\n' + '\n'.join(f'{r},{1e-8 * r**-4}' for r in (0.008, 0.009, 0.01, 0.012, 0.014)))
+    forces.write_text('r_mm,f_N\n' + '\n'.join(f'{r},{2e4 * r**-4}' for r in range(8, 18)) + '\n')
     runs = {bands: 'bands chain --pdf', dos: 'dos chain', modes: 'modes vacancy --animate 2', frf: 'frf oscillator',
             plan: 'plan chain --run', uncertainty: 'uncertainty oscillator', fit: f'fit {forces}',
             burst: 'burst square', sweep: 'sweep chain --over law.a=3,4 --ask stability.needed --executor here'}
