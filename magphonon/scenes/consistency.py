@@ -31,8 +31,6 @@ DENSITIES_kg_per_m3 = 500, 5e5
 holder."""
 DENSEST_kg_per_m3 = 5e4
 """Mass of a particle over the cube of the spacing above which a unit is probably wrong; osmium has 2.3e4."""
-MOST_OVERLAP = 0.2
-"""Overlap of spheres as a share of their diameter, beyond which no sphere is round any more."""
 LEAST_SHARE = 1e-12
 """Smallest stiffness of the repulsion, as a fraction of the foundation; a smaller one is lost in the round-off of the
 foundation."""
@@ -68,9 +66,7 @@ def check(scene: Scene) -> None:
     if isinstance(scene.law.shells, int) and scene.law.shells > MOST_SHELLS:
         raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
                          f"use '{ALL}', the sum over all neighbours")
-    with warnings.catch_warnings():
-        warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N')  # refused by its keys instead
-        calc: Any = scene.perfect_cell().calc
+    calc: Any = scene.perfect_cell().calc
     if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
         _scale(scene, calc)
     faults = []
@@ -268,16 +264,11 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
 
 
 def _touching(scene: Scene, calc: Repulsion) -> None:
-    """Refuse spheres that do not touch, or overlap by more than the slight contact of Hertz's law."""
+    """Refuse particles that do not repel, as spheres that do not touch."""
     spheres = scene.law if isinstance(scene.law, HertzLaw) else None
     if not calc.law.dphi(calc.bonds.lengths).any():
         mend = '' if spheres is None else f' than law.diameter_m = {spheres.diameter_m!r}; spheres repel where they touch'
         raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; take a smaller one{mend}')
-    if spheres is not None and scene.lattice.spacing_m < (1 - MOST_OVERLAP) * spheres.diameter_m:
-        overlap = 1 - scene.lattice.spacing_m / spheres.diameter_m
-        raise ValueError(f'law.diameter_m = {spheres.diameter_m!r} and {scene.lattice.spacing_given}: the spheres overlap by '
-                         f'{100 * overlap:.3g} % of their diameter, and the law of Hertz is that of slight contacts; '
-                         'check both')
 
 
 def _dense(scene: Scene) -> None:

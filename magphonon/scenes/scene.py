@@ -11,6 +11,8 @@ import json
 import os
 import re
 import tomllib
+import warnings
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,7 +30,7 @@ from ..stiffness.relaxation import Relaxation, relaxed
 from .consistency import check
 from .fields import Table, Text, listed, reason
 from .lattices import ALL, AnyLattice, Foundation, Oscillator, Patch, Supercell
-from .laws import InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
+from .laws import HertzLaw, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
 from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
 from .structures import Defects, Disorder, FileLattice
@@ -40,6 +42,14 @@ if TYPE_CHECKING:
     from ase import Atoms
     from ase.dft.kpoints import BandPath
     from numpy.typing import NDArray
+
+
+@contextmanager
+def _units_told_by_keys():
+    """Leave out what a calculator says of units: `consistency` has refused or warned by the keys of the scene."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings('ignore', message='.*numbers are in mm, g, ms and N')
+        yield
 
 
 class Scene(Table):
@@ -133,6 +143,7 @@ class Scene(Table):
             return relaxed(atoms).atoms
         return atoms
 
+    @_units_told_by_keys()
     def _standing(self) -> Atoms:
         """The atoms where the lattice or the file has them."""
         if isinstance(self.law, SavedLaw):
@@ -149,7 +160,8 @@ class Scene(Table):
                                            bonds=self.lattice.bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
-                raise type(error)(f'{self.lattice.spacing_given}, law.shells = {self.law.shells!r}: {error}') from None
+                sphere = f', law.diameter_m = {self.law.diameter_m!r}' if isinstance(self.law, HertzLaw) else ''
+                raise type(error)(f'{self.lattice.spacing_given}{sphere}, law.shells = {self.law.shells!r}: {error}') from None
             raise ValueError(f'lattice.file = {self.lattice.file!r}: {error}; of positions without clear shells the distance '
                              'within which they repel is cutoff_m') from None
         if self.single:  # a constant force balances the repulsion of the three magnets
@@ -206,6 +218,7 @@ class Scene(Table):
         """Where the defects of the patch or the finite structure are, in mm, shape (defects, 2)."""
         return np.zeros((0, 2)) if self.defects is None else self.defects.places(self._perfect('complete'))
 
+    @_units_told_by_keys()
     def _perfect(self, model: str) -> Atoms:
         """The patch or the finite structure before defects and disorder."""
         if self.finite:
