@@ -16,7 +16,7 @@ from ase.calculators.calculator import PropertyNotImplementedError
 from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
-from ..errors import finite, one_of
+from ..errors import Unstable, finite, one_of
 from ..interactions.bond_laws import checked_laws
 from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, displaced, interaction_along, model_stiffness
@@ -390,7 +390,7 @@ def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
     Raises
     ------
     ValueError
-        If the particles have a foundation or a load, the model is not the complete one, or neighbours are torn apart.
+        If the particles have a foundation or a load, or the model is not the complete one; Unstable if neighbours are torn apart.
     """
     reference, cell = calc.reference, atoms.cell
     anchored = not atoms.pbc.any() or np.any(calc.foundation) or calc.load.any()
@@ -405,9 +405,9 @@ def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
     rest.positions = reference.positions @ strain
     bonds = replace(calc.bonds, vectors=calc.bonds.vectors @ strain, cutoff=None)
     for b in np.flatnonzero(bonds.lengths > STRETCHED * calc.bonds.lengths)[:1]:
-        raise ValueError(f'the cell has grown until the particles {bonds.i[b]} and {bonds.j[b]} are {bonds.lengths[b]:.4g} mm '
-                         f'apart instead of {calc.bonds.lengths[b]:.4g} mm and no longer neighbours: only a pressure holds a '
-                         'lattice of repelling particles together; give one, as scalar_pressure= to FrechetCellFilter')
+        raise Unstable(f'the cell has grown until the particles {bonds.i[b]} and {bonds.j[b]} are {bonds.lengths[b]:.4g} mm '
+                       f'apart instead of {calc.bonds.lengths[b]:.4g} mm and no longer neighbours: only a pressure holds a '
+                       'lattice of repelling particles together; give one, as scalar_pressure= to FrechetCellFilter')
     return rest, bonds
 
 
