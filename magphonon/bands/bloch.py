@@ -68,7 +68,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     """
     system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
-    count = every = system.free.shape[1]
+    count = every = system.directions
     parts = _by_lapack(system, q, model, vectors)
     if branches is not None:
         count = whole('branches', branches)
