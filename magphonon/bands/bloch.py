@@ -48,7 +48,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
         Compute the modes too.
     branches : int, optional
         Number of lowest branches to compute, in cells of hundreds of particles without a full diagonalisation
-        (`magphonon.stiffness.lowest_eigenpairs`); all branches if not given.
+        (`magphonon.stiffness.lowest`); all branches if not given.
 
     Returns
     -------

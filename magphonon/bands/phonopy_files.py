@@ -268,7 +268,7 @@ def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
     with whole_file(file) as out:
         out.write('# lengths in mm, masses in g, forces in N, force constants in N/mm: frequencies in Hz need the factor\n'
                   '# 159.15494309189535, and the foundation survives only without symmetrisation (phonopy --no-sym-fc);\n'
-                  '# for thermal properties and programs that expect Angstrom, AMU and eV see magphonon.in_phonopy_units\n')
+                  '# for thermal properties and programs that expect Angstrom, AMU and eV see magphonon.bands.in_phonopy_units\n')
         out.write(text)
 
 
