@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+MOST = 2**53
+"""Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""
+LONGEST = 200
+"""Largest number of characters of a value that a message shows."""
+
 
 class PhysicsError(ValueError):
     """The physics of a structure forbids what was asked: it buckles, is not at rest, or a run of it went wrong.
@@ -97,12 +102,6 @@ def did_you_mean(word: object, choices: Iterable[Any], otherwise: str = '') -> s
     """The end of a message: "; did you mean 'bands'?" or, if no choice is similar, "; " and `otherwise`."""
     near = nearest(word, choices)
     return f'; did you mean {near!r}?' if near else f'; {otherwise}' if otherwise else ''
-
-
-MOST = 2**53
-"""Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""
-LONGEST = 200
-"""Largest number of characters of a value that a message shows."""
 
 
 def shown(value: object) -> str:

@@ -1,4 +1,9 @@
-"""Sensitivities of frequencies to parameters, uncertainty, and the inverse design of a lattice for a wanted band."""
+"""What the parameters of a lattice do to its frequencies, forwards and backwards.
+
+`sensitivities` are first derivatives of frequencies and responses; `uncertainty` follows from them and from tolerances that all
+particles share, `scatter` from those of each particle by itself.  `inverse` finds the lattice for a wanted band,
+`dispersion_fits` the lattice that has measured branches.
+"""
 
 import lazy_loader
 

@@ -1,7 +1,8 @@
 """Time integration: ASE's velocity Verlet with drives and damping, and fast engines that compute the same states.
 
-`verlet` is the integrator, `drives` and `recorder` what acts and what is kept; `engine` (with the limit 2/omega_max of the time
-step) and the two `kernels_*` move blocks of steps, `lammps` writes the same run for LAMMPS.
+`verlet` is the integrator, `drives` are what acts, `recorder` and `motion` what is kept.  `engine`, with the limit 2/omega_max of
+the time step, moves blocks of steps by one of the two `kernels_*`, for which `bond_increments` prepares the law and
+`memory_layout` the particles; `cages` tells when particles change their neighbours.  `lammps` runs the same motion by LAMMPS.
 """
 
 import lazy_loader

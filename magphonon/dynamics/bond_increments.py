@@ -56,6 +56,24 @@ POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, MOST_COEFFICIENTS - n - 
                    for n, row in enumerate(np.eye(MOST_COEFFICIENTS))]).T
 """Chebyshev polynomials in powers of x, one in each column."""
 NODES, WEIGHTS = ((x + shift) / 2 for x, shift in zip(np.polynomial.legendre.leggauss(8), (1, 0), strict=True))
+BITS = 8
+"""Binary logarithm of the number of pieces per octave; all of a law together take 100 kB."""
+SHIFT = 52 - BITS
+"""Bits of w that do not number its piece."""
+DEGREE = 4
+PIECE_TOLERANCE = 5e-13
+"""Largest error of a piece, as a fraction of |Q| there and at rest; the quotient itself has a smaller round-off."""
+NARROWEST = 1e-9
+"""Relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved."""
+MOST = 20_000
+"""Largest number of pieces for one kind of bond; a law that needs more is noise."""
+SMALL = 1 / 16
+"""Increments below which Q is the mean slope; above it the difference of forces keeps its digits.  Less by the factor
+`3 f/(r0 dH/de)` for bonds that are stiff for their force, as contacts: there the difference is better, and the mean might
+cross the edge of the contact."""
+_PIECE_NODES = chebyshev.chebpts1(DEGREE + 5)
+_PIECE_FIT = np.linalg.pinv(np.vander(_PIECE_NODES, DEGREE + 1, increasing=True))
+_PIECE_CHECKS = np.linspace(-1, 1, 13)
 
 
 @dataclass(frozen=True)
@@ -205,25 +223,6 @@ class Increments:
 
 
 # --- the law in pieces --------------------------------------------------------------------------------------------------
-
-BITS = 8
-"""Binary logarithm of the number of pieces per octave; all of a law together take 100 kB."""
-SHIFT = 52 - BITS
-"""Bits of w that do not number its piece."""
-DEGREE = 4
-PIECE_TOLERANCE = 5e-13
-"""Largest error of a piece, as a fraction of |Q| there and at rest; the quotient itself has a smaller round-off."""
-NARROWEST = 1e-9
-"""Relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved."""
-MOST = 20_000
-"""Largest number of pieces for one kind of bond; a law that needs more is noise."""
-SMALL = 1 / 16
-"""Increments below which Q is the mean slope; above it the difference of forces keeps its digits.  Less by the factor
-`3 f/(r0 dH/de)` for bonds that are stiff for their force, as contacts: there the difference is better, and the mean might
-cross the edge of the contact."""
-_PIECE_NODES = chebyshev.chebpts1(DEGREE + 5)
-_PIECE_FIT = np.linalg.pinv(np.vander(_PIECE_NODES, DEGREE + 1, increasing=True))
-_PIECE_CHECKS = np.linspace(-1, 1, 13)
 
 
 @dataclass(frozen=True)

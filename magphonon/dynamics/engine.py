@@ -34,6 +34,14 @@ if TYPE_CHECKING:
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
+MANY_LOADED = 1 / 8
+"""Share of the particles under static forces above which all have them in an array: a jittered patch that is not at rest."""
+MOST_LAWS = 64
+"""Number of laws up to which each is cut into pieces although bonds have their own."""
+ANY_DIRECTION = 2**0.5
+"""Largest ratio of the length of a vector in the plane to its larger component."""
+PIECES = len(RANGES)
+"""Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
 
 
 def refuse_long_step(atoms: Atoms, dt: float) -> None:
@@ -110,16 +118,6 @@ def _largest_eigenvalue(D, tolerance):
         return np.linalg.eigvalsh(D.toarray()).max(initial=0.0)
     start = np.random.default_rng(0).normal(size=D.shape[0])  # a fixed start vector makes the result reproducible
     return sparse.linalg.eigsh(D, k=1, which='LA', v0=start, tol=tolerance, return_eigenvectors=False)[0]
-
-
-MANY_LOADED = 1 / 8
-"""Share of the particles under static forces above which all have them in an array: a jittered patch that is not at rest."""
-MOST_LAWS = 64
-"""Number of laws up to which each is cut into pieces although bonds have their own."""
-ANY_DIRECTION = 2**0.5
-"""Largest ratio of the length of a vector in the plane to its larger component."""
-PIECES = len(RANGES)
-"""Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
 
 
 def refusal(atoms: Atoms) -> str | None:

@@ -94,6 +94,27 @@ velocity free set v_vx v_vy NULL
 AT_END = 'print "complete" file complete\n'
 RESTARTS = 'restart.a', 'restart.b'
 """Restart files, written alternately, so that one is complete whenever LAMMPS is killed."""
+RESTARTS_OF_A_RUN = 20
+"""Number of restart files that a run writes; a killed run loses at most this fraction of its steps."""
+BATCH = """\
+#!/bin/bash
+#SBATCH --job-name=magphonon
+#SBATCH --ntasks={ranks}
+#SBATCH --time=24:00:00
+# Runs on {ranks} ranks: `sbatch submit.sh` on a cluster with SLURM, `bash submit.sh` elsewhere.  LAMMPS must be in the search
+# path (on a cluster perhaps by: module load lammps).  If it is submitted again, it continues from the newest restart file.
+set -e
+cd "${{SLURM_SUBMIT_DIR:-$(dirname "$0")}}"
+newest=$(ls -t {restarts} 2>/dev/null | head -n 1 || true)
+if [ -n "$newest" ]; then
+  mpiexec -n "${{SLURM_NTASKS:-{ranks}}}" lmp -in in.restart -var state "$newest"
+else
+  mpiexec -n "${{SLURM_NTASKS:-{ranks}}}" lmp -in in.lammps
+fi
+"""
+FRAME = 'ITEM: TIMESTEP\n'
+HEADER = 8
+"""Number of header lines between FRAME and the particles of a frame."""
 
 
 def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
@@ -356,26 +377,6 @@ def _load_mpi():
         ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
 
 
-RESTARTS_OF_A_RUN = 20
-"""Number of restart files that a run writes; a killed run loses at most this fraction of its steps."""
-BATCH = """\
-#!/bin/bash
-#SBATCH --job-name=magphonon
-#SBATCH --ntasks={ranks}
-#SBATCH --time=24:00:00
-# Runs on {ranks} ranks: `sbatch submit.sh` on a cluster with SLURM, `bash submit.sh` elsewhere.  LAMMPS must be in the search
-# path (on a cluster perhaps by: module load lammps).  If it is submitted again, it continues from the newest restart file.
-set -e
-cd "${{SLURM_SUBMIT_DIR:-$(dirname "$0")}}"
-newest=$(ls -t {restarts} 2>/dev/null | head -n 1 || true)
-if [ -n "$newest" ]; then
-  mpiexec -n "${{SLURM_NTASKS:-{ranks}}}" lmp -in in.restart -var state "$newest"
-else
-  mpiexec -n "${{SLURM_NTASKS:-{ranks}}}" lmp -in in.lammps
-fi
-"""
-
-
 def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[tuple[Any, int]], drives: Sequence[ToneBurst] = (),
                damping: float = 0.0, ranks: int = 1, directory: str | PathLike[str] | None = None) -> tuple[Motion, ...]:
     """Run a patch from rest by LAMMPS.
@@ -497,11 +498,6 @@ def read_lammps_displacements(directory: str | PathLike[str], atoms: Atoms) -> N
     frames = _frames(Path(directory, 'trajectory.dump'), np.arange(len(atoms)))
     places = np.array([frames[n] for n in sorted(frames)])
     return places - atoms.positions[:, : places.shape[-1]]
-
-
-FRAME = 'ITEM: TIMESTEP\n'
-HEADER = 8
-"""Number of header lines between FRAME and the particles of a frame."""
 
 
 def _frames(file, particles):

@@ -21,6 +21,17 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+DEEPEST = 0.5
+"""Largest overlap of two spheres as a fraction of their diameter.  Hertz' law is for contacts small beside the sphere, and some
+percent off at a tenth; beyond a half spheres are no longer pressed but lie in one another."""
+# Gauss-Legendre on [0, 1]: the energy between two table points to round-off, also for a law as steep as r^-12
+# sampled twice per octave.
+_NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(16), (1, 0), strict=True))
+CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
+RADIUS, STEEPEST = 1e-2, 20.0
+"""Radius of the circle in the complex plane on which the law is sampled for its higher derivatives, to about 1e-11, as a fraction
+of the bond length, or of 20 f/f' for a steeper law such as that of spheres in contact."""
+
 
 @runtime_checkable
 class PairLaw(Protocol):
@@ -295,11 +306,6 @@ class Yukawa:
         return self.kappa
 
 
-DEEPEST = 0.5
-"""Largest overlap of two spheres as a fraction of their diameter.  Hertz' law is for contacts small beside the sphere, and some
-percent off at a tenth; beyond a half spheres are no longer pressed but lie in one another."""
-
-
 @dataclass(frozen=True)
 class Hertz:
     """Contact of elastic spheres, `f(r) = A (d - r)^(3/2)` where they overlap and no force beyond the diameter d.
@@ -358,11 +364,6 @@ class Hertz:
     def d2phi(self, r: Any) -> Any:
         """Curvature of the energy in N/mm."""
         return 3 / 2 * self.stiffness * self._overlap(r) ** 0.5
-
-
-# Gauss-Legendre on [0, 1]: the energy between two table points to round-off, also for a law as steep as r^-12
-# sampled twice per octave.
-_NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(16), (1, 0), strict=True))
 
 
 @dataclass(frozen=True)
@@ -449,12 +450,6 @@ class Tabulated:
         """Curvature of the energy in N/mm."""
         f, slope = self._force(self._interval(r), r)
         return -f * slope / r
-
-
-CIRCLE = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
-RADIUS, STEEPEST = 1e-2, 20.0
-"""Radius of the circle in the complex plane on which the law is sampled for its higher derivatives, to about 1e-11, as a fraction
-of the bond length, or of 20 f/f' for a steeper law such as that of spheres in contact."""
 
 
 def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""Lattices of particles as ASE Atoms: unit cells, finite patches with their rim, and the oscillator of Sec. III.
+"""Lattices of particles as ASE Atoms: unit cells, and the oscillator of Sec. III.
 
 Lengths in mm, masses in g (`magphonon.units`).  Planar lattices lie in z = 0, periodic along their lattice
 vectors only; the third vector, `2 * spacing` long, is the vacuum above the plane.  `fcc` and `bcc` fill space.

@@ -11,9 +11,8 @@ The error of a method is its difference from the most complete one in the wanted
 response, a waveform.  The error is estimated without running the method; the plan takes the cheapest method whose error,
 including the uncertainty of this estimate, meets the tolerance.
 
-Costs are counted in multiplications, because these are the same on every machine.
-
-Time and memory that each engine needs for the time steps of a patch.
+Costs are counted in multiplications, because these are the same on every machine.  For the time steps of a patch, time and
+memory of each engine (`Engine`) are given besides.
 """
 
 from __future__ import annotations
@@ -21,6 +20,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import positive
+
+ALL = 'all'
+"""Value of `shells` for a method that sums over all neighbours."""
+LAW_COST = 16
+"""Number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.kernels_numba`."""
+EIGENSOLVE = 10
+"""Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size: about 9 by the QR
+algorithm (Golub and Van Loan, Matrix Computations, Sec. 8.3)."""
+LONGEST_STEP = 0.5
+"""Largest time step of a run, as a fraction of the stability limit 2/omega_max.  The frequency error of a vibration at omega_max
+is then 13 % larger than in proportion to the square of the step, and with longer steps the difference grows fast."""
+STEP_ERROR_FRACTION = 0.6
+"""Fraction of the tolerance allotted to the time-step error: what is left is its own uncertainty, half of it in bursts."""
 
 
 @dataclass(frozen=True)
@@ -80,20 +92,6 @@ def _duration(seconds):
         if seconds >= unit:
             return f'{seconds / unit:.2g} {name}'
     return f'{max(seconds, 0.01):.2g} s'
-
-
-ALL = 'all'
-"""Value of `shells` for a method that sums over all neighbours."""
-LAW_COST = 16
-"""Number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.kernels_numba`."""
-EIGENSOLVE = 10
-"""Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size: about 9 by the QR
-algorithm (Golub and Van Loan, Matrix Computations, Sec. 8.3)."""
-LONGEST_STEP = 0.5
-"""Largest time step of a run, as a fraction of the stability limit 2/omega_max.  The frequency error of a vibration at omega_max
-is then 13 % larger than in proportion to the square of the step, and with longer steps the difference grows fast."""
-STEP_ERROR_FRACTION = 0.6
-"""Fraction of the tolerance allotted to the time-step error: what is left is its own uncertainty, half of it in bursts."""
 
 
 @dataclass(frozen=True)

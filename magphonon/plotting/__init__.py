@@ -1,4 +1,8 @@
-"""Results drawn on matplotlib axes; each function takes a result, and an axis if there is one."""
+"""Results drawn on matplotlib axes; each function takes a result, and an axis if there is one.
+
+A file draws what is named like it: `bands`, `zone`, `modes`, `response`, `density`, `waves`, `fits`, `sweeps`, `structures`.
+`animation` makes films, `explorer` the page with sliders; `axes` is what all pictures share.
+"""
 
 import lazy_loader
 

@@ -28,6 +28,15 @@ STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
 COLUMN_in, PAGE_in = 3.4, 7.0
 """Width of a column and of a page of Physical Review B in inches."""
+PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
+"""Prefixes of a unit by the power of ten."""
+FREQUENCIES = 'frequencies'
+"""Mark of an axis whose data are frequencies in Hz."""
+COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8CD6F2')
+"""The colours of the print style, which colour-blind readers can distinguish, and which differ in grey too."""
+UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
+"""Style of every region where modes are unstable."""
+MARKERS = 40  # on each branch: few enough to see the line behind them
 
 
 @contextmanager
@@ -85,12 +94,6 @@ def _load(sheet):
         raise ValueError(f'{sheet} is no style sheet of matplotlib: {fault}')
 
 
-PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
-"""Prefixes of a unit by the power of ten."""
-FREQUENCIES = 'frequencies'
-"""Mark of an axis whose data are frequencies in Hz."""
-
-
 def prefix_power(value: float) -> int:
     """Power of ten of the prefix with which a value is printed as 1 to 999, one of `PREFIXES`."""
     power = 3 * np.floor((np.log10(abs(value)) + 1e-9) / 3) if value else 0  # 1e-9: 0.999999999 m is a rounded metre
@@ -145,13 +148,6 @@ def end_frequencies(figure: Figure, highest_Hz: float) -> None:
                     raise ValueError(f'the frequencies in a picture begin at {lowest:.6g} Hz; choose an end above it')
                 set_ends(lowest, highest_Hz)
                 label_frequencies(axis)
-
-
-COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8CD6F2')
-"""The colours of the print style, which colour-blind readers can distinguish, and which differ in grey too."""
-UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
-"""Style of every region where modes are unstable."""
-MARKERS = 40  # on each branch: few enough to see the line behind them
 
 
 def new_axes(width: float | None = None, height: float | None = None) -> Axes:

@@ -28,6 +28,9 @@ HALF_WIDTH = 2
 RIBBON = rf'$\pm{HALF_WIDTH}\sigma$'
 HATCHES = ('', '////', '....', 'xxxx', '----')
 """Hatches by which bars can be distinguished in grey."""
+NATURAL = 'natural frequencies'
+MOST_BARS = 8
+"""Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
 
 
 def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
@@ -104,11 +107,6 @@ def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None
 def _printed(name: str) -> str:
     """Names of correlated parameters such as 'youngs_modulus, a' as they are printed."""
     return ', '.join(PRINTED.get(part, part.replace('_', ' ')) for part in name.split(', '))
-
-
-NATURAL = 'natural frequencies'
-MOST_BARS = 8
-"""Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
 
 
 def response_axes() -> NDArray[np.object_]:

@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 LatticeKind = Literal['chain', 'square', 'triangular', 'honeycomb', 'kagome', 'fcc', 'bcc']
 KINDS = (*get_args(LatticeKind), 'oscillator', 'file')
 ALL = 'all'
+MOST_CELLS = 10**6
+"""Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
 
 
 def _shells(value):
@@ -195,10 +197,6 @@ class Foundation(Table):
     def moving_mass(self) -> float:
         """Mass of the pillar that moves with each particle, in g."""
         return self.pillar.moving_mass_kg * u.kg if self.pillar else 0.0
-
-
-MOST_CELLS = 10**6
-"""Largest number of cells of a patch; more need gigabytes and are probably due to a wrong unit."""
 
 
 class PatchTable(Table):

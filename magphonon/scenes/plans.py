@@ -52,6 +52,12 @@ if TYPE_CHECKING:
     from ..waves.wave_source import Burst, Passage, Site
     from .scene import Scene
 
+SPECTRUM_END = 1.4
+"""Upper end of the spectrum of a Hann-windowed burst of five cycles, as a multiple of its carrier."""
+HERTZ = 2 * np.pi * u.Hz
+"""One hertz in rad/ms."""
+
+
 class BandPlan(Table):
     """The path of the bands, and phonopy's supercell."""
 
@@ -111,10 +117,6 @@ class PlanTable(Table):
     edge: Text | None = Field(None, description='the special point for whose frequency to plan; without it for all bands')
     branch: Count = Field(1, description='the branch at that point, counted from 1 by frequency')
     force_N: Force | None = Field(None, description='the amplitude in N of the force of [frf]; without it the force vanishes')
-
-
-SPECTRUM_END = 1.4
-"""Upper end of the spectrum of a Hann-windowed burst of five cycles, as a multiple of its carrier."""
 
 
 class BurstPlan(Table):
@@ -192,10 +194,6 @@ class VibrometerPlan(Table):
         if self.sampling_rate_Hz < least:
             raise ValueError(f'vibrometer.sampling_rate_Hz must be at least {least:.6g}, twice the end of the spectrum of the '
                              f'highest burst, not {self.sampling_rate_Hz!r}')
-
-
-HERTZ = 2 * np.pi * u.Hz
-"""One hertz in rad/ms."""
 
 
 class EdgePlan(Table):

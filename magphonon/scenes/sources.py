@@ -28,6 +28,8 @@ MOST_BYTES = 10 * MEGABYTE
 LIKENESS = 0.7
 """Least ratio of likeness of two names of files, which are freer than those of keys: 'mine' and 'wigner' have 0.6."""
 LIST = '"magphonon scene" lists scenes to start from'
+POINTS = 200
+"""Wavevectors along the path of the bands."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +129,6 @@ def ready_scene(name: str) -> Traversable:
     """
     scenes = ready_scenes()
     return scenes[one_of('the scene', name, tuple(scenes))]
-
-
-POINTS = 200
-"""Wavevectors along the path of the bands."""
 
 
 def checked_atoms(atoms: Atoms) -> Atoms:

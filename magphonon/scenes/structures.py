@@ -41,6 +41,17 @@ MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
 MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m
 """Largest number of a kind, and largest coordinate; what is farther is in another unit."""
+NEAREST_m = 1e-6, 1e6
+"""Range of the distance of nearest particles, as of `lattice.spacing_m`; beyond it a unit is wrong."""
+OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
+          'stiffness_N_per_m': 'stiffness, in N/mm'}
+"""Columns of tables, and what a file that ASE reads has in their place."""
+PACKAGE_UNIT_m = 1e-3
+"""The unit of length of this package's own Atoms, mm."""
+Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
+NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of that of its neighbours')]
+Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')]
+Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
 
 def read_particles(path: Path) -> Atoms:
@@ -70,15 +81,6 @@ def read_particles(path: Path) -> Atoms:
         if name in table:
             atoms.set_array(name, table[name])
     return atoms
-
-
-NEAREST_m = 1e-6, 1e6
-"""Range of the distance of nearest particles, as of `lattice.spacing_m`; beyond it a unit is wrong."""
-OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
-          'stiffness_N_per_m': 'stiffness, in N/mm'}
-"""Columns of tables, and what a file that ASE reads has in their place."""
-PACKAGE_UNIT_m = 1e-3
-"""The unit of length of this package's own Atoms, mm."""
 
 
 class FileLattice(Table):
@@ -259,12 +261,6 @@ def _read_by_ase(path):
         raise ValueError(f'ASE reads no structure in {path} ({type(error).__name__}: {error}); it may be a table .csv of '
                          'positions in metres instead') from None
     return found
-
-
-Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
-NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of that of its neighbours')]
-Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')]
-Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 
 
 class Guest(Table):

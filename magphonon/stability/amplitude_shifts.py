@@ -24,6 +24,14 @@ if TYPE_CHECKING:
 
 ROUND_OFF = 1e-12
 """Fraction of the highest squared frequency below which a squared frequency is zero."""
+HARMONICS = 8
+"""Number of harmonics of the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
+ROUNDS = 60
+"""Largest number of iterations; a vibration that has not converged by then is far from linear."""
+DEGENERACY = 1e-6
+"""Relative difference of squared frequencies below which two modes are degenerate by symmetry and do not drive each other."""
+CONVERGENCE = 1e-9
+"""Relative change of the frequency in the last iteration at which the vibration has converged."""
 
 
 @dataclass(frozen=True)
@@ -167,16 +175,6 @@ def law_derivatives(law: Any, r: NDArray[np.float64]) -> tuple[NDArray[np.float6
     return ((p2 - p1 / r) / (4 * r**2),
             (p3 - 3 * p2 / r + 3 * p1 / r**2) / (8 * r**3),
             (p4 - 6 * p3 / r + 15 * p2 / r**2 - 15 * p1 / r**3) / (16 * r**4))
-
-
-HARMONICS = 8
-"""Number of harmonics of the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
-ROUNDS = 60
-"""Largest number of iterations; a vibration that has not converged by then is far from linear."""
-DEGENERACY = 1e-6
-"""Relative difference of squared frequencies below which two modes are degenerate by symmetry and do not drive each other."""
-CONVERGENCE = 1e-9
-"""Relative change of the frequency in the last iteration at which the vibration has converged."""
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,10 @@ FLAT = 1e-9
 """Largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat."""
 SPACINGS = np.geomspace(0.1, 10, 21)
 """Multiples of the present spacing among which a stable one is searched for."""
+STEPS = 12
+"""Number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`."""
+EXACT = 1e-9
+"""Width of the interval within which an exponent is found."""
 
 
 @dataclass(frozen=True)
@@ -406,12 +410,6 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> Support
     K = per_bond[:, None, None]
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
     return SupportNeeded(softest(calc.bonds, K, free, cell).needed, float(alone[mobile].max(initial=0.0)))
-
-
-STEPS = 12
-"""Number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`."""
-EXACT = 1e-9
-"""Width of the interval within which an exponent is found."""
 
 
 @dataclass(frozen=True)

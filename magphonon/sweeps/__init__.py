@@ -1,6 +1,6 @@
-"""One question asked of a scene at many values of its parameters; the answers as an xarray Dataset.
+"""One question asked of a scene, or of a function, at many values of its parameters; the answers as an xarray Dataset.
 
-`dataset` spreads the points over processes and keeps the journal; `questions` holds what can be asked.
+`dataset` spreads the points over processes and keeps the journal; `questions` holds what can be asked of a scene.
 """
 
 import lazy_loader

@@ -1,7 +1,9 @@
 """Tone bursts: sent through a patch, recorded along a row, analysed in wavenumber and frequency (Secs. IV B and C).
 
-`wave_source` places the source and the row, `tone_burst` sends a burst, `vibrometer` records displacements as a scanning laser
-does; `spectrum` transforms them and finds the ridge, `branches` compares it with the bands, `wave_analysis` does all of it.
+`wave_source` places the source and the row and sends a burst; `vibrometer` samples the record as a scanning laser does.
+`scan_tables` reads measured scans, `scans` makes one record of them, `rows` finds which row of the lattice was measured.
+`spectrum` transforms a record and finds the ridge, `wave_analysis` does so for each polarisation and compares the ridges with
+the bands; `ridge_tables` writes and reads them.
 """
 
 import lazy_loader

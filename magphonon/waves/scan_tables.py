@@ -24,6 +24,12 @@ MOTIONS = {f'{kind}{axis}': unit for kind, unit in (('u', LENGTH), ('v', SPEED))
 LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, then u_x_m, u_y_m or u_m (or v_y_m_per_s and '
           'so on); lengths in m, mm, um or nm and times in s, ms or us, as the header says')
 HEADER = 'time_s', 'particle', 'u_x_m', 'u_y_m'
+ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
+TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)
+"""Function types and abscissa types of records over time, 0 for unknown."""
+ORDINATES = {8: 'displacement', 11: 'velocity'}
+LABELS = LENGTH | {name.replace('_per_', '/'): unit for name, unit in SPEED.items()}
+AXES = {0: '', 1: 'x', 2: 'y', 3: 'z'}
 
 
 def read_scan(path: str | PathLike[str]) -> Scan:
@@ -147,14 +153,6 @@ def _points(path) -> tuple[dict[str, Samples], bool]:
         points[str(own[k])] = Samples(table['time'][rows[k]], {part[2:]: table[part][rows[k]] for part in parts},
                                       tuple(places[first[k]].tolist()) if placed else None)
     return points, parts[0][0] == 'v'
-
-
-ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
-TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)
-"""Function types and abscissa types of records over time, 0 for unknown."""
-ORDINATES = {8: 'displacement', 11: 'velocity'}
-LABELS = LENGTH | {name.replace('_per_', '/'): unit for name, unit in SPEED.items()}
-AXES = {0: '', 1: 'x', 2: 'y', 3: 'z'}
 
 
 def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]:

@@ -39,6 +39,21 @@ if TYPE_CHECKING:
 
 BRANCH_POINTS = 2001
 """Number of samples of a branch; linear interpolation between them is accurate to 1e-6 of its highest frequency."""
+MODELS = ('complete', 'conventional')
+BRANCHES = {'shear': 0, 'longitudinal': 1}
+"""Index of each branch, counted from the lowest: repulsion makes shear the softer of the two acoustic branches."""
+FAR_bins = 3
+"""Distance in wavenumber bins: if no ridge is nearer to a branch, the record comes from another lattice or has other units."""
+REST_FRACTION = 1e-6
+"""A motion weaker than this fraction of the other polarisation is round-off."""
+SLOW_RATIO = 100
+"""Ratio of the highest branch frequency to that of a record above which its waves are longer than any row."""
+SAME = 0.99
+"""Cosine from which a measured component is the motion across or along the wavevector: less than -17 dB of the other is in it."""
+SAMPLES = 96
+"""Samples of xi from 0 to pi, and of s over its period, in a cell of one particle; the zone of larger cells is smaller."""
+LOBE_bins = 2.0
+"""Half width of the main lobe of a Hann window in wavenumber bins: waves that are nearer make one peak."""
 
 
 @dataclass(frozen=True)
@@ -172,19 +187,6 @@ def _nearest_crossing(branch, omega, xi):
 
 def _rms(x):
     return float(np.sqrt(np.mean(x**2)))
-
-
-MODELS = ('complete', 'conventional')
-BRANCHES = {'shear': 0, 'longitudinal': 1}
-"""Index of each branch, counted from the lowest: repulsion makes shear the softer of the two acoustic branches."""
-FAR_bins = 3
-"""Distance in wavenumber bins: if no ridge is nearer to a branch, the record comes from another lattice or has other units."""
-REST_FRACTION = 1e-6
-"""A motion weaker than this fraction of the other polarisation is round-off."""
-SLOW_RATIO = 100
-"""Ratio of the highest branch frequency to that of a record above which its waves are longer than any row."""
-SAME = 0.99
-"""Cosine from which a measured component is the motion across or along the wavevector: less than -17 dB of the other is in it."""
 
 
 @dataclass(frozen=True)
@@ -348,12 +350,6 @@ def _ridge_of(spectrum):
         return ridge(spectrum)
     except ValueError:
         return None
-
-
-SAMPLES = 96
-"""Samples of xi from 0 to pi, and of s over its period, in a cell of one particle; the zone of larger cells is smaller."""
-LOBE_bins = 2.0
-"""Half width of the main lobe of a Hann window in wavenumber bins: waves that are nearer make one peak."""
 
 
 @dataclass(frozen=True)
