@@ -8,10 +8,10 @@ bonds bridge, all multiples of s.  At the frequency omega its mass-weighted mode
 a polynomial eigenproblem of degree 2 P.  Where xi is real these are the bands; complex xi decay as e^{-Im xi} per step: below
 the cut-off of a foundation, above the bands and between them.
 
-Few components are coupled by what reaches farthest, so D_P is singular, and of the 2 P n roots some lie at infinity and as
-many at zero, in chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
-decay by 36/k per step.  So the chains are taken off the pencil of companion matrices, link by link, by rotations
-that leave all other roots where they are; the roots that remain are then polished by Newton's method.
+The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
+at zero, in Jordan chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
+decay by 36/k per step.  So the chains are split off the linearised eigenproblem, link by link, by rotations that leave all
+other roots where they are; the roots that remain are then polished by Newton's method.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ INFINITE_DECAY = 16
 
 
 def laurent_roots(A: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Roots that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
+    """Roots mu of `sum_p A_p mu^p v = 0` that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
     Parameters
     ----------

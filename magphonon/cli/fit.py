@@ -137,16 +137,18 @@ def _report(options, forces, fit, shared):
         yield f'  {name:12} {value / unit:.4g} [{low:.4g}, {high:.4g}] {symbol}'.rstrip()
     zero, distance, hysteresis, backlash = shared.sizes(abs(forces.f).max())
     yield (f'\nKnown before: the zero of the distances to {distance / u.mm:.2g} mm, that of the force to {zero / u.N:.2g} N,\n'
-           f'hysteresis {hysteresis / u.N:.2g} N, backlash {backlash / u.mm:.2g} mm, gain {100 * shared.gain:.2g} %; if you '
-           'know better, say so: --distance-sigma and its kin.')
+           f'hysteresis to {hysteresis / u.N:.2g} N, backlash to {backlash / u.mm:.2g} mm, gain to {100 * shared.gain:.2g} % '
+           '(standard deviations).\n'
+           'If you know them better, say so: --distance-sigma, --zero-sigma, --hysteresis-sigma, --backlash-sigma, --gain-sigma.')
     shares = sorted(fit.shares.items(), key=lambda item: -item[1])
     told = ', '.join(f'{name} {100 * share:.0f} %' for name, share in shares if share > 0.005)
-    yield f'What makes the slope uncertain: {told}.'
+    yield f'What makes the slope uncertain: {told} (of its variance).'
     if fit.with_care < 0.8 * fit.half_widths[1]:
         yield (f'Measure the zero of the distances to {WITH_CARE / u.mm:g} mm, and the slope is known to '
-               f'{100 * fit.with_care:.2g} %, for {100 * fit.half_widths[1]:.2g} % now.')
+               f'{100 * fit.with_care:.2g} % instead of {100 * fit.half_widths[1]:.2g} %.')
     if options.magnet is None:
-        yield f'{near / u.mm:g} to {far / u.mm:g} mm cannot tell which law it is; the intervals hold for any smooth one.'
+        yield (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm cannot tell which law it is; the intervals hold for any smooth '
+               'law.')
     else:
         lost = '; the data contradict it.' if fit.weight < SHAPE_WEIGHT / 5 else '.'
         yield f'The shape of {options.magnet} has the weight {fit.weight:.2g} against a free curve{lost}'

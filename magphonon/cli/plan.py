@@ -9,7 +9,7 @@ from .arguments import add_output, add_scene, default_folder
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-HELP = 'the cheapest method that answers a scene within a tolerance, and its run'
+HELP = 'the cheapest method that answers a scene within a tolerance; with --run, its answer'
 RESULTS = 'plan_*',
 LEAST_TOLERANCE = 1e-7
 """Smallest relative tolerance: at Gamma a frequency is the square root of a rounded eigenvalue, a few 1e-8 of the highest one."""

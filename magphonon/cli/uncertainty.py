@@ -183,10 +183,10 @@ def _peaks(f, spread):
     if len(told):
         k = told[(second / v)[told].argmax()]
         share = second[k] / v[k]
-        lines.append(f'at {len(told)} of {len(peaks)} peaks the ribbon is too narrow: the amplitude has almost no slope there, '
-                     f'and to second order a standard deviation of up to {100 * share:.2g} %, at {f[k]:.5g} Hz, where its mean '
-                     f'is lower by about {100 * share / 2**0.5:.2g} %')
+        lines.append(f'at {len(told)} of {len(peaks)} peaks the ribbon is too narrow, as the amplitude hardly changes to '
+                     f'first order there: to second order its standard deviation is up to {100 * share:.2g} %, at {f[k]:.5g} '
+                     f'Hz, and its mean about {100 * share / 2**0.5:.2g} % lower')
     if len(told) < len(narrow):
-        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so much of their width that the ribbon at their '
-                     'top means nothing')
+        lines.append(f'{len(narrow) - len(told)} of {len(peaks)} peaks move by so large a part of their width that the ribbon '
+                     'at their top means nothing')
     return lines

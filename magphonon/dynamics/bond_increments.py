@@ -14,11 +14,11 @@ and pulls its far end j (and pushes its near end i) with the force, counted from
 H has no constant term: nothing large is ever subtracted.  It is fitted through its slope, in which nothing cancels.
 
 One polynomial serves small motion.  From contact to several spacings the law is cut into pieces: with the measure of length w,
-which is `(r/r0)^2 = 1 + e` where the full length counts and `r/r0 = 1 + e/2` where its projection does, the quotient `H(e)/e` is
-a polynomial of degree 4 in each piece.  The first cut is the one that a floating number makes itself: each octave of w into
-2^BITS equal pieces, found by a shift of the bits of w.  Of a smooth law they are all, and vector units look up as many pieces at
-a time as they hold numbers; a low degree means few numbers to look up.  A piece that misses the tolerance is halved until it does
-not, as the edge of a contact asks for; such a law is searched bond by bond.
+which is `(r/r0)^2 = 1 + e` where the full length counts and `r/r0 = 1 + e/2` where its projection does, the quotient `H(e)/e`
+is a polynomial of degree 4 in each piece.  Each octave of w is cut into 2^BITS equal pieces, so that the leading bits of the
+floating number w are the number of its piece: no search is needed, and vector units look up several pieces at once.  Where a
+piece misses the tolerance, as at the edge of a contact, it is halved until it does not; in such a law the piece of each bond is
+searched for.
 """
 
 from __future__ import annotations

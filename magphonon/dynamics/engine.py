@@ -35,7 +35,8 @@ ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
 MANY_LOADED = 1 / 8
-"""Share of the particles under static forces above which all have them in an array: a jittered patch that is not at rest."""
+"""Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
+whose particles are displaced at random; below it, for these particles only."""
 MOST_LAWS = 64
 """Number of laws up to which each is cut into pieces although bonds have their own."""
 ANY_DIRECTION = 2**0.5

@@ -5,9 +5,9 @@ slots of the run add up the forces of their bonds and move on, in place: bonds l
 displacements.  For the same reason the next step may follow a few runs behind (`lag`), and a few steps go over the slots
 together, while these are in the cache.
 
-Each thread takes a share of the runs by itself for some steps.  It repeats the steps of as many runs beside its share as its
-bonds reach in that time, in memory of its own; so threads need not wait for each other, and act on a slot by the same operations
-in the same order: the bits do not depend on them.
+Each thread advances its share of the runs by some steps without waiting for the others.  For that it also advances, in memory of
+its own, the neighbouring runs of other threads that its bonds reach in these steps.  Every slot goes through the same operations
+in the same order, whoever computes it, so that the bits do not depend on the number of threads.
 
 Indices are unsigned, as numba checks signed ones for -1, which keeps loops out of vector units.
 """

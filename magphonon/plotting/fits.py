@@ -115,13 +115,14 @@ def plot_fit(forces: Forces, fit: Fit) -> Figure:
     line = np.geomspace(fit.law.r[0], fit.law.r[-1], 300)[1:-1]
     upper.plot(line / u.m, repulsion(fit.law, line) / u.N, color=COLOURS[0], label='smooth curve')
     ends = fit.intervals[0] / u.N
-    upper.plot([fit.spacing / u.m] * 2, ends, '_-', color=COLOURS[1], linewidth=2.5, markersize=9, zorder=4,
+    upper.plot([fit.spacing / u.m] * 2, ends, '_-', color=COLOURS[1], linewidth=2.5, markersize=9, zorder=1.5,
                label='at the spacing, 95 %')
     lower.plot(r / u.m, fit.residuals / fit.noise, 'o', color='k', markersize=3, markerfacecolor='white')
     lower.axhspan(-NORMAL, NORMAL, color='0.9', zorder=0)
     lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)
     upper.set(xscale='log', yscale='log', ylabel='force (N)', ylim=(fit.law.f.min() / u.N / 2, 2 * fit.law.f.max() / u.N))
-    lower.set(ylabel='residual (sigma)')
+    most = 1.15 * max(NORMAL, abs(fit.residuals / fit.noise).max())
+    lower.set(ylabel=r'residual ($\sigma$)', ylim=(-most, most))
     low, high = np.array([min(r.min(), line[0]), max(r.max(), line[-1])]) / u.m * (0.99, 1.01)
     upper.set_xlim(low, high)
     lower.set_xticks([tick for tick in MaxNLocator(8, steps=(1, 2, 5, 10)).tick_values(low, high) if low <= tick <= high])

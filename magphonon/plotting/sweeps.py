@@ -41,7 +41,7 @@ def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     shown = _in_small_units(answers[name])
     wide = sorted(shown.dims, key=lambda axis: shown.sizes[axis] == 1)  # axes of several values first, else in their order
     further = dict.fromkeys(wide[2:], 0) | dict.fromkeys([axis for axis in wide[1:2] if shown.sizes[axis] == 1], 0)
-    at = [f'{_label(shown[axis])} = {float(shown[axis][0]):.4g}' for axis in shown.dims if axis in further]
+    at = [_value(shown[axis]) for axis in shown.dims if axis in further]
     shown = shown.isel(further)
     ax = new_axes() if ax is None else ax
     if shown.ndim == 1:
@@ -87,9 +87,20 @@ def _draw_map(values: DataArray, ax: Axes) -> None:
             scale('log')
 
 
+def _named(array: DataArray) -> tuple[str, str]:
+    """Name and unit, the unit empty for plain numbers."""
+    unit = array.attrs.get('units', '')
+    return str(array.attrs.get('long_name', array.name)), '' if unit == '1' else unit
+
+
 def _label(array: DataArray) -> str:
-    name, unit = array.attrs.get('long_name', array.name), array.attrs.get('units', '')
-    return f'{name} ({unit})' if unit not in ('', '1') else str(name)
+    name, unit = _named(array)
+    return f'{name} ({unit})' if unit else name
+
+
+def _value(axis: DataArray) -> str:
+    name, unit = _named(axis)
+    return f'{name} = {float(axis[0]):.4g} {unit}'.rstrip()
 
 
 def _in_small_units(array: DataArray) -> DataArray:

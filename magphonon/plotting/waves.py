@@ -122,7 +122,7 @@ def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = ()
 
 
 def _label_outer(axes, shown):
-    """Keep the labels of the axes below and left of which no panel is shown."""
+    """Label an axis only where no panel is shown below it or, for y, to the left of it."""
     for (row, column), ax in np.ndenumerate(axes):
         if shown[row + 1 :, column].any():
             ax.set_xlabel('')

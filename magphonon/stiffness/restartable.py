@@ -1,4 +1,4 @@
-"""The ground of both calculators: threads may share one (`Shared`), and it can be saved and restored (`Restartable`)."""
+"""Base classes of both calculators: threads may share one (`Shared`), and it can be saved and restored (`Restartable`)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Scans of a real instrument: points of its own numbering, some missing or dead, displacements or velocities, as one record.
 
-Samples that a point lacks, and those of points that were not sampled at equal times, come from a spline through the others, where
-they are near enough for it.  How far it is off is seen on what is known: it is led through samples of the fastest wave of the
-record, and of white noise, at the very times of the point.
+Missing samples, and samples at unequal times, are interpolated by a spline through the samples of the same point, unless the
+gap is too long.  The error of this spline is measured, not assumed: the same interpolation, at the same times, is applied to a
+wave of the highest frequency in the record and to white noise, of which every value is known.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ LEAST_TIME = 0.9
 STRONG = 1e-2
 """Power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)."""
 RESAMPLED, NOISY = 1e-2, 3.0
-"""Largest error of an interpolated sample: as a fraction of the motion, or where that is more in the noise of a measured sample;
-one sample of fifty that is so uncertain adds a fifth to the power of the noise."""
+"""Largest error of an interpolated sample: as a fraction of the motion, or where that is more, as a multiple of the noise of a
+measured sample; if one sample of fifty is so uncertain, the power of the noise grows by a fifth."""
 FOLLOWED = 0.1
 """Largest error of the fastest wave by itself, however large the noise: motion up to the end of the band looks like noise."""
 DEGREES = 3, 5, 7

@@ -338,7 +338,7 @@ def test_pictures_are_labelled_in_words_and_small_units():
     found = sweep(read_scene('prototype'), over, ['bands.M.1', 'linear.amplitude'])
     ax = plot_sweep(found, 'bands.M.1')
     assert (ax.get_xlabel(), ax.get_ylabel()) == ('exponent a', 'lattice spacing (mm)')
-    assert ax.get_title() == 'pillar height (m) = 0.2, force between neighbours (N) = 0.25'
+    assert ax.get_title() == 'pillar height = 0.2 m, force between neighbours = 0.25 N'
     assert ax.get_ylim() == pytest.approx((9, 13))
     line = plot_sweep(found.isel({'law.a': 0}), 'linear.amplitude')
     assert line.get_ylabel() == 'amplitude for an error of 1 % (mm)'
