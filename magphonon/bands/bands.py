@@ -40,8 +40,7 @@ SAME_LATTICE = 1e-3
 whose products differ by up to 2e-4 of its volume^(2/3), which is at most 8e-4 of the largest one for periods above 0.1 mm."""
 CROSSINGS = 1024
 """Number of wavevectors at which crossings are looked for at a time, so that pairs of branches of a large mesh fit in memory."""
-ROUND_OFF = 1e-9
-"""Relative tolerance of the depth, so that a row exactly at this depth belongs to the edge."""
+ROUND_OFF = 1e-9  # relative tolerance of the depth, so that a row exactly at this depth belongs to the edge
 
 
 @dataclass(frozen=True)
@@ -141,15 +140,6 @@ def analytic_bands(atoms: Atoms, path: BandPath | str, model: str = 'complete', 
     branches : int, optional
         The lowest ones only, which cells of hundreds of particles find many times sooner; all of them if not given.
 
-    Returns
-    -------
-    Bands
-
-    Raises
-    ------
-    ValueError
-        For an unknown model, a path of another cell, more branches than there are, or atoms without MagneticRepulsion.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
@@ -183,15 +173,6 @@ def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> Ba
         Names of special points, as 'GMKG'; by default ASE's path through the zone of this lattice.
     npoints : int
 
-    Returns
-    -------
-    ase.dft.kpoints.BandPath
-
-    Raises
-    ------
-    ValueError
-        If the atoms are not periodic, or ASE recognises no lattice in the cell or knows no such points.
-
     Examples
     --------
     >>> from magphonon import lattices
@@ -218,11 +199,6 @@ def path_of(atoms: Atoms, path: BandPath | str) -> BandPath:
     ASE's `bandpath` returns it on a rotated copy of the cell, whose lengths and angles are made exactly those of the lattice that
     it recognised, and whose vectors may be in another order.  The fractions of the reciprocal vectors are what counts: they are
     taken to the cell of the atoms, as it is.
-
-    Raises
-    ------
-    ValueError
-        If `path` is neither, or belongs to another lattice than ASE would recognise in the cell, or the atoms are not periodic.
     """
     if not atoms.pbc.any():
         raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
@@ -282,10 +258,6 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'co
         One cell with its MagneticRepulsion.
     q, model
         As for `bloch_modes`.
-
-    Returns
-    -------
-    GroupVelocities
 
     Examples
     --------
@@ -361,11 +333,6 @@ def sound_speeds(atoms: Atoms, direction: ArrayLike | None = None, model: str = 
         Ascending, in mm/ms = m/s; an unstable branch is negative, the square root of -c^2 with its sign.  Infinite
         where repulsion reaches so far that w/k grows without bound in long waves, as in Coulomb crystals.  NaN where
         a zero-stiffness mode of the unit cell (a mechanism) couples to the acoustic branch (the conventional kagome lattice).
-
-    Raises
-    ------
-    ValueError
-        For a direction of zero length or of another dimension, or held particles, which leave no uniform motion.
 
     Examples
     --------

@@ -29,16 +29,13 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-POINTS = 400
-"""Number of frequencies where the caller gives none."""
+POINTS = 400  # number of frequencies where the caller gives none
 STEPS = {1: 1998, 2: 180, 3: 30}
 """Mesh steps along each reciprocal vector, by the number of periodic directions; multiples of 6, so that M and K of hexagonal
 lattices are on the mesh."""
 
-BLOCK = 2**15
-"""Number of simplices taken at a time, so that those of a large mesh fit in memory, and in the processor's cache."""
-GAP = 1e-6
-"""Width of a gap, as a fraction of the highest frequency, below which two branches touch."""
+BLOCK = 2**15  # number of simplices taken at a time, so that those of a large mesh fit in memory, and in the processor's cache
+GAP = 1e-6  # width of a gap, as a fraction of the highest frequency, below which two branches touch
 STEEP = 0.6
 """Largest distance of two branches, in differences from that at the next point of the mesh, that may vanish between them; a half
 where it changes linearly."""

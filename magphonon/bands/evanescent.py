@@ -39,8 +39,7 @@ LINK = 1e-11
 """Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to
 eight particles, at three frequencies each, those of links were at most 2e-12, all others at least 4e-11."""
 POLISHES = 3
-LONGEST_STEP = 0.1
-"""Longest Newton step in log mu; a longer one leads to another root."""
+LONGEST_STEP = 0.1  # longest Newton step in log mu; a longer one leads to another root
 SINGULAR_FRACTION = 1e-14
 """Fraction of the largest singular value below which a singular value of Newton's matrix is round-off, as where two roots
 coincide."""
@@ -49,8 +48,7 @@ LARGEST_DENOMINATOR = 6
 3."""
 LEAST_DECAY = 1e-6
 """Smallest decay per step that is not round-off: at a band edge, a double root, round-off changes xi by its own square root."""
-INFINITE_DECAY = 16
-"""Decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)."""
+INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)
 
 
 def laurent_roots(A: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -197,16 +195,6 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
         In rad/ms; negative for the square root of -omega^2, as in `Bands`.
     model : {'complete', 'conventional'}
 
-    Returns
-    -------
-    ComplexBands
-
-    Raises
-    ------
-    ValueError
-        If the bonds bridge no whole fractions of a step along the direction, or none of them leads along it, or a band
-        is flat at one of the frequencies: there it holds every wavenumber.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, complex_bands, lattices
@@ -314,10 +302,6 @@ def measured_decay(amplitudes: ArrayLike, steps: ArrayLike, source: str) -> Meas
     steps : array_like, shape (points,)
         Distances from the source in steps, positive.
     source : {'row', 'point'}
-
-    Returns
-    -------
-    MeasuredDecay
 
     Examples
     --------

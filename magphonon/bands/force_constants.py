@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
     from ..stiffness.repulsion import Repulsion
 
-TO_HZ = units.hertz(1)
-"""phonopy's unit conversion factor: from the root of N/(mm g), rad/ms, to Hz."""
+TO_HZ = units.hertz(1)  # phonopy's unit conversion factor: from the root of N/(mm g), rad/ms, to Hz
 DISTANCE = 1e-5
 """Default displacement in shortest bonds.
 
@@ -87,12 +86,6 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     -------
     phonopy.Phonopy
         With force constants in N/mm and frequencies in Hz.  No file was read or written.
-
-    Raises
-    ------
-    ValueError
-        For atoms that are not one periodic cell with such a calculator or hold other constraints than FixAtoms, a supercell in
-        which two bonds join the same two particles or which repeats a direction that is not periodic, an impossible distance.
 
     Examples
     --------
@@ -243,15 +236,6 @@ def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) 
         From `atoms.cell.bandpath('GMKG', npoints=300, pbc=atoms.pbc)`, or the names 'GMKG' of its special points alone.
     vectors : bool
         Keep the modes too.
-
-    Returns
-    -------
-    Bands
-
-    Raises
-    ------
-    ValueError
-        For a phonon without force constants, or a path of another cell.
 
     Examples
     --------

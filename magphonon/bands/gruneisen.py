@@ -25,12 +25,9 @@ if TYPE_CHECKING:
 
     from ..stiffness.calculator import MagneticRepulsion
 
-FLOPPY = 1e-12
-"""Fraction of the largest stiffness below which a motion counts as one without stiffness, as a translation is."""
-CROSSING = 1e-9
-"""Difference of two branches, as a fraction of the highest frequency, below which they count as crossing."""
-STILL = 1e-6
-"""Fraction of the highest frequency below which a frequency counts as zero: it is the square root of a round-off."""
+FLOPPY = 1e-12  # fraction of the largest stiffness below which a motion counts as one without stiffness, as a translation is
+CROSSING = 1e-9  # difference of two branches, as a fraction of the highest frequency, below which they count as crossing
+STILL = 1e-6  # fraction of the highest frequency below which a frequency counts as zero: it is the square root of a round-off
 
 
 class Gruneisen(NamedTuple):
@@ -59,10 +56,6 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
         One cell with its MagneticRepulsion.
     q, model
         As for `bloch_modes`.
-
-    Returns
-    -------
-    Gruneisen
 
     Examples
     --------

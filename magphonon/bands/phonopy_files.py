@@ -148,15 +148,6 @@ def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) 
     file : path-like
         Usually band.yaml; written whole or not at all.
 
-    Raises
-    ------
-    ValueError
-        For a phonon without force constants, or a path of another cell or without named points.
-    FloatingPointError
-        If force constants are NaN or infinite.
-    OSError
-        If the file cannot be written.
-
     Examples
     --------
     >>> import tempfile
@@ -237,15 +228,6 @@ def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
         From `finite_displacements`.
     file : path-like
         Usually phonopy_params.yaml; written whole or not at all.
-
-    Raises
-    ------
-    ValueError
-        For a phonon without force constants.
-    FloatingPointError
-        If force constants are NaN or infinite.
-    OSError
-        If the file cannot be written.
 
     Examples
     --------

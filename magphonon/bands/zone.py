@@ -98,10 +98,6 @@ def zone_map(atoms: Atoms, steps: int = 96, model: str = 'complete') -> ZoneMap:
         Mesh steps along each reciprocal vector; a multiple of 6 puts M and K of the hexagonal lattices on the mesh.
     model : {'complete', 'conventional'}
 
-    Returns
-    -------
-    ZoneMap
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene

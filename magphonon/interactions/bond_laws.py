@@ -44,13 +44,7 @@ def laws_of(laws: Laws) -> tuple[Law, ...]:
 
 
 def checked_laws(laws: Laws) -> Laws:
-    """The laws, each pair of kinds in ascending order.
-
-    Raises
-    ------
-    ValueError
-        If a law lacks a method, or the pairs are not pairs of kinds, each given once.
-    """
+    """The laws, each pair of kinds in ascending order."""
     for law in laws_of(laws):
         methods = NEEDED['central' if hasattr(law, 'central') else 'phi']
         for missing in [name for name in methods if not callable(getattr(law, name, None))][:1]:
@@ -88,11 +82,6 @@ def laws_along(laws: Laws, i: NDArray[np.intp], j: NDArray[np.intp], kinds: NDAr
     which : ndarray of int, shape (bonds,)
         Index of the law of each bond.
     strength : ndarray, shape (bonds,)
-
-    Raises
-    ------
-    ValueError
-        If two particles are bonded whose kinds have no law.
     """
     strength = strengths[i] * strengths[j]
     if not isinstance(laws, Mapping):
@@ -179,8 +168,7 @@ def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:
 
 
 KNOWN = InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw, UprightMagnets
-LAWS: dict[str, Any] = {law.__name__: law for law in KNOWN}
-"""Laws that can be saved by name."""
+LAWS: dict[str, Any] = {law.__name__: law for law in KNOWN}  # laws that can be saved by name
 
 
 def laws_to_dict(laws: Laws) -> dict[str, Any]:

@@ -41,8 +41,7 @@ if TYPE_CHECKING:
 COVERED, NORMAL = 0.95, 1.959964
 """Probability with which an interval contains the true value, and its half width in standard deviations where these are known."""
 BENDS = np.arange(2, 7)
-BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])
-"""Powers of ln(r/r0) by which a law may bend, and how much."""
+BEND_SIZES = np.array([factorial(k) ** -0.5 for k in BENDS])  # powers of ln(r/r0) by which a law may bend, and how much
 ANY_SIZE, EXPONENT, EXPONENT_SPREAD = 3.0, 4.0, 3.0
 """Priors of the free curve: ln f0 wherever the table has it, an exponent of 4 +- 3."""
 SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
@@ -57,16 +56,12 @@ ROUNDS = 4
 LEAST_ROWS, MOST_ROWS = 6, 2000
 """Least number of rows that tell their noise too, and the largest number that is fitted, every n-th of a longer table: what its
 rows share is no better known from more of them."""
-CONFLICT = 3.0
-"""Standard deviations from its prior beyond which a zero, or the named shape, is wrong."""
-WITH_CARE = 0.02
-"""A standard deviation of the zero of the distances, in mm, that can be reached; `Fit.with_care` is told for it."""
+CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
+WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached; `Fit.with_care` is told for it
 CURVE = slice(0, 2 + len(BENDS))
-FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)
-"""Places of the parameters."""
+FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
 SHARED = 'zero of force', 'zero of distance', 'hysteresis', 'backlash'
-POINTS = 24
-"""Of the table of a fitted law; a spline through them follows it to 1e-5."""
+POINTS = 24  # of the table of a fitted law; a spline through them follows it to 1e-5
 
 
 @dataclass(frozen=True)
@@ -182,11 +177,6 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     shared : SharedErrors, optional
     shape : PairLaw, optional
         The law of the magnets, if their shape is known, such as `magnet_law(Ring(...))`; its strength stays free.
-
-    Raises
-    ------
-    ValueError
-        For too few rows, or forces that need not fall with the distance.
 
     Examples
     --------

@@ -24,16 +24,13 @@ COLUMNS = {'r': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT}
 LAYOUT = 'a table of forces has the columns r_m,f_N (or in mm, um, mN, uN), and perhaps sigma_N and direction'
 DIRECTIONS = {'approach': -1.0, '-1': -1.0, 'return': 1.0, '1': 1.0, '+1': 1.0, '': 0.0, '0': 0.0}
 """Words of the column `direction`."""
-MOST_NAMED = 5
-"""Number of lines that a message lists."""
+MOST_NAMED = 5  # number of lines that a message lists
 LARGEST_CLOSEST_PAIR = 1.0 * u.m
 """Largest distance of the closest pair in a column r_m; if it is larger, the column almost surely holds mm or um."""
 FORCES_N = 1e-30, 1e12
 """Allowed range of forces in N; outside it a unit or an exponent is wrong, and squares and powers soon overflow."""
-DISTANCES_m = 1e-12, 1e6
-"""Allowed range of distances in m, for the same reason."""
-REACH = 1.5
-"""Factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement."""
+DISTANCES_m = 1e-12, 1e6  # allowed range of distances in m, for the same reason
+REACH = 1.5  # factor by which a law is used beyond the range of its data; farther out, it is not supported by measurement
 
 
 @dataclass(frozen=True)
@@ -104,11 +101,6 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     path : path-like
     contact : float
         Distance of the centres at contact in mm, below which no measurement can lie.
-
-    Raises
-    ------
-    OSError, ValueError
-        If the file cannot be read, or is not such a table; the message says all that is wrong, and where.
 
     Examples
     --------

@@ -28,8 +28,7 @@ series converges too slowly."""
 FAR_GAP = 4.0
 """Gap in widths above which energies are summed over faces, because the sum over edges loses accuracy by cancellation in
 proportion to r^3."""
-TOLERANCE = 1e-13
-"""Relative accuracy of the energy: size of the last term of its series, and accuracy of the sum over edges."""
+TOLERANCE = 1e-13  # relative accuracy of the energy: size of the last term of its series, and accuracy of the sum over edges
 LONG_SERIES_TOLERANCE = 1e-10
 """Relative accuracy at which a long series is stopped, because more terms would cost more than they add."""
 
@@ -84,11 +83,6 @@ def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n
     -------
     ndarray, shape (3,)
         In N.
-
-    Raises
-    ------
-    ValueError
-        For magnets that touch or overlap.
 
     Examples
     --------

@@ -42,11 +42,6 @@ GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38'
 def grade_remanence(grade: str) -> float:
     """Middle of the range of remanence of an NdFeB grade such as 'N42', in units of the package.
 
-    Raises
-    ------
-    ValueError
-        For an unknown grade.
-
     Examples
     --------
     >>> from magphonon import units as u

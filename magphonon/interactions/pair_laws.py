@@ -174,11 +174,6 @@ class InversePower:
     a : float
         Exponent of the force, positive.  Side-by-side dipoles have a = 4.
 
-    Raises
-    ------
-    ValueError
-        If `b` or `a` is not a positive number.
-
     Examples
     --------
     >>> from magphonon import InversePower, units as u
@@ -251,11 +246,6 @@ class Yukawa:
         Strength in mJ mm, positive.
     kappa : float
         Inverse screening length in 1/mm, positive.
-
-    Raises
-    ------
-    ValueError
-        If `c` or `kappa` is not a positive number.
 
     Examples
     --------

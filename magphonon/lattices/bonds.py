@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]
     """Particles i and j, the cell of j and the distance of each pair."""
 
-PIECE = 2**16
-"""Number of pairs whose vectors are computed at once."""
+PIECE = 2**16  # number of pairs whose vectors are computed at once
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
 
@@ -45,8 +44,7 @@ decimals.  In the usual lattices the relative distance of two of the first hundr
 """
 EXACT = 1e-9
 """Relative difference of two distances below which they are equal up to the round-off of the positions, without rounding."""
-CLEAR = 4.0
-"""Smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions."""
+CLEAR = 4.0  # smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions
 CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
 """Two shells may be one that rounding split if their relative gap is narrow and a neighbouring gap is `CONTRAST` times wider.
 
@@ -59,8 +57,7 @@ DECIMALS = range(2, 8)
 UNITS = 2.0
 """Difference of two distances, in units of the last decimal of positions that have few decimals, below which rounding may have
 split one shell: two ends and a lattice vector are each off by half a unit."""
-SCATTER = 0.1
-"""Relative gap to the next distance below which particles without a bond show that the positions are irregular."""
+SCATTER = 0.1  # relative gap to the next distance below which particles without a bond show that the positions are irregular
 ON_SHELL = 1e-6
 """Smallest relative distance of a cutoff from a shell; displacements of finite differences would cross a closer one."""
 
@@ -364,10 +361,6 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     cutoff : float, optional
         Distance in mm.
 
-    Returns
-    -------
-    Bonds
-
     Raises
     ------
     ValueError
@@ -443,15 +436,6 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     pairs : sequence of (i, j) or (i, j, shift)
         Particle indices, and the periodic cell of j (three integers, default 0 0 0).
 
-    Returns
-    -------
-    Bonds
-
-    Raises
-    ------
-    ValueError
-        If an index is out of range, a pair is listed twice or joins a particle to itself, or two bonded particles coincide.
-
     Examples
     --------
     >>> from magphonon import explicit_bonds, lattices
@@ -511,10 +495,6 @@ def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:
         Bonds of `atoms`.
     atoms, supercell : ase.Atoms
         The periodic cell, and a structure of whole cells of it (phonopy's or `repeat`'s).
-
-    Returns
-    -------
-    Bonds
 
     Examples
     --------

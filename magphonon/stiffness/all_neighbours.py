@@ -45,8 +45,7 @@ if TYPE_CHECKING:
     from ..interactions.pair_laws import PairLaw
     from .sites import Foundation
 
-MOST_BONDS = 300_000
-"""Largest number of bonds of one cell in a lattice sum."""
+MOST_BONDS = 300_000  # largest number of bonds of one cell in a lattice sum
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
 
@@ -71,17 +70,6 @@ class AllNeighbours(Repulsion):
         Strength s of each particle, by default 1: two particles repel by `s_i s_j phi(r)`.
     split : float
         Parameter that divides the sums between lattice and reciprocal lattice; the results do not depend on it.
-
-    Warns
-    -----
-    UserWarning
-        If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz.
-
-    Raises
-    ------
-    ValueError
-        For a structure that is not periodic, planar particles at different heights, coincident particles, a law whose
-        infinite sum is not known.
 
     Examples
     --------
@@ -155,13 +143,7 @@ class AllNeighbours(Repulsion):
         return AllNeighbours(self.reference, self.laws, foundation=foundation, strengths=self.strengths, split=self.split)
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
-        """Displacements from rest in mm, shape (particles, dim), by minimum image.
-
-        Raises
-        ------
-        ValueError
-            If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
-        """
+        """Displacements from rest in mm, shape (particles, dim), by minimum image."""
         u = find_mic(from_reference(self, atoms), atoms.cell, atoms.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
         return u[:, : self.dim]
 
@@ -316,11 +298,6 @@ def reach(atoms: Atoms, law: PairLaw, tolerance: float = 1e-5) -> float:
     -------
     float
         In mm, between two shells: for `MagneticRepulsion(atoms, law, cutoff=reach(...))`.
-
-    Raises
-    ------
-    ValueError
-        If too many neighbours would have to be summed.
 
     Examples
     --------

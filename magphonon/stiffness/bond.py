@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from ..lattices.bonds import Bonds
 
 MODELS = ('complete', 'conventional')
-STEP = 1e-20
-"""Relative size of a complex step: no difference is taken, so it may be as small as numbers allow."""
+STEP = 1e-20  # relative size of a complex step: no difference is taken, so it may be as small as numbers allow
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +197,6 @@ def displaced(bonds: Bonds, rest: tuple[NDArray[np.float64], ...], moved: NDArra
         `R + moved` in mm; in the conventional model the vectors at rest, as long as the projection of these on them.
     directions : ndarray, shape (bonds, dim), or None
         n in the conventional model, None if the gradient stays as it is.
-
-    Raises
-    ------
-    ValueError
-        If two bonded particles coincide or have passed through each other.
     """
     R, r0, n = rest
     vectors = R + moved

@@ -48,12 +48,10 @@ if TYPE_CHECKING:
     from ..interactions.bond_laws import Laws
     from .sites import Foundation
 
-STRETCHED = 3.0
-"""Ratio of the length of a bond to its length in the reference above which the particles are no longer neighbours."""
+STRETCHED = 3.0  # ratio of the length of a bond to its length in the reference above which the particles are no longer neighbours
 NO_STRESS = ('the stress on a cell is defined by its bonds in the complete model; a foundation or a dead load adds external '
              "forces: use a calculator without them, or magphonon.stiffness.elastic_moduli(atoms).stress for the bonds alone")
-ACROSS = 1e-9
-"""Relative change of the cell across its periodic directions above which the change is not round-off."""
+ACROSS = 1e-9  # relative change of the cell across its periodic directions above which the change is not round-off
 HESSIAN_PARTS = ('D0', 'Dstar', 'foundation', 'all')
 
 
@@ -115,13 +113,6 @@ class MagneticRepulsion(Repulsion):
     UserWarning
         If law, foundation and masses give frequencies of less than 1e-4 or more than 1e13 Hz: most likely SI numbers were
         given without their units.
-
-    Raises
-    ------
-    ValueError
-        For a reference that is not planar, coincident particles, a mass or parameter that is not positive, a cutoff
-        on a shell of neighbours, an unknown model; for Bonds that belong to other positions; for bonded particles whose
-        kinds have no law.
 
     Examples
     --------
@@ -191,13 +182,7 @@ class MagneticRepulsion(Repulsion):
         return self.bonds.vectors[:, : self.dim]
 
     def set(self, **parameters: Any) -> dict[str, Any]:
-        """Change `foundation` or `model`; cached results are deleted.
-
-        Raises
-        ------
-        ValueError
-            For an unknown name or an impossible value.
-        """
+        """Change `foundation` or `model`; cached results are deleted."""
         for name in parameters:
             one_of('parameter', name, tuple(self.default_parameters))
         if 'foundation' in parameters:
@@ -270,13 +255,7 @@ class MagneticRepulsion(Repulsion):
         return found | {'stress': stress_per_volume(self, atoms)} if 'stress' in properties else found
 
     def displacements(self, atoms: Atoms) -> NDArray[np.float64]:
-        """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions.
-
-        Raises
-        ------
-        ValueError
-            If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
-        """
+        """Displacements from rest in mm, shape (particles, dim), by minimum image in the periodic directions."""
         return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
 
     def _minimum_image(self, u):
@@ -385,13 +364,7 @@ def same_cell(calc: MagneticRepulsion, atoms: Atoms) -> bool:
 
 
 def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
-    """Reference and bonds of a calculator, strained homogeneously from its cell to that of `atoms`.
-
-    Raises
-    ------
-    ValueError
-        If the particles have a foundation or a load, or the model is not the complete one; Unstable if neighbours are torn apart.
-    """
+    """Reference and bonds of a calculator, strained homogeneously from its cell to that of `atoms`."""
     reference, cell = calc.reference, atoms.cell
     anchored = not atoms.pbc.any() or np.any(calc.foundation) or calc.load.any()
     if anchored or len(atoms) != len(reference) or not np.array_equal(atoms.pbc, reference.pbc):
@@ -429,11 +402,6 @@ def stress_per_volume(calc: MagneticRepulsion, atoms: Atoms) -> NDArray[np.float
 
     It is negative where particles repel each other.  The volume contains the height of a planar cell, which has no physical
     meaning: `magphonon.stiffness.cauchy_stress` is the force per length.
-
-    Raises
-    ------
-    ValueError
-        If nothing is periodic, or the vectors across the periodic directions are missing or differ from those of the reference.
     """
     if not (atoms.pbc.any() and atoms.cell.rank == 3):
         raise ValueError('a stress as defined by ASE is a force per area of a periodic cell with a volume; give the cell three '

@@ -78,11 +78,6 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
         Position of the new particle and of its anchor, where its spring is slack, in mm.
     mass, strength, stiffness, kind
         As for `substituted`; the factors are relative to the nearest particle.
-
-    Raises
-    ------
-    ValueError
-        If no particle is within reach, or another particle is at the same place.
     """
     calc = repulsion_of(atoms)
     place = np.append(finite('place', place), atoms.positions[0, 2:])[:3]
@@ -122,11 +117,6 @@ class Scatter:
         particles, like misplaced pillars.
     strength, mass, stiffness : float
         Relative standard deviations of the strengths, the masses and the springs of the foundation.
-
-    Raises
-    ------
-    ValueError
-        If one is negative, or a relative one is above `LARGEST_SCATTER`.
     """
 
     position: float = 0.0

@@ -138,11 +138,6 @@ class Moduli(Saved, kind='elastic moduli', units={
         ----------
         direction : array_like, shape (dim,)
             Direction of propagation, along which the lattice is periodic.
-
-        Raises
-        ------
-        ValueError
-            For a direction of zero length.
         """
         dim = len(self.stress)
         n = finite('direction', direction, (dim,))
@@ -179,11 +174,6 @@ def cauchy_stress(atoms: Atoms) -> NDArray[np.float64]:
     ndarray, shape (dim, dim)
         In N in a chain, N/mm in the plane, N/mm^2 in space.  Negative for repulsion.
 
-    Raises
-    ------
-    ValueError
-        If nothing is periodic.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
@@ -218,16 +208,6 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     ----------
     atoms : ase.Atoms
         One cell with its MagneticRepulsion or AllNeighbours.  Constraints are ignored.
-
-    Returns
-    -------
-    Moduli
-
-    Raises
-    ------
-    ValueError
-        If nothing is periodic, the forces of the bonds do not balance by themselves, or the repulsion has such a long range that
-        it needs a neutralising background.
 
     Examples
     --------

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-REACH = 42.0
-"""Exponent at which both sums are truncated: e^-42 is 6e-19."""
+REACH = 42.0  # exponent at which both sums are truncated: e^-42 is 6e-19
 _X, _W = np.polynomial.legendre.leggauss(16)
 _PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is integrated to round-off, without a power of t
 PARTS = ('all', 'D0', 'Dstar')

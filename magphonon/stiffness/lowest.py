@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from scipy.sparse.linalg import LinearOperator, SuperLU
 
-DENSE = 200
-"""Largest size of a matrix that is diagonalised completely."""
+DENSE = 200  # largest size of a matrix that is diagonalised completely
 INVERSE = 800
 """Size of a real matrix above which an inverse finds the lowest eigenvalues sooner than LAPACK; half of it for a complex matrix,
 for which LAPACK takes four times as long.  For 8 eigenvalues both methods took the same time at the following sizes.  Complex
@@ -29,12 +28,9 @@ RESTARTS = 50
 usually fewer than ten suffice."""
 FEW_RESTARTS = 10
 """The same for a single eigenvalue, for which a closer shift helps; three restarts suffice unless eigenvalues are crowded."""
-ROUGH = 1e-3
-"""Accuracy of the first estimate of the lowest eigenvalue, as a fraction of its distance from the first shift."""
-EDGE = 1e-6
-"""Fraction of a range of eigenvalues at each end that is excluded from it."""
-ROUND_OFF = 1e-12
-"""Fraction of the highest eigenvalue below which an eigenvalue is zero."""
+ROUGH = 1e-3  # accuracy of the first estimate of the lowest eigenvalue, as a fraction of its distance from the first shift
+EDGE = 1e-6  # fraction of a range of eigenvalues at each end that is excluded from it
+ROUND_OFF = 1e-12  # fraction of the highest eigenvalue below which an eigenvalue is zero
 CERTAIN = 1e-10
 """Accuracy, as a fraction of the highest eigenvalue, to which the lowest few are proven to be the lowest.  Of 1200 counts at
 random shifts, as near as 1e-12 to an eigenvalue, none was wrong by round-off."""
@@ -194,11 +190,6 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
     values : ndarray, shape (count,)
         Ascending.
     vectors : ndarray, shape (n, count)
-
-    Raises
-    ------
-    ArithmeticError
-        If the eigenvalues found do not match the count.
     """
     size, span = D.shape[0], high - low
     # so that no eigenvalue is at the middle

@@ -155,17 +155,7 @@ class Repulsion(Restartable):
 
 
 def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
-    """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are checked too.
-
-    Returns
-    -------
-    MagneticRepulsion
-
-    Raises
-    ------
-    ValueError
-        If there is no such calculator, it is AllNeighbours, or a mass is not a positive number.
-    """
+    """The calculator of `atoms`, whose repulsion is known bond by bond; their masses are checked too."""
     calc: Any = atoms.calc
     if not getattr(calc, 'pairwise', False):
         if not isinstance(calc, Repulsion):
@@ -178,13 +168,7 @@ def repulsion_of(atoms: Atoms) -> MagneticRepulsion:
 
 
 def masses_of(atoms: Atoms) -> NDArray[np.float64]:
-    """Masses in g, shape (particles,).
-
-    Raises
-    ------
-    ValueError
-        For a mass that is not a positive number.
-    """
+    """Masses in g, shape (particles,)."""
     masses = atoms.get_masses()
     for k in np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))[:1]:
         positive(f'mass of particle {k}', masses[k], 'g')

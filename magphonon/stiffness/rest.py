@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-ROUND_OFF = 1e-11
-"""Fraction of the cancelling forces below which their sum is round-off."""
+ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
 BALANCED = 1e-6
 """Largest force left at rest, as a fraction of the largest bond force.  It changes a linear result by about the same fraction."""
 PLACES = 1e-14
@@ -41,8 +40,7 @@ ELSEWHERE = 1e-3
 may be displaced so little that their forces only seem balanced."""
 TILT = 1e-12
 """Relative component of a direction below which it is round-off, as after a rotation in the plane or about the normal."""
-HELD = 1e-12
-"""Relative component of a blocked force below which it is round-off of the direction."""
+HELD = 1e-12  # relative component of a blocked force below which it is round-off of the direction
 
 
 @dataclass(frozen=True, eq=False)

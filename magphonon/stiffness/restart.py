@@ -40,15 +40,6 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, laws: Laws 
     laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
         Replaces the one in the file; needed for a law that is not of this package.
 
-    Returns
-    -------
-    ase.Atoms
-
-    Raises
-    ------
-    ValueError
-        If no such calculator was written with them, or its law is not of this package.
-
     Examples
     --------
     >>> import tempfile

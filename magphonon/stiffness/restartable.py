@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from ..interactions.bond_laws import Laws
 
-UNITS = 'mm, g, ms'
-"""The units of all numbers of a saved calculator."""
+UNITS = 'mm, g, ms'  # the units of all numbers of a saved calculator
 REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'
 """What a reference is saved with, beside tags if it has some."""
 BONDS = 'i', 'j', 'shift', 'cutoff'
@@ -97,12 +96,6 @@ class Restartable(Shared):
             As ASE keeps it: `ase.io.read('file.traj').calc.parameters`, or `row.calculator_parameters` of a database.
         laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
             Replaces those in the dictionary; needed for a law that is not of this package.
-
-        Raises
-        ------
-        ValueError
-            For the dictionary of something else, an entry that is missing or not what it should be, numbers in other units, or
-            a law that is not of this package.
         """
         name = cls.__name__
         of = parameters.get('calculator') if isinstance(parameters, dict) else None

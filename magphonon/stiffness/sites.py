@@ -36,10 +36,8 @@ DENSITY = 50.0
 masses and lengths has 1; kg and m read as g and mm give a million times what it should be."""
 OUT_OF_PLANE = 0.1
 """Largest displacement of a finite difference, as a fraction of the shortest bond; a larger one out of the plane is refused."""
-ROUND_OFF = 1e-12
-"""Fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane."""
-FLAT = 1e-9
-"""Largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions."""
+ROUND_OFF = 1e-12  # fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane
+FLAT = 1e-9  # largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions
 
 
 def displacement_components(reference: Atoms, foundation: Any) -> int:
@@ -56,11 +54,6 @@ def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False)
     ----------
     foundation : float or array_like, shape (particles,), (particles, 1), (1, dim) or (particles, dim)
         Stiffness in N/mm; in one dimension one number per particle.
-
-    Raises
-    ------
-    ValueError
-        For another shape, or a number that is negative or not finite.
     """
     if np.ndim(foundation) == 0 and not layer:
         return not_negative('foundation', foundation, 'N/mm')
@@ -123,13 +116,7 @@ def refuse_load_along_z(load: NDArray[np.float64]) -> None:
 
 
 def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
-    """Vectors from the reference of a calculator to the positions of `atoms` in mm, shape (particles, 3), in any image.
-
-    Raises
-    ------
-    ValueError
-        If the atoms differ from the reference in number, cell or periodicity, or a position is not finite.
-    """
+    """Vectors from the reference of a calculator to the positions of `atoms` in mm, shape (particles, 3), in any image."""
     reference = calc.reference
     if len(atoms) != len(reference):
         raise ValueError(f'the calculator was made for {len(reference)} particles, not {len(atoms)}; '

@@ -17,12 +17,9 @@ if TYPE_CHECKING:
 
     from .repulsion import Repulsion
 
-STRAIN = 0.2
-"""Largest distance of a multiple of the lattice vectors from whole numbers; the rest is a strain of the cell."""
-NEAR = 0.5
-"""Largest displacement as a fraction of the shortest bond: beyond it, the nearest site may be another one's."""
-KEPT = 4
-"""Supercells for which a calculator is kept: tools have one or two."""
+STRAIN = 0.2  # largest distance of a multiple of the lattice vectors from whole numbers; the rest is a strain of the cell
+NEAR = 0.5  # largest displacement as a fraction of the shortest bond: beyond it, the nearest site may be another one's
+KEPT = 4  # supercells for which a calculator is kept: tools have one or two
 
 
 def whole_multiple(reference: Atoms, atoms: Atoms) -> NDArray[np.int_] | None:
@@ -40,13 +37,7 @@ def whole_multiple(reference: Atoms, atoms: Atoms) -> NDArray[np.int_] | None:
 
 
 def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
-    """The sites of the calculator's lattice in the order of `atoms`, unstrained, each in the image nearest to its particle.
-
-    Raises
-    ------
-    ValueError
-        If the cell is no whole multiple, a particle is more than half a bond from every site, or two are at one site.
-    """
+    """The sites of the calculator's lattice in the order of `atoms`, unstrained, each in the image nearest to its particle."""
     from scipy.spatial import KDTree
 
     reference, n = calc.reference, len(calc.reference)
