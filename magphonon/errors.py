@@ -83,12 +83,7 @@ class NotAtRest(PhysicsError):
 def nearest(word: object, choices: Iterable[Any], likeness: float = 0.6) -> str | None:
     """The choice that was probably meant, or None: one that begins with `word` ('b_N_m_a' for 'b'), or a similar one.
 
-    Parameters
-    ----------
-    word : object
-    choices : iterable
-    likeness : float
-        Least ratio of `difflib.SequenceMatcher`, 0 to 1.
+    `likeness` is the least ratio of `difflib.SequenceMatcher`.
     """
     choices = [choice for choice in choices if isinstance(choice, str)]
     if not isinstance(word, str):

@@ -89,13 +89,7 @@ def whole_file(path: str | PathLike[str], mode: str = 'w') -> Iterator[Any]:
 def refuse_overflow(path: str | PathLike[str], arrays: Mapping[str, Any], missing: Collection[str] = ()) -> None:
     """Raise FloatingPointError if results hold NaN or infinity, which must not be written as results.
 
-    Parameters
-    ----------
-    path : path-like
-        File to which they are about to be written.
-    arrays : dict of str to array_like
-    missing : collection of str
-        Names of arrays in which NaN means that there is no value, such as a group velocity at Gamma.
+    In arrays named in `missing` NaN means that there is no value, such as a group velocity at Gamma.
     """
     for name, values in arrays.items():
         values = np.asarray(values)
@@ -129,11 +123,6 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
         For each array its unit and the names of its axes; saved as JSON in the entry `units`.
     missing : collection of str
         Names of arrays in which NaN means that there is no value.
-
-    Raises
-    ------
-    FloatingPointError
-        If another array holds NaN or infinity.
     """
     refuse_overflow(path, arrays, missing)
     told = json.dumps({name: {'unit': units[name][0], 'axes': units[name][1:]} for name in arrays})
@@ -154,13 +143,6 @@ def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple
         As for `save_arrays`.
     optional : collection of str
         Names of arrays that the file need not hold.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is truncated or holds something else: an array is missing, has other axes or other units, or has no numbers.
     """
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
@@ -244,27 +226,13 @@ class Saved:
         cls._kind, cls._units, cls._missing = kind, units, missing
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write to a .npz file, whole or not at all; its entry `units` holds the unit and axes of each array, in JSON.
-
-        Raises
-        ------
-        FloatingPointError
-            If a field holds NaN or infinity that has no meaning there.
-        """
+        """Write to a .npz file, whole or not at all; its entry `units` holds the unit and axes of each array, in JSON."""
         values = {field.name: getattr(self, field.name) for field in fields(type(self))}
         save_arrays(path, {name: value for name, value in values.items() if value is not None}, self._units, self._missing)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        FileNotFoundError
-            If there is no such file.
-        ValueError
-            If it is truncated or holds something else.
-        """
+        """Read what `save` wrote."""
         optional = [field.name for field in fields(cls) if field.default is None]
         data = saved_arrays(path, cls._kind, cls._units, cls._missing, optional)
         return cls(**{field.name: _restored(data[field.name], field.type) for field in fields(cls) if field.name in data})

@@ -169,7 +169,6 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
 
 
 def _divided(path, lines, is_header):
-    """The names in the header, what separates them, and the rows with the numbers of their lines."""
     rows = [(n, line) for n, line in lines if not line.startswith('#')]
     headers = [(n, _names(line.lstrip('# '))) for n, line in lines if line.startswith('#')]
     headers = [(n, names) for n, names in headers if is_header(names[0])]
@@ -186,7 +185,6 @@ def _divided(path, lines, is_header):
 
 
 def _names(line):
-    """The names in a header, and what separates them."""
     sign = next((sign for sign in SEPARATORS if sign in line), ',')
     return [name.strip().replace('µ', 'u').replace('μ', 'u') for name in _cells(line, sign)], sign
 

@@ -35,13 +35,7 @@ def add_output(parser: ArgumentParser, default: str | None = FOLDER) -> None:
 
 
 def find_inputs(options: Namespace) -> None:
-    """Find the source of the scene, and name the directory of the results after it.
-
-    Raises
-    ------
-    OSError, ValueError
-        If there is no such scene.
-    """
+    """Find the source of the scene, and name the directory of the results after it."""
     if getattr(options, 'scene', None) is None:
         return
     import sys
@@ -59,13 +53,7 @@ def default_folder(options: Namespace) -> str:
 
 
 def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[str]]:
-    """The lattice of a scene, its patch or finite structure, and lines that say what is left out.
-
-    Raises
-    ------
-    ValueError
-        For the oscillator, which has neither.
-    """
+    """The lattice of a scene, its patch or finite structure, and lines that say what is left out."""
     if scene.single:
         raise ValueError('the oscillator is one particle, with neither bands nor modes to count; "magphonon frf" is for it')
     if scene.finite:
@@ -90,28 +78,9 @@ def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:
 
 @contextmanager
 def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Callable[[FigureBase, str], None]]:
-    """Draw in the style for print, and save as set by the options.
+    """Draw in the style for print; yields what saves a figure in the folder by its name, as the options of `add_pictures` say.
 
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Including those of `add_pictures`.
-    folder : pathlib.Path
-    title : str
-        Title of all pictures, unless the options set one.
-
-    Yields
-    ------
-    callable
-        Function that saves a figure in the folder, by a name without file ending.
-
-    Raises
-    ------
-    ValueError
-        At once if the file is not a style sheet or the highest frequency is not positive; on saving a picture whose frequencies
-        begin above it, or whose title matplotlib cannot draw.
-    OSError
-        At once if the style sheet cannot be read.
+    The title stands above all pictures, unless the options set one.
     """
     from ..errors import positive
     from ..plotting.axes import end_frequencies, entitle, print_style

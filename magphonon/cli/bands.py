@@ -48,7 +48,6 @@ def run(options: Namespace) -> None:
 
 
 def _phonon(scene, atoms):
-    """The force constants by phonopy, in the supercell of the scene."""
     from ..bands.force_constants import finite_displacements
 
     try:
@@ -69,7 +68,6 @@ def _save(folder, bands, phonon):
 
 
 def _write_table(file, bands):
-    """One row for each wavevector: its place on the path, its fractional coordinates, the frequencies by each method."""
     from .. import units
     from ..files import write_columns
 
@@ -110,7 +108,6 @@ def _in_words(value):
 
 
 def _frequencies(scene, atoms, bands):
-    """Lines of the report: frequencies at the special points by each method, the cut-off frequency, and the speeds of sound."""
     import numpy as np
     from ase.dft.kpoints import parse_path_string
 
@@ -144,7 +141,6 @@ def _frequencies(scene, atoms, bands):
 
 
 def _lattice(scene, atoms):
-    """The line of the report that says what the lattice is."""
     from .. import units
     from ..interactions.pair_laws import repulsion
     from ..stiffness.rest import freedom
@@ -158,7 +154,6 @@ def _lattice(scene, atoms):
 
 
 def _speeds(speeds, rows):
-    """Lines of the report: the speeds of sound of each model, laid out by `rows`."""
     import numpy as np
 
     lines = ['long-wave speeds along x with the foundation removed (m/s; negative = imaginary: unstable without the foundation)',
@@ -169,7 +164,6 @@ def _speeds(speeds, rows):
 
 
 def _moduli(atoms):
-    """A line of the report: pressure and moduli; none if the lattice has no moduli of its own."""
     from ..stiffness.elastic import elastic_moduli
 
     try:
@@ -179,7 +173,6 @@ def _moduli(atoms):
 
 
 def _stability(scene, atoms, bands, phonon):
-    """Lines of the report: the foundation, how far phonopy is from the complete model, and whether the lattice is stable."""
     import numpy as np
 
     from .. import units

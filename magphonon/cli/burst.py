@@ -120,7 +120,6 @@ def _save(folder, name, passages, found):
 
 
 def _write_row(file, patch, site):
-    """The particles that are measured, and their rest positions."""
     import numpy as np
 
     from .. import units
@@ -131,7 +130,6 @@ def _write_row(file, patch, site):
 
 
 def _draw(save, name, carrier, passages, found):
-    """The maps of both simulations side by side, and both patches when the first wave reaches the middle of the row."""
     from ..plotting.waves import plot_crossing, plot_waves
 
     motions = list(dict.fromkeys(wave.motion for waves in found.values() for wave in waves))
@@ -143,7 +141,6 @@ def _draw(save, name, carrier, passages, found):
 
 
 def _animate(folder, name, passages):
-    """A film of each simulation, 12 frames a period."""
     from ..plotting.animation import animate
 
     for model, (patch, site, passage) in passages.items():
@@ -153,7 +150,6 @@ def _animate(folder, name, passages):
 
 
 def _amplitudes(cell, largest, loud):
-    """The largest displacement of each burst and, if `loud`, a warning if it is beyond the linear range."""
     from .. import units
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR
@@ -169,7 +165,6 @@ def _amplitudes(cell, largest, loud):
 
 
 def _decays(plan, cell, records):
-    """Decay lengths of bursts whose carrier lies in a band gap."""
     import numpy as np
 
     from .. import units

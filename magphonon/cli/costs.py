@@ -58,18 +58,7 @@ DRAWN_s = 3.0
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of a command for one table of a scene.
-
-    Attributes
-    ----------
-    table : str
-        Such as 'bands'.
-    memory : dict of str to float
-        Bytes, by the key of the scene that they grow with.
-    seconds : float
-        On one core.
-    files : int
-    """
+    """Cost of a command for one table of a scene: bytes by the key that they grow with, seconds on one core, number of files."""
 
     table: str
     memory: dict[str, float]
@@ -197,11 +186,7 @@ def costs(scene: Scene) -> tuple[Cost, ...]:
 def refuse_costly(scene: Scene, *tables: str) -> None:
     """Raise ValueError if a table needs more memory than is available; the message names the key.
 
-    Parameters
-    ----------
-    scene : Scene
-    tables : str
-        The tables that the command is about to work on; those that the scene does not have are ignored.
+    Tables that the scene does not have are ignored.
     """
     for cost in costs(scene):
         if cost.table in tables:

@@ -68,7 +68,6 @@ def cost(scene: Scene) -> Cost:
 
 
 def _of_lattice(folder, atoms):
-    """Density of states by each model on the same bins; axes and lines of the report."""
     import numpy as np
 
     from .. import units
@@ -100,7 +99,6 @@ def _hertz(found, k):
 
 
 def _of_patch(folder, patch, axes):
-    """Density of states of a patch, with its errors; axes and lines of the report."""
     from .. import units
     from ..files import write_columns
     from ..plotting.density import plot_density
@@ -120,7 +118,6 @@ def _of_patch(folder, patch, axes):
 
 
 def _unfolded(folder, save, lattice, patch, path):
-    """Spectral function of a patch along the path, under the bands of the lattice; lines of the report."""
     from .. import units
     from ..bands.bands import analytic_bands
     from ..plotting.axes import legend_of_set

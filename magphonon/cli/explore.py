@@ -59,7 +59,6 @@ def _signature(page):
 
 
 def _refuse_foreign(file):
-    """Refuse a name that does not end in .html, or a file that is not such a page, or was edited."""
     if file.suffix.lower() not in ('.html', '.htm'):
         raise ValueError(f'-o {str(file)!r} must be the name of a page, ending in .html')
     if file.is_dir():

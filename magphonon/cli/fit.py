@@ -39,7 +39,6 @@ def force(text: str) -> float:
 
 
 def _quantity(text, units):
-    """A number with one of the units, or in the first of them."""
     match = re.fullmatch(r'\s*([-+.\deE]*[\d.])\s*([A-Za-z]*)\s*', text)
     try:
         return float(match[1]) * units[match[2] or next(iter(units))]
@@ -111,7 +110,6 @@ def run(options: Namespace) -> None:
 
 
 def _shape(name):
-    """The law of the magnets of a scene."""
     from ..scenes.scene import read_scene
 
     law = read_scene(name).law
@@ -121,7 +119,6 @@ def _shape(name):
 
 
 def _report(options, forces, fit, shared):
-    """Lines with the answer, what it assumes, and what makes it uncertain."""
     from .. import units as u
     from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, WITH_CARE
 
@@ -225,7 +222,6 @@ def _interval(value, sigma):
 
 
 def _undetermined(found):
-    """What the data leave open in the complete model, and what would mend it."""
     from ..design.dispersion_fits import DETERMINED
 
     open_ = [name for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
@@ -273,7 +269,6 @@ def _biased(found):
 
 
 def _verdict(found):
-    """Which model the data want, in words."""
     from ..scenes.band_fits import TELLS
 
     if not found.better.follows:
@@ -295,7 +290,6 @@ def _verdict(found):
 
 
 def _nothing_follows(found):
-    """What to say where both models leave the ridges."""
     fits = found.fits
     return [f'No model follows these ridges: the points scatter about D0 + D* by {fits["complete"].scatter:.2g} of their '
             f'uncertainties, and about D0 alone by {fits["conventional"].scatter:.2g}. The parameters above mean nothing, and '
@@ -306,7 +300,6 @@ def _nothing_follows(found):
 
 
 def _worst(found):
-    """The name of the ridge that the better model leaves farthest."""
     import numpy as np
 
     points, residuals = found.points, found.better.residuals

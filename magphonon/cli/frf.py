@@ -56,7 +56,6 @@ def run(options: Namespace) -> None:
 
 
 def _write_table(file, responses):
-    """One row for each frequency: amplitude and phase by each model."""
     import numpy as np
 
     from .. import units
@@ -99,7 +98,6 @@ def _natural(system, omega):
 
 
 def _peaks(result):
-    """What the terminal shows of the highest peaks."""
     import numpy as np
 
     from .. import units

@@ -56,7 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _status(options):
-    """Run the command; if it fails, print one message that says why."""
     try:
         with _termination_unwinds(), _no_silent_overflow(), _no_messages_about_fonts():
             find_inputs(options)
@@ -101,7 +100,6 @@ def _tell(words):
 
 
 def _inputs(options):
-    """The files that the command reads, for a message."""
     return ' and '.join(str(getattr(options, name)) for name in ('table', 'file', 'scene') if getattr(options, name, None))
 
 

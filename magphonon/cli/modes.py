@@ -73,7 +73,6 @@ def cost(scene: Scene) -> Cost:
 
 
 def _of_lattice(save, scene, atoms):
-    """Pictures of the modes at the special points, and a table of their frequencies for the report."""
     import numpy as np
 
     from ..bands.bands import analytic_bands
@@ -112,7 +111,6 @@ def _of_lattice(save, scene, atoms):
 
 
 def _of_patch(folder, save, lattice, patch, defects, filmed):
-    """Table and pictures of the modes of a patch; lines of the report."""
     import numpy as np
 
     from ..bands.density import band_ranges
@@ -150,7 +148,6 @@ def _of_patch(folder, save, lattice, patch, defects, filmed):
 
 
 def _modes(system, ranges):
-    """All modes of a small patch; the lowest ones of a large one and all between the bands of the lattice, and above them."""
     import numpy as np
 
     from ..response.chebyshev import stable_interval
@@ -168,7 +165,6 @@ def _modes(system, ranges):
 
 
 def _write_table(file, extent):
-    """One row for each mode."""
     import numpy as np
 
     from .. import units
@@ -182,7 +178,6 @@ def _write_table(file, extent):
 
 
 def _place(atoms, centre, defects):
-    """The centre of a mode by its distance from the nearest defect, or where it is if there is none."""
     import numpy as np
     from ase.geometry import find_mic
 

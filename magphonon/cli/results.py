@@ -209,7 +209,6 @@ class _Run:
                 self.replaces(name, file.sha256, self.name, known)
 
     def copy_scene(self, stage):
-        """Copy the scene and the files beside it that it names."""
         if self.scene is not None:
             (stage / SCENE).write_bytes(self.source.content)
         for name, path in self.tables.items():
@@ -265,13 +264,7 @@ class _Run:
 
 
 def _provenance(folder):
-    """What is known of the results in a folder.
-
-    Raises
-    ------
-    ValueError
-        If the file is not one that this package wrote, or was edited.
-    """
+    """What is known of the results in a folder."""
     file = folder / PROVENANCE
     if not os.path.lexists(file):
         return Provenance()
@@ -293,6 +286,5 @@ def _digest(content):
 
 
 def _sum(path):
-    """Checksum of a file."""
     with open(path, 'rb') as file:
         return file_digest(file, 'sha256').hexdigest()

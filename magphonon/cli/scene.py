@@ -50,7 +50,6 @@ def _print_keys(name: str | None) -> None:
 
 
 def _described(key: Key, width: int) -> str:
-    """A key in a few lines of at most `width` characters."""
     from textwrap import fill
 
     default = key.default.replace('none', 'optional')

@@ -60,7 +60,6 @@ def run(options: Namespace) -> None:
 
 
 def _analysed(options, scene):
-    """Lines about the processing of the scan, and its waves."""
     from pathlib import Path
 
     import numpy as np

@@ -101,13 +101,7 @@ def _where(options: Namespace) -> Iterator[dict[str, Any] | None]:
 
 
 def axis_of(text: str) -> tuple[str, NDArray[np.float64]]:
-    """Key and values of an axis, `KEY=FROM:TO:COUNT`, `KEY=FROM:TO:COUNT:log` or `KEY=A,B,C`.
-
-    Raises
-    ------
-    ValueError
-        If it has another form.
-    """
+    """Key and values of an axis, `KEY=FROM:TO:COUNT`, `KEY=FROM:TO:COUNT:log` or `KEY=A,B,C`."""
     key, equals, given = text.partition('=')
     if not (key and equals and given):
         raise ValueError(f'--over {text} must be KEY=FROM:TO:COUNT, KEY=FROM:TO:COUNT:log or KEY=A,B,C, as in '
@@ -132,7 +126,6 @@ def axis_of(text: str) -> tuple[str, NDArray[np.float64]]:
 
 
 def _lead(options, workers):
-    """Read the scene, run the sweep, write its results."""
     from pathlib import Path
 
     from ..plotting.sweeps import plot_sweep

@@ -84,7 +84,6 @@ def _bands(folder, save, scene, tolerances):
 
 
 def _special_points(atoms, path, tolerances):
-    """Frequencies at the special points of the path with their uncertainty, each once, and (point, branch) of each."""
     import numpy as np
 
     from ..design.uncertainty import frequency_spread
@@ -103,7 +102,6 @@ def _points(path):
 
 
 def _monte_carlo(scene, path, tolerances, few, labels):
-    """Lines that compare the standard deviations `few` with those of lattices drawn at random."""
     import numpy as np
 
     from ..design.uncertainty import sampled_frequencies
@@ -127,9 +125,6 @@ def _monte_carlo(scene, path, tolerances, few, labels):
 
 
 def _write_table(file, path, spread):
-    """One row for each wavevector: its place on the path, its fractional coordinates, each frequency and its standard
-    deviation.
-    """
     from .. import units
     from ..files import write_columns
 

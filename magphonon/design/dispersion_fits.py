@@ -264,12 +264,10 @@ def _neighbouring(fit, points, count, told):
 
 
 def _told(points, count):
-    """Whether the motion of each ridge tells its branch."""
     return [count == len(MOTION_BRANCH) and motion in MOTION_BRANCH for motion in points.motions]
 
 
 def _nearest_branches(atoms, points, model):
-    """The branch of each ridge: that of its motion or, where the motion does not tell, the nearest."""
     return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
 

@@ -195,7 +195,6 @@ def _holds(build, spacing):
 
 
 def _stable_stretches(build, spacings):
-    """The stable runs of `spacings`, each as far as the verge of instability."""
     holds = np.array([_holds(build, L) for L in spacings])
     stretches = []
     for run in np.split(np.arange(len(spacings)), np.flatnonzero(np.diff(holds)) + 1):
@@ -208,7 +207,6 @@ def _stable_stretches(build, spacings):
 
 
 def _verge(build, inside, outside):
-    """The last stable spacing on the way from a stable to an unstable one, by bisection."""
     while abs(outside - inside) > VERGE_TOLERANCE * inside:
         middle = (inside + outside) / 2
         if middle in (inside, outside):

@@ -54,11 +54,6 @@ class SiteScatter:
         Standard deviation of the strength of each magnet; the force between two magnets is proportional to the product of theirs.
     stiffness : float
         Standard deviation of the stiffness of the foundation under each particle.
-
-    Raises
-    ------
-    ValueError
-        If one is negative.
     """
 
     mass: float = 0.0
@@ -80,12 +75,7 @@ NO_SCATTER = SiteScatter()
 
 @dataclass(frozen=True, eq=False)
 class SiteSlopes:
-    """Derivatives of bilinear forms of the stiffness with respect to the mass, strength and foundation of each site.
-
-    Attributes
-    ----------
-    system : LinearSystem
-    """
+    """Derivatives of bilinear forms of the stiffness with respect to the mass, strength and foundation of each site."""
 
     system: LinearSystem
 
@@ -99,7 +89,6 @@ class SiteSlopes:
 
     @cached_property
     def _statics(self):
-        """Factorised matrix of the static equations `Phi w = t` for the free directions."""
         calc, P = self.system.calc, self.system.free
         Phi = P.T @ hessian(calc.bonds, calc.rest_stiffness(), calc.foundation) @ P
         return sparse.linalg.splu(sparse.csc_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1])))
@@ -107,12 +96,7 @@ class SiteSlopes:
     def __call__(self, x: NDArray[Any], y: NDArray[Any], inertia: Any) -> NDArray[np.complex128]:
         """Derivatives of `x.(H + inertia M) y` by the logarithms of masses, strengths and springs, shape (3, particles).
 
-        Parameters
-        ----------
-        x, y : ndarray, shape (particles, dim)
-            Displacements that respect the constraints.
-        inertia : complex, or ndarray of complex, shape (particles,)
-            `-omega^2`, with damping `-omega^2 + i omega gamma`, in rad^2/ms^2.
+        The displacements x and y respect the constraints; the inertia is `-omega^2 + i omega gamma`, in rad^2/ms^2.
         """
         calc, P = self.system.calc, self.system.free
         C = calc.bonds.incidence

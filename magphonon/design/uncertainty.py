@@ -42,11 +42,6 @@ class Tolerances:
         Covariance of the relative changes dp/p; its diagonal holds the squares of the relative standard deviations.
     scatter : SiteScatter
         What each site deviates by itself besides; nothing by default.
-
-    Raises
-    ------
-    ValueError
-        If the covariance has another shape, or is not that of any distribution, or there are neither parameters nor scatter.
     """
 
     changes: dict[str, Change]
@@ -64,12 +59,7 @@ class Tolerances:
         object.__setattr__(self, 'covariance', C)
 
     def samples(self, count: int, seed: int = 0) -> NDArray[np.float64]:
-        """Factors by which the parameters deviate, drawn from log-normal distributions (parameters are positive).
-
-        Returns
-        -------
-        ndarray, shape (count, parameters)
-        """
+        """Factors by which the parameters deviate, log-normal as they are positive, shape (count, parameters)."""
         rng = np.random.default_rng(seed)
         return np.exp(rng.multivariate_normal(np.zeros(len(self.changes)), self.covariance, whole('count', count)))
 

@@ -89,13 +89,6 @@ def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, t
     -------
     float
         The magnification.
-
-    Raises
-    ------
-    ValueError
-        For another ending or shape, motion that is zero throughout, or if nothing here can write MP4.
-    OSError
-        If the file cannot be written; nothing is left of it.
     """
     from matplotlib.animation import FuncAnimation
 

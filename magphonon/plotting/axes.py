@@ -50,13 +50,6 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
     *sheets : path-like
         Style sheets of matplotlib, whose settings replace those of the house.
 
-    Raises
-    ------
-    ValueError
-        If a sheet has a line that is no setting of matplotlib, or asks for LaTeX where there is none.
-    OSError
-        If a sheet cannot be read.
-
     Examples
     --------
     >>> from magphonon.plotting import new_axes, print_style
@@ -133,13 +126,7 @@ def label_wavevectors(ax: Axes, spacing_m: float) -> None:
 
 
 def end_frequencies(figure: Figure, highest_Hz: float) -> None:
-    """Let all axes of frequencies in a figure end at `highest_Hz`.
-
-    Raises
-    ------
-    ValueError
-        If one begins above it.
-    """
+    """Let all axes of frequencies in a figure end at `highest_Hz`."""
     for ax in figure.axes:
         for axis, set_ends in ((ax.xaxis, ax.set_xlim), (ax.yaxis, ax.set_ylim)):
             if axis.get_gid() == FREQUENCIES:

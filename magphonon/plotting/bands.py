@@ -56,11 +56,6 @@ def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    ValueError
-        If the axes show bands along another path.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, plot_bands
@@ -187,5 +182,4 @@ def _distance(curves, x, long, y):
 
 
 def _thinned(values, most):
-    """Every n-th of the values along the last axis, so that about as many as `most` are left."""
     return values[..., :: -(-values.shape[-1] // most) or 1]

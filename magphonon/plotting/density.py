@@ -90,11 +90,6 @@ def plot_spectral_function(spectral: SpectralFunction, path: BandPath, *, ax: Ax
     Returns
     -------
     matplotlib.axes.Axes
-
-    Raises
-    ------
-    ValueError
-        If the path has other wavevectors.
     """
     from matplotlib.colors import LogNorm
 

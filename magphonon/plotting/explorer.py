@@ -64,11 +64,6 @@ class Explorer:
     path : ase.dft.kpoints.BandPath
         The wavevectors of the bands, about `POINTS` of them.
 
-    Raises
-    ------
-    ValueError
-        If nearest neighbours do not repel each other, or the foundation is not the same for all.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
@@ -145,22 +140,10 @@ class Explorer:
         return _slider(0.0, here, FOUNDATIONS * max(here, static))
 
     def page(self, title: str, scene: str, border: Border, beside: str = '') -> str:
-        """The page.
+        """The page, HTML that refers to nothing outside itself.
 
-        Parameters
-        ----------
-        title : str
-        scene : str
-            The text of the scene, to be shown at the end.
-        border : Border
-            The foundation that the lattice needs, over `exponents` if there are any, otherwise over `scales`.
-        beside : str
-            A sentence on what the page leaves out.
-
-        Returns
-        -------
-        str
-            HTML that refers to nothing outside itself.
+        `scene` is the text shown at the end, `border` the foundation that the lattice needs, over `exponents` if there are any,
+        otherwise over `scales`; `beside` says what the page leaves out.
         """
         folder = files('magphonon.plotting') / 'explorer_page'
         parts = {name: (folder / name).read_text(encoding='utf-8').strip('\n') for name in FILES}
@@ -194,7 +177,6 @@ class Explorer:
         }
 
     def _bonds(self) -> list[dict[str, Any]]:
-        """Each bond with its direction at rest and its length."""
         bonds, r = self.atoms.calc.bonds, self.atoms.calc.bonds.lengths
         columns = (bonds.i, bonds.j, bonds.shift[:, :2], bonds.vectors[:, :2] / r[:, None], r / self.spacing)
         names = ('i', 'j', 'shift', 'direction', 'length')
@@ -209,7 +191,6 @@ class Explorer:
         return {'kind': 'table', 'stiffness_N_per_m': (np.array(stiffness) / units.N * units.m).tolist()}
 
     def _path(self) -> dict[str, Any]:
-        """Wavevectors, their places from 0 to 1, where the path jumps, and the special points."""
         kpts, special = self.path.kpts, self.path.special_points
         x, ticks, names = self.path.get_linear_kpoint_axis()
         named = {k: name for name in names for k in np.flatnonzero(abs(kpts - special[name]).max(axis=1) < 1e-9).tolist()}
@@ -226,12 +207,10 @@ class Explorer:
 
 
 def _name(point: str) -> str:
-    """Name of a special point: Γ for G, an index lowered."""
     return point.replace('G', 'Γ').translate(str.maketrans('0123456789', '₀₁₂₃₄₅₆₇₈₉'))
 
 
 def _last(holds: Any, end: float) -> float:
-    """The multiple of the spacing nearest to `end` up to which `holds` is true, which it is at 1."""
     if holds(end):
         return end
     inside, outside = 0.0, np.log(end)

@@ -50,11 +50,6 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    ValueError
-        If the bands hold no modes, or the path has no such point, or the mode does not exist.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, plot_mode
@@ -169,7 +164,6 @@ def _displacements(vector, masses, q, cells):
 
 
 def _wavevector(path, q):
-    """Index on the path of a named special point, or of itself."""
     if isinstance(q, str):
         if q not in path.special_points:
             raise ValueError(f'the path has no special point {q!r}; it knows {", ".join(path.special_points)}')
@@ -183,7 +177,6 @@ def _wavevector(path, q):
 
 
 def _printed_wavevector(path, where):
-    """Name of a special point, or the fractions of the reciprocal vectors."""
     for name, point in path.special_points.items():
         if abs(path.kpts[where] - point).max() < 1e-6:
             return point_name(name)
@@ -191,7 +184,6 @@ def _printed_wavevector(path, where):
 
 
 def _printed_frequency(bands, where, mode):
-    """Frequency and polarisation, or the growth rate of an unstable mode."""
     if bands.omega[where, mode] < 0:
         return f'unstable, grows at {-bands.omega[where, mode] * units.s:.4g} 1/s'
     others = np.delete(bands.omega[where], mode)

@@ -133,7 +133,6 @@ def _label_outer(axes, shown):
 
 
 def _top(wave):
-    """Upper end of a map in rad/ms: what it shows, and some room."""
     spectrum = wave.spectrum
     dB = _decibels(spectrum)
     lit = spectrum.omega[dB.max(axis=1) > FLOOR_dB / 2].max()  # also where all waves run backwards

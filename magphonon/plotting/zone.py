@@ -52,11 +52,6 @@ def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
 
-    Raises
-    ------
-    ValueError
-        If the special points do not span a plane.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
@@ -94,11 +89,6 @@ def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, *, 
     -------
     matplotlib.axes.Axes
         Hatched where the complete model is unstable.
-
-    Raises
-    ------
-    ValueError
-        If the branch does not exist.
 
     Examples
     --------
@@ -154,11 +144,6 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axe
     matplotlib.axes.Axes
         Blank where the ratio is 0/0 (at Gamma without a foundation), hatched where the complete model is unstable.
 
-    Raises
-    ------
-    ValueError
-        If the branch does not exist, the maps differ in lattice or mesh, or nothing of the branch has a ratio.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
@@ -193,11 +178,7 @@ def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axe
 def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike) -> NDArray[np.float64]:
     """Corners of the part of the zone that repeats in all others by the symmetry of the lattice, shape (corners, 2), in rad/mm.
 
-    Parameters
-    ----------
-    points : mapping
-        Special points of the planar lattice, in fractions of its reciprocal vectors; they are its corners.
-    cell : array_like, shape (3, 3)
+    They are the special points of the planar lattice, given in fractions of its reciprocal vectors.
     """
     from scipy.spatial import ConvexHull
 
@@ -212,7 +193,6 @@ def _upright(points, cell):
 
 
 def _draw_phases(ax, cell):
-    """Axes along which one of the phases k.R_1 and k.R_2 grows and the other is zero."""
     axes = 0.62 * _cartesian(cell, np.eye(3)[:2])
     for number, b in enumerate(axes, start=1):
         draw_arrow(ax, (0, 0), b, rf'$\xi_{number}$', '0.35')
@@ -230,7 +210,6 @@ def _branch_name(zone_map, branch):
 
 
 def _zone_axes(ax, cell):
-    """Axes in k_x and k_y, and the outline of the zone on them."""
     ax = new_axes(height=3.2) if ax is None else ax
     corners = first_zone(cell) * units.m
     (zone,) = ax.fill(*corners.T, facecolor='none', edgecolor='black', linewidth=1.2, zorder=4)
@@ -241,7 +220,6 @@ def _zone_axes(ax, cell):
 
 
 def _cartesian(cell, q):
-    """Wavevectors in rad/m from fractions of the reciprocal vectors."""
     return 2 * np.pi * (np.asarray(q) @ Cell(cell).reciprocal().array)[..., :2] * units.m
 
 

@@ -134,11 +134,6 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> B
     -------
     BandFits
 
-    Raises
-    ------
-    ValueError
-        If the scene has no such parameter, or nothing is left to fit, or the points are too few.
-
     Examples
     --------
     >>> import numpy as np

@@ -48,15 +48,7 @@ IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
 
 
 def check(scene: Scene) -> None:
-    """Raise all faults that the tables of a scene have together.
-
-    Raises
-    ------
-    ValueError
-        If the oscillator, the number of shells or the magnitudes are at fault; then nothing else can be checked.
-    pydantic.ValidationError
-        With all other faults.
-    """
+    """Raise all faults that the tables of a scene have together."""
     if scene.single:
         _oscillator(scene)
     if isinstance(scene.lattice, FileLattice) or isinstance(scene.law, SavedLaw):
@@ -264,7 +256,6 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
 
 
 def _touching(scene: Scene, calc: Repulsion) -> None:
-    """Refuse particles that do not repel, as spheres that do not touch."""
     spheres = scene.law if isinstance(scene.law, HertzLaw) else None
     if not calc.law.dphi(calc.bonds.lengths).any():
         mend = '' if spheres is None else f' than law.diameter_m = {spheres.diameter_m!r}; spheres repel where they touch'
@@ -272,7 +263,6 @@ def _touching(scene: Scene, calc: Repulsion) -> None:
 
 
 def _dense(scene: Scene) -> None:
-    """Warn of a mass that hardly fits between the particles."""
     density = _mass_kg(scene) / scene.lattice.spacing_m**3
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '

@@ -104,7 +104,6 @@ class Table(BaseModel):
     @model_validator(mode='wrap')
     @classmethod
     def _every_fault(cls, table: Any, check: ModelWrapValidatorHandler[Self]) -> Self:
-        """Report unknown keys, missing keys and bad values together, each with its own message."""
         if not isinstance(table, dict):
             raise ValueError(f' must be a table in brackets with the keys {", ".join(cls.model_fields)}, not {shown(table)}')
         unknown = [key for key in table if key not in cls.model_fields]

@@ -144,7 +144,6 @@ def _key(table: str, kinds: tuple[str, ...], name: str, alike: list[tuple[tuple[
 
 
 def _default(alike: list[tuple[tuple[str, ...], FieldInfo]]) -> str:
-    """The default of a key; where kinds of the table differ, what each has."""
     kinds: dict[str, list[str]] = {}
     for some, field in alike:
         word = 'required' if field.is_required() else 'none' if field.default is None else _toml(field.default)
@@ -165,7 +164,6 @@ def _kinds(model: type[Table]) -> tuple[str, ...]:
 
 
 def _tables(annotation: Any) -> Iterator[type[Table]]:
-    """The models of tables within the annotation of a field."""
     if isinstance(annotation, type) and issubclass(annotation, Table):
         yield annotation
     for part in get_args(annotation) if get_origin(annotation) in (Annotated, Union, types.UnionType, tuple) else ():
@@ -173,7 +171,6 @@ def _tables(annotation: Any) -> Iterator[type[Table]]:
 
 
 def _types(annotation: Any) -> Iterator[str]:
-    """The types within the annotation of a field, in words."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         yield 'text'
@@ -211,7 +208,6 @@ def _is_range(part: Any) -> bool:
 
 
 def _toml(value: Any) -> str:
-    """A value as a scene file writes it; a long list is cut."""
     if isinstance(value, list | tuple):
         shown = [_toml(entry) for entry in value]
         return f'[{", ".join(shown[:4])}{", ..." * (len(shown) > 4)}]'

@@ -272,7 +272,6 @@ class MagnetsLaw(Datasheet):
 
 
 def _read_columns(file):
-    """Distances and forces from a table of the kind that "magphonon fit" takes."""
     try:
         forces = read_forces(file)
     except OSError as error:

@@ -125,11 +125,6 @@ class Scene(Table):
 
         With [defects] or [disorder] it is the patch or the finite structure that has them, at rest again; otherwise the
         `perfect_cell`.
-
-        Raises
-        ------
-        ValueError
-            If a defect finds no place, or the structure no stable rest.
         """
         relaxation = self.relaxation()
         return self.perfect_cell() if relaxation is None else relaxation.atoms
@@ -145,7 +140,6 @@ class Scene(Table):
 
     @_units_told_by_keys()
     def _standing(self) -> Atoms:
-        """The atoms where the lattice or the file has them."""
         if isinstance(self.law, SavedLaw):
             return self.lattice.saved()  # pyright: ignore[reportAttributeAccessIssue]  as `check` makes sure
         atoms = self.cell()
@@ -169,7 +163,6 @@ class Scene(Table):
         return atoms
 
     def _law(self, atoms: Atoms) -> Any:
-        """The law of all, or the laws of pairs of kinds; of upright magnets, if they leave the plane."""
         laws: Any = laws_of_kinds(self.law.potential(), self.laws_of_kinds, atoms.get_tags())
         if not self.foundation:
             return laws
@@ -184,24 +177,12 @@ class Scene(Table):
         return {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
 
     def patch_atoms(self, model: str = 'complete') -> Atoms:
-        """The patch of [patch], or the finite structure, with its MagneticRepulsion, `ase.Atoms` in mm, g and ms.
-
-        Raises
-        ------
-        ValueError
-            If the scene has neither, or a patch that cannot be cut, or particles that repel beyond their nearest neighbours.
-        """
+        """The patch of [patch], or the finite structure, with its MagneticRepulsion, `ase.Atoms` in mm, g and ms."""
         relaxation = self.relaxation(model)
         return self._perfect(model) if relaxation is None else relaxation.atoms
 
     def relaxation(self, model: str = 'complete') -> Relaxation | None:
-        """How the patch or the finite structure with [defects] and [disorder] came to rest; None if it has neither.
-
-        Raises
-        ------
-        ValueError
-            As `patch_atoms`; also if a defect finds no place, or the structure no stable rest.
-        """
+        """How the patch or the finite structure with [defects] and [disorder] came to rest; None if it has neither."""
         tables = [table for table in (self.defects, self.disorder) if table is not None]
         if not tables:
             return None
@@ -220,7 +201,6 @@ class Scene(Table):
 
     @_units_told_by_keys()
     def _perfect(self, model: str) -> Atoms:
-        """The patch or the finite structure before defects and disorder."""
         if self.finite:
             atoms = self.perfect_cell()
             atoms.calc.set(model=model)
@@ -244,11 +224,7 @@ class Scene(Table):
     def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
-        Returns
-        -------
-        atoms : ase.Atoms
-        source, answer : Place
-            As `magphonon.response.frf.receptance` takes them.
+        As `magphonon.response.frf.receptance` takes them.
         """
         plan = self.wanted('frf')
         if self.single:

@@ -36,13 +36,7 @@ POINTS = 200
 class Source:
     """The text of a scene and where it stands.
 
-    Attributes
-    ----------
-    name : str
-        As messages call it: the path of the file, the name of the ready scene, or 'stdin'.
-    content : bytes
-    folder : pathlib.Path
-        Where the files that the scene names are looked for.
+    Messages call it by `name`: the path, the ready scene, or 'stdin'; files that it names are looked for in `folder`.
     """
 
     name: str

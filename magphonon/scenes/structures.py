@@ -57,11 +57,7 @@ Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 def read_particles(path: Path) -> Atoms:
     """The particles of a table of text, without a cell.
 
-    Returns
-    -------
-    ase.Atoms
-        In mm and g, with the kinds as tags, what is held by FixAtoms, and where the table has them the arrays 'strength' and
-        'stiffness' (N/mm).
+    The kinds are its tags, what is held has FixAtoms; 'strength' and 'stiffness' (N/mm) are arrays if the table has them.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
     for name in 'xyz':
@@ -334,7 +330,6 @@ class Defects(Table):
 
 
 def _site(key: str, atoms: Atoms, place: tuple[float, float]) -> int:
-    """The free particle nearest to a place."""
     from ase.geometry import find_mic
 
     away = atoms.positions - np.array([*place, 0]) * u.m

@@ -76,7 +76,6 @@ class _Uncertainty(Table):
         None, description='the correlation of forces and exponent, as "magphonon fit" prints it')
 
     def tolerances(self, scene: Scene) -> Tolerances:
-        """What they mean for a scene, `magphonon.design.uncertainty.Tolerances`."""
         if scene.law.shells == ALL:
             raise ValueError(f"uncertainty is propagated for a number of shells, not for law.shells = '{ALL}'; "
                              'take shells = 3 or more')
@@ -97,7 +96,6 @@ class _Uncertainty(Table):
         return Tolerances({name: changes[name] for name in sigma}, C, scatter)
 
     def _sigma(self, scene, changes):
-        """Relative standard deviation of each parameter that has one."""
         sigma = {}
         for name in PLACES:
             place = _place(scene, name)
@@ -122,7 +120,6 @@ class _Uncertainty(Table):
         return sigma
 
     def _scatter(self, scene):
-        """What each site deviates by itself."""
         percent = {name: getattr(self, f'each_{name}_percent') or 0.0 for name in SITES}
         if percent['stiffness'] and scene.foundation is None:
             raise ValueError('uncertainty.each_stiffness_percent belongs to a foundation, but the scene has none; leave it out')
@@ -146,7 +143,6 @@ else:
 
 
 def _changes(scene):
-    """Every parameter that the scene has, and what it changes."""
     law, k = scene.law.potential(), scene.foundation.stiffness if scene.foundation else 0.0
     held = scene.lattice.spacing_m * u.m if getattr(scene.law, 'force_N', None) else u.m  # where `a` leaves the force as it is
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}

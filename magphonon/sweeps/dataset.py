@@ -125,7 +125,6 @@ def sweep(asked: Scene | Callable[..., Any], over: Mapping[str, ArrayLike], ask:
 
 
 def _checked(over):
-    """The axes as arrays."""
     if not over:
         raise ValueError("over names no axis; give at least one, such as over={'law.a': np.linspace(3, 6, 50)}")
     axes = {key: np.atleast_1d(finite(key, values)) for key, values in over.items()}
@@ -139,7 +138,6 @@ def _checked(over):
 
 
 def _question(asked, axes, ask):
-    """What gives values and fault at a point, all that these depend on, and attributes of axes and answers."""
     from ..scenes.scene import Scene
 
     if isinstance(asked, Scene):
@@ -158,7 +156,6 @@ def _called(function, point):
 
 
 def _answer(answers: Callable[..., Any], k: int, point: Mapping[str, float]) -> tuple[int, dict[str, Any], str]:
-    """Number, values and fault of one point, computed with one thread."""
     global _limited
     if not _limited:  # in a worker: the first process has seen to itself
         _limits()
@@ -181,7 +178,6 @@ def _answer(answers: Callable[..., Any], k: int, point: Mapping[str, float]) -> 
 
 
 def _computed(tasks: Iterable[Callable[[], Any]], workers: int | None, executor: Executor | None) -> Iterator[Any]:
-    """The answers as they come."""
     if executor is None:
         from joblib import Parallel
 
@@ -217,7 +213,6 @@ def _limits():
 
 
 def _line(entry: Any) -> bytes:
-    """A line of a journal."""
     text = json.dumps(entry)
     return f'{_checksum(text.encode())} {text}\n'.encode()
 
@@ -248,7 +243,6 @@ def _journal(path: Path, head: Any, points: int) -> Iterator[tuple[dict[int, tup
 
 
 def _read(path, text, head, points):
-    """The answers in a journal, by the numbers of their points."""
     first, *lines = text.splitlines(keepends=True) or [b'']
     if first != head:
         another = first[:16].decode(errors='replace') == _checksum(first[17:].rstrip(b'\n'))

@@ -224,16 +224,7 @@ def question(name: str) -> tuple[Question, tuple[str, ...]]:
 class SceneAnswers:
     """The answers to some questions about a scene, as a function of some of its keys; it can be sent to other processes.
 
-    Attributes
-    ----------
-    tables : dict
-        The scene as its file has it, in plain Python.
-    asked : tuple of str
-        Names of questions.
-    particles : ase.Atoms, optional
-        Particles of the scene, if its lattice is a file.
-    contents : str
-        The checksum of that file.
+    `tables` is the scene as its file has it; if its lattice is a file, `particles` are those in it and `contents` its checksum.
     """
 
     tables: dict[str, Any]
@@ -273,7 +264,6 @@ class SceneAnswers:
         return told
 
     def __call__(self, point: Mapping[str, float]) -> tuple[dict[str, float], str]:
-        """The answers at one point, by the dotted keys of the scene, and why some are missing."""
         situation = Situation(scene_of(_replaced(self.tables, point), self.particles))
         values, faults = {}, []
         for name in self.asked:
@@ -299,7 +289,6 @@ def _label(key):
 
 
 def _replaced(tables, point):
-    """The tables with the values of a point in their places; the rest is shared."""
     made = dict(tables)
     for key, value in point.items():
         inner, (*outer, last) = made, key.split('.')
