@@ -1,4 +1,4 @@
-"""`magphonon plan SCENE --tolerance 1e-3 [--run]`: the cheapest method that meets a tolerance, and its run."""
+"""`magphonon plan SCENE --tolerance 1e-3 [--run]`: the cheapest method that meets a tolerance, and with --run its answer."""
 
 from __future__ import annotations
 
