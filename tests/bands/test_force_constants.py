@@ -308,3 +308,21 @@ def test_files_in_the_working_directory_neither_matter_nor_appear(tmp_path, monk
         (tmp_path / name).write_text('9 9\nnonsense\n')
     assert np.array_equal(phonopy_bands(finite_displacements(cell), path).omega, expected)
     assert sorted(os.listdir()) == sorted(stray)
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_round_off_along_z_does_not_make_a_layer_three_dimensional(seed):
+    """Forces that do not cancel at rest leave round-off in phonopy's differences, here up to 1e-11 of the largest one."""
+    rng = np.random.default_rng(seed)
+    cell = np.diag([*np.sort(rng.uniform(12, 16, 2)), 20.0])
+    basis = [[0, 0, 0], [*rng.uniform(0.35, 0.65, 2), 0]]
+    atoms = Atoms('Nd2', scaled_positions=basis, cell=cell, pbc=(1, 1, 0), masses=[0.7, 1.1])
+    atoms.positions[:, 2] = rng.uniform(-20, 20)
+    atoms.calc = MagneticRepulsion(atoms, InversePower(b=6200.0, a=4.5824), cutoff=16.7, foundation=0.02).balanced([0, 1])
+    phonon = finite_displacements(atoms)
+    phonon.force_constants[:, :, 2, :2] += rng.uniform(-1e-11, 1e-11) * abs(phonon.force_constants).max()
+    path = atoms.cell.bandpath('GX', npoints=5, pbc=atoms.pbc)
+    bands = phonopy_bands(phonon, path)
+    assert bands.omega.shape == (5, 4)
+    exact = analytic_bands(atoms, path).omega
+    assert abs(bands.omega * abs(bands.omega) - exact * abs(exact)).max() < 1e-8 * (exact**2).max()

@@ -278,14 +278,3 @@ def test_unsuitable_structures_are_refused():
         lattices.ribbon(lattices.square(10.0, 0.7), 2)
     with pytest.raises(ValueError, match='cut from a planar cell'):
         lattices.ribbon(lattices.chain(10.0, 0.7), 4)
-
-
-def test_bands_of_held_particles_come_back_from_a_file(tmp_path):
-    from magphonon.bands import Bands
-
-    atoms = strip(2)
-    bands = analytic_bands(atoms, band_path(atoms, 'GX', 4), vectors=True)
-    bands.save(tmp_path / 'bands.npz')
-    again = Bands.load(tmp_path / 'bands.npz')
-    assert np.array_equal(again.omega, bands.omega)
-    assert np.array_equal(again.vectors, bands.vectors)

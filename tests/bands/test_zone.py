@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.bands import zone
-from magphonon.bands.zone import ZoneMap, first_zone, frequency_ratio, zone_map
+from magphonon.bands.zone import first_zone, frequency_ratio, zone_map
 
 STEPS = 24  # a multiple of 6: M and K lie on the mesh
 HALF, THIRD = STEPS // 2, STEPS // 3
@@ -213,23 +213,6 @@ def test_a_foundation_makes_the_ratio_one_at_gamma():
 
 
 # ---- files and errors ----
-
-def test_saved_and_loaded(complete, tmp_path):
-    complete.save(tmp_path / 'zone.npz')
-    again = ZoneMap.load(tmp_path / 'zone.npz')
-    for name in ('cell', 'q', 'omega', 'velocity'):
-        np.testing.assert_array_equal(getattr(again, name), getattr(complete, name))
-
-
-def test_truncated_file_is_refused(complete, tmp_path):
-    complete.save(tmp_path / 'zone.npz')
-    whole = (tmp_path / 'zone.npz').read_bytes()
-    (tmp_path / 'zone.npz').write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ValueError, match=r'no complete file of frequencies over the zone .* compute them again'):
-        ZoneMap.load(tmp_path / 'zone.npz')
-    with pytest.raises(FileNotFoundError):
-        ZoneMap.load(tmp_path / 'none.npz')
-
 
 def test_impossible_requests_are_refused(complete):
     with pytest.raises(ValueError, match=r'planar lattices with pbc \(1, 1, 0\), not \(1, 0, 0\); draw the bands'):

@@ -1,7 +1,5 @@
 """Completion as bash does it, with the script that the command prints."""
 
-import os
-import pty
 import shlex
 import shutil
 import subprocess
@@ -44,27 +42,6 @@ def test_bash_completes_commands_scenes_files_and_options(script):
     done = subprocess.run([BASH, '--norc', '-c', '\n'.join(program)], cwd=script.parent, capture_output=True, text=True)
     assert done.stderr == ''
     assert {line: set(said.split()) for line, said in zip(CASES, done.stdout.splitlines(), strict=True)} == CASES
-
-
-def test_the_tab_key_completes_in_a_terminal(script):
-    """A shell on a terminal of its own is sent a TAB, and then the echo of what it made of it."""
-    master, slave = pty.openpty()
-    environment = {'PATH': os.environ['PATH'], 'TERM': 'dumb', 'PS1': '', 'INPUTRC': '/dev/null'}
-    with subprocess.Popen([BASH, '--norc', '--noprofile', '-i'], stdin=slave, stdout=slave, stderr=slave, cwd=script.parent,
-                          env=environment, start_new_session=True) as shell:
-        os.close(slave)
-        os.write(master, f'source {script}\nmagphonon() {{ echo "ran $*"; }}\nmagphonon ban\tproto\t\nexit\n'.encode())
-        said = b''
-        while True:
-            try:
-                said += (piece := os.read(master, 1024))
-            except OSError:  # the shell has closed its end
-                break
-            if not piece:
-                break
-        shell.wait(600)
-    os.close(master)
-    assert b'ran bands prototype' in said
 
 
 def test_without_shtab_the_command_says_how_to_install_it(monkeypatch, capsys):

@@ -70,18 +70,6 @@ def test_bars(command, scene, names, folder, monkeypatch):
     assert {disable for _, disable in asked} <= {None, True}
 
 
-@pytest.mark.slow
-def test_factorised_responses_have_a_bar(folder, monkeypatch):
-    """Weak damping makes the series dearer than a factorisation at each frequency."""
-    file = folder / 'prototype.toml'
-    file.write_text(file.read_text().replace('damping_per_s = 4.0 ', 'damping_per_s = 1e-3 '))
-    bars(monkeypatch)
-    terminal = Terminal()
-    monkeypatch.setattr(sys, 'stderr', terminal)
-    assert main(['frf', str(file), '-o', str(folder / 'out')]) == 0
-    assert 'frequencies' in terminal.getvalue()
-
-
 @pytest.mark.parametrize(('command', 'scene', 'names'), CASES[:3])
 def test_an_interrupt_at_a_bar_loses_nothing(command, scene, names, folder, monkeypatch, capsys):
     """The results of the run before stay as they are, and nothing of the interrupted one is left."""

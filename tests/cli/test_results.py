@@ -3,10 +3,6 @@
 import json
 import os
 import re
-import signal
-import subprocess
-import sys
-import time
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatch
 from hashlib import sha256
@@ -120,19 +116,6 @@ def test_comments_and_new_tables_make_no_other_scene(tmp_path):
     assert whole(out)
     with pytest.raises(ValueError, match=r'differs in \[plan\]'):  # what has results may not change any more, nor go
         write(out, scene_file(tmp_path))
-
-
-@pytest.mark.parametrize('text', [
-    '{"scene": 1, "results": {}}', '{"scene": {"title": "x"}, "results": {}}', '[]', 'null', '[' * 100_000,
-    '{"results": {"bands": []}}', '{"results": {}}', '{"sha256": "' + 64 * '0' + '"}'])
-def test_a_provenance_of_another_form_is_refused(text, tmp_path, capsys):
-    (tmp_path / 'chain.toml').write_text(ready_scene('chain').read_text())
-    out = tmp_path / 'out'
-    out.mkdir()
-    (out / 'provenance.json').write_text(text)
-    assert main(['bands', str(tmp_path / 'chain.toml'), '-o', str(out)]) == 2
-    assert 'provenance.json does not say where the results beside it come from' in capsys.readouterr().err
-    assert [file.name for file in out.iterdir()] == ['provenance.json']
 
 
 def test_two_tables_lie_side_by_side_but_another_one_of_the_same_name_is_refused(tmp_path):
@@ -263,47 +246,7 @@ def test_what_fails_while_files_take_their_names_is_not_vouched_for_and_can_be_r
         assert (out / 'bands.csv').read_text().endswith('third')
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(signal, 'SIGHUP'), reason='needs a terminal that can be closed')
-def test_a_closed_terminal_leaves_nothing(tmp_path):
-    text = ready_scene('ideal').read_text()
-    out = tmp_path / 'out'
-    out.mkdir()
-    slow = ('import signal, sys, time; signal.signal(signal.SIGHUP, signal.SIG_DFL); '  # ignored where the tests run under nohup
-            'from matplotlib.figure import Figure; save = Figure.savefig; '
-            'Figure.savefig = lambda *args, **options: (time.sleep(30), save(*args, **options)); '  # waits to be closed
-            'from magphonon.cli.main import main; sys.exit(main(sys.argv[1:]))')
-    process = subprocess.Popen([sys.executable, '-c', slow, 'burst', str(scene_file(tmp_path, text)), '-o', str(out)],
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    while process.poll() is None and not list(out.glob('.partial-*/*')):
-        time.sleep(0.02)
-    process.send_signal(signal.SIGHUP)
-    process.communicate()
-    assert process.returncode == 129
-    assert not list(out.iterdir())
-
-
 # --- single files ----------------------------------------------------------------------------------------------------
-
-def test_a_file_is_on_the_disk_before_it_takes_its_name(tmp_path, monkeypatch):
-    order, sync, replace = [], os.fsync, os.replace
-    monkeypatch.setattr(os, 'fsync', lambda file: order.append(os.fstat(file).st_size) or sync(file))
-    monkeypatch.setattr(os, 'replace', lambda a, b: order.append('takes its name') or replace(a, b))
-    with whole_file(tmp_path / 'x') as file:
-        file.write('12345')
-    assert order == [5, 'takes its name']
-
-
-def test_who_reads_a_file_while_it_is_replaced_reads_the_old_one(tmp_path):
-    for text in ('old', 'new'):
-        with whole_file(tmp_path / 'x') as file:
-            file.write(text)
-        if text == 'old':
-            reader = open(tmp_path / 'x')  # noqa: SIM115
-    with reader:
-        assert reader.read() == 'old'
-    assert (tmp_path / 'x').read_text() == 'new'
-
 
 def test_unfinished_files_that_others_left_stay(tmp_path):
     names = ['.x.partial', '.x.1.partial', f'.x.{os.getpid()}.partial', '.y.99999.partial', 'x.1.partial']

@@ -204,30 +204,6 @@ def test_a_recorder_sees_what_an_observer_before_it_has_changed(way):
     np.testing.assert_allclose(*found, rtol=0, atol=EXACT)
 
 
-def without_a_look_at_the_reference(self, old):
-    self._take(old.displacements, old.velocities, old._anchors)
-
-
-def without_new_guides(self, old):
-    self._motion.barred[:] = 0
-    self.adopt_as_it_is(old)
-
-
-def with_velocities_kept(self, old):
-    old._masses = self._masses
-    self.adopt_as_it_is(old)
-
-
-@pytest.mark.parametrize(('fault', 'change', 'unseen'), [
-    (without_a_look_at_the_reference, pillars_moved, stiffer), (without_a_look_at_the_reference, about_where_it_is, stiffer),
-    (without_new_guides, guided, about_where_it_is), (with_velocities_kept, heavier, guided)])
-def test_a_state_that_is_taken_over_wrongly_is_noticed(monkeypatch, fault, change, unseen):
-    monkeypatch.setattr(Blocks, 'adopt_as_it_is', Blocks.adopt, raising=False)
-    monkeypatch.setattr(Blocks, 'adopt', fault)
-    assert largest_difference(0, 'numpy', [change]) > 1e3 * EXACT
-    assert largest_difference(0, 'numpy', [unseen]) < EXACT
-
-
 def test_displacements_keep_their_digits_where_the_reference_stays():
     # 1e-12 mm in positions of 30 mm would be read with two digits
     moved = Moved(np.random.default_rng(3), 'numpy')

@@ -245,10 +245,6 @@ def test_an_unstable_mode_grows_and_a_stopped_one_rests(opened):
     np.testing.assert_array_equal(displacements(page)[2], still)
 
 
-def test_the_lowest_branch_of_a_chain_is_called_transverse(opened):
-    assert 'At X, D* lowers the transverse branch from' in opened(MADE['chain by a table']).inner_text('#dstar')
-
-
 def test_keys_choose_modes_and_a_button_leads_back_to_the_scene(opened):
     page = opened(MADE['triangular'])
     assert page.is_disabled('#reset')
@@ -266,12 +262,3 @@ def test_keys_choose_modes_and_a_button_leads_back_to_the_scene(opened):
     assert page.inner_text('#mode').startswith('conventional, branch 1 at M')
     page.keyboard.press('ArrowLeft')
     assert 'at q = (' in page.inner_text('#mode')
-
-
-@pytest.mark.parametrize('width', [500, 1600])
-def test_nothing_is_wider_than_the_window(width, opened):
-    page = opened(MADE['triangular'])
-    page.set_viewport_size({'width': width, 'height': 900})
-    assert page.evaluate('document.documentElement.scrollWidth') <= width
-    right = page.eval_on_selector_all('#bands text', 'texts => texts.map(text => text.getBoundingClientRect().right)')
-    assert max(right) <= width

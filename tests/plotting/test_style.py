@@ -1,7 +1,6 @@
 """The style for print: its colours can be told apart without colour, and it is in force only where it was asked for."""
 
 from itertools import combinations
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from figures import drawn
 
 from magphonon.plotting import legend_of_set, letter_panels, new_axes, panels, print_style
-from magphonon.plotting.axes import COLOURS, STYLE
+from magphonon.plotting.axes import COLOURS
 
 TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
 """Of linear sRGB, IEC 61966-2-1."""
@@ -81,12 +80,6 @@ def test_a_file_that_is_no_style_sheet_is_refused_and_changes_nothing(tmp_path, 
 def test_a_style_sheet_that_is_not_there_is_told_by_its_name():
     with pytest.raises(FileNotFoundError), print_style('nowhere.mplstyle'):
         pass
-
-
-def test_the_style_sheet_comes_with_the_package():
-    shipped = (Path(__file__).parents[2] / 'pyproject.toml').read_text(encoding='utf-8')
-    assert STYLE.is_file()
-    assert f'"**/*{STYLE.suffix}"' in shipped
 
 
 def test_one_legend_names_each_curve_once_and_covers_no_panel():

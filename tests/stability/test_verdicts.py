@@ -69,7 +69,7 @@ def test_each_fault_is_found_and_its_neighbour_is_not(options, word):
 
 
 def test_contact_is_seen_in_the_present_positions():
-    pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]])
+    pair = Atoms('Nd2', positions=[[0, 0, 0], [1, 0, 0]], masses=[0.01, 0.01])
     pair.set_constraint(FixAtoms([0, 1]))
     pair.calc = MagneticRepulsion(pair, InversePower(1.0, 4.0))
     for distance, fine in ((0.11, True), (0.09, False)):
@@ -274,28 +274,6 @@ def test_constraints_of_which_nobody_knows_what_they_hold_are_refused():
 
 
 # --- the list of checks ------------------------------------------------------------------------------------------------------
-
-def test_a_new_check_is_one_function(monkeypatch):
-    """Here of the mass: its value is an attribute, its words are told, and it makes the verdict bad; without it, nothing is."""
-    cell = lattices.triangular(1.0, 2.0)
-    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    assert verdict(cell).fine
-    monkeypatch.setattr(verdicts, 'CHECKS', dict(verdicts.CHECKS))
-
-    @verdicts.check
-    def weight(case):
-        heaviest = case.atoms.get_masses().max()
-        return verdicts.Finding(heaviest, f'The heaviest has {heaviest:g} g.', fault=heaviest > 1)
-
-    judged = verdict(cell)
-    assert judged.weight == 2.0
-    assert judged.faults == ('The heaviest has 2 g.',)
-    assert '! The heaviest has 2 g.' in str(judged)
-    cell.set_masses([0.5])
-    judged = verdict(cell)
-    assert judged.fine
-    assert '- The heaviest has 0.5 g.' in str(judged)
-
 
 def test_costly_checks_wait_until_they_are_asked_for(monkeypatch):
     asked = []

@@ -8,7 +8,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine
 from ase.io.jsonio import decode, encode
 
-from magphonon import InversePower, MagneticRepulsion, lattices, magnet_law, relaxed, restored
+from magphonon import MagneticRepulsion, lattices, magnet_law, relaxed, restored
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnets import Cuboid, Sphere
 from magphonon.stiffness import AllNeighbours
@@ -122,16 +122,6 @@ def test_a_law_of_ones_own_is_given_again():
     assert np.array_equal(again.rest_hessian().toarray(), cell.calc.rest_hessian().toarray())
 
 
-def test_what_a_calculator_says_of_itself():
-    cell = lattices.triangular(10.0, 0.7)
-    calc = MagneticRepulsion(cell, OWN['yukawa'], foundation=0.02, shells=2)
-    assert repr(calc) == ("MagneticRepulsion(Yukawa(c=20.0, kappa=0.3), shells=2, foundation=0.02, model='complete') "
-                          'of 1 particles')
-    assert 'cutoff=12' in repr(MagneticRepulsion(cell, OWN['yukawa'], cutoff=12))
-    assert 'bonds=3' in repr(MagneticRepulsion(cell, OWN['yukawa']).about(cell))
-    assert repr(AllNeighbours(cell, OWN['yukawa'])).startswith('AllNeighbours(Yukawa(c=20.0, kappa=0.3), foundation=0.0)')
-
-
 def test_what_is_no_calculator_is_refused(tmp_path):
     cell = lattices.triangular(10.0, 0.7)
     calc = MagneticRepulsion(cell, OWN['yukawa'])
@@ -171,35 +161,6 @@ def test_motion_out_of_the_plane_comes_back(tmp_path):
     atoms.positions += 0.05 * np.random.default_rng(3).normal(size=(16, 3))
     ase.io.write(tmp_path / 'a.traj', atoms)
     assert same(atoms, restored(ase.io.read(tmp_path / 'a.traj')))
-
-
-def entries(saved, path=()):
-    """Every place in a dictionary of dictionaries and lists."""
-    for key in saved if isinstance(saved, dict) else range(len(saved)) if isinstance(saved, list) else ():
-        yield (*path, key)
-        yield from entries(saved[key], (*path, key))
-
-
-@pytest.mark.parametrize('seed', range(60))
-def test_a_damaged_dictionary_is_refused_in_words(seed):
-    rng = np.random.default_rng(seed)
-    cell = lattices.honeycomb(10.0, 0.7)
-    cell.set_tags([0, 1])
-    cell.set_constraint(FixAtoms([0]))
-    laws = {(0, 1): [InversePower(1e4, 4.6), OWN['table']][seed % 2]}
-    cell.calc = MagneticRepulsion(cell, laws, foundation=0.1, strengths=[1, 0.5])
-    if seed % 3 == 0:
-        cell.calc = AllNeighbours(cell, InversePower(1e4, 4.6), foundation=0.1)
-    saved = decode(encode(cell.calc.todict()))
-    places = [place for place in entries(saved) if place != ('bonds', 'cutoff')]
-    *way, last = places[rng.integers(len(places))]
-    at = saved
-    for key in way:
-        at = at[key]
-    at[last] = [None, 'text', {}, float('nan'), [[1, 2], [3]], 10**400][rng.integers(6)]
-    with pytest.raises(ValueError) as caught:  # noqa: PT011, the words are looked at
-        restored(cell, saved).get_forces()
-    assert not any(foreign in str(caught.value) for foreign in ('len()', 'unsized', 'subscriptable', 'broadcast', 'reshape'))
 
 
 def test_numbers_in_other_units_and_without_masses_are_refused():

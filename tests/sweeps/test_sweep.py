@@ -15,7 +15,6 @@ from magphonon.cli.main import main
 from magphonon.cli.sweep import axis_of
 from magphonon.plotting import plot_sweep
 from magphonon.sweeps import known_questions, sweep
-from magphonon.sweeps.dataset import _line
 
 xarray = pytest.importorskip('xarray')
 OVER = {'x': [0.0, 1.0, 2.0, 3.0], 'y': [0.0, 1.0]}
@@ -211,16 +210,6 @@ def test_a_damaged_journal_gives_no_other_number(tmp_path):
         believed += 1
     assert believed + refused == 200
     assert believed > 100
-
-
-@pytest.mark.parametrize('lines', [b'5\n', b'null\n', b'[[0], {}, ""]\n', b'[' * 10**5 + b'\n', _line(5), _line([0, 5, '']),
-                                   _line([99, {}, '']), _line([-1, {}, '']), _line([0, {}, 1.0]), _line([[0], {}, ''])])
-@pytest.mark.filterwarnings('ignore:.*damaged lines')
-def test_hostile_lines_are_not_believed(tmp_path, lines):
-    file = tmp_path / 'journal'
-    whole = sweep(formula, OVER, journal=file, name='formula')
-    file.write_bytes(file.read_bytes().splitlines(keepends=True)[0] + lines)
-    assert sweep(formula, OVER, journal=file, name='formula').identical(whole)
 
 
 def test_the_journal_of_another_sweep_is_refused(tmp_path):
