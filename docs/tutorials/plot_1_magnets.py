@@ -36,7 +36,7 @@ print({name: f'{share:.0%}' for name, share in fit.shares.items() if share > 0.0
 figure = plot_fit(forces, fit)
 
 # %%
-# Nothing but the zero of the distances matters: with it known to 0.02 mm the slope would be known to
+# The zero of the distances matters most by far: with it known to 0.02 mm the slope would be known to
 
 print(f'{fit.with_care:.1%}')
 
@@ -61,7 +61,7 @@ for name, cell in cells.items():
     print(f'{name:11} needs {needed / (u.N / u.m):.4g} N/m; softest at q = {softest.round(3)}')
 
 # %%
-# The square lattice buckles: its rows slide past each other.  In closed form it needs 4 f/L0, here 151 N/m.  The triangular
+# The square lattice buckles: its rows slide past each other.  In closed form it needs 4 f/L0, here 147 N/m.  The triangular
 # one stands by itself, in its plane.
 
 # %%

@@ -392,7 +392,7 @@ def buckling(case: Case) -> Finding:
     """Stability in the plane, or in space: of the complete model, because the others do not show buckling."""
     search = case.balanced and case.listed and not case.touching
     scale = spacing_held(case.system) if search and case.large <= (SPACED if case.finite else 0) else None
-    unjudged = 'the spacing' if search and case.large > (SPACED if case.finite else 0) else ''
+    unjudged = 'other spacings' if search and case.large > (SPACED if case.finite else 0) else ''
     growth = 0.0
     if not case.held:
         growth = float(np.sqrt(-softest_of(case.system, foundation=case.spring, weighted=True).lowest))
