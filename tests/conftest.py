@@ -1,7 +1,10 @@
 """The paper's two systems and its numbers."""
 
+import os
+import tempfile
 import tomllib
 from importlib.resources import files
+from pathlib import Path
 
 import hypothesis
 import pytest
@@ -11,6 +14,10 @@ from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 hypothesis.settings.register_profile('everywhere', derandomize=True, database=None, deadline=None,
                                      suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile('everywhere')  # the same draws in every run, on a busy machine too
+
+# numba's cache gives two processes that compile at once the same file name: each worker has a cache of its own
+if 'PYTEST_XDIST_WORKER' in os.environ:
+    os.environ['NUMBA_CACHE_DIR'] = str(Path(tempfile.gettempdir(), f'magphonon-numba-{os.environ["PYTEST_XDIST_WORKER"]}'))
 
 PAPER = tomllib.loads(files('magphonon.data').joinpath('reference.toml').read_text(encoding='utf-8'))
 

@@ -128,10 +128,10 @@ def test_waves_do_not_depend_on_the_unit_of_time(rate):
         assert what_is_left(cell) < EXACT, seed
 
 
-def sampled(calc, model, exponents, masses):
+def sampled(calc, model, exponents):
     """Coefficients by Fourier transform, which leaves round-off where nothing is coupled."""
     P = abs(exponents).max()
-    D = evanescent_coefficients(calc, model, exponents, masses)
+    D = evanescent_coefficients(calc, model, exponents)
     phases = np.exp(2j * np.pi * np.outer(np.arange(2 * P + 1), np.arange(-P, P + 1)) / (2 * P + 1))
     return np.fft.fftshift(np.fft.fft(np.einsum('sp,pab->sab', phases, D), axis=0, norm='forward'), axes=0).real
 

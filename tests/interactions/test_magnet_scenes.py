@@ -48,10 +48,10 @@ def test_scenes_of_other_shapes(tmp_path, table, magnet):
 
 @pytest.mark.parametrize(('changes', 'message'), [
     ([('remanence_T = 1.30', 'grade = "N99"')], "law.grade must be one of 'N30'"),
-    ([('remanence_T = 1.30', '')], 'law has neither; give grade or remanence_T'),
-    ([('remanence_T = 1.30', 'remanence_T = 1.30\ngrade = "N42"')], 'law has grade and remanence_T; give grade or remanence_T'),
+    ([('remanence_T = 1.30', '')], 'law has no strength; give grade, remanence_T'),
+    ([('remanence_T = 1.30', 'remanence_T = 1.30\ngrade = "N42"')], 'law has grade and remanence_T; give grade, remanence_T or'),
     ([('remanence_T = 1.30', 'remanence_T = -1')], 'law.remanence_T must be a positive number, not -1'),
-    ([(RING_TABLE, '')], r'law has neither; give one of \[law.ring\], \[law.disc\]'),
+    ([(RING_TABLE, '')], r'law has no shape; give one of \[law.ring\], \[law.disc\]'),
     ([(RING_TABLE, '[law.cube]\nside_m = 1')], "law has no key 'cube'; did you mean 'cuboid'"),
     ([(RING_TABLE, '[law.sphere]\nradius_m = 1')], "law.sphere has no key 'radius_m'"),
     ([(RING_TABLE, '[law.disc]\ndiameter_m = 6e-3')], "law.disc lacks the key 'height_m'; add the height in m"),
