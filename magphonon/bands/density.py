@@ -108,7 +108,8 @@ def lattice_density(atoms: Atoms, omega: ArrayLike | None = None, steps: int | N
     frequencies = _on_mesh(atoms, steps, model)
     branches = frequencies.shape[-1]
     middles = _middles(frequencies) if omega is None else increasing(omega)
-    edges = _edges(middles)
+    between = (middles[1:] + middles[:-1]) / 2
+    edges = np.concatenate([[2 * middles[0] - between[0]], between, [2 * middles[-1] - between[-1]]])
     squares, levels = np.sign(frequencies) * frequencies**2, np.sign(edges) * edges**2
     below, count = np.zeros(len(edges)), 0
     for corners in simplices(squares):
@@ -191,7 +192,9 @@ def _on_mesh(atoms, steps, model):
     periodic = int(atoms.pbc.sum())
     if not periodic:
         raise ValueError('the structure is not periodic and has no zone; magphonon.response.density_of_states is for patches')
-    steps = _steps(len(atoms), periodic) if steps is None else whole('steps', steps)
+    if steps is None:  # about as many wavevectors in the zone of a large cell as there is room for in that of a small one
+        steps = 6 * int(np.ceil(STEPS[periodic] / 6 / max(1.0, len(atoms) / 6) ** (1 / periodic)))
+    steps = whole('steps', steps)
     n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
     n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # those of -q are the same
     frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)
@@ -199,11 +202,6 @@ def _on_mesh(atoms, steps, model):
     others = tuple(range(1, periodic))
     mirrored = np.roll(np.flip(half[1 : (steps + 1) // 2], (0, *others)), 1, others)
     return np.concatenate([half, mirrored])
-
-
-def _steps(particles, periodic):
-    """Mesh steps for a cell of some particles: about as many wavevectors in its zone as there is room for in that of one."""
-    return 6 * int(np.ceil(STEPS[periodic] / 6 / (particles / 6) ** (1 / periodic))) if particles > 6 else STEPS[periodic]
 
 
 def _middles(frequencies):
@@ -215,24 +213,12 @@ def _middles(frequencies):
     return (edges[1:] + edges[:-1]) / 2
 
 
-def _edges(middles):
-    between = (middles[1:] + middles[:-1]) / 2
-    return np.concatenate([[2 * middles[0] - between[0]], between, [2 * middles[-1] - between[-1]]])
-
-
 def simplices(values: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
     """Values at the corners of the simplices of a periodic mesh, ascending; of a function with f(-q) = f(q).
 
     Each step from a point of the mesh along all of its axes, one after the other in some order, is a simplex.  The opposite order
-    gives the mirror images, at whose corners such a function has the same values: they are left out.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n1, ..., nd, branches)
-
-    Yields
-    ------
-    ndarray, shape (up to BLOCK, d + 1)
+    gives the mirror images, at whose corners such a function has the same values: they are left out.  From values of the shape
+    (n1, ..., nd, branches) it yields arrays of the shape (up to BLOCK, d + 1).
     """
     for branch in np.moveaxis(values, -1, 0):
         for order in permutations(range(branch.ndim)):

@@ -54,16 +54,8 @@ INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely ev
 def laurent_roots(A: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots mu of `sum_p A_p mu^p v = 0` that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
-    Parameters
-    ----------
-    A : ndarray, shape (2 P + 1, n, n)
-        Real coefficients A_-P ... A_P; what is not coupled must be exactly zero.
-
-    Returns
-    -------
-    mu : ndarray of complex, shape (roots,)
-    v : ndarray of complex, shape (roots, n)
-        Each of norm one.
+    `A`, shape (2 P + 1, n, n), has the real coefficients A_-P ... A_P; what is not coupled must be exactly zero.  The vectors v,
+    shape (roots, n), are of norm one.
     """
     powers, n = len(A) - 1, A.shape[1]
     A = A / abs(A).max()
@@ -116,18 +108,7 @@ def _without_chains(L, R, lengths=None):
 
 def polished(A: NDArray[np.float64], mu: NDArray[np.complex128],
              v: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Roots and vectors after Newton's steps on `A(mu) v = 0` and `v0^+ v = 1` in log mu, as long as they lessen what is left.
-
-    Parameters
-    ----------
-    A : ndarray, shape (2 P + 1, n, n)
-    mu : ndarray of complex, shape (roots,)
-    v : ndarray of complex, shape (roots, n)
-
-    Returns
-    -------
-    mu, v
-    """
+    """Roots and vectors after Newton's steps on `A(mu) v = 0` and `v0^+ v = 1` in log mu, as long as they lessen what is left."""
     powers = np.arange(len(A)) - len(A) // 2
     log, (matrix, slope, rest, left) = np.log(mu), _at(A, powers, np.log(mu), v)
     for _ in range(POLISHES if len(mu) else 0):
@@ -208,19 +189,18 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     free = system.free.toarray()
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
-    exponents, unit = _exponents(_steps(system) @ direction)
+    bonds, moves = system.calc.bonds, np.diff(system.free.indptr).reshape(len(system), -1).any(axis=1)
+    # a bond to a held particle carries no wave
+    exponents, unit = _exponents(bonds.shift * (moves[bonds.i] & moves[bonds.j])[:, None] @ direction)
     D = system.reduced(_laurent(system.calc, model, exponents))
     xi = np.array([0.7, 1.9, 2.6])  # far from symmetry: only a flat band has one frequency at all of them
-    _refuse_flat(system.bloch(xi[:, None] / (2 * np.pi) * direction, model), omega)
+    bands = np.linalg.eigvalsh(system.bloch(xi[:, None] / (2 * np.pi) * direction, model))
+    hit = abs(bands - (omega * abs(omega))[:, None, None]) < 1e-10 * abs(bands).max()
+    for k in np.flatnonzero(hit.any(axis=2).all(axis=1))[:1]:
+        raise ValueError(f'a band is flat at omega = {omega[k]:.9g} rad/ms and holds every wavenumber; move the frequency')
     waves = [_waves(D, w, unit) for w in omega]
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
     return ComplexBands(omega, xi, (v @ free.T).reshape(*xi.shape, len(system), system.dim))
-
-
-def _steps(system):
-    """Cells that each bond bridges, shape (bonds, 3); a bond to a held particle carries no wave and bridges none."""
-    bonds, moves = system.calc.bonds, np.diff(system.free.indptr).reshape(len(system), -1).any(axis=1)
-    return bonds.shift * (moves[bonds.i] & moves[bonds.j])[:, None]
 
 
 def _exponents(steps):
@@ -250,13 +230,6 @@ def _laurent(calc, model, exponents):
     D = D.swapaxes(2, 3).reshape(2 * P + 1, n * calc.dim, -1)
     D[P] += np.diag(each_spring(calc.foundation, n, calc.dim))
     return D
-
-
-def _refuse_flat(D, omega):
-    bands = np.linalg.eigvalsh(D)
-    hit = abs(bands - (omega * abs(omega))[:, None, None]) < 1e-10 * abs(bands).max()
-    for k in np.flatnonzero(hit.any(axis=2).all(axis=1))[:1]:
-        raise ValueError(f'a band is flat at omega = {omega[k]:.9g} rad/ms and holds every wavenumber; move the frequency')
 
 
 def _waves(D, omega, unit):

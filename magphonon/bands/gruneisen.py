@@ -92,12 +92,7 @@ def gruneisen_parameters(atoms: Atoms, q: ArrayLike, model: str = 'complete') ->
 def growth(calc: MagneticRepulsion, free: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivative `R + C u` of the bond vectors with respect to the logarithm of the spacing, in mm, shape (bonds, dim).
 
-    Parameters
-    ----------
-    calc : MagneticRepulsion
-        At rest.
-    free : ndarray, shape (particles * dim, free)
-        Orthonormal directions that constraints leave free.
+    The calculator is at rest; `free`, shape (particles * dim, free), are the orthonormal directions that constraints leave free.
     """
     R, C = calc.bond_vectors, calc.bonds.incidence
     push = -(C.T @ np.einsum('bxy,by->bx', calc.rest_stiffness(), R)).ravel()

@@ -175,17 +175,10 @@ def write_band_yaml(phonon: Phonopy, path: BandPath, file: str | PathLike[str]) 
 
 
 def _pieces(path):
-    """Straight pieces of a path, both ends included, as phonopy wants them.
-
-    Returns
-    -------
-    pieces : list of ndarray, shape (wavevectors, 3)
-    names : list of str
-        Name of the end of each piece, and of its start where it does not continue the piece before.
-    connected : list of bool
-        Whether the next piece continues this one.
-    """
-    pieces, names, connected = [], [], []
+    """Straight pieces of a path, both ends included, as phonopy wants them."""
+    pieces = []
+    names = []  # of the end of each piece, and of its start where it does not continue the piece before
+    connected = []  # whether the next piece continues this one
     start = 0
     for section in filter(None, parse_path_string(path.path)):
         names.append(section[0])

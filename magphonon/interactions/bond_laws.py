@@ -65,24 +65,7 @@ def checked_laws(laws: Laws) -> Laws:
 
 def laws_along(laws: Laws, i: NDArray[np.intp], j: NDArray[np.intp], kinds: NDArray[np.intp],
                strengths: NDArray[np.float64]) -> tuple[tuple[Law, ...], NDArray[np.intp], NDArray[np.float64]]:
-    """The law and the strength of each bond between the particles i and j.
-
-    Parameters
-    ----------
-    laws : PairLaw or PairInteraction, or mapping from pairs of kinds to them
-        As `checked_laws` returns them.
-    i, j : ndarray of int, shape (bonds,)
-    kinds : ndarray of int, shape (particles,)
-    strengths : ndarray, shape (particles,)
-
-    Returns
-    -------
-    laws : tuple
-        Those that occur.
-    which : ndarray of int, shape (bonds,)
-        Index of the law of each bond.
-    strength : ndarray, shape (bonds,)
-    """
+    """The `checked_laws` that occur, which of them each bond between the particles i and j has, and the strength of each bond."""
     strength = strengths[i] * strengths[j]
     if not isinstance(laws, Mapping):
         return (laws,), np.zeros(len(i), int), strength

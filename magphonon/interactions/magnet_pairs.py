@@ -47,24 +47,22 @@ def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
     if not r > magnet.contact:
         raise ValueError(f'two of {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm apart')
     h, gap = magnet.height, (r - magnet.contact) / magnet.width
-    n = _rim_points(gap)
+    # the nearest singularity of the integrand is where the rims would meet; its distance from the real rim is about the gap
+    # divided by half the width, and the error falls exponentially with it
+    n = int(np.ceil(8 - np.log(TOLERANCE) / np.arcsinh(2 * gap)))  # points on a circle or edge, for an error below TOLERANCE
     points, normals = magnet.rim(n)
     if gap < FAR_GAP:
         d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
         terms = -2 * (h * np.arcsinh(h / d) - h**2 / (np.hypot(d, h) + d)) * (normals @ normals.T)
     else:
-        points, areas = _face(points, normals, n // 2)
+        node, weight = np.polynomial.legendre.leggauss(n // 2)  # on each ray from the centre of a face to a point of its rim
+        ray = (node + 1) / 2
+        areas = np.outer(ray * weight / 2, np.sum(points * normals, axis=1)).ravel()
+        points = (ray[:, None, None] * points).reshape(-1, 2)
         d = np.linalg.norm(points + np.array([r, 0]) - points[:, None], axis=-1)
         s = np.hypot(d, h)
         terms = 2 * h**2 / (d * s * (d + s)) * np.outer(areas, areas)  # 2 (1/d - 1/s)
     return _charge_coupling(magnet, magnet) * np.sum(terms)
-
-
-def _face(points, normals, n):
-    """Points over a whole face, `n` on each ray from its centre to a point of its rim, and their areas."""
-    node, weight = np.polynomial.legendre.leggauss(n)
-    ray = (node + 1) / 2
-    return (ray[:, None, None] * points).reshape(-1, 2), np.outer(ray * weight / 2, np.sum(points * normals, axis=1)).ravel()
 
 
 def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n: int = 96) -> NDArray[np.float64]:
@@ -116,15 +114,6 @@ def pair_force(first: Ring | Cuboid, second: Ring | Cuboid, offset: ArrayLike, n
 def _charge_coupling(first, second):
     """`mu0 M M'/(4 pi)` in N/mm^2."""
     return first.remanence * second.remanence / (4 * np.pi * units.mu0)
-
-
-def _rim_points(gap):
-    """Number of points on a circle, or on each edge, for an error below TOLERANCE; `gap` in widths of the magnets.
-
-    The nearest singularity of the integrand is where the rims would meet; its distance from the real rim is about the gap
-    divided by half the width, and the error falls exponentially with it.
-    """
-    return int(np.ceil(8 - np.log(TOLERANCE) / np.arcsinh(2 * gap)))
 
 
 @dataclass(frozen=True)

@@ -123,18 +123,8 @@ def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:
     return np.unique(pairs_within(atoms, cutoff)[3])
 
 
-def _held(atoms):
-    """Mask of the particles that FixAtoms holds, shape (particles,); all False if it holds every particle."""
-    held = np.zeros(len(atoms), bool)
-    for constraint in atoms.constraints:
-        if isinstance(constraint, FixAtoms):
-            held[constraint.index] = True
-    return held & ~held.all()
-
-
-def in_shells(atoms, i, j, shift, lengths):
+def _in_shells(held, i, j, shift, lengths):
     """The pairs, except those of two held particles at distances shorter or longer than any pair with a free particle."""
-    held = _held(atoms)
     if not held.any():
         return i, j, shift, lengths
     both = held[i] & held[j]
@@ -150,64 +140,45 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
     others = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
     extent = np.linalg.norm(np.ptp(atoms.positions, axis=0))
     reach = 1.8 * np.linalg.norm(others, axis=1).min()  # the two first shells of the common lattices: 1 and sqrt(2) or sqrt(3)
+    held = np.zeros(len(atoms), bool)
+    for constraint in atoms.constraints:
+        if isinstance(constraint, FixAtoms):
+            held[constraint.index] = True
+    held &= ~held.all()
     while True:
         i, j, shift, lengths = pairs = pairs_within(atoms, reach)
-        held = _held(atoms)
         distances = np.unique(lengths[~(held[i] & held[j])] if held.any() else lengths)
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
         if len(last) > shells or (complete and len(last) == shells):
-            _refuse_unclear_shells(atoms, distances, gaps, last, shells)
+            if (split := _unclear(atoms, distances, gaps, last, shells)) is not None:
+                raise ValueError(
+                    f'the shells of neighbours are not clear: one ends at {distances[split]:.9g} mm, and the next distance is '
+                    f'{distances[split + 1]:.9g} mm, {100 * gaps[split]:.2g} % longer; if rounded or measured positions split '
+                    'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
+                    f'({_widest_gap(atoms, distances[split]):.4g} mm lies in the widest gap)')
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
             near = lengths <= end
-            return in_shells(atoms, i[near], j[near], shift[near], lengths[near]), end
+            return _in_shells(held, i[near], j[near], shift[near], lengths[near]), end
         if complete:
             if len(last) + 1 == shells:
-                return in_shells(atoms, *pairs), reach
+                return _in_shells(held, *pairs), reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} wanted; lower the number')
         reach = 1.5 * reach + 1e-6 * extent  # the second term: if particle 0 coincides with another one, the reach starts at zero
 
 
 def clear_shells(atoms: Atoms, distances: NDArray[np.float64], counts: Iterable[int]) -> list[int]:
-    """Those of the numbers of shells that `find_bonds` accepts, because the next distance is another shell.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-    distances : ndarray, shape (n,)
-        Different distances in ascending order, beyond the shells.
-    counts : iterable of int
-    """
+    """Those of the numbers of shells that `find_bonds` accepts; `distances` are all different ones, ascending, and beyond."""
     gaps = np.diff(distances) / distances[1:]
     last = np.flatnonzero(gaps > SHELL_WIDTH)
     return [shells for shells in counts if shells <= len(last) and _unclear(atoms, distances, gaps, last, shells) is None]
 
 
-def _refuse_unclear_shells(atoms, distances, gaps, last, shells):
-    end = _unclear(atoms, distances, gaps, last, shells)
-    if end is None:
-        return
-    raise ValueError(f'the shells of neighbours are not clear: one ends at {distances[end]:.9g} mm, and the next '
-                     f'distance is {distances[end + 1]:.9g} mm, {100 * gaps[end]:.2g} % longer; if rounded or measured positions '
-                     'split one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
-                     f'({_widest_gap(atoms, distances[end]):.4g} mm lies in the widest gap)')
-
-
 def _unclear(atoms, distances, gaps, last, shells):
     """Where rounding may have split the last shell, or gaps are no wider than the rounding: an index of `distances`, or None.
 
-    Parameters
-    ----------
-    atoms : ase.Atoms
-    distances : ndarray, shape (n,)
-        Different distances in ascending order.
-    gaps : ndarray, shape (n - 1,)
-        Relative gaps between them, divided by the longer distance.
-    last : ndarray of int
-        Index of the last distance of each shell except the outermost.
-    shells : int
-        The number of shells wanted.
+    The `gaps` between the distances are divided by the longer one; `last` is the last distance of each shell but the outermost.
     """
     end = last[shells - 1]
     between = np.concatenate([[1.0], gaps[last[: shells + 1]]])  # no gap before the first shell
@@ -236,18 +207,6 @@ def _widest_gap(atoms, last):
     distances = np.append(distances_within(atoms, 2 * last), 2 * last)
     gap = np.argmax(np.diff(np.log(distances)))
     return distances[gap : gap + 2].mean()
-
-
-def refuse_scatter(atoms: Atoms, bonds: Bonds) -> None:
-    """Refuse shells that leave particles without a bond although the next distance is hardly longer."""
-    alone, last = np.flatnonzero(bonds.coordination == 0), bonds.lengths.max(initial=0)
-    assert bonds.cutoff is not None  # noqa: S101, of `find_bonds`
-    following = 2 * bonds.cutoff - last  # the cutoff is midway
-    if len(alone) and following < (1 + SCATTER) * last:
-        raise ValueError(f'the shells of neighbours end at {last:.6g} mm, the next distance is {following:.6g} mm, and '
-                         f'{len(alone)} particles such as {alone[0]} have no bond: the positions are irregular, so that each '
-                         'distance is a shell by itself; give a cutoff= between true shells '
-                         f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
 
 
 @dataclass(frozen=True)
@@ -378,7 +337,13 @@ def find_bonds(atoms: Atoms, shells: int = 1, cutoff: float | None = None) -> Bo
     if cutoff is None:
         pairs, end = pairs_in_shells(atoms, whole('shells', shells))
         bonds = _bonds(atoms, *pairs, end)
-        refuse_scatter(atoms, bonds)
+        alone, last = np.flatnonzero(bonds.coordination == 0), bonds.lengths.max(initial=0)
+        following = 2 * end - last  # the end is midway
+        if len(alone) and following < (1 + SCATTER) * last:
+            raise ValueError(f'the shells of neighbours end at {last:.6g} mm, the next distance is {following:.6g} mm, and '
+                             f'{len(alone)} particles such as {alone[0]} have no bond: the positions are irregular, so that each '
+                             'distance is a shell by itself; give a cutoff= between true shells '
+                             f'({_widest_gap(atoms, last):.4g} mm lies in the widest gap)')
         return bonds
     cutoff = positive('cutoff', cutoff, 'mm')
     distances = distances_within(atoms, cutoff * (1 + 2 * ON_SHELL))

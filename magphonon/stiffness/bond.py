@@ -182,21 +182,8 @@ def displaced(bonds: Bonds, rest: tuple[NDArray[np.float64], ...], moved: NDArra
               model: str) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The vectors at which an interaction is asked, and the directions to which a model of the forces confines its gradient.
 
-    Parameters
-    ----------
-    bonds : Bonds
-    rest : three ndarrays, shapes (bonds, dim), (bonds,) and (bonds, dim)
-        Vectors R and lengths r0 of the bonds at rest in mm, and their unit vectors n.
-    moved : ndarray, shape (bonds, dim)
-        Relative displacement of the ends of each bond in mm.
-    model : {'complete', 'conventional'}
-
-    Returns
-    -------
-    vectors : ndarray, shape (bonds, dim)
-        `R + moved` in mm; in the conventional model the vectors at rest, as long as the projection of these on them.
-    directions : ndarray, shape (bonds, dim), or None
-        n in the conventional model, None if the gradient stays as it is.
+    `rest` has the vectors R and lengths r0 of the bonds at rest and their unit vectors n.  The vectors are `R + moved`; in the
+    conventional model those at rest, as long as the projection of these on them, with the directions n.
     """
     R, r0, n = rest
     vectors = R + moved

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from ase.calculators.calculator import PropertyNotImplementedError
+from ase.geometry import find_mic, minkowski_reduce
 from ase.stress import full_3x3_to_voigt_6_stress
 from scipy import sparse
 
@@ -25,14 +26,11 @@ from .repulsion import Repulsion, masses_of
 from .sites import (
     displacement_components,
     from_reference,
-    minimum_image,
     of_sites,
     range_of,
     refuse_height,
     refuse_infinite,
-    refuse_load_along_z,
     refuse_motion_out_of_the_plane,
-    shortest_period,
     site_springs,
     site_strengths,
     warn_of_units,
@@ -153,7 +151,9 @@ class MagneticRepulsion(Repulsion):
         for fixed in self._anchors, self._load, self.reference.positions:  # constant forces are computed from them once
             fixed.flags.writeable = False
         if self.dim == 2:
-            refuse_load_along_z(self._load)
+            for k in np.flatnonzero(self._load[:, 2])[:1]:
+                raise ValueError(f'the load pushes particle {k} along z, but the structure is planar; give it a direction in the '
+                                 'plane')
         self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self._strengths, self.dim)
         refuse_height(self.reference, bonds, self.dim, central=self.interaction.central(self.dim) is not None)
         refuse_infinite(self)
@@ -249,8 +249,11 @@ class MagneticRepulsion(Repulsion):
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, atoms)
         energy, gradient = here._repulsion(u)
-        forces, energies = np.zeros((len(u), 3)), here._energies(u, energy - self._rest[3])
+        forces, gained = np.zeros((len(u), 3)), energy - self._rest[3]
         forces[:, : self.dim] = here._forces(u, gradient)
+        # half of the energy that each bond has gained since rest belongs to either end
+        energies = 0.5 * (np.bincount(here.bonds.i, gained, len(u)) + np.bincount(here.bonds.j, gained, len(u)))
+        energies += np.einsum('ix,ix->i', 0.5 * here.foundation * u - here.offset, u)
         found = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
         return found | {'stress': stress_per_volume(self, atoms)} if 'stress' in properties else found
 
@@ -259,11 +262,16 @@ class MagneticRepulsion(Repulsion):
         return self._minimum_image(from_reference(self, atoms))[:, : self.dim]
 
     def _minimum_image(self, u):
-        return minimum_image(u, self.reference, self._shortest_period)
+        if np.einsum('ix,ix->i', u, u).max(initial=0) > self._shortest_period**2 / 4:  # below it u is its own minimum image
+            u = find_mic(u, self.reference.cell, self.reference.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
+        return u
 
     @cached_property
     def _shortest_period(self):
-        return shortest_period(self.reference)
+        """Length of the shortest lattice vector in mm; infinite for a finite structure."""
+        periodic = self.reference.pbc
+        reduced = minkowski_reduce(self.reference.cell.array, periodic)[0]  # pyright: ignore[reportArgumentType]  three pbc
+        return np.linalg.norm(np.asarray(reduced)[periodic], axis=1).min(initial=np.inf)
 
     @cached_property
     def _rest(self):
@@ -298,11 +306,6 @@ class MagneticRepulsion(Repulsion):
 
     def _forces(self, u, gradient):
         return self.offset - self.bonds.incidence.T @ gradient - self.foundation * u
-
-    def _energies(self, u, shared):
-        """Energy of each particle, with half of the energy that each of its bonds has gained since rest."""
-        bonds = 0.5 * (np.bincount(self.bonds.i, shared, len(u)) + np.bincount(self.bonds.j, shared, len(u)))
-        return bonds + np.einsum('ix,ix->i', 0.5 * self.foundation * u - self.offset, u)
 
     def rest_stiffness(self, model: str = 'complete') -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
@@ -385,14 +388,7 @@ def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
 
 
 def bond_virial(calc: MagneticRepulsion, u: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
-    """Derivative of the energy of the bonds by the strain, their gradients times R, in mJ, shape (dim, dim).
-
-    Parameters
-    ----------
-    calc : MagneticRepulsion
-    u : ndarray, shape (particles, dim)
-        Displacements from the reference in mm; none by default.
-    """
+    """Derivative of the energy of the bonds by the strain at displacements `u`: gradients times R, in mJ, shape (dim, dim)."""
     R = calc.bond_vectors + (calc.bonds.incidence @ u if np.ndim(u) else 0.0)
     return np.einsum('bx,by->xy', calc.interaction.forces(R)[1], R)
 

@@ -234,9 +234,12 @@ def elastic_moduli(atoms: Atoms) -> Moduli:
     else:
         slopes = _by_finite_strain(calc)
     stress, clamped, Lambda = slopes
-    V, Phi = measure(atoms), calc.bloch_series(along)[0].real
-    return Moduli(_along_periods(atoms, calc.dim), float(masses_of(atoms).sum() / V), stress / V, clamped / V,
-                  (clamped - _following(Phi, Lambda)) / V)
+    V, Phi, dim = measure(atoms), calc.bloch_series(along)[0].real, calc.dim
+    internal = np.linalg.svd(np.tile(np.eye(dim), (len(atoms), 1)))[0][:, dim:]  # motion of the particles of a basis
+    push = internal.T @ Lambda.reshape(len(Phi), -1)
+    following = (push.T @ np.linalg.pinv(internal.T @ Phi @ internal, FLOPPY, hermitian=True) @ push).reshape((dim,) * 4)
+    density = float(masses_of(atoms).sum() / V)
+    return Moduli(_along_periods(atoms, dim), density, stress / V, clamped / V, (clamped - following) / V)
 
 
 def _refuse_patches(atoms):
@@ -301,11 +304,3 @@ def _strained(calc, eta):
     atoms.positions = atoms.positions @ F
     atoms.calc = type(calc)(atoms, calc.laws, strengths=calc.strengths, split=calc.sums.split)
     return atoms.get_potential_energy(), (atoms.get_forces() @ F)[:, : calc.dim]
-
-
-def _following(Phi, Lambda):
-    """The decrease of the clamped moduli, in mJ, because the particles of a basis relax under strain."""
-    dim = Lambda.shape[1]
-    internal = np.linalg.svd(np.tile(np.eye(dim), (len(Phi) // dim, 1)))[0][:, dim:]
-    push = internal.T @ Lambda.reshape(len(Phi), -1)
-    return (push.T @ np.linalg.pinv(internal.T @ Phi @ internal, FLOPPY, hermitian=True) @ push).reshape((dim,) * 4)

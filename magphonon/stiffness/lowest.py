@@ -42,18 +42,9 @@ eigenvalue."""
 
 
 def lowest_mode(D: sparse.csr_array) -> tuple[float, float, NDArray[np.float64]]:
-    """The ends of the spectrum of a symmetric matrix, the lower one to round-off.
+    """Lowest eigenvalue of a symmetric matrix to round-off, the highest, and the eigenvector of the lowest, of norm one.
 
-    Parameters
-    ----------
-    D : sparse array, shape (n, n)
-
-    Returns
-    -------
-    lowest, highest : float
-        For a large matrix `highest` is an upper bound; both are zero for a matrix of size zero.
-    mode : ndarray, shape (n,)
-        Eigenvector of the lowest one, of norm one.
+    For a large matrix the highest is an upper bound; both are zero for a matrix of size zero.
     """
     size = D.shape[0]
     if not size:
@@ -178,18 +169,7 @@ def eigenpairs_between(D: sparse.csr_array, low: float, high: float) -> tuple[ND
     """All eigenvalues of a symmetric sparse matrix between two numbers, and their eigenvectors.
 
     Two factorisations count them by the signs of pivots; Lanczos iterations with an inverse at the middle then find them.
-
-    Parameters
-    ----------
-    D : sparse array, shape (n, n)
-    low, high : float
-        Ends of the range.  Eigenvalues at an end, within EDGE of the range, are excluded: they belong to waves at the gap edge.
-
-    Returns
-    -------
-    values : ndarray, shape (count,)
-        Ascending.
-    vectors : ndarray, shape (n, count)
+    Eigenvalues at an end, within EDGE of the range, are excluded: they belong to waves at the gap edge.
     """
     size, span = D.shape[0], high - low
     # so that no eigenvalue is at the middle

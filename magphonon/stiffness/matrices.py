@@ -146,16 +146,7 @@ def _own(bonds, K):
 def _bloch_sum(bonds, K, own, factors, which):
     """`H + H^+`, where H is half of `own` on each particle, and -K_b times the factor of bond b, summed from i to j.
 
-    Parameters
-    ----------
-    own : float or ndarray, shape (particles, dim, dim, 1 or matrices)
-    factors : ndarray of complex, shape (factors, matrices)
-    which : ndarray of int, shape (bonds,)
-        The factor of each bond.
-
-    Returns
-    -------
-    ndarray of complex, shape (matrices, particles * dim, particles * dim)
+    `own` is a number or has the shape (particles, dim, dim, 1 or matrices), `factors` (factors, matrices).
     """
     n, dim, each = bonds.particles, K.shape[1], np.arange(bonds.particles)
     i, j, pair = bonds.distinct_pairs

@@ -89,7 +89,13 @@ class LinearSystem:
         if isinstance(atoms, LinearSystem):
             return atoms
         if not getattr(atoms.calc, 'pairwise', True) and isinstance(atoms.calc, Repulsion):  # the latter alone takes 0.1 ms
-            return cls._of_sums(atoms)
+            freedom(atoms)
+            sums: Any = atoms.calc
+            away = np.linalg.norm(sums.displacements(atoms), axis=1).max()
+            if away > ROUND_OFF * sums.bonds.lengths.min():
+                raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold '
+                                'only there; make another one at these positions')
+            return cls.about(sums, atoms).balanced()
         calc = repulsion_of(atoms)
         freedom(atoms)  # refuses other constraints
         there = same_cell(calc, atoms) and np.array_equal(atoms.positions, calc.reference.positions)
@@ -100,16 +106,6 @@ class LinearSystem:
             return system.balanced(f'set the positions back to those of atoms.calc.reference, where the forces balance (up to '
                                    f'{away:.3g} mm away), or ')
         return system.balanced()
-
-    @classmethod
-    def _of_sums(cls, atoms):
-        freedom(atoms)
-        calc = atoms.calc
-        away = np.linalg.norm(calc.displacements(atoms), axis=1).max()
-        if away > ROUND_OFF * calc.bonds.lengths.min():
-            raise NotAtRest(f'particles are up to {away:.3g} mm away from the reference of AllNeighbours, whose sums hold only '
-                            'there; make another one at these positions')
-        return cls.about(calc, atoms).balanced()
 
     @classmethod
     def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None) -> LinearSystem:
@@ -302,13 +298,8 @@ class LinearSystem:
 def static_forces(calc: MagneticRepulsion, push: Any = 0.0) -> NDArray[np.float64]:
     """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
 
-    The round-off of forces that cancel is set to zero; a load or push on balanced particles is kept, however small.
-
-    Parameters
-    ----------
-    calc : MagneticRepulsion
-    push : ndarray, shape (particles, 3)
-        Constant forces of drives in N; none by default.
+    The round-off of forces that cancel is set to zero; a load or push (N, shape (particles, 3)) on balanced particles is kept,
+    however small.
     """
     bonds, springs = calc.bonds, calc.spring_forces
     total, size = springs.copy(), 2 * abs(springs).max(axis=1)[:, None]

@@ -108,13 +108,6 @@ def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
                          f'but z ranges over {height:g} mm; give them one z')
 
 
-def refuse_load_along_z(load: NDArray[np.float64]) -> None:
-    """Refuse a dead load (N, shape (particles, 3)) that pushes a particle of a planar structure along z."""
-    if load[:, 2].any():
-        raise ValueError(f'the load pushes particle {np.flatnonzero(load[:, 2])[0]} along z, but the structure is planar; give '
-                         'it a direction in the plane')
-
-
 def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
     """Vectors from the reference of a calculator to the positions of `atoms` in mm, shape (particles, 3), in any image."""
     reference = calc.reference
@@ -127,24 +120,6 @@ def from_reference(calc: Repulsion, atoms: Atoms) -> NDArray[np.float64]:
     u = atoms.positions - reference.positions
     if not np.isfinite(u).all():
         raise ValueError(f'the position of particle {np.argwhere(~np.isfinite(u))[0, 0]} is not a finite number')
-    return u
-
-
-def shortest_period(reference: Atoms) -> float:
-    """Length of the shortest lattice vector in mm; infinite for a finite structure."""
-    from ase.geometry import minkowski_reduce
-
-    periodic = reference.pbc
-    reduced = minkowski_reduce(reference.cell.array, periodic)[0]  # pyright: ignore[reportArgumentType]  three pbc
-    return np.linalg.norm(np.asarray(reduced)[periodic], axis=1).min(initial=np.inf)
-
-
-def minimum_image(u: NDArray[np.float64], reference: Atoms, shortest: float) -> NDArray[np.float64]:
-    """The shortest of the vectors `u`, shape (particles, 3), in the periodic directions; `shortest` is the `shortest_period`."""
-    if np.einsum('ix,ix->i', u, u).max(initial=0) > shortest**2 / 4:  # below it u is its own minimum image
-        from ase.geometry import find_mic
-
-        u = find_mic(u, reference.cell, reference.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
     return u
 
 
@@ -201,15 +176,7 @@ def refuse_infinite(calc: MagneticRepulsion) -> None:
 
 
 def refuse_unlike(calc: Repulsion, tool: str, instead: str) -> None:
-    """Refuse particles that differ in law, strength or foundation, for a `tool` that supposes them to be equal.
-
-    Parameters
-    ----------
-    tool : str
-        Name of the tool, as the subject of a sentence.
-    instead : str
-        What the user can do instead.
-    """
+    """Refuse particles that differ in law, strength or foundation, for a `tool` that supposes them to be equal."""
     unlike = [what for what, differs in (('laws or strengths', isinstance(calc.law, BondLaws)),
                                          ('foundations', np.ndim(calc.foundation) > 0)) if differs]
     if unlike:
