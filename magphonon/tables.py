@@ -30,8 +30,7 @@ FORCE = {'N': u.N, 'mN': 1e-3 * u.N, 'uN': 1e-6 * u.N}
 MASS = {'kg': u.kg, 'g': u.g, 'mg': 1e-3 * u.g}
 SPEED = {f'{length}_per_{time}': x / t for length, x in LENGTH.items() for time, t in TIME.items()}
 STIFFNESS = {f'{force}_per_{length}': f / x for force, f in FORCE.items() for length, x in LENGTH.items()}
-FREQUENCY = {'Hz': 2 * np.pi * u.Hz, 'kHz': 2 * np.pi * u.kHz}
-"""An angular frequency in rad/ms."""
+FREQUENCY = {'Hz': 2 * np.pi * u.Hz, 'kHz': 2 * np.pi * u.kHz}  # an angular frequency in rad/ms
 AREA = {'m2': u.m**2, 'mm2': u.mm**2}
 ANGLE = {'rad': 1.0}
 PURE = {'': 1.0}
@@ -39,11 +38,9 @@ TEXT: dict[str, float] = {}
 """Units of a column of words."""
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a table: two million lines, read in about ten seconds."""
-SEPARATORS = '\t;, '
-"""Between cells; beside another one, commas are decimal commas."""
+SEPARATORS = '\t;, '  # between cells; beside another one, commas are decimal commas
 NUMBER = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?', re.ASCII)
-PLAIN = re.compile(r'[-+0-9.eE\n]*')
-"""Letters of numbers: what `float` reads besides, such as 1_0, is no number of an instrument."""
+PLAIN = re.compile(r'[-+0-9.eE\n]*')  # letters of numbers: what `float` reads besides, such as 1_0, is no number of an instrument
 BLOCK = 2**16
 """Number of rows that are held as text at a time."""
 

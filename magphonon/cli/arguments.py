@@ -15,10 +15,8 @@ if TYPE_CHECKING:
 
     from ..scenes.scene import Scene
 
-STDIN = '-'
-"""Argument for a scene that is read from a pipe."""
-FOLDER = 'SCENE-COMMAND'
-"""Placeholder for the default directory, which is named after scene and command."""
+STDIN = '-'  # argument for a scene that is read from a pipe
+FOLDER = 'SCENE-COMMAND'  # placeholder for the default directory, which is named after scene and command
 
 
 def add_scene(parser: ArgumentParser, needs: str = '') -> None:

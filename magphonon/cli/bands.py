@@ -28,7 +28,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> None:
     from ..bands.bands import analytic_bands
-    from ..bands.force_constants import phonopy_bands
+    from ..bands.force_constants import finite_displacements, phonopy_bands
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
     from .results import results
@@ -37,7 +37,10 @@ def run(options: Namespace) -> None:
     refuse_costly(scene, 'bands')
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         atoms, path = scene.perfect_cell(), scene.band_path()
-        phonon = _phonon(scene, atoms)
+        try:
+            phonon = finite_displacements(atoms, scene.supercell())
+        except ValueError as error:
+            raise ValueError(f'bands.supercell = {list(scene.bands.supercell)}: {error}') from None
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)
@@ -47,37 +50,21 @@ def run(options: Namespace) -> None:
     print(f'pictures and data are in {options.output}')
 
 
-def _phonon(scene, atoms):
-    from ..bands.force_constants import finite_displacements
-
-    try:
-        return finite_displacements(atoms, scene.supercell())
-    except ValueError as error:
-        raise ValueError(f'bands.supercell = {list(scene.bands.supercell)}: {error}') from None
-
-
 def _save(folder, bands, phonon):
-    from ..bands.phonopy_files import write_band_yaml, write_phonopy_params
-
-    for name, result in bands.items():
-        result.save(folder / f'bands_{name}.npz')
-    _write_table(folder / 'bands.csv', bands)
-    write_band_yaml(phonon, bands['phonopy'].path, folder / 'band.yaml')
-    if abs(phonon.force_constants).max() > LEAST_WRITTEN_N_per_mm:
-        write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
-
-
-def _write_table(file, bands):
     from .. import units
+    from ..bands.phonopy_files import write_band_yaml, write_phonopy_params
     from ..files import write_columns
 
     path = bands['complete'].path
-    names = ['path_rad_per_m', 'q1', 'q2', 'q3']
-    columns = [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
+    names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
     for name, result in bands.items():
+        result.save(folder / f'bands_{name}.npz')
         names += [f'{name}_{mode + 1}_Hz' for mode in range(result.omega.shape[1])]
         columns += [*result.frequencies_Hz.T]
-    write_columns(file, names, columns)
+    write_columns(folder / 'bands.csv', names, columns)
+    write_band_yaml(phonon, path, folder / 'band.yaml')
+    if abs(phonon.force_constants).max() > LEAST_WRITTEN_N_per_mm:
+        write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
 def _draw(save, scene, bands, highest_Hz):

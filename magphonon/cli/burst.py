@@ -36,6 +36,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from tqdm import tqdm
 
+    from .. import units
+    from ..files import write_columns
     from ..planning.scene import neglected
     from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
@@ -52,13 +54,13 @@ def run(options: Namespace) -> None:
         for k, name in enumerate(tqdm(plan.names, desc='bursts', disable=None)):
             passages = {model: _send(scene, k, cell, model, engine(name, model)) for model in MODELS}
             found = {model: waves(passage.row, cell, plan.source) for model, (*_, passage) in passages.items()}
-            _save(folder, name, passages, found)
+            _save(folder, name, passages, found, options.animation)
             _draw(save, name, plan.carriers_Hz[k], passages, found)
-            if options.animation:
-                _animate(folder, name, passages)
             records |= {f'{name}_{model}': found[model] for model in MODELS}
             largest |= {f'{name}_{model}': passage.largest for model, (*_, passage) in passages.items()}
-        _write_row(folder / 'row.csv', *passages['complete'][:2])
+        patch, site, _ = passages['complete']
+        places = patch.calc.reference.positions[site.row, :2].T / units.m
+        write_columns(folder / 'row.csv', ['step', 'particle', 'x_m', 'y_m'], [range(len(site.row)), site.row, *places])
         write_ridges(folder / 'ridges.csv', records)
         unstable = _unstable(cell)
         rest = [] if (found := scene.relaxation()) is None else [str(found)]
@@ -110,23 +112,17 @@ def _send(scene, k, cell, model, engine):
     return patch, site, passage
 
 
-def _save(folder, name, passages, found):
+def _save(folder, name, passages, found, filmed):
+    from ..plotting.animation import animate
     from ..waves.scan_tables import write_scan
 
-    for model, (_, _, passage) in passages.items():
+    for model, (patch, site, passage) in passages.items():
         write_scan(folder / f'{name}_{model}.csv', passage.row)
         for wave in found[model]:
             wave.spectrum.save(folder / f'{name}_{model}_{wave.motion}.npz')
-
-
-def _write_row(file, patch, site):
-    import numpy as np
-
-    from .. import units
-    from ..files import write_columns
-
-    columns = np.arange(len(site.row)), site.row, *patch.calc.reference.positions[site.row, :2].T / units.m
-    write_columns(file, ['step', 'particle', 'x_m', 'y_m'], columns)
+        if filmed:
+            shown, times = passage.field.displacements[:FILM], passage.field.times[:FILM]
+            animate(folder / f'{name}_{model}.gif', patch, shown, times, title=f'{model} simulation', site=site)
 
 
 def _draw(save, name, carrier, passages, found):
@@ -138,15 +134,6 @@ def _draw(save, name, carrier, passages, found):
     names = [f'{model} simulation, {motion} motion' for motion in motions for model in order]
     save(plot_waves(table, names, [carrier] * len(motions))[0], f'{name}_maps')
     save(plot_crossing({model: passages[model] for model in order}), f'{name}_snapshot')
-
-
-def _animate(folder, name, passages):
-    from ..plotting.animation import animate
-
-    for model, (patch, site, passage) in passages.items():
-        field = passage.field
-        animate(folder / f'{name}_{model}.gif', patch, field.displacements[:FILM], field.times[:FILM],
-                title=f'{model} simulation', site=site)
 
 
 def _amplitudes(cell, largest, loud):

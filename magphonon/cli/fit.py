@@ -188,6 +188,8 @@ def band_report(found, points: int, fixed: list[str]) -> str:
     """The parameters in both models with their intervals, what is not determined, and the evidence for D*."""
     from collections import Counter
 
+    from ..scenes.band_fits import UNITS
+
     own, fits = found.points, found.fits
     on = ', '.join(f'{count} ridge{"s" * (count > 1)} on branch {branch + 1}'
                    for branch, count in sorted(Counter(fits['complete'].branches).items()))
@@ -195,19 +197,14 @@ def band_report(found, points: int, fixed: list[str]) -> str:
              'Known: spacing and mass' + (f', fixed: {", ".join(fixed)}' if fixed else '') + '.', '']
     rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits))]
     values = {model: found.values(model) for model in fits}
-    rows += [(_named(name), *(_interval(*values[model][name]) for model in fits)) for name in values['complete']]
+    rows += [(f'{name} ({UNITS[name]})' if UNITS[name] else name, *(_interval(*values[model][name]) for model in fits))
+             for name in values['complete']]
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines += ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return '\n'.join([*lines, '', 'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
                       *_undetermined(found), *_biased(found), *_verdict(found), *_entries(found)])
-
-
-def _named(name):
-    from ..scenes.band_fits import UNITS
-
-    return f'{name} ({UNITS[name]})' if UNITS[name] else name
 
 
 def _interval(value, sigma):
@@ -272,7 +269,12 @@ def _verdict(found):
     from ..scenes.band_fits import TELLS
 
     if not found.better.follows:
-        return _nothing_follows(found)
+        return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
+                f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above mean '
+                'nothing, and these data are no evidence for D* or against it. The ridge that contributes most to chi2 is the '
+                f'ridge "{_worst(found)}": take it out of the table if it may be that of several waves or of another branch. A '
+                'point source sends several waves along a row: keep its transverse ridges, or drive a row of sources. Otherwise '
+                'mass, spacing or the number of shells of the scene may be wrong.']
     sigmas = found.evidence
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
@@ -287,16 +289,6 @@ def _verdict(found):
         lines.append(f'The {worse} model follows the ridges within their uncertainties, too: the evidence rests on the '
                      'difference alone.')
     return [*lines, *_scattered(found)]
-
-
-def _nothing_follows(found):
-    fits = found.fits
-    return [f'No model follows these ridges: the points scatter about D0 + D* by {fits["complete"].scatter:.2g} of their '
-            f'uncertainties, and about D0 alone by {fits["conventional"].scatter:.2g}. The parameters above mean nothing, and '
-            'these data are no evidence for D* or against it. The ridge that contributes most to chi2 is the ridge '
-            f'"{_worst(found)}": take it out of the table if it may be that of several waves or of another branch. A point '
-            'source sends several waves along a row: keep its transverse ridges, or drive a row of sources. Otherwise mass, '
-            'spacing or the number of shells of the scene may be wrong.']
 
 
 def _worst(found):

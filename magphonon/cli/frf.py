@@ -27,6 +27,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    import numpy as np
+
+    from .. import units
+    from ..files import write_columns
     from ..plotting.response import plot_response
     from ..response.frf import receptance
     from ..scenes.scene import read_scene
@@ -40,32 +44,21 @@ def run(options: Namespace) -> None:
     if (relaxation := scene.relaxation()) is not None:
         lines.append(str(relaxation))
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        responses = {}
+        names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model)
             system = LinearSystem.of(atoms)
-            responses[model] = receptance(system, source, answer, plan.omega, plan.damping)
-            responses[model].save(folder / f'frf_{model}.npz')
+            result = receptance(system, source, answer, plan.omega, plan.damping)
+            result.save(folder / f'frf_{model}.npz')
+            names += [f'{model}_amplitude_m_per_N', f'{model}_phase_deg']
+            columns += [abs(result.response) / (units.m / units.N), np.degrees(np.angle(result.response))]
             natural, told = _natural(system, plan.omega)
-            axes = plot_response(responses[model], natural, axes=axes, label=model, linestyle=style)
-            lines += ['', model, *told, *_peaks(responses[model])]
-        _write_table(folder / 'frf.csv', responses)
+            axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
+            lines += ['', model, *told, *_peaks(result)]
+        write_columns(folder / 'frf.csv', names, columns)
         save(axes[0].figure, 'frf')
     print('\n'.join(lines))
     print(f'picture and data are in {options.output}')
-
-
-def _write_table(file, responses):
-    import numpy as np
-
-    from .. import units
-    from ..files import write_columns
-
-    names, columns = ['frequency_Hz'], [responses['complete'].omega / (2 * np.pi) / units.Hz]
-    for model, result in responses.items():
-        names += [f'{model}_amplitude_m_per_N', f'{model}_phase_deg']
-        columns += [abs(result.response) / (units.m / units.N), np.degrees(np.angle(result.response))]
-    write_columns(file, names, columns)
 
 
 def _natural(system, omega):

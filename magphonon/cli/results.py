@@ -39,10 +39,8 @@ if TYPE_CHECKING:
     from ..scenes.scene import Scene
 
 PROVENANCE, SCENE = 'provenance.json', 'scene.toml'
-PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib')
-"""Packages whose versions are recorded with the results."""
-COPY = 'a copy of the scene'
-"""What a file is `by` that no command computed."""
+PACKAGES = ('ase', 'phonopy', 'numpy', 'scipy', 'matplotlib')  # packages whose versions are recorded with the results
+COPY = 'a copy of the scene'  # what a file is `by` that no command computed
 OTHERWISE = 'name another directory with -o'
 
 
@@ -117,7 +115,6 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
             run = _Run(options, scene, table)
             run.refuse_mixture(_provenance(folder))
             yield stage
-            run.copy_scene(stage)
             stale = run.move(stage)
     except OSError as error:
         if error.errno not in (ENOSPC, EFBIG, EDQUOT) or (error.filename and folder not in Path(error.filename).parents):
@@ -208,15 +205,13 @@ class _Run:
             if file.by == self.name:
                 self.replaces(name, file.sha256, self.name, known)
 
-    def copy_scene(self, stage):
+    def move(self, stage):
+        """Let the new files and copies of the scene take their names; return those of earlier runs that stay beside them."""
         if self.scene is not None:
             (stage / SCENE).write_bytes(self.source.content)
         for name, path in self.tables.items():
             with open(path, 'rb') as table, open(stage / name, 'xb') as copy:
                 shutil.copyfileobj(table, copy)
-
-    def move(self, stage):
-        """Let the new files take their names; return the files of earlier runs that stay beside them."""
         known = _provenance(self.folder)
         self.refuse_mixture(known)
         new = {file.name: _sum(file) for file in sorted(stage.iterdir())}

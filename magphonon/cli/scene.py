@@ -23,30 +23,24 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    import sys
+    from shutil import get_terminal_size
+
+    from ..scenes.keys import scene_keys
     from ..scenes.scene import read_scene, ready_scene, ready_scenes
 
     if options.keys is not None:
-        _print_keys(options.keys or None)
+        width, last = min(WIDEST, get_terminal_size().columns) if sys.stdout.isatty() else WIDEST, ''
+        for key in scene_keys(options.keys or None):
+            if key.table != last:
+                print(f'\n[{key.table}]')
+                last = key.table
+            print(_described(key, width))
     elif options.name is None:
         for name, file in ready_scenes().items():
             print(f'{name:12}{read_scene(str(file)).title}')
     else:
         print(ready_scene(options.name).read_text(encoding='utf-8'), end='')
-
-
-def _print_keys(name: str | None) -> None:
-    import sys
-    from shutil import get_terminal_size
-
-    from ..scenes.keys import scene_keys
-
-    width = min(WIDEST, get_terminal_size().columns) if sys.stdout.isatty() else WIDEST
-    last = ''
-    for key in scene_keys(name):
-        if key.table != last:
-            print(f'\n[{key.table}]')
-            last = key.table
-        print(_described(key, width))
 
 
 def _described(key: Key, width: int) -> str:

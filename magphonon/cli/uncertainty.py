@@ -59,6 +59,7 @@ def _bands(folder, save, scene, tolerances):
     from .. import units
     from ..bands.bands import Bands, path_of
     from ..design.uncertainty import frequency_spread
+    from ..files import write_columns
     from ..plotting.axes import point_name
     from ..plotting.response import plot_band_ribbons, plot_contributions
 
@@ -66,7 +67,11 @@ def _bands(folder, save, scene, tolerances):
     path = path_of(atoms, scene.band_path())
     spread = frequency_spread(atoms, path.kpts, tolerances)
     spread.save(folder / 'band_uncertainty.npz')
-    _write_table(folder / 'band_uncertainty.csv', path, spread)
+    names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
+    for mode in range(spread.values.shape[1]):
+        names += [f'frequency_{mode + 1}_Hz', f'std_{mode + 1}_Hz']
+        columns += [units.hertz(values[:, mode]) for values in (spread.values, spread.std)]
+    write_columns(folder / 'band_uncertainty.csv', names, columns, missing=names[5::2])  # a frequency of zero has no slope
     ax = plot_band_ribbons(Bands(path, spread.values), spread, label='complete')
     save(ax.figure, 'band_uncertainty')
 
@@ -122,17 +127,6 @@ def _monte_carlo(scene, path, tolerances, few, labels):
     if unstable:
         lines.append(f'UNSTABLE: {100 * unstable:.2g} % of the samples buckle')
     return lines
-
-
-def _write_table(file, path, spread):
-    from .. import units
-    from ..files import write_columns
-
-    names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [path.get_linear_kpoint_axis()[0] * units.m, *path.kpts.T]
-    for mode in range(spread.values.shape[1]):
-        names += [f'frequency_{mode + 1}_Hz', f'std_{mode + 1}_Hz']
-        columns += [units.hertz(values[:, mode]) for values in (spread.values, spread.std)]
-    write_columns(file, names, columns, missing=names[5::2])  # a frequency of zero has no slope
 
 
 def _response(folder, save, scene, tolerances):

@@ -155,10 +155,6 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         Without those that share noise, see `RidgePoints.independent`.
     model : {'complete', 'conventional'}
 
-    Returns
-    -------
-    DispersionFit
-
     Examples
     --------
     The foundation alone, from the shear branch of springs that are 20 % stiffer than where the fit starts:
@@ -192,7 +188,10 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     def with_branches(branches, start):
         return _settled(cell, names, points, model, lambda _: branches, start)
 
-    fit = _settled(cell, names, points, model, lambda atoms: _nearest_branches(atoms, points, model), np.zeros(len(names)))
+    def nearest(atoms):
+        return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
+
+    fit = _settled(cell, names, points, model, nearest, np.zeros(len(names)))
     count = bloch_modes(cell(*np.zeros(len(names)))[0], points.q[:1], model)[0].shape[1]
     told = _told(points, count)
     if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
@@ -265,10 +264,6 @@ def _neighbouring(fit, points, count, told):
 
 def _told(points, count):
     return [count == len(MOTION_BRANCH) and motion in MOTION_BRANCH for motion in points.motions]
-
-
-def _nearest_branches(atoms, points, model):
-    return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
 
 def _off_branches(atoms, points, model, unit):

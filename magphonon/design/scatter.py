@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
     from ..response.frf import Place
 
-SITES = ('mass', 'strength', 'stiffness')
-"""The quantities that scatter from site to site."""
+SITES = ('mass', 'strength', 'stiffness')  # the quantities that scatter from site to site
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 CROSSING = 1e-9

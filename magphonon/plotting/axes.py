@@ -28,10 +28,8 @@ STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
 COLUMN_in, PAGE_in = 3.4, 7.0
 """Width of a column and of a page of Physical Review B in inches."""
-PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}
-"""Prefixes of a unit by the power of ten."""
-FREQUENCIES = 'frequencies'
-"""Mark of an axis whose data are frequencies in Hz."""
+PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}  # prefixes of a unit by the power of ten
+FREQUENCIES = 'frequencies'  # mark of an axis whose data are frequencies in Hz
 COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8CD6F2')
 """The colours of the print style, which colour-blind readers can distinguish, and which differ in grey too."""
 UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}

@@ -52,10 +52,6 @@ def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None
     **line
         Properties of `matplotlib.lines.Line2D`.  Markers are thinned unless `markevery` is given.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, plot_bands
@@ -77,7 +73,9 @@ def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None
     elif len(ax.get_xticks()) != len(at) or not np.allclose(ax.get_xticks(), at, rtol=1e-6, atol=1e-9 * x[-1]):
         raise ValueError(f'these bands run along another path ({bands.path.path}, {x[-1]:g}/mm long) than those on the axes; '
                          'compute both on the same path')
-    x, f = _broken(x, bands.frequencies_Hz, bands.path.kpts)
+    # a gap where the path jumps: there ASE's axis stands still and the wavevector does not
+    jumps = np.flatnonzero((np.diff(x) == 0) & np.diff(bands.path.kpts, axis=0).any(axis=1)) + 1
+    x, f = np.insert(x, jumps, np.nan), np.insert(bands.frequencies_Hz, jumps, np.nan, axis=0)
     look: dict[str, Any] = {'markevery': max(1, len(x) // MARKERS)} | normalize_kwargs(line, Line2D)
     (first,) = ax.plot(x, f[:, 0], label=label, **look)
     others: dict[str, Any] = {'color': first.get_color()} | look
@@ -101,12 +99,6 @@ def _joined(ticks, names):
     """Ticks and names with one tick, 'X,M', where the path jumps."""
     at = np.unique(ticks)
     return at, [','.join(dict.fromkeys(name for tick, name in zip(ticks, names, strict=True) if tick == here)) for here in at]
-
-
-def _broken(x, f, kpts):
-    """Branches with a gap where the path jumps: there ASE's axis stands still and the wavevector does not."""
-    jumps = np.flatnonzero((np.diff(x) == 0) & np.diff(kpts, axis=0).any(axis=1)) + 1
-    return np.insert(x, jumps, np.nan), np.insert(f, jumps, np.nan, axis=0)
 
 
 def _from_zero(ax):

@@ -38,10 +38,6 @@ def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str
         Its entry in the legend.
     **line
         Properties of `matplotlib.lines.Line2D`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     ax = new_axes() if ax is None else ax
     f, share = density.frequencies_Hz, density.per_Hz
@@ -86,10 +82,6 @@ def plot_spectral_function(spectral: SpectralFunction, path: BandPath, *, ax: Ax
         At the wavevectors of the path.
     path : ase.dft.kpoints.BandPath
     ax : matplotlib.axes.Axes, optional
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     from matplotlib.colors import LogNorm
 

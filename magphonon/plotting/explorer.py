@@ -41,8 +41,7 @@ POINTS = 201
 ROUNDED = 1e-9
 """Relative room for round-off of lengths at the ends of a law."""
 FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'page.js')
-UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}
-"""Units of the spacing, by how many of them are a metre."""
+UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,6 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
     fits : dict of (ase.Atoms, DispersionFit)
         By model: the cell with the parameters of the fit, and the fit.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-
     Examples
     --------
     >>> from importlib.resources import files
@@ -88,10 +84,6 @@ def plot_fit(forces: Forces, fit: Fit) -> Figure:
     forces : Forces
     fit : Fit
         From `magphonon.interactions.fit_forces` of these forces.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Examples
     --------

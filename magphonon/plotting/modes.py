@@ -46,10 +46,6 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
         Branch by ascending frequency, from 0; it is printed from 1.
     ax : matplotlib.axes.Axes, optional
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, plot_mode
@@ -68,7 +64,9 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     own = ax is None
     ax = new_axes(height=3.8) if ax is None else ax
     half, cells = window(atoms)
-    u = _displacements(bands.vectors[where, mode], atoms.get_masses(), bands.path.kpts[where], cells)
+    u = bands.vectors[where, mode] / np.sqrt(atoms.get_masses())[:, None]
+    largest = u.flat[abs(u).argmax()]  # drawn in the phase where it is real
+    u = u * largest.conj() / abs(largest) * np.exp(2j * np.pi * cells @ bands.path.kpts[where])[:, None, None]
     u *= ARROW * spacing(atoms) / abs(u).max()  # of the longest orbit
     inside = (abs(in_cells(atoms, cells)) <= half - ARROW * spacing(atoms)).all(axis=-1)  # with their whole orbit
     rest, u = in_cells(atoms, cells)[inside], u[inside]
@@ -105,10 +103,6 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
         Place in mm about which a periodic structure is drawn; that of the particle with the most energy by default.
     defects : array_like, shape (defects, 2), optional
         Places in mm to be marked by a cross.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     ax = new_axes(height=3.4) if ax is None else ax
     share = atoms.get_masses() * (shape**2).sum(axis=1)
@@ -137,10 +131,6 @@ def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tupl
     ax : matplotlib.axes.Axes, optional
     bands : sequence of (low, high)
         Ranges of angular frequency in rad/ms.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     own = ax is None
     ax = new_axes() if ax is None else ax
@@ -154,13 +144,6 @@ def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tupl
     if own:
         legend_above(ax)
     return ax
-
-
-def _displacements(vector, masses, q, cells):
-    """Complex displacements of a mass-weighted mode in the `cells`, in its phase where the largest one is real."""
-    u = vector / np.sqrt(masses)[:, None]
-    largest = u.flat[abs(u).argmax()]
-    return u * largest.conj() / abs(largest) * np.exp(2j * np.pi * cells @ q)[:, None, None]
 
 
 def _wavevector(path, q):

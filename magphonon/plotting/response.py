@@ -26,8 +26,7 @@ PRINTED = {'youngs_modulus': "Young's modulus", 'a': 'exponent $a$', 'b': 'stren
 HALF_WIDTH = 2
 """Half width of a ribbon in standard deviations; it contains 95 of 100 lattices."""
 RIBBON = rf'$\pm{HALF_WIDTH}\sigma$'
-HATCHES = ('', '////', '....', 'xxxx', '----')
-"""Hatches by which bars can be distinguished in grey."""
+HATCHES = ('', '////', '....', 'xxxx', '----')  # hatches by which bars can be distinguished in grey
 NATURAL = 'natural frequencies'
 MOST_BARS = 8
 """Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
@@ -82,10 +81,6 @@ def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None
     labels : sequence of str
         Names of these frequencies.
     ax : matplotlib.axes.Axes, optional
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     rows: dict[str, NDArray[np.float64]] = {'all together': spread.std}
     rows |= dict(sorted(spread.contributions.items(), key=lambda row: row[1].max()))
@@ -96,17 +91,12 @@ def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None
         bars = ax.barh(y + 0.4 - (k + 0.5) * height, share, height, color=COLOURS[k % len(COLOURS)], alpha=0.75,
                        hatch=hatch, edgecolor='white', label=f'{label}, {abs(spread.values[k]) / (2 * np.pi) / units.Hz:.4g} Hz')
         ax.bar_label(bars, fmt='%.2g', padding=2, fontsize='small')
-    ax.set_yticks(y, [_printed(name) for name in rows])
+    ax.set_yticks(y, [', '.join(PRINTED.get(part, part.replace('_', ' ')) for part in name.split(', ')) for name in rows])
     ax.tick_params(axis='y', length=0)
     ax.set_xlabel('standard deviation (% of the frequency)')
     ax.margins(x=0.1, y=0.02)
     legend_above(ax, ncols=1)
     return ax
-
-
-def _printed(name: str) -> str:
-    """Names of correlated parameters such as 'youngs_modulus, a' as they are printed."""
-    return ', '.join(PRINTED.get(part, part.replace('_', ' ')) for part in name.split(', '))
 
 
 def response_axes() -> NDArray[np.object_]:
@@ -134,10 +124,6 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     label : str, optional
     **line
         Properties of `matplotlib.lines.Line2D`.
-
-    Returns
-    -------
-    array of two matplotlib.axes.Axes
 
     Examples
     --------

@@ -43,10 +43,6 @@ def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
         One cell with its MagneticRepulsion.
     ax : matplotlib.axes.Axes, optional
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Examples
     --------
     >>> from magphonon import read_scene
@@ -84,10 +80,6 @@ def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None
         Where a burst enters and where it is measured; triangles and a line of filled circles mark it.
     ax : matplotlib.axes.Axes, optional
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Examples
     --------
     >>> from magphonon import read_scene
@@ -97,12 +89,15 @@ def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None
     >>> patch = scene.patch_atoms()
     >>> ax = plot_patch(patch, site(scene.atoms(), patch, scene.burst.source))
     """
+    from matplotlib.collections import PolyCollection
+
     ax = new_axes(height=3.2) if ax is None else ax
     rest, diameter = patch.positions[:, :2] / units.m, SIZE * spacing(patch)
     draw_bonds(ax, patch)
     held = ~freedom(patch)[0]
     draw_particles(ax, rest[~held], diameter, **FREE)
-    draw_squares(ax, rest[held], diameter)
+    squares = rest[held][:, None] + diameter / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    ax.add_collection(PolyCollection(list(squares), linewidths=0.5, zorder=2, **HELD))
     handles = [_mark('o', 'white', '0.25', 'free')] + [_mark('s', '0.6', '0.25', 'held')] * bool(held.any())
     if site is not None:
         draw_particles(ax, rest[site.row], diameter, facecolors=COLOURS[0], edgecolors=COLOURS[0])
@@ -170,14 +165,6 @@ def draw_particles(ax: Axes, places: ArrayLike, diameter: float, **look: Any) ->
                              **{'linewidths': 0.5, 'zorder': 2} | look)
     ax.add_collection(dots)
     return dots
-
-
-def draw_squares(ax: Axes, places: NDArray[np.float64], side: float) -> None:
-    """Grey squares for particles that are held."""
-    from matplotlib.collections import PolyCollection
-
-    corners = side / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    ax.add_collection(PolyCollection(list(places[:, None] + corners), linewidths=0.5, zorder=2, **HELD))
 
 
 def draw_arrow(ax: Axes, start: Sequence[float] | NDArray[np.float64], end: ArrayLike, text: str, colour: str = 'black') -> None:

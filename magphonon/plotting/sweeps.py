@@ -33,10 +33,6 @@ def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     name : str
         One of its variables, a number at every point.
     ax : matplotlib Axes, optional
-
-    Returns
-    -------
-    matplotlib Axes
     """
     shown = _in_small_units(answers[name])
     wide = sorted(shown.dims, key=lambda axis: shown.sizes[axis] == 1)  # axes of several values first, else in their order

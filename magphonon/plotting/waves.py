@@ -58,10 +58,6 @@ def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
         Its ridge is drawn as circles with their uncertainty.
     ax : matplotlib.axes.Axes, optional
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Examples
     --------
     >>> import numpy as np
@@ -188,7 +184,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Ax
     dots, power = draw_crests(ax, patch, crests, visible([crests]))
     mark_site(ax, patch, site)
     bar_of_crests(dots, ax, axis, power)
-    legend_above(ax, ncols=2, title=f'{patch.calc.parameters.model} model, {_moment(field, frame)}')
+    legend_above(ax, ncols=2, title=f'{patch.calc.parameters.model} model, {field.times[frame] / units.s:.3f} s after the start')
     return ax
 
 
@@ -199,10 +195,6 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure
     ----------
     passages : mapping
         Patch, site and passage of each simulation, by its name.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     frame = min(crossing(passage) for *_, passage in passages.values())
     fields = {name: passage.field for name, (*_, passage) in passages.items()}
@@ -267,7 +259,3 @@ def bar_of_crests(dots: EllipseCollection, axes: Any, axis: int, power: int, **o
     """The colour bar of crests along an axis of the structure."""
     label = f'displacement $u_{"xyz"[axis]}$ ({PREFIXES[power]}m)'
     np.ravel(axes)[0].figure.colorbar(dots, ax=axes, label=label, extend='both', **options)
-
-
-def _moment(field, frame):
-    return f'{field.times[frame] / units.s:.3f} s after the start'

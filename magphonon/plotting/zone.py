@@ -48,10 +48,6 @@ def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
         `bands.path`, through a planar lattice.
     ax : matplotlib.axes.Axes, optional
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene

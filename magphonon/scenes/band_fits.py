@@ -96,8 +96,7 @@ class BandFits:
         return found
 
 
-UNITS = {'force': 'N', 'a': '', 'screening_length': 'm', 'foundation': 'N/m', 'bond stiffness': 'N/m'}
-"""Units of the values."""
+UNITS = {'force': 'N', 'a': '', 'screening_length': 'm', 'foundation': 'N/m', 'bond stiffness': 'N/m'}  # units of the values
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -129,10 +128,6 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> B
         Of any number of ridges; those that share noise are left out.
     fixed : sequence of str
         Parameters that are known from elsewhere: 'force', 'a' (or 'screening_length'), 'foundation'.
-
-    Returns
-    -------
-    BandFits
 
     Examples
     --------

@@ -36,13 +36,14 @@ LEAST_SHARE = 1e-12
 foundation."""
 SENSIBLE_SHARE = 1e-6
 """Stiffness of the repulsion, as a fraction of the foundation, above which a structure behaves as a lattice."""
+SPECTRUM_END = 1.4
+"""Upper end of the spectrum of a Hann-windowed burst of five cycles, as a multiple of its carrier."""
 MOST_SHELLS = 300
 """Largest number of shells, about 4000 neighbours of each particle; beyond it the sum over all neighbours is used."""
 MOST_LEGS = 100
 """Largest number of points along a path; a picture has no room for more names."""
 
-OF_LATTICES = 'plan', 'design', 'uncertainty'
-"""Tables of computations that vary one law and the spacing of a lattice."""
+OF_LATTICES = 'plan', 'design', 'uncertainty'  # tables of computations that vary one law and the spacing of a lattice
 IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
 """Tables of computations that know no motion out of the plane."""
 
@@ -107,8 +108,10 @@ def _burst(scene: Scene) -> None:
 
 
 def _vibrometer(scene: Scene) -> None:
-    if scene.burst is not None:
-        scene.vibrometer.refuse_aliasing(scene.burst.carriers_Hz)
+    least = 2 * SPECTRUM_END * max(scene.burst.carriers_Hz) if scene.burst is not None else 0.0
+    if scene.vibrometer.sampling_rate_Hz < least:
+        raise ValueError(f'vibrometer.sampling_rate_Hz must be at least {least:.6g}, twice the end of the spectrum of the '
+                         f'highest burst, not {scene.vibrometer.sampling_rate_Hz!r}')
     if scene.vibrometer.noise_m > scene.lattice.spacing_m:
         raise ValueError(f'vibrometer.noise_m must be less than the spacing of {scene.lattice.spacing_m!r} m, not '
                          f'{scene.vibrometer.noise_m!r}')
@@ -241,8 +244,14 @@ def _plan(scene: Scene) -> None:
 
 
 def _scale(scene: Scene, calc: Repulsion) -> None:
-    _touching(scene, calc)
-    _dense(scene)
+    if not calc.law.dphi(calc.bonds.lengths).any():
+        mend = '' if not isinstance(scene.law, HertzLaw) else (
+            f' than law.diameter_m = {scene.law.diameter_m!r}; spheres repel where they touch')
+        raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; take a smaller one{mend}')
+    density = _mass_kg(scene) / scene.lattice.spacing_m**3
+    if density > DENSEST_kg_per_m3:
+        warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
+                      'denser than any metal; check their units, which are kg and m', stacklevel=2)
     repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.foundation)
     f = frequency_scale(calc)
     if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
@@ -253,20 +262,6 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
         raise ValueError(f'{scene.lattice.spacing_given}: the repulsion then has a stiffness of '
                          f'{lost:.1g} N/m, which is lost in the round-off of the foundation, {given:.3g} N/m'
                          f'{_millimetres(scene, scene.law.potential(), k)}; check their units and exponents')
-
-
-def _touching(scene: Scene, calc: Repulsion) -> None:
-    spheres = scene.law if isinstance(scene.law, HertzLaw) else None
-    if not calc.law.dphi(calc.bonds.lengths).any():
-        mend = '' if spheres is None else f' than law.diameter_m = {spheres.diameter_m!r}; spheres repel where they touch'
-        raise ValueError(f'{scene.lattice.spacing_given} is so large that nothing repels; take a smaller one{mend}')
-
-
-def _dense(scene: Scene) -> None:
-    density = _mass_kg(scene) / scene.lattice.spacing_m**3
-    if density > DENSEST_kg_per_m3:
-        warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
-                      'denser than any metal; check their units, which are kg and m', stacklevel=2)
 
 
 def _numbers(scene: Scene) -> str:

@@ -70,12 +70,11 @@ class Allowed(str):
     """What the check beside it in an annotation lets pass, in words, for the list of keys; it checks nothing itself."""
 
 
-_number = partial(number, '')
 listed = BeforeValidator(_list)
 Positive = Annotated[float, BeforeValidator(partial(positive, '')), Allowed('above 0')]
 NotNegative = Annotated[float, BeforeValidator(partial(not_negative, '')), Allowed('0 or more')]
 Count = Annotated[int, BeforeValidator(partial(whole, '')), Allowed('1 or more')]
-Number = Annotated[float, BeforeValidator(_number)]
+Number = Annotated[float, BeforeValidator(partial(number, ''))]
 Point = Annotated[tuple[float, float], BeforeValidator(_point), Allowed('-1e6 to 1e6 each')]
 Points = Annotated[tuple[Point, ...], listed]
 Flag = Annotated[bool, BeforeValidator(_flag), Allowed('true or false')]

@@ -79,10 +79,6 @@ def scene_keys(name: str | None = None) -> list[Key]:
     name : str, optional
         Name of a table, such as 'law' or 'law.disc', or of a key, such as 'spacing_m' or 'lattice.spacing_m'.
 
-    Returns
-    -------
-    list of Key
-
     Examples
     --------
     >>> from magphonon.scenes import scene_keys

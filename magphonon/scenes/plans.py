@@ -42,7 +42,6 @@ from .laws import InversePowerLaw
 from .tolerances import varied
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from typing import Any
 
     from ase import Atoms
@@ -52,10 +51,7 @@ if TYPE_CHECKING:
     from ..waves.wave_source import Burst, Passage, Site
     from .scene import Scene
 
-SPECTRUM_END = 1.4
-"""Upper end of the spectrum of a Hann-windowed burst of five cycles, as a multiple of its carrier."""
-HERTZ = 2 * np.pi * u.Hz
-"""One hertz in rad/ms."""
+HERTZ = 2 * np.pi * u.Hz  # one hertz in rad/ms
 
 
 class BandPlan(Table):
@@ -187,13 +183,6 @@ class VibrometerPlan(Table):
         from ..waves.vibrometer import sampled
 
         return sampled(row, self.sampling_rate_Hz * u.Hz, self.noise_m * u.m, seed)
-
-    def refuse_aliasing(self, carriers_Hz: Sequence[float]) -> None:
-        """Raise ValueError if the sampling folds the spectrum of a burst."""
-        least = 2 * SPECTRUM_END * max(carriers_Hz)
-        if self.sampling_rate_Hz < least:
-            raise ValueError(f'vibrometer.sampling_rate_Hz must be at least {least:.6g}, twice the end of the spectrum of the '
-                             f'highest burst, not {self.sampling_rate_Hz!r}')
 
 
 class EdgePlan(Table):

@@ -268,10 +268,6 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
     path : path-like or Source
         A TOML file, or the name of a ready scene, which is taken if there is no file of this name; `magphonon scene` lists them.
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     OSError

@@ -39,8 +39,7 @@ COLUMNS = {'x': LENGTH, 'y': LENGTH, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'm
 LAYOUT = 'a table of particles has the columns x_m,y_m and, where wanted, z_m,kind,held,mass_kg,strength,stiffness_N_per_m'
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
-MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m
-"""Largest number of a kind, and largest coordinate; what is farther is in another unit."""
+MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m  # largest number of a kind, and largest coordinate; what is farther is in another unit
 NEAREST_m = 1e-6, 1e6
 """Range of the distance of nearest particles, as of `lattice.spacing_m`; beyond it a unit is wrong."""
 OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
@@ -118,10 +117,14 @@ class FileLattice(Table):
             refuse_endless(path, MOST_BYTES)
             if path.suffix.lower() == '.csv':
                 return self._with_cell(read_particles(path))
-            for key in ('cell_m',):
-                if getattr(self, key) is not None:
-                    raise ValueError(f'{path} has a cell of its own; take {key} out')
-            return self._in_mm(_without_columns_of_tables(_read_by_ase(path), path))
+            if self.cell_m is not None:
+                raise ValueError(f'{path} has a cell of its own; take cell_m out')
+            atoms = _read_by_ase(path)
+            for name, instead in OF_ASE.items():
+                if atoms.has(name):
+                    raise ValueError(f'{path} has the column {name}, which is one of tables .csv; in a file of ASE it is '
+                                     f'{instead}')
+            return self._in_mm(atoms)
         except OSError as error:
             raise ValueError(f'.file: {path} cannot be read ({error.strerror}); it is sought beside the scene') from None
         except ValueError as error:
@@ -235,15 +238,6 @@ class FileLattice(Table):
     def path(self, points: str | None, npoints: int) -> BandPath:
         """Path through special points, `ase.dft.kpoints.BandPath`."""
         return band_path(self.cell(), points, npoints)
-
-
-def _without_columns_of_tables(atoms, path):
-    """The particles, if none of their arrays has the name of a column of tables .csv that in a file of ASE means nothing."""
-    for name, instead in OF_ASE.items():
-        if atoms.has(name):
-            raise ValueError(f'{path} has the column {name}, which is one of tables .csv; in a file of ASE it is '
-                             f'{instead}')
-    return atoms
 
 
 def _read_by_ase(path):

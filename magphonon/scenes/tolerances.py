@@ -48,8 +48,7 @@ LAW_CHANGES = {
     'table': {'forces': force_change},
     'magnets': {'remanence': partial(force_change, power=2), 'force': force_change},
 }
-PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}
-"""Powers of the parameters in k = 3 E (pi R^4/4)/H^3."""
+PILLAR_POWERS = {'youngs_modulus': 1, 'radius': 4, 'height': -3}  # powers of the parameters in k = 3 E (pi R^4/4)/H^3
 LARGEST_TOLERANCE = 0.5
 """Largest relative standard deviation: with twice this value random exponents overflow, and a change by half is no small
 change."""

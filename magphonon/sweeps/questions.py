@@ -98,14 +98,6 @@ def _gap(situation: Situation, branch: str) -> float:
     return float(f[:, n].min() - f[:, n - 1].max())
 
 
-def _needed(situation: Situation) -> float:
-    return situation.needed / (u.N / u.m)
-
-
-def _margin(situation: Situation) -> float:
-    return situation.margin / (u.N / u.m)
-
-
 def _growth(situation: Situation) -> float:
     if situation.margin >= -BORDER * situation.needed:
         return 0.0
@@ -124,14 +116,6 @@ def _spacing(situation: Situation) -> float:
 def _amplitude(situation: Situation) -> float:
     situation.refuse_buckling()
     return float(frequency_shifts(situation.atoms).amplitude(LINEAR_ERROR) / u.m)
-
-
-def _faults(situation: Situation) -> float:
-    return float(len(verdict(situation.atoms).faults))
-
-
-def _timestep(situation: Situation) -> float:
-    return verdict(situation.atoms).timestep_limit / u.s
 
 
 def _point_and_branch(scene: Scene, point: str, branch: str) -> None:
@@ -156,10 +140,6 @@ def _branch(scene, text, above):
     most = len(atoms) * atoms.calc.dim - above
     if whole('the branch', float(text) if text.isdecimal() else text) > most:
         raise ValueError(f'the branch must be at most {most}, not {text}')
-
-
-def _with_frf(scene: Scene) -> None:
-    scene.wanted('frf')
 
 
 class Question(NamedTuple):
@@ -189,18 +169,22 @@ QUESTIONS = {
                                  'gap above branch {}', _branch_below),
     'bands.POINT.BRANCH': Question('Hz', 'frequency of a branch at a special point, counted from 1', _frequency,
                                    'frequency at {}, branch {}', _point_and_branch),
-    'stability.needed': Question('N/m', 'foundation that the lattice needs', _needed, 'foundation needed'),
-    'stability.margin': Question('N/m', 'foundation less what the lattice needs; negative where it buckles', _margin,
-                                 'foundation less what is needed'),
+    'stability.needed': Question('N/m', 'foundation that the lattice needs', lambda situation: situation.needed / (u.N / u.m),
+                                 'foundation needed'),
+    'stability.margin': Question('N/m', 'foundation less what the lattice needs; negative where it buckles',
+                                 lambda situation: situation.margin / (u.N / u.m), 'foundation less what is needed'),
     'stability.growth': Question('1/s', 'rate of the fastest growing motion, zero where it is stable', _growth, 'growth rate'),
     'stability.spacing': Question('m', 'spacing at which it begins or ceases to buckle', _spacing, 'spacing at buckling'),
     'linear.amplitude': Question('m', 'amplitude at which frequencies are 1 % off the linear ones', _amplitude,
                                  'amplitude for an error of 1 %'),
-    'timestep.limit': Question('s', 'longest stable time step', _timestep, 'longest time step'),
-    'verdict.faults': Question('1', 'number of faults that "magphonon check" finds in the lattice', _faults, 'faults'),
+    'timestep.limit': Question('s', 'longest stable time step', lambda situation: verdict(situation.atoms).timestep_limit / u.s,
+                               'longest time step'),
+    'verdict.faults': Question('1', 'number of faults that "magphonon check" finds in the lattice',
+                               lambda situation: float(len(verdict(situation.atoms).faults)), 'faults'),
     'frf.peak_Hz': Question('Hz', 'frequency of the highest response of [frf]', lambda situation: situation.peak[0],
-                            'frequency of the peak', _with_frf),
-    'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1], 'peak', _with_frf),
+                            'frequency of the peak', lambda scene: scene.wanted('frf')),
+    'frf.peak_m_per_N': Question('m/N', 'the highest response of [frf]', lambda situation: situation.peak[1], 'peak',
+                                 lambda scene: scene.wanted('frf')),
 }
 """Words in capitals stand for any word; what comes first in the list counts."""
 
