@@ -38,8 +38,7 @@ UNITS = {
 SAME_LATTICE = 1e-3
 """Largest relative difference of products of lattice vectors at which a path belongs to the cell.  ASE takes a cell for a lattice
 whose products differ by up to 2e-4 of its volume^(2/3), which is at most 8e-4 of the largest one for periods above 0.1 mm."""
-CROSSINGS = 1024
-"""Number of wavevectors at which crossings are looked for at a time, so that pairs of branches of a large mesh fit in memory."""
+CROSSINGS = 1024  # wavevectors treated at a time, so that pairs of branches of a large mesh fit in memory
 ROUND_OFF = 1e-9  # relative tolerance of the depth, so that a row exactly at this depth belongs to the edge
 
 

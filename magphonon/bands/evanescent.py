@@ -40,14 +40,9 @@ LINK = 1e-11
 eight particles, at three frequencies each, those of links were at most 2e-12, all others at least 4e-11."""
 POLISHES = 3
 LONGEST_STEP = 0.1  # longest Newton step in log mu; a longer one leads to another root
-SINGULAR_FRACTION = 1e-14
-"""Fraction of the largest singular value below which a singular value of Newton's matrix is round-off, as where two roots
-coincide."""
-LARGEST_DENOMINATOR = 6
-"""Largest denominator of the exponents along a direction.  The matrix pencil grows with it; symmetry directions need 1, 2 or
-3."""
-LEAST_DECAY = 1e-6
-"""Smallest decay per step that is not round-off: at a band edge, a double root, round-off changes xi by its own square root."""
+SINGULAR_FRACTION = 1e-14  # of the largest singular value: below is round-off, as where two roots coincide
+LARGEST_DENOMINATOR = 6  # of exponents; the pencil grows with it, and symmetry directions need 1, 2 or 3
+LEAST_DECAY = 1e-6  # per step; below is round-off: at a band edge, a double root, round-off changes xi by its square root
 INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)
 
 

@@ -32,11 +32,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from phonopy import Phonopy
 
-ZERO_FRACTION = 1e-6
-"""Fraction of the highest frequency below which a frequency is zero: it is the square root of a rounded eigenvalue."""
+ZERO_FRACTION = 1e-6  # of the highest frequency: below is the square root of a rounded eigenvalue
 KEY = re.compile(r'[ -]*(\w+):')
-DECIMALS = re.compile(r'-?\d+\.\d{6,}')
-"""A number as phonopy writes it, with six to sixteen decimals: enough for Angstrom, u and eV."""
+DECIMALS = re.compile(r'-?\d+\.\d{6,}')  # a number as phonopy writes it, with decimals enough for Angstrom, u and eV
 
 
 def in_phonopy_units(phonon: Phonopy) -> Phonopy:

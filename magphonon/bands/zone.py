@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 PLANAR = (True, True, False)
-ROUND_OFF = 1e-6
-"""Fraction of the highest frequency below which a frequency is zero: it is the square root of a rounded eigenvalue."""
+ROUND_OFF = 1e-6  # fraction of the highest frequency that is zero: the square root of a rounded eigenvalue
 
 
 def first_zone(cell: ArrayLike) -> NDArray[np.float64]:

@@ -49,10 +49,8 @@ SHAPE_TOLERANCE, SHAPE_WEIGHT = 0.03, 0.1
 screened law, cannot be seen over 8 to 16 mm, and with a weight of one half it would take the interval along."""
 NOISES = None, 0.5, 0.0
 """Kinds of noise: the same everywhere, or proportional to the force above the middle one, or above the smallest one."""
-NEAREST = 0.3
-"""Least distance at which a law is asked, as a fraction of the nearest in the table, whatever the zero of the distances."""
-ROUNDS = 4
-"""Times that the noise and the force on which it depends are computed from each other: they settle to parts in a thousand."""
+NEAREST = 0.3  # least distance at which a law is asked, in the nearest of the table, whatever the zero of the distances
+ROUNDS = 4  # times that noise and force are computed from each other: they settle to parts in a thousand
 LEAST_ROWS, MOST_ROWS = 6, 2000
 """Least number of rows that tell their noise too, and the largest number that is fitted, every n-th of a longer table: what its
 rows share is no better known from more of them."""

@@ -29,8 +29,7 @@ FAR_GAP = 4.0
 """Gap in widths above which energies are summed over faces, because the sum over edges loses accuracy by cancellation in
 proportion to r^3."""
 TOLERANCE = 1e-13  # relative accuracy of the energy: size of the last term of its series, and accuracy of the sum over edges
-LONG_SERIES_TOLERANCE = 1e-10
-"""Relative accuracy at which a long series is stopped, because more terms would cost more than they add."""
+LONG_SERIES_TOLERANCE = 1e-10  # that of a long series, of which more terms cost more than they add
 
 
 def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:

@@ -42,8 +42,7 @@ Lattice constants are often written with three or more digits (8.66 for 5 sqrt(3
 decimals.  In the usual lattices the relative distance of two of the first hundred shells is at least 1e-3, of the first thousand
 1e-4.
 """
-EXACT = 1e-9
-"""Relative difference of two distances below which they are equal up to the round-off of the positions, without rounding."""
+EXACT = 1e-9  # relative difference below which distances are equal up to the round-off of positions that are not rounded
 CLEAR = 4.0  # smallest ratio of the narrowest gap between two shells to the widest gap inside a shell, for rounded positions
 CLOSE, ROUNDED, CONTRAST = 1e-2, 1e-3, 25.0
 """Two shells may be one that rounding split if their relative gap is narrow and a neighbouring gap is `CONTRAST` times wider.
@@ -52,14 +51,12 @@ A gap is narrow below `CLOSE` after the last wanted shell, where neighbours woul
 before it, where only their number is in doubt.  Gaps in crystals are wider (3e-3 between the first two distances in cobalt and
 magnesium).  In the usual lattices the ratio of neighbouring gaps stays below 20 over the first three thousand shells.
 """
-DECIMALS = range(2, 8)
-"""Numbers of decimals of positions that are taken as rounded; positions with fewer decimals are exact multiples of 0.1 mm."""
+DECIMALS = range(2, 8)  # of positions taken as rounded; those with fewer decimals are exact multiples of 0.1 mm
 UNITS = 2.0
 """Difference of two distances, in units of the last decimal of positions that have few decimals, below which rounding may have
 split one shell: two ends and a lattice vector are each off by half a unit."""
 SCATTER = 0.1  # relative gap to the next distance below which particles without a bond show that the positions are irregular
-ON_SHELL = 1e-6
-"""Smallest relative distance of a cutoff from a shell; displacements of finite differences would cross a closer one."""
+ON_SHELL = 1e-6  # least relative distance of a cutoff from a shell; finite differences would cross a closer one
 
 
 def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]:

@@ -222,17 +222,7 @@ class AllNeighbours(Repulsion):
         return self.sums.singular(along, PART[one_of('model', model, MODELS)])
 
     def onsite(self, part: str = 'all') -> NDArray[np.float64]:
-        """Sum of the stiffness of all bonds of each particle, without the foundation.
-
-        Parameters
-        ----------
-        part : {'all', 'D0', 'Dstar'}
-
-        Returns
-        -------
-        ndarray, shape (particles, dim, dim)
-            In N/mm.
-        """
+        """Sum of the stiffness of all bonds of each particle in N/mm, shape (particles, dim, dim), without the foundation."""
         K = self._near(part)
         total = np.zeros((len(self.reference), self.dim, self.dim))
         np.add.at(total, self.bonds.i, K)

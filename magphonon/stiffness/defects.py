@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-LARGEST_SCATTER = 0.2
-"""Largest relative standard deviation: with it, fewer than one of 3 million sites is expected to become negative."""
+LARGEST_SCATTER = 0.2  # relative: fewer than one of 3 million sites is expected to become negative
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'
 """The quantities that scatter, in the order of the random numbers of a site.  Each uses its own random number, so the scatter of
 one does not depend on whether another one scatters too."""

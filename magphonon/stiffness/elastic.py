@@ -42,13 +42,11 @@ if TYPE_CHECKING:
     from .all_neighbours import AllNeighbours
     from .calculator import MagneticRepulsion
 
-FLOPPY = 1e-12
-"""Fraction of the largest stiffness below which an internal motion has no stiffness and is taken as independent of strain."""
+FLOPPY = 1e-12  # fraction of the largest stiffness below which an internal motion is taken as independent of strain
 ISOTROPIC = 1e-6
 """Difference between directions, as a fraction of the largest modulus, that counts as zero; the finite strains of an infinite
 lattice give differences of 2e-11."""
-STRAIN = 4e-3
-"""Step of the finite strains of an infinite lattice: with nine points the truncation error, about STRAIN^8, equals round-off."""
+STRAIN = 4e-3  # of an infinite lattice: with nine points the truncation error, about STRAIN^8, equals round-off
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 UNIT = 'N in a chain, N/mm in the plane, N/mm^2 in space'

@@ -274,18 +274,8 @@ class EwaldSums:
     def singular(self, along: NDArray[np.float64], part: str = 'all') -> NDArray[np.float64]:
         """Signs of the stiffness that exceeds k^2 in long waves, if the law decays no faster than r^-d.
 
-        There D(k) begins with |k|^(s-d+2) times a tensor with the signs of this one: for polarisations
-        along its eigenvectors the speed of sound is infinite.
-
-        Parameters
-        ----------
-        along : ndarray, shape (dim,)
-            Direction of the wave, a unit vector.
-
-        Returns
-        -------
-        ndarray, shape (dim, dim)
-            Zero for laws that decay faster.
+        There D(k) begins with |k|^(s-d+2) times a tensor with the signs of this one: for polarisations along its eigenvectors the
+        speed of sound is infinite.  `along` is a unit vector; the tensor is zero for laws that decay faster.
         """
         if self.decay > self.d:
             return np.zeros((self.dim, self.dim))
@@ -297,12 +287,7 @@ class EwaldSums:
     def far_series(self, along: NDArray[np.float64], offsets: NDArray[np.float64], part: str = 'all') -> NDArray[np.complex128]:
         """Far stiffness to second order in the wavevector k `along`, with the phase of each particle, e^{ik.(R + offset)}.
 
-        Terms that exceed k^2 (see `singular`) are omitted.
-
-        Returns
-        -------
-        ndarray of complex, shape (3, offsets, dim, dim)
-            The terms of order 1, k and k^2.
+        The terms of order 1, k and k^2, shape (3, offsets, dim, dim); those that exceed k^2 (see `singular`) are omitted.
         """
         alpha, beta = self.mixture(part)
         G = self.waves(np.zeros((1, self.d)))[0]

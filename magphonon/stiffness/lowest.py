@@ -26,16 +26,14 @@ same time at the ratio 14 for size 600 and at 20 for size 860."""
 RESTARTS = 50
 """Number of restarts after which Lanczos iterations are given up, as for hundreds of degenerate eigenvalues in flat bands;
 usually fewer than ten suffice."""
-FEW_RESTARTS = 10
-"""The same for a single eigenvalue, for which a closer shift helps; three restarts suffice unless eigenvalues are crowded."""
+FEW_RESTARTS = 10  # the same for a single eigenvalue; three suffice unless eigenvalues are crowded, and a closer shift helps
 ROUGH = 1e-3  # accuracy of the first estimate of the lowest eigenvalue, as a fraction of its distance from the first shift
 EDGE = 1e-6  # fraction of a range of eigenvalues at each end that is excluded from it
 ROUND_OFF = 1e-12  # fraction of the highest eigenvalue below which an eigenvalue is zero
 CERTAIN = 1e-10
 """Accuracy, as a fraction of the highest eigenvalue, to which the lowest few are proven to be the lowest.  Of 1200 counts at
 random shifts, as near as 1e-12 to an eigenvalue, none was wrong by round-off."""
-BELOW = 0.2
-"""Distance of a shift from the lowest eigenvalue of a neighbouring matrix, as a fraction of the range of its lowest few."""
+BELOW = 0.2  # distance of a shift from the lowest eigenvalue of a neighbouring matrix, in ranges of its lowest few
 SHIFT = 1e-4
 """Smallest distance of a shift from such an estimate, or from the lowest of Gershgorin's discs, as a fraction of the largest
 eigenvalue."""

@@ -25,21 +25,16 @@ from .repulsion import repulsion_of
 from .rest import LinearSystem, freedom
 
 RESIDUAL = 1e-9  # largest force left on a particle, as a fraction of the largest bond force
-SLACK = 1e-3
-"""Smallest scale of the bond force, as a fraction of stiffness times length, used for bonds that are slack, such as springs."""
+SLACK = 1e-3  # least scale of the bond force, in stiffness times length, for bonds that are slack, such as springs
 HANDED_OVER = 1e-6
 """Gradient, as a fraction of the largest bond force, below which plain Newton steps replace the minimisation, because energies
 are no longer accurate enough."""
 TRUST = 0.1, 0.5  # first and longest step in shortest bonds, over all particles together
 POLISHES = 6  # largest number of plain Newton steps
 REGULAR = 1e-10  # stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none
-SADDLE = 1e-10
-"""Fraction of the highest squared frequency by which a squared frequency must be negative to count as unstable, and not as
-round-off."""
+SADDLE = 1e-10  # fraction of the highest squared frequency below which a negative one is round-off
 PUSH = 0.05  # displacement of the particle that moves most when a saddle is left, as a fraction of the shortest bond
-VERGE = 1e-6
-"""Fraction of the highest squared frequency below which an instability is so weak that round-off hides the direction of
-descent."""
+VERGE = 1e-6  # fraction of the highest squared frequency below which round-off hides the direction of descent
 SADDLES = 20  # largest number of saddles that are left in succession
 STRETCHED = 3.0  # ratio of the length of a bond to its rest length above which it no longer joins neighbours
 MEND = 'hold its rim or give it a foundation (magphonon.foundation_needed)'

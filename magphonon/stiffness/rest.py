@@ -31,15 +31,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
-BALANCED = 1e-6
-"""Largest force left at rest, as a fraction of the largest bond force.  It changes a linear result by about the same fraction."""
-PLACES = 1e-14
-"""Relative round-off of the positions, summed over the bonds of a particle.  It acts on springs that are slack at rest."""
+BALANCED = 1e-6  # largest force left, in largest bond forces; it changes a linear result by about the same fraction
+PLACES = 1e-14  # relative round-off of positions, summed over bonds; it acts on springs that are slack at rest
 ELSEWHERE = 1e-3
 """Distance from the reference, as a fraction of the shortest bond, from which balanced particles are at another rest; closer ones
 may be displaced so little that their forces only seem balanced."""
-TILT = 1e-12
-"""Relative component of a direction below which it is round-off, as after a rotation in the plane or about the normal."""
+TILT = 1e-12  # relative component of a direction that is round-off, as after a rotation in the plane or about the normal
 HELD = 1e-12  # relative component of a blocked force below which it is round-off of the direction
 
 
@@ -329,16 +326,8 @@ def components(forces: NDArray[Any], dim: int) -> NDArray[Any]:
 
 
 def freedom(atoms: Atoms) -> tuple[NDArray[np.bool_], NDArray[np.int_], NDArray[np.float64]]:
-    """The directions that the constraints leave free in the plane; other constraints are refused.
-
-    Returns
-    -------
-    mobile : ndarray of bool, shape (particles,)
-        False where FixAtoms holds the particle.
-    guided : ndarray of int
-        Particles that FixedLine or FixedPlane guides.
-    barred : ndarray, shape (guided, 2, 2)
-        For each of them, projector on the direction that is blocked.
+    """Which particles FixAtoms does not hold, which ones FixedLine or FixedPlane guides, and for each of these the projector on
+    the direction that is blocked, shape (guided, 2, 2); other constraints are refused.
     """
     mobile = np.ones(len(atoms), bool)
     barred = {}

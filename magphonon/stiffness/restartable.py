@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from ..interactions.bond_laws import Laws
 
 UNITS = 'mm, g, ms'  # the units of all numbers of a saved calculator
-REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'
-"""What a reference is saved with, beside tags if it has some."""
+REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'  # of a reference, and its tags
 BONDS = 'i', 'j', 'shift', 'cutoff'
 
 

@@ -34,8 +34,7 @@ FREQUENCIES_Hz = 1e-4, 1e13
 DENSITY = 50.0
 """Mass per cube of the shortest bond in g/mm^3 above which a unit is wrong.  No solid has more than 0.023, a lattice of unit
 masses and lengths has 1; kg and m read as g and mm give a million times what it should be."""
-OUT_OF_PLANE = 0.1
-"""Largest displacement of a finite difference, as a fraction of the shortest bond; a larger one out of the plane is refused."""
+OUT_OF_PLANE = 0.1  # largest displacement of a finite difference, in shortest bonds; one beyond is refused out of the plane
 ROUND_OFF = 1e-12  # fraction of the largest momentum below which a momentum along z is round-off of a direction in the plane
 FLAT = 1e-9  # largest spread of z in a plane, as a fraction of the shortest bond; a larger one is no round-off of positions
 
