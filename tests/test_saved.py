@@ -7,11 +7,12 @@ import pytest
 from motion import DT, patch
 
 from magphonon import DrivenVerlet, Harmonic, Recorder, analytic_bands, propagate
-from magphonon.bands import zone_map
+from magphonon.bands import DensityOfStates, lattice_density, zone_map
 from magphonon.bands.bands import Bands
 from magphonon.bands.zone import ZoneMap
 from magphonon.design.sensitivities import Change
 from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread
+from magphonon.response import Extent, SpectralFunction, extents, spectral_function
 from magphonon.response.frf import FrequencyResponse, harmonic_response
 from magphonon.response.normal_modes import Modes, modes
 from magphonon.response.propagation import Transient
@@ -46,6 +47,9 @@ MADE = {
     Transient: lambda cell: propagate(patch(), [1.0, 2.0], [Harmonic([24], (1, 0), 1e-3, 0.5)], particles=[24]),
     Spectrum: lambda cell: wavenumber_frequency(np.sin(np.add.outer(np.arange(30.0), np.arange(16))), 0.1),
     Spread: spread,
+    DensityOfStates: lambda cell: lattice_density(cell, steps=8),
+    SpectralFunction: lambda cell: spectral_function(patch(), cell, [[0.25, 0.2, 0.0]], moments=16),
+    Extent: lambda cell: extents(modes(patch()), patch()),
 }
 
 

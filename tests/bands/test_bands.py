@@ -143,12 +143,6 @@ def test_polarisations_in_a_turned_cell():
     assert (bands.polarisations[1:] == ['transverse', 'longitudinal']).all()
 
 
-def test_bands_without_modes_say_so():
-    atoms = cell_of('triangular')
-    with pytest.raises(ValueError, match='vectors=True'):
-        analytic_bands(atoms, atoms.cell.bandpath('GM', npoints=3, pbc=atoms.pbc)).longitudinal  # noqa: B018
-
-
 # Group velocities
 
 
@@ -333,24 +327,6 @@ def test_ases_band_structure_holds_hertz():
     np.testing.assert_array_equal(structure.energies[0], bands.frequencies_Hz)
     # rad/ms / 2 pi = kHz
     assert bands.frequencies_Hz[0, 0] == pytest.approx(1e3 * np.sqrt(0.02 / 0.7) / (2 * np.pi), rel=1e-12)
-
-
-def test_a_patch_has_no_bands():
-    patch = lattices.hexagon(lattice('triangular'), 30)
-    patch.calc = MagneticRepulsion(patch, LAW)
-    atoms = lattice('triangular')
-    with pytest.raises(ValueError, match='not periodic'):
-        analytic_bands(patch, atoms.cell.bandpath('GM', npoints=5, pbc=atoms.pbc))
-
-
-def test_a_cell_whose_only_particle_is_held_is_refused(prototype):
-    from ase.constraints import FixAtoms
-
-    held = prototype.copy()
-    held.calc = prototype.calc
-    held.set_constraint(FixAtoms([0]))
-    with pytest.raises(ValueError, match='the constraints hold every particle; free one'):
-        bloch_modes(held, [[0.1, 0.2, 0]])
 
 
 @pytest.mark.parametrize('height', [8.66, 8.6603])

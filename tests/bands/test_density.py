@@ -10,7 +10,7 @@ from oracles import LAWS, lattice
 from scipy.special import ellipk
 
 from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, units as u
-from magphonon.bands import DensityOfStates, band_gaps, lattice_density
+from magphonon.bands import band_gaps, lattice_density
 from magphonon.bands.density import simplices
 
 LAW = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
@@ -198,15 +198,6 @@ def test_no_bin_lies_below_zero_where_no_mode_does():
     found = lattice_density(atoms, steps=60)
     assert found.omega[0] > 0
     assert counted(found)[-1] == pytest.approx(2, rel=1e-9)
-
-
-def test_density_comes_back_from_a_file(tmp_path):
-    found = lattice_density(cell('square'), steps=8)
-    found.save(tmp_path / 'dos.npz')
-    again = DensityOfStates.load(tmp_path / 'dos.npz')
-    np.testing.assert_array_equal(again.density, found.density)
-    assert again.modes == 2.0
-    assert (again.per_Hz * 2 * u.hertz(again.width)).sum() == pytest.approx(1, rel=1e-12)
 
 
 def test_bad_input_is_refused():

@@ -12,7 +12,6 @@ import yaml
 from ase.dft.kpoints import BandPath
 from numpy.testing import assert_allclose
 from oracles import Pairs, lattice
-from phonopy.phonon.band_structure import BandStructure
 
 from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices, phonopy_bands, units as u
 from magphonon.bands import write_band_yaml, write_phonopy_params
@@ -206,31 +205,6 @@ def test_paths_without_names_are_refused(cell, phonon, tmp_path):
     with pytest.raises(ValueError, match="path 'GMK' does not run from M to K"):
         write_band_yaml(phonon, BandPath(cell.cell, [points['G'], points['M']], points, 'GMK'), tmp_path / 'band.yaml')
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize('write', [lambda phonon, path, file: write_band_yaml(phonon, path, file),
-                                   lambda phonon, path, file: write_phonopy_params(phonon, file)], ids=['band', 'params'])
-def test_a_missing_directory_or_an_empty_phonon_leaves_nothing(write, phonon, path, tmp_path):
-    with pytest.raises(FileNotFoundError):
-        write(phonon, path, tmp_path / 'missing' / 'out.yaml')
-    empty = phonopy.Phonopy(phonon.unitcell, np.diag([2, 2, 1]), primitive_matrix='P')
-    with pytest.raises(ValueError, match='holds no force constants'):
-        write(empty, path, tmp_path / 'out.yaml')
-    assert not any(tmp_path.iterdir())
-
-
-def test_an_interrupted_write_leaves_the_file_before(phonon, path, tmp_path, monkeypatch):
-    (tmp_path / 'band.yaml').write_text('before')
-
-    def interrupted(self, comment, filename):
-        with open(filename, 'w') as file:
-            file.write('half a fi')
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(BandStructure, 'write_yaml', interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_band_yaml(phonon, path, tmp_path / 'band.yaml')
-    assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [('band.yaml', 'before')]
 
 
 @pytest.mark.parametrize('number', [np.nan, np.inf])

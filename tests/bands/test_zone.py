@@ -214,19 +214,6 @@ def test_a_foundation_makes_the_ratio_one_at_gamma():
 
 # ---- files and errors ----
 
-def test_impossible_requests_are_refused(complete):
-    with pytest.raises(ValueError, match=r'planar lattices with pbc \(1, 1, 0\), not \(1, 0, 0\); draw the bands'):
-        zone_map(with_dipoles(lattices.chain(1 * u.m, 1 * u.kg)), STEPS)
-    with pytest.raises(ValueError, match=r'steps must be a whole number of at least 1, not 2\.5'):
-        zone_map(ideal(), 2.5)
-    with pytest.raises(ValueError, match="model must be one of 'complete', 'conventional', not 'partial'"):
-        zone_map(ideal(), STEPS, model='partial')
-    with pytest.raises(ValueError, match='different meshes'):
-        frequency_ratio(complete, zone_map(ideal(), 6, model='conventional'))
-    with pytest.raises(ValueError, match=r'different meshes.*or lattices'):
-        frequency_ratio(complete, zone_map(prototype(), STEPS, model='conventional'))
-
-
 def test_maps_of_lattices_of_a_micrometre_are_drawn():
     from magphonon.plotting import plot_isofrequency, plot_ratio
 

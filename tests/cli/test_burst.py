@@ -197,18 +197,11 @@ def test_a_lattice_that_buckles_is_called_unstable(scene_file, tmp_path, capsys)
 # --- how they fail ---------------------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize(('change', 'message'), [
-    (('force_N = 1.0', 'force_N = 0.0'), 'burst.force_N must be a positive number, not 0.0'),
     (('force_N = 1.0', 'force_N = 1e6'), r'19.1Hz_0deg, complete simulation: it diverged at .* ms .*lower burst.force_N'),
-    (('cycles = 5', 'cycles = nan'), 'burst.cycles must be a positive number, not nan'),
-    (('damping_ratio = 0.01', 'damping_ratio = -1'), 'burst.damping_ratio must be a zero or positive number, not -1'),
-    (('"row"', '"line"'), "burst.source must be one of 'row', 'point', not 'line'"),
     (('19.1', ''), 'burst.carriers_Hz names no burst'),
     (('19.1', '19.1, 20'), r'burst.directions_deg must hold a direction for each of the 2 carriers, not \[0.0\]'),
-    ((r'directions_deg = \[0\]', 'directions_deg = [inf]'), r'burst.directions_deg\[0\] must be a finite number, not inf'),
-    ((r'directions_deg = \[0\]', 'directions_deg = 0'), 'burst.directions_deg must be a list in brackets, not 0'),
     ((r'(?s)\[19.1\](.*?)\[0\]', r'[19.1, 19.1]\1[0, 0]'), 'burst lists a burst twice, among 19.1Hz_0deg, 19.1Hz_0deg; keep'),
     (('duration_s = 0.6', 'duration_s = 0.2'), 'burst.duration_s must be longer than the longest burst, 0.26178 s, not 0.2'),
-    (('carriers_Hz', 'carrier_Hz'), "burst has no key 'carrier_Hz'; did you mean 'carriers_Hz'"),
     ((r'\[19.1\]', '[91]'), 'the carrier of 91 Hz lies above .* in the complete model, 74.* conventional model reaches'),
     (('(?s)\\[patch\\].*?\n\n', ''), r'has no table \[patch\]; add one'),
     (('(?s)\\[burst\\].*?\n\n', ''), r'has no table \[burst\]; add one'),
@@ -250,18 +243,13 @@ def swinging(lines):
 
 
 @pytest.mark.parametrize(('spoil', 'message'), [
-    (lambda a, row: [*a[:-1], a[-1][:9]], 'it was cut off'),
     (lambda a, row: [line for n, line in enumerate(a) if n == 0 or int(line.split(',')[1]) in row[::2]], 'differ by 3.14 rad'),
-    (lambda a, row: [re.sub(r',\d+,', ',1', line) if n else line for n, line in enumerate(a)], 'has 3 values, not 4'),
     (lambda a, row: [re.sub(r',\d+,', ',A,', line) if n else line for n, line in enumerate(a)], 'lists point A at 0 s twice'),
     (lambda a, row: [line.replace('0.05,', '0.053,', 1) if line.startswith('0.05,') else line for line in a],
      'too far apart for motion at [0-9.]+ Hz: all points have gaps of 0.013 s or more'),
     (lambda a, row: [line for line in swinging(a) if not re.match(r'0\.(0[4-9]|1[0-4])', line)],
      'too far apart for motion at [0-9.]+ Hz: all points have gaps of 0.07 s or more'),
-    (lambda a, row: [*a[:7], re.sub(r',[^,]*$', ',x', a[7]), *a[8:]], "line 8 of .*: u_y_m is 'x', not a finite number"),
-    (lambda a, row: [line.replace(',u_y_m', ',u_y') for line in a], "'u_y' says no unit that is known; write u_y_m"),
     (lambda a, row: [re.sub(r',(\d+),', r',a\1,', line) for line in a], 'no place is known; places are those of the points'),
-    (lambda a, row: ['frequency,amplitude', '1,2'], 'lacks the column time_s'),
     (lambda a, row: [re.sub(r'(,[^,]*){2}$', ',0,0', line) if k else line for k, line in enumerate(a)], 'at rest throughout'),
     (lambda a, row: a[: 1 + 6 * len(row)], 'at least 8 of each'),
 ])
@@ -295,14 +283,6 @@ def struck(number, scene_file, tmp_path):
         process.send_signal(number)
         words = process.communicate()[1]
     return out, process.returncode, words
-
-
-@pytest.mark.slow
-def test_killed_burst_leaves_no_result(scene_file, tmp_path):
-    """What there is stands under no result's name."""
-    out, _, _ = struck(signal.SIGKILL, scene_file, tmp_path)
-    assert list(out.glob('.partial-*/*.csv'))  # it was struck in its midst
-    assert not [file for file in out.iterdir() if not file.name.startswith('.partial-')]
 
 
 @pytest.mark.slow

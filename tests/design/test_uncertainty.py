@@ -10,7 +10,7 @@ from magphonon import MagneticRepulsion, lattices, units as u
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.uncertainty import SECOND_ORDER_RATIO
 from magphonon.design.sensitivities import Change, spacing_change
-from magphonon.design.uncertainty import Spread, Tolerances, frequency_spread, response_spread, sampled_frequencies
+from magphonon.design.uncertainty import Tolerances, frequency_spread, response_spread, sampled_frequencies
 from magphonon.interactions.pair_laws import InversePower
 from magphonon.response.frf import harmonic_response
 from magphonon.scenes.scene import Scene, read_scene, ready_scene
@@ -175,17 +175,6 @@ def test_parameter_of_each_law_is_the_one_that_the_scene_varies(law, name, scene
         slope = frequency_spread(scene.atoms(), GMK, tolerances).slopes[0]
         assert_allclose(slope, (up - down) / (2 * step), atol=1e-7 * up.max(), err_msg=parameter)
         assert abs(slope).max() > 0.01 * up.max()
-
-
-def test_spread_survives_its_file(scene, tmp_path):
-    spread = frequency_spread(scene.atoms(), GMK, Uncertainty.model_validate(CASES['all']).tolerances(scene))
-    spread.save(tmp_path / 's.npz')
-    loaded = Spread.load(tmp_path / 's.npz')
-    assert loaded.names == spread.names
-    assert_allclose(loaded.std, spread.std, rtol=1e-15)
-    (tmp_path / 'torn.npz').write_bytes((tmp_path / 's.npz').read_bytes()[:200])
-    with pytest.raises(ValueError, match=r'no complete file of uncertainties'):
-        Spread.load(tmp_path / 'torn.npz')
 
 
 @pytest.mark.parametrize('covariance', [[[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], [[1.0]], [[np.nan, 0], [0, 1]]])

@@ -201,11 +201,6 @@ def test_magnets_in_one_another_have_no_force(first, second, offset, apart):
     assert np.isfinite(pair_force(first, second, apart)).all()
 
 
-def test_touching_magnets_have_no_energy():
-    with pytest.raises(ValueError, match=r'more than 6\.35 mm apart'):
-        pair_energy(RING, 6.35)
-
-
 # --- magpylib ---
 
 

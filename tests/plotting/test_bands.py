@@ -130,14 +130,6 @@ def test_the_legend_stays_inside_the_figure(labels):
     assert legend_of(ax) == list(labels)
 
 
-def test_bands_on_another_path_are_refused():
-    ax = plot_bands(bands_of(prototype()))
-    for other in (bands_of(prototype(), 'GKMG'), bands_of(ideal())):
-        with pytest.raises(ValueError, match=r'another path .* than those on the axes; compute both on the same path'):
-            plot_bands(other, ax=ax)
-    assert len(ax.lines) == 2
-
-
 def test_a_ribbon_shares_the_entry_of_its_curve_in_the_legend():
     bands = bands_of(prototype(), npoints=30)
     spread = Spread(('mass',), np.array([[4e-4]]), bands.omega, bands.omega[None] / 2)

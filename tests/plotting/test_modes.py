@@ -11,7 +11,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, units as u
 from magphonon.bands.bands import Bands
-from magphonon.plotting import bands as band_plots
 from magphonon.plotting.bands import mode_names, name_branches, plot_bands
 from magphonon.plotting.modes import plot_mode
 
@@ -59,27 +58,6 @@ def test_unstable_mode_shows_its_growth_rate():
     assert title == 'X, branch 1\nunstable, grows at 200 1/s'  # sqrt(4 f/(L M))
 
 
-@pytest.mark.parametrize(('q', 'mode', 'message'), [
-    ('X', 0, "the path has no special point 'X'; it knows G"),
-    (300, 0, 'index from 0 to 299, not 300'),
-    (-1, 0, 'index from 0 to 299, not -1'),
-    ('M', 2, 'mode must be 0 to 1, not 2'),
-    ('M', -1, 'mode must be 0 to 1, not -1'),
-])
-def test_modes_that_do_not_exist_are_refused(q, mode, message):
-    cell = prototype()
-    with pytest.raises(ValueError, match=message):
-        plot_mode(cell, bands_of(cell, vectors=True), q, mode)
-
-
-def test_modes_need_vectors_and_a_path_through_the_point():
-    cell = prototype()
-    with pytest.raises(ValueError, match='ask for them with vectors=True'):
-        plot_mode(cell, bands_of(cell), 'M', 0)
-    with pytest.raises(ValueError, match='the path GM does not pass through K; choose a path that does'):
-        plot_mode(cell, bands_of(cell, 'GM', vectors=True), 'K', 0)
-
-
 def test_no_arrow_leaves_the_frame():
     cell = prototype()
     ax = drawn(plot_mode(cell, bands_of(cell, vectors=True), 'K', 0))
@@ -104,18 +82,6 @@ def test_branches_are_named_by_their_motion_beside_their_own_curve(path):
         apart = abs(bands.frequencies_Hz[k] - y) / height
         assert apart[branch] < 0.14
         assert (np.delete(apart, branch) > 0.035).all()  # the other curve does not run through the name
-
-
-def test_names_are_as_quickly_placed_among_many_wavevectors(monkeypatch):
-    cell, compared = prototype(), []
-    monkeypatch.setattr(band_plots, '_distance', lambda curves, *place: compared.append(sum(h.size for _, h in curves)) or 0.0)
-    sizes = []
-    for points in (300, 20_000):
-        bands = bands_of(cell, npoints=points, vectors=True)
-        name_branches(plot_bands(bands), bands)
-        sizes.append(sum(compared))
-        compared.clear()
-    assert 0 < sizes[1] < 4 * sizes[0]  # twice as many points of each curve; without a limit 4000 times as much, 20 s
 
 
 @pytest.mark.parametrize('share', [0.1, 0.2, 0.3])

@@ -51,12 +51,6 @@ def test_zone_path_with_a_break_is_drawn_in_two():
     assert [len(line.get_xdata()) for line in stretches] == [2, 2]
 
 
-def test_zone_of_a_chain_is_refused():
-    cell = lattices.chain(10 * u.mm, 0.707 * u.g)
-    with pytest.raises(ValueError, match='planar lattices, but the special points of the path GX span no plane'):
-        plot_zone(cell.cell.bandpath('GX', npoints=10, pbc=cell.pbc))
-
-
 def is_cut_at_the_zone(artist, ax):
     clip = artist.get_clip_path()
     return clip is not None and np.array_equal(clip.get_fully_transformed_path().vertices,

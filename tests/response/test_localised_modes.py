@@ -9,7 +9,7 @@ from scipy import sparse
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed, units as u
 from magphonon.bands import band_gaps
-from magphonon.response import Extent, Modes, extents, local_modes
+from magphonon.response import Modes, extents, local_modes
 from magphonon.stiffness import LinearSystem
 from magphonon.stiffness.lowest import eigenpairs_between
 
@@ -162,13 +162,6 @@ def test_extent_of_motion_across_a_periodic_border():
     assert extent.participation == pytest.approx(4)
     assert extent.length == pytest.approx(np.sqrt(4 / 6 * L0**2 / 2))
     assert_allclose(extent.along, [[1, 0]])
-
-
-def test_extents_come_back_from_a_file(tmp_path):
-    atoms = patch(6)
-    extent = extents(modes(atoms), atoms)
-    extent.save(tmp_path / 'extent.npz')
-    np.testing.assert_array_equal(Extent.load(tmp_path / 'extent.npz').length, extent.length)
 
 
 def test_bad_input_is_refused():

@@ -18,7 +18,7 @@ from magphonon.response.chebyshev import (
     whole_interval,
 )
 from magphonon.response.frf import frequency_response, harmonic_response
-from magphonon.response.normal_modes import Modes, modes
+from magphonon.response.normal_modes import modes
 from magphonon.response.propagation import free_motion, separated
 from magphonon.stiffness.rest import LinearSystem
 
@@ -95,17 +95,6 @@ def test_modes_are_those_about_rest():
         modes(moved)
     moved.positions[24] -= 0.3
     np.testing.assert_array_equal(modes(moved).omega, modes(atoms).omega)
-
-
-def test_modes_come_back_from_a_file(tmp_path):
-    found = modes(chain(3))
-    found.save(tmp_path / 'modes.npz')
-    again = Modes.load(tmp_path / 'modes.npz')
-    np.testing.assert_array_equal(again.shapes, found.shapes)
-    np.testing.assert_array_equal(again.omega, found.omega)
-    (tmp_path / 'modes.npz').write_bytes(b'PK')
-    with pytest.raises(ValueError, match='no complete file of modes'):
-        Modes.load(tmp_path / 'modes.npz')
 
 
 OMEGA, GAMMA = np.linspace(0.1, 1.3, 25), 0.05  # from below the cut-off at 0.167 rad/ms to above omega_max = 0.94

@@ -10,7 +10,6 @@ from magphonon import MagneticRepulsion, lattices, modes, relaxed, units as u
 from magphonon.bands import band_path, bloch_modes, lattice_density
 from magphonon.response import (
     Place,
-    SpectralFunction,
     density_of_states,
     frequency_response,
     local_density,
@@ -222,13 +221,6 @@ def test_dysons_chain_has_as_many_modes_below_as_nodes():
     assert (abs(ours - below) < 0.012 * count + 3 * sigma).all()
     equal = density_of_states(chain(count, np.full(count, masses.mean())), moments=256, vectors=2)
     assert abs(np.cumsum(equal.density)[middles] * step - below).max() > 0.05 * count
-
-
-def test_spectral_function_comes_back_from_a_file(tmp_path):
-    cell, atoms = disturbed(0)
-    found = spectral_function(atoms, cell, [[0.25, 0.2, 0.0]], moments=16)
-    found.save(tmp_path / 'spectral.npz')
-    np.testing.assert_array_equal(SpectralFunction.load(tmp_path / 'spectral.npz').density, found.density)
 
 
 def test_the_sites_of_a_patch_are_found_wherever_it_lies():

@@ -116,17 +116,12 @@ def test_a_patch_with_a_rim_keeps_it():
      r'defects\.vacancies_m\[0\] = \[5\.0, 0\.0\] is outside the structure'),
     ({'defects': {'vacancies_m': [[0.0, 0.0], [0.0, 1e-4]]}}, r'names the particle at \[0, 0\] twice'),
     ({'defects': {'vacancies_m': [[0.0]]}}, r'vacancies_m\[0\] must be a place \[x, y\]'),
-    ({'defects': {'vacancys_m': [[0.0, 0.0]]}}, "has no key 'vacancys_m'; did you mean 'vacancies_m'"),
-    ({'defects': {'substitutions': [{'relative_mass': 0.5}]}}, r"substitutions\[0\] lacks the key 'at_m'"),
-    ({'defects': {'substitutions': [{'at_m': [0, 0], 'relative_mass': 0}]}}, 'relative_mass must be a positive number'),
     ({'defects': {'interstitials': [{'at_m': [0.0, 0.0]}]}}, r'interstitials\[0\]\.at_m = \[0\.0, 0\.0\].*coincide'),
     ({'disorder': {'seed': 1}}, 'disorder names nothing that scatters'),
-    ({'disorder': {'seed': -1, 'mass_percent': 1.0}}, 'seed must be a whole number'),
     ({'disorder': {'seed': 1, 'mass_percent': 50.0}}, 'mass_percent must lie between 0 and 20'),
     ({'disorder': {'seed': 1, 'position_m': 0.02}}, r'disorder\.position_m = 0\.02 is more than a tenth'),
     ({'patch': None, 'frf': None}, r'defects: there is no structure for them; add a table \[patch\]'),
     ({'uncertainty': {'mass_percent': 1.0}}, 'defects and uncertainty: tolerances are those of the perfect lattice'),
-    ({'patch': {'kind': 'supercell', 'cells_1': 0}}, 'cells_1 must be a whole number of at least 1'),
 ])
 def test_unsuitable_tables_are_refused(changes, message, tmp_path, capsys):
     def written(value):

@@ -42,20 +42,6 @@ def test_every_shape(table, model, scene_with):
     assert abs(patch.get_forces(apply_constraint=False)[~inside]).max() > 0.1
 
 
-@pytest.mark.parametrize(('table', 'message'), [
-    ('side_m = 0.3', "patch lacks the key 'kind'; add one of 'parallelogram', 'rectangle'"),
-    ('kind = "circle"', "patch.kind must be one of 'parallelogram', 'rectangle', 'hexagon', 'half_hexagon', 'supercell', not "
-     "'circle'"),
-    ('kind = "hexagon"\nside_m = -1', 'patch.side_m must be a positive number, not -1'),
-    ('kind = "hexagon"', "patch lacks the key 'side_m'; add the side of the hexagon in m"),
-    ('kind = "hexagon"\nside_mm = 3', "patch has no key 'side_mm'; did you mean 'side_m'"),
-    ('kind = "parallelogram"\ncells_1 = 3\ncells_2 = 2.5', 'patch.cells_2 must be a whole number of at least 1, not 2.5'),
-])
-def test_impossible_tables_are_refused(table, message, scene_with):
-    with pytest.raises(ValueError, match=message):
-        scene_with(table)
-
-
 @pytest.mark.parametrize(('arguments', 'message'), [
     (('', 'chain'), r'has no table \[patch\]; add one'),
     (('kind = "hexagon"\nside_m = 300',), r'the patch of 2.7e\+09 cells is too large .* check its unit'),

@@ -99,13 +99,6 @@ def test_the_plane_may_lie_at_any_height(z):
     np.testing.assert_allclose(raised.get_forces(), rest.get_forces(), rtol=0, atol=1e-12 * repulsion(LAW, 10.0))
 
 
-@pytest.mark.parametrize(('pbc', 'tilt'), [((0, 0, 1), 0), ((1, 1, 0), 0.1)])
-def test_bonds_out_of_the_plane_are_refused(pbc, tilt):
-    atoms = Atoms('Nd', cell=[[10, 0, tilt], [0, 10, 0], [0, 0, 10]], pbc=pbc)
-    with pytest.raises(ValueError, match='must share one z'):
-        MagneticRepulsion(atoms, LAW, shells=2)
-
-
 # Anchors
 
 
@@ -121,19 +114,6 @@ def test_wrapping_changes_nothing(name):
     # positions of tens of mm are rounded at 1e-14 mm: times the stiffness
     np.testing.assert_allclose(atoms.get_forces(), forces, rtol=0, atol=1e-13 * LAW.d2phi(10.0) * 10)
     assert atoms.get_potential_energy() == pytest.approx(energy, rel=1e-11)
-
-
-@pytest.mark.parametrize('name', LATTICES)
-def test_a_particle_just_across_the_border_is_displaced_by_little(name):
-    # wrapped by hand: it stands nearly, not more than, a period away from its place
-    rest, atoms, _ = displaced(name, amplitude=0.0)
-    atoms.positions[0] -= 0.1 * atoms.cell[0]
-    atoms.calc = MagneticRepulsion(rest, LAW, foundation=0.02)
-    forces = atoms.get_forces()
-    assert abs(forces).max() > 0.01
-    atoms.positions[0] += atoms.cell[0]
-    np.testing.assert_allclose(atoms.calc.displacements(atoms)[0], -0.1 * atoms.cell[0][: atoms.calc.dim], atol=1e-13)
-    np.testing.assert_allclose(atoms.get_forces(), forces, rtol=0, atol=1e-13 * LAW.d2phi(8.0) * 10)
 
 
 def test_minimum_image_in_skewed_cells():
@@ -193,15 +173,6 @@ def test_both_models_do_no_work_round_a_loop():
 
 
 # Contact
-
-
-def test_coincident_particles_are_refused():
-    rest = Atoms('Nd2', positions=[[0, 0, 0], [10, 0, 0]])
-    atoms = rest.copy()
-    atoms.positions[0, 0] = 10.0
-    for model in ('complete', 'conventional'):
-        with pytest.raises(ValueError, match='particles 0 and 1 coincide'):
-            planar_forces(atoms, MagneticRepulsion(rest, LAW, model=model))
 
 
 def test_frozen_directions_do_not_let_particles_pass():

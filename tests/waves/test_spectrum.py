@@ -8,7 +8,7 @@ import pytest
 from magphonon import lattices, units
 from magphonon.interactions.pair_laws import InversePower
 from magphonon.stiffness.calculator import MagneticRepulsion
-from magphonon.waves.spectrum import Ridge, Spectrum, _jumps, ridge, wavenumber_frequency
+from magphonon.waves.spectrum import Ridge, _jumps, ridge, wavenumber_frequency
 from magphonon.waves.wave_analysis import Branch, branch, compare
 
 # Sec. IV of the paper, gamma = 1e4 N m^4, a = 4, L0 = 1 m, M = 1 kg: omega = omega_M sin(xi/2) along Gamma-M, rad/ms
@@ -254,18 +254,6 @@ def test_beside_a_stronger_wave_that_runs_backwards_a_weak_one_is_dropped():
 def test_records_that_make_no_map_are_refused(u, dt, message):
     with pytest.raises(ValueError, match=message):
         wavenumber_frequency(u, dt)
-
-
-def test_saved_spectrum_comes_back_and_a_truncated_file_is_refused(tmp_path):
-    s = wavenumber_frequency(travelling(1)[2], dt=1.0)
-    path = tmp_path / 'map.npz'
-    s.save(path)
-    again = Spectrum.load(path)
-    for name, value in vars(s).items():
-        np.testing.assert_array_equal(getattr(again, name), value)
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match='no complete file of spectra'):
-        Spectrum.load(path)
 
 
 def test_jumps_are_the_variance_that_points_have_about_a_smooth_branch():
