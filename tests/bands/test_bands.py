@@ -20,7 +20,6 @@ from magphonon import (
     lattices,
     phonopy_bands,
     sound_speeds,
-    units as u,
 )
 from magphonon.bands import band_path
 from magphonon.bands.bands import path_of
@@ -327,24 +326,6 @@ def test_ases_band_structure_holds_hertz():
     np.testing.assert_array_equal(structure.energies[0], bands.frequencies_Hz)
     # rad/ms / 2 pi = kHz
     assert bands.frequencies_Hz[0, 0] == pytest.approx(1e3 * np.sqrt(0.02 / 0.7) / (2 * np.pi), rel=1e-12)
-
-
-@pytest.mark.parametrize('height', [8.66, 8.6603])
-def test_a_rounded_cell_has_the_bands_of_the_ideal_one(prototype, height):
-    """8.66 for 5 sqrt(3) moves a distance by 2.2e-5; a frequency goes with the power (a + 2)/2 of it, and less on springs."""
-    typed = Atoms('Nd', cell=[[10, 0, 0], [5, height, 0], [0, 0, 20]], pbc=(1, 1, 0), masses=prototype.get_masses())
-    law, k = prototype.calc.laws, prototype.calc.parameters.foundation
-    typed.calc = MagneticRepulsion(typed, law, foundation=k)
-    M = [[0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0]]
-    found = bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz
-    np.testing.assert_allclose(found, np.tile([58.2326897819, 149.476338113], (3, 1)), rtol=2e-4)
-    conventional = bloch_modes(typed, M, 'conventional')[0] / (2 * np.pi) / u.Hz
-    np.testing.assert_allclose(conventional, np.tile([92.1059950118, 155.0505], (3, 1)), rtol=2e-4)
-
-    # control: the bonds that a width of 1e-6 kept, those along y and its mirror image, or along x alone
-    typed.calc = MagneticRepulsion(typed, law, foundation=k, bonds=[(0, 0, (1, 0, 0))] if height == 8.6603 else
-                                   [(0, 0, (0, 1, 0)), (0, 0, (-1, 1, 0))])
-    assert abs(bloch_modes(typed, M)[0] / (2 * np.pi) / u.Hz / found - 1).max() > 0.1
 
 
 @pytest.mark.parametrize('spacing', [1e-5, 1e-3, 1.0, 10.0, 1e5])

@@ -89,14 +89,7 @@ def test_phonopy_bands_are_the_analytic_bands(lattice):
     numerical = phonopy_bands(finite_displacements(cell), path)
     assert numerical.omega.shape == (40, 2 * len(cell))
     assert discrepancy(numerical, analytic_bands(cell, path)) < PROMISE
-
-
-@pytest.mark.parametrize('lattice', PATHS)
-def test_without_the_static_forces_the_same_comparison_fails(lattice):
-    cell = prototype(lattice)
-    path = path_through(cell, PATHS[lattice])
-    numerical = phonopy_bands(finite_displacements(cell), path)
-    assert discrepancy(numerical, analytic_bands(cell, path, model='conventional')) > 0.2
+    assert discrepancy(numerical, analytic_bands(cell, path, model='conventional')) > 0.2  # the control
 
 
 def test_phonopy_itself_returns_hertz():
@@ -160,14 +153,6 @@ def test_ideal_lattice_of_the_paper(point, model, omega):
     cell = ideal(model=model)
     bands = phonopy_bands(finite_displacements(cell), at(cell, point))
     assert_allclose(bands.omega[0] / (u.rad / u.s), omega, rtol=PROMISE)
-
-
-def test_conventional_model_misses_the_shear_band_by_more_than_thirty_percent():
-    cell = prototype()
-    shear = phonopy_bands(finite_displacements(cell), at(cell, 'M')).omega[0, 0]
-    conventional = analytic_bands(cell, at(cell, 'M'), model='conventional').omega[0, 0]
-    assert 1 - shear / conventional == pytest.approx(1 - 58.2326897819 / 92.1059950118, rel=1e-7)  # 36.8 %
-    assert 1 - shear / conventional > 0.3
 
 
 # --- modes ---------------------------------------------------------------------------------------------------------

@@ -126,14 +126,6 @@ def test_paper_frequencies_at_every_M_and_K(model, at_M, at_K, request):
         np.testing.assert_allclose(at(zone_of, zone_of.omega, *point) * u.s / u.rad, at_K, rtol=1e-11)
 
 
-def test_prototype_in_Hz():
-    zone_of = zone_map(prototype(), STEPS)
-    # recomputed in 50-digit arithmetic from the supplement's data, printed to 12 digits
-    np.testing.assert_allclose(at(zone_of, zone_of.frequencies_Hz, 0, 0), 26.550686524, rtol=1e-10)
-    np.testing.assert_allclose(at(zone_of, zone_of.frequencies_Hz, 0, HALF), [58.2326897819, 149.476338113], rtol=1e-10)
-    np.testing.assert_allclose(at(zone_of, zone_of.frequencies_Hz, 2 * THIRD, THIRD), 119.947415151, rtol=1e-10)
-
-
 def test_frequencies_are_periodic_in_the_reciprocal_lattice(complete):
     omega, reach = complete.omega, complete.omega.max()
     # omega^2 is exact to 1e-16 of its maximum: 1e-8 in omega where omega vanishes

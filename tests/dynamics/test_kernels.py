@@ -4,10 +4,9 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from ase.constraints import FixAtoms
 from oracles import LAWS
 
-from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Recorder, Tabulated, Yukawa, lattices
+from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Tabulated, lattices
 from magphonon.dynamics import memory_layout
 from magphonon.dynamics.bond_increments import DEGREE, RANGES, TOLERANCE, Increments, octave_piece, pieces
 from magphonon.dynamics.cages import BROKEN_BOND, CONTACT
@@ -211,66 +210,6 @@ def test_kernels_compute_the_calculators_forces(name, engine):
             # the calculator rounds positions of 1e2 mm to 1e-14, against strains of 1e-4
             assert abs(a - expected).max() < 1e-10 * abs(expected).max()
             assert blocks.engine == engine
-
-
-@pytest.mark.parametrize('engine', ['numpy', 'compiled'])
-def test_shells_of_neighbours_have_their_own_laws(engine):
-    if engine == 'compiled':
-        pytest.importorskip('numba')
-    for law in (LAW, Yukawa(c=500.0, kappa=0.1)):
-        atoms = lattices.parallelogram(cells()['triangular'], 9, 9)
-        for atoms.info['site'] in (True, False) if engine == 'numpy' else (False,):
-            if not atoms.info['site']:
-                atoms.set_array('site', None)
-                atoms = atoms[np.random.default_rng(0).permutation(81)]
-            size = 0.02 if engine == 'numpy' else 0.002
-            moved, blocks = blocks_of('shells in a table', atoms, 'complete', engine, size, law, shells=3)
-            a = accelerations(blocks)
-            blocks.write()
-            expected = moved.get_forces()[:, :2] / 0.7
-            assert len(blocks.layout.r0) == (9 if atoms.info['site'] else 3)
-            assert abs(a - expected).max() < 1e-10 * abs(expected).max()
-
-
-@pytest.mark.parametrize(('name', 'model'), [('kagome half hexagon', 'complete'), *(
-    (name, model) for name in ('triangular hexagon', 'free edges', 'table') for model in MODELS)])
-def test_numpy_and_compiled_blocks_agree(name, model):
-    pytest.importorskip('numba')
-    atoms = STRUCTURES[name]
-
-    def run(engine, amplitude=0.01):
-        moving = atoms.copy()
-        moving.calc = MagneticRepulsion(moving, LAW, foundation=40.0, model=model)  # stiff: edges hardly move
-        inner = np.flatnonzero(moving.get_tags() == 0)[:2]
-        drives = [Harmonic(inner, (1, 2), amplitude, 0.5)]
-        dyn = DrivenVerlet(moving, 0.1, drives, np.linspace(0, 0.01, len(moving)), engine)
-        recorder = Recorder(dyn, interval=9)
-        with in_table(name):
-            dyn.run(2000)
-        assert dyn.engine == engine
-        return recorder.displacements
-
-    numpy, compiled = run('numpy'), run('compiled')
-    assert abs(numpy - compiled).max() < 1e-11 * abs(numpy).max()
-    assert abs(numpy - run('compiled', 0.0100001)).max() > 1e-9 * abs(numpy).max()  # the control
-
-
-def test_a_held_particle_stays_and_an_empty_slot_does_nothing():
-    pytest.importorskip('numba')
-    patch = lattices.hexagon(cells()['triangular'], 45.0)
-    patch.set_constraint([*patch.constraints, FixAtoms([20])])
-    patch.calc = MagneticRepulsion(patch, LAW, foundation=0.02)
-    for engine in ('numpy', 'compiled'):
-        moving = patch.copy()
-        moving.calc = patch.calc
-        dyn = DrivenVerlet(moving, 0.1, [Harmonic([20, 21], (1, 0), 0.005, 0.5)], engine=engine)
-        dyn.run(200)
-        held = np.append(np.flatnonzero(patch.get_tags() == lattices.RIM), 20)
-        assert np.array_equal(moving.positions[held], patch.positions[held])
-        assert abs(dyn.displacements[21]).max() > 1e-4
-        empty = np.setdiff1d(np.arange(dyn._blocks.layout.length), dyn._blocks.layout.slot)
-        assert len(empty)
-        assert not any(x[:, empty].any() for x in dyn._blocks._state)
 
 
 @pytest.mark.parametrize('engine', ['numpy', 'compiled'])

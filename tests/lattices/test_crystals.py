@@ -85,19 +85,6 @@ def test_square_and_triangular_rims_are_pushed_everywhere():
         assert forces.min() > 0.99 * repulsion(LAW, SPACING)
 
 
-def test_free_edge_is_pushed_outwards():
-    # A particle of a straight row edge has lost two bonds at 60 degrees to the edge: 2 f sin 60 = sqrt(3) f outwards.
-    patch = lattices.parallelogram(cell('triangular'), 9, 6)
-    patch.set_constraint()
-    patch.calc = MagneticRepulsion(patch, LAW)
-    f = np.sqrt(3) * repulsion(LAW, SPACING)
-    x, y = patch.positions[:, :2].T
-    for edge, outwards in ((y.min(), -1), (y.max(), 1)):
-        row = np.flatnonzero(abs(y - edge) < 1e-9)
-        inner = row[np.argsort(x[row])][1:-1]  # without the corners
-        assert abs(patch.get_forces()[inner] - [0, outwards * f, 0]).max() < 1e-13 * f
-
-
 def test_patches_are_centred():
     for name in ('square', 'triangular'):
         for cut in (PATCHES['parallelogram'], PATCHES['hexagon']):

@@ -53,23 +53,6 @@ def test_no_method_of_eighty_plans_is_worse_than_told():
     assert excess > planner.DOUBT / 3  # which is not far more than need be
 
 
-def hardly_nearer(shells):
-    return max(1, len(shells) - 1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(('name', 'without', 'shown_by'), [
-    ('DOUBT', 0.0, Bands('square', LAWS['2'], 30.0)),
-    ('DOUBT', planner.DOUBT / 3, Bands('square', InversePower(1.0, 1.78), 62.0, 'X')),
-    ('FRACTIONS', (0,), Bands('square', LAWS['Yukawa'], 30.0)),
-    ('_within_half', hardly_nearer, Bands('chain', LAWS['2'], 8.0)),
-])
-def test_control_each_part_of_the_estimate_is_needed(monkeypatch, name, without, shown_by):
-    assert understated([shown_by])[0] == []
-    monkeypatch.setattr(planner, name, without)
-    assert understated([shown_by])[0]
-
-
 def test_the_continuum_is_the_sum_over_what_lies_beyond():
     """Against a sum far beyond the reach, as far as that goes itself: it falls as R f(R), which leaves 1 in 40^2."""
     cell, law, R, far = Bands('triangular', LAWS['3'], 0.0)._with(1), LAWS['3'], 6.3, 250.0

@@ -161,14 +161,6 @@ def test_bad_input_is_refused(change, message):
         frequency_response(atoms, **{'force': pushed(atoms, 24), 'omega': [0.3], 'damping': 0.1} | change)
 
 
-def test_an_undamped_resonance_is_refused():
-    atoms = oscillator()
-    omega = modes(atoms).omega[0]
-    with pytest.raises(ValueError, match=r'undamped response .* is infinite'):
-        frequency_response(atoms, pushed(atoms, 3, (0, 1)), [omega], 0.0)
-    assert np.isfinite(frequency_response(atoms, pushed(atoms, 3, (0, 1)), [1.001 * omega], 0.0).response).all()
-
-
 def test_every_undamped_resonance_is_refused_where_others_are_soft():
     count = 20
     atoms = chain(count, model='conventional')  # nothing resists sideways: the lowest twenty squares are zero

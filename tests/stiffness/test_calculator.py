@@ -42,17 +42,6 @@ def test_energy_and_forces(name, law):
     assert abs(conventional - forces).max() > 1e-3 * f
 
 
-def test_ases_own_finite_differences():
-    from ase.calculators.fd import calculate_numerical_forces
-
-    atoms = triangular_patch(foundation=0.02)
-    step = 1e-3  # mm
-    numerical = calculate_numerical_forces(atoms, eps=step, iatoms=[0, 5], icarts=[0, 1])
-    # central differences: phi'''' step^2/6 of six bonds, of about a^3 f/L^3; round-off 1e-16 E/step is below it
-    error = 6 * 4.6**3 * repulsion(LAW, 10.0) / 10**2 * step**2
-    assert abs(atoms.get_forces()[[0, 5], :2] - numerical).max() < error
-
-
 @pytest.mark.parametrize('model', ['complete', 'conventional'])
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
 def test_nothing_at_rest(law, model):
