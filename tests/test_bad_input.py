@@ -60,7 +60,7 @@ def changed(change, after=False):
     """A cell that is changed before it gets its calculator, or after."""
     atoms = lattices.triangular(1.0, 1.0)
     if after:
-        atoms.calc = MagneticRepulsion(atoms, LAW)
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=0.1)
     change(atoms)
     if not after:
         atoms.calc = MagneticRepulsion(atoms, LAW)
