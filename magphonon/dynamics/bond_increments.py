@@ -38,35 +38,28 @@ if TYPE_CHECKING:
 
     from ..interactions.pair_laws import PairLaw
 
-TOLERANCE = 1e-13
-"""Largest error of a fitted slope dH/de, as a fraction of the slope at rest."""
+TOLERANCE = 1e-13  # largest error of a fitted slope dH/de, as a fraction of the slope at rest
 RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)
 """Largest increments |e| of the fitted polynomials; beyond the last one the law itself is evaluated."""
-NEAR = 1e-3
-"""Largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits."""
+NEAR = 1e-3  # largest increment for which H is computed as the integral of its slope; above it the difference keeps twelve digits
 ROUND_OFF = 64 * np.finfo(float).eps
 """Of a difference of forces, as a fraction of stiffness and static force.  An integral that is farther off has missed a jump of
 the slope, which a knot of a table makes."""
 MOST_COEFFICIENTS = 40
 ALIKE = 1e-14
 """Relative difference up to which the slopes of two laws differ by a factor only; a few times the round-off of a power."""
-TOGETHER = 2048
-"""Number of kinds that are fitted at a time, so that their samples stay within tens of megabytes."""
+TOGETHER = 2048  # number of kinds that are fitted at a time, so that their samples stay within tens of megabytes
 POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, MOST_COEFFICIENTS - n - 1))
                    for n, row in enumerate(np.eye(MOST_COEFFICIENTS))]).T
 """Chebyshev polynomials in powers of x, one in each column."""
 NODES, WEIGHTS = ((x + shift) / 2 for x, shift in zip(np.polynomial.legendre.leggauss(8), (1, 0), strict=True))
-BITS = 8
-"""Binary logarithm of the number of pieces per octave; all of a law together take 100 kB."""
-SHIFT = 52 - BITS
-"""Bits of w that do not number its piece."""
+BITS = 8  # binary logarithm of the number of pieces per octave; all of a law together take 100 kB
+SHIFT = 52 - BITS  # bits of w that do not number its piece
 DEGREE = 4
 PIECE_TOLERANCE = 5e-13
 """Largest error of a piece, as a fraction of |Q| there and at rest; the quotient itself has a smaller round-off."""
-NARROWEST = 1e-9
-"""Relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved."""
-MOST = 20_000
-"""Largest number of pieces for one kind of bond; a law that needs more is noise."""
+NARROWEST = 1e-9  # relative width of the smallest piece; a narrower feature, such as a jump of the force, is not resolved
+MOST = 20_000  # largest number of pieces for one kind of bond; a law that needs more is noise
 SMALL = 1 / 16
 """Increments below which Q is the mean slope; above it the difference of forces keeps its digits.  Less by the factor
 `3 f/(r0 dH/de)` for bonds that are stiff for their force, as contacts: there the difference is better, and the mean might

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
     from ..lattices.bonds import Bonds
 
-CONTACT = 0.1
-"""Ratio of a bond to its rest length below which its particles have collided."""
+CONTACT = 0.1  # ratio of a bond to its rest length below which its particles have collided
 BROKEN_BOND = 3.0
 """Ratio of a bond to its rest length above which it is broken: two other particles fit between its ends then, and the repulsion
 of magnets has fallen below a hundredth."""
@@ -43,8 +42,7 @@ length."""
 APART = 1.1
 """Distance at rest, in shortest bonds, below which a pair without a bond is taken as intended, such as two replicas; then no
 unbonded distance is checked."""
-STRIDE = 0.1
-"""Largest path of the fastest particle between two checks, as a fraction of the shortest bond."""
+STRIDE = 0.1  # largest path of the fastest particle between two checks, as a fraction of the shortest bond
 
 
 class Diverged(PhysicsError):
@@ -197,17 +195,7 @@ class Cages:
 
 
 def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:
-    """Pairs of particles within `cutoff` (mm) that no bond of the list joins.
-
-    Returns
-    -------
-    Bonds
-
-    Raises
-    ------
-    ValueError
-        If two particles coincide.
-    """
+    """Pairs of particles within `cutoff` (mm) that no bond of the list joins; ValueError if two particles coincide."""
     near = bonds_within(atoms, cutoff)
     known = [_keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift)]
     other = ~np.isin(_keys(near, near.i, near.j, near.shift), np.concatenate(known))

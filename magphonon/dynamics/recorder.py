@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from .verlet import DrivenVerlet
 
-MEMORY = 2**26
-"""Number of bytes of frames kept in memory; more frames go to a temporary file."""
+MEMORY = 2**26  # number of bytes of frames kept in memory; more frames go to a temporary file
 
 
 class Recorder:

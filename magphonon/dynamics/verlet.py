@@ -39,14 +39,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
-ENOUGH = 20_000
-"""Number of particles from which on another thread pays."""
-COMPILING_PAYS = 5e7
-"""Number of particle-steps above which the compiled kernel saves the second that it takes to load."""
-BLOCK = 32
-"""Largest number of steps between two checks whether particles have collided or left."""
-SHOWN = 8 * BLOCK
-"""Largest number of steps after which the atoms follow blocks, for who iterates."""
+ENOUGH = 20_000  # number of particles from which on another thread pays
+COMPILING_PAYS = 5e7  # number of particle-steps above which the compiled kernel saves the second that it takes to load
+BLOCK = 32  # largest number of steps between two checks whether particles have collided or left
+SHOWN = 8 * BLOCK  # largest number of steps after which the atoms follow blocks, for who iterates
 
 
 class DrivenVerlet(VelocityVerlet):
@@ -93,14 +89,6 @@ class DrivenVerlet(VelocityVerlet):
     ----------
     engine : str
         The engine in use.
-
-    Raises
-    ------
-    ValueError
-        For a time step that is not positive or over the limit 2/omega_max, a damping that is negative, a drive on a
-        particle that is not there or on held ones only, an engine that cannot integrate these atoms.
-    ImportError
-        For 'compiled' without numba.
 
     Examples
     --------
@@ -221,7 +209,9 @@ class DrivenVerlet(VelocityVerlet):
                 if self.engine == 'ase':
                     self._one_step()
                 else:
-                    self._advance_to(self._next_stop())
+                    intervals = [interval for _, interval, *_ in self.observers]
+                    stops = [self.nsteps + SHOWN, self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
+                    self._advance_to(min(stops + [self.nsteps + k - self.nsteps % k for k in intervals if k > 0]))
             except Diverged as error:
                 error.atoms, error.last_good = self.atoms, self.get_time()
                 raise
@@ -257,24 +247,17 @@ class DrivenVerlet(VelocityVerlet):
             self._blocks.write()
             self.engine = self._blocks.engine
 
-    def _next_stop(self):
-        intervals = [interval for _, interval, *_ in self.observers]
-        instants = [self.nsteps + SHOWN, self.max_steps, *(-k for k in intervals if -k > self.nsteps)]
-        return min(instants + [self.nsteps + k - self.nsteps % k for k in intervals if k > 0])
-
     def _prepare(self, long):
-        """Choose the engine and refuse an unstable step; again only if something has changed.
-
-        Parameters
-        ----------
-        long : bool
-            Whether the run repays compilation.
-        """
+        """Choose the engine, for a run that repays compilation if `long`; refuse an unstable step.  Only if anything changed."""
         now, (before, was_long) = self._setting(), self._prepared
         if now == before and long == was_long:
             return
         if now != before:
-            self._refuse_other_clock(before)
+            dt = before[1]
+            if self.dt != dt and self.nsteps and (self._drives or self.recorders):
+                raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
+                                 'of drives and records is the number of steps times the time step; set it back, or go on with a '
+                                 'new DrivenVerlet(atoms, ...), whose time begins at zero')
             if not self.allow_unstable:
                 refuse_long_step(self.atoms, self.dt)
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
@@ -288,13 +271,6 @@ class DrivenVerlet(VelocityVerlet):
         elif isinstance(self.atoms.calc, MagneticRepulsion):
             cages = Cages(self.atoms)
         self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long)
-
-    def _refuse_other_clock(self, before):
-        dt = before[1]
-        if self.dt != dt and self.nsteps and (self._drives or self.recorders):
-            raise ValueError(f'the time step was {dt:g} ms for {self.nsteps} steps and is {self.dt:g} ms now, but the time '
-                             'of drives and records is the number of steps times the time step; set it back, or go on with a new '
-                             'DrivenVerlet(atoms, ...), whose time begins at zero')
 
     def _setting(self):
         """All that forces and motion depend on, but for the state itself."""
@@ -324,18 +300,7 @@ class DrivenVerlet(VelocityVerlet):
             self._cages.look(calc.displacements(self.atoms) if np.isfinite(u).all() else u[:, : calc.dim], time)
 
     def run(self, steps: int = 50) -> bool:
-        """Run for `steps` more steps.
-
-        Returns
-        -------
-        bool
-            True at the end, as ASE's.
-
-        Raises
-        ------
-        Diverged
-            If particles collide or leave.
-        """
+        """Run for `steps` more steps; True at the end, as ASE's.  Raises Diverged if particles collide or leave."""
         target = self.nsteps + whole('steps', steps, 0)
         with tqdm(total=target, initial=self.nsteps, unit='step', delay=2, disable=None) as progress:
             for _ in self.irun(steps):
@@ -381,15 +346,6 @@ class EnergyLog(MDLogger):
     """Time and energies of a run, a line at a time: ASE's MDLogger, whose own columns are ps, eV and K.
 
     The total is that of the particles, their bonds, springs and dead loads; drives and damping change it.
-
-    Parameters
-    ----------
-    dyn : ase.md.md.MolecularDynamics
-    atoms : ase.Atoms
-    logfile : path or file
-        '-' is the terminal.
-    comm : object
-        ASE's communicator.
     """
 
     def __init__(self, dyn: MolecularDynamics, atoms: Atoms, logfile: str | Path | IO[str], comm: Any) -> None:

@@ -96,11 +96,6 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
     Plan
         The settings of its methods are `model` and `shells`; `shells` is 'all' for exact sums.
 
-    Raises
-    ------
-    ValueError
-        For an edge at a frequency that is zero or imaginary, or particles that differ in law, strength or foundation.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
@@ -148,6 +143,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
                          'its vectors and positions with more digits')
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
     near = _within_half(shells)
+    # the two references; they are the same where a measured table knows only the nearest
     beyond = [(near, _continuum(atoms, shells[near - 1].lengths.mean(), q)), (len(shells), continuum)]
     errors = _errors(atoms, q, edge, shells, counts, beyond)
 
@@ -155,7 +151,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     at = f'at {waves} wavevectors' if waves > 1 else 'at its wavevector'
     bonds = np.cumsum([len(shell) for shell in shells])
     models = ['conventional'] + len(counts) * ['complete']
-    methods = [Method(f'{model} linear, {_neighbours(k)}', f'the Bloch matrix {at}',
+    methods = [Method(f'{model} linear, ' + ('nearest neighbours' if k == 1 else f'{k} shells'), f'the Bloch matrix {at}',
                       bloch_cost(int(bonds[k - 1]), waves, size, calc.dim, model), float(error), DOUBT,
                       Settings(model, int(k)))
                for model, k, error in zip(models, [counts[0], *counts], errors, strict=True)]
@@ -178,11 +174,7 @@ def _within_half(shells):
 
 
 def _errors(atoms, q, edge, shells, counts, continua):
-    """Error of the conventional model with the fewest shells of `counts`, then of the complete one with each of them.
-
-    `continua` holds the number of summed shells and the continuum beyond them, for the two references: the nearer half of the
-    shells and all of them.  Both are the same where a measured table knows only the nearest.
-    """
+    """Error of the conventional model with the fewest shells of `counts`, then of the complete one with each of them."""
     calc = atoms.calc
     parts = [bond_stiffness(shell.vectors[:, : calc.dim], calc.law) for shell in shells]
     D0, Dstar = (np.cumsum([bloch_matrix(shell, part[k], q) for shell, part in zip(shells, parts, strict=True)], axis=0)
@@ -200,10 +192,6 @@ def _errors(atoms, q, edge, shells, counts, continua):
         raise ValueError(f'{edge.name} is zero or imaginary and has no relative error; choose another edge, or all bands')
     *errors, lacking = abs(omega - exact)[:, 0, edge.branch] / wanted
     return np.array(errors) + lacking
-
-
-def _neighbours(shells):
-    return 'nearest neighbours' if shells == 1 else f'{shells} shells'
 
 
 def bloch_cost(bonds: int, waves: int, size: int, dim: int, model: str) -> float:

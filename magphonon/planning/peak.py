@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 RIVAL_RATIO = 0.9
 """Ratio to the highest peak above which another peak may be the highest too, because D* and overlap can change the order."""
-ROUND_OFF = 1e-12
-"""Relative difference of two frequencies that is round-off."""
+ROUND_OFF = 1e-12  # relative difference of two frequencies that is round-off
 DECOUPLED = 1e-10
 """Force on a mode times what is seen of it, as a fraction of the largest such values of all modes, below which it is round-off:
 without D*, the rows and columns of a square lattice are chains that do not move each other."""
@@ -72,7 +71,7 @@ class Peak:
 
     @property
     def omega(self) -> float:
-        """Angular frequency in rad/ms."""
+        """In rad/ms."""
         return float(self.linear.omega[self.mode])
 
 
@@ -88,11 +87,6 @@ def highest_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omeg
         Angular frequencies in rad/ms, ascending.
     damping : float
         gamma in 1/ms.
-
-    Raises
-    ------
-    ValueError
-        If the structure is unstable, has no resonance in the range, or has no damping, so that its peaks are infinite.
     """
     system, damping = LinearSystem.of(atoms), positive('damping', damping, '1/ms')
     if system.free.shape[1] > MOST_DIRECTIONS:

@@ -21,10 +21,8 @@ from dataclasses import dataclass
 
 from ..errors import positive
 
-ALL = 'all'
-"""Value of `shells` for a method that sums over all neighbours."""
-LAW_COST = 16
-"""Number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.kernels_numba`."""
+ALL = 'all'  # value of `shells` for a method that sums over all neighbours
+LAW_COST = 16  # number of multiplications of one evaluation of the law, by its polynomial, counted in `dynamics.kernels_numba`
 EIGENSOLVE = 10
 """Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size: about 9 by the QR
 algorithm (Golub and Van Loan, Matrix Computations, Sec. 8.3)."""
@@ -163,11 +161,6 @@ class Plan:
         Sentences that say where the estimates come from.
     cost : float
         Cost of the estimate itself, in multiplications.
-
-    Raises
-    ------
-    ValueError
-        If the tolerance is not a positive number.
     """
 
     quantity: str
@@ -182,13 +175,7 @@ class Plan:
 
     @property
     def choice(self) -> Method:
-        """The cheapest method that meets the tolerance.
-
-        Raises
-        ------
-        ValueError
-            If none does.
-        """
+        """The cheapest method that meets the tolerance; ValueError if none does."""
         good = [method for method in self.methods if method.meets(self.tolerance)]
         if not good:
             best = min(self.methods, key=lambda method: method.error)

@@ -62,11 +62,6 @@ def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
     scene : Scene
     tolerance : float
 
-    Raises
-    ------
-    ValueError
-        If it asks for no quantity that can be planned, or no method meets the tolerance.
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
@@ -79,7 +74,11 @@ def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
         raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [bands], [frf] or [burst]')
     if scene.bands is not None:
         yield _bands(scene, tolerance)
-    left_out = () if scene.single or (scene.frf is None and scene.burst is None) else (_beyond_nearest(scene),)
+    left_out = ()
+    if not scene.single and (scene.frf is not None or scene.burst is not None):
+        left_out = ('These figures use nearest neighbours only, because a patch with further neighbours is not in equilibrium at '
+                    'its rim; including all neighbours would shift the bands by up to '
+                    f'{percent(_error_of_shells(scene, 1)[0])} of the highest frequency.',)
     if scene.frf is not None:
         yield _peak(scene, tolerance, left_out)
     if scene.burst is not None:
@@ -111,13 +110,6 @@ def _bands(scene, tolerance):
         edge = Edge(f'Frequency of branch {branch} at {point}', path.special_points[point], branch - 1)
     return Wanted('bands', plan_bands(atoms, path, tolerance, edge),
                   lambda file, settings: _write_bands(scene, file, edge, settings))
-
-
-def _beyond_nearest(scene):
-    """The effect of the neighbours that no method for a patch includes."""
-    return ('These figures use nearest neighbours only, because a patch with further neighbours is not in equilibrium at its '
-            f'rim; including all neighbours would shift the bands by up to {percent(_error_of_shells(scene, 1)[0])} of the '
-            'highest frequency.')
 
 
 def neglected(scene: Scene) -> list[str]:
@@ -153,9 +145,7 @@ def neglected(scene: Scene) -> list[str]:
 
 
 def _error_of_shells(scene, shells):
-    """Error of the complete bands with this number of neighbour shells, relative as in `plan_bands`; and whether the law is known
-    as far as it was compared.
-    """
+    """Error of the complete bands with so many neighbour shells, and whether the law is known as far as it was compared."""
     from .bands import TABLE_ENDS, plan_bands
 
     plan = plan_bands(scene.perfect_cell(), scene.lattice.path(None, 60), NEGLIGIBLE)

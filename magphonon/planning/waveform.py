@@ -37,10 +37,8 @@ if TYPE_CHECKING:
     from ..response.propagation import Transient
     from ..stiffness.repulsion import Repulsion
 
-FRAMES = 12
-"""Number of times compared and written in each period of the carrier: harmonics up to the fifth are resolved."""
-TIMES = 8
-"""Number of frames whose strains are computed at once, so that the arrays stay in the processor's cache."""
+FRAMES = 12  # number of times compared and written in each period of the carrier: harmonics up to the fifth are resolved
+TIMES = 8  # number of frames whose strains are computed at once, so that the arrays stay in the processor's cache
 WEAK_AMPLITUDE = 1e-6
 """Amplitude of the weak burst, as a fraction of the full one: linear to six digits, and far above round-off.  A thousand times as
 much or as little gives the same motion to four digits."""
@@ -83,11 +81,6 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
     -------
     Plan
         The settings of its methods are `model` and, where time is stepped, `dt` in ms.
-
-    Raises
-    ------
-    ValueError
-        If particles collide or leave their cages.
     """
     system = LinearSystem.of(atoms)
     calc, dt = system.calc, LONGEST_STEP / highest_frequency(system)  # half the longest, because the step is doubled
@@ -124,36 +117,21 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
 
 @dataclass(frozen=True)
 class _Effect:
-    """What nonlinearity and time steps change, relative to the waveform.
-
-    Attributes
-    ----------
-    nonlinear, doubt : float
-        The effect of nonlinearity, and its relative uncertainty; a bound has none.
-    stepping, step_doubt : float
-        The error of the first time step of the trial, infinite where it is not known, and its relative uncertainty.
-    longest : float
-        Longest step in ms of a run that is known to converge.
-    steps : float
-        Number of time steps that it took to know them.
-    said : tuple of str
-        The evidence.
-    """
+    """What nonlinearity and time steps change, relative to the waveform, and how uncertain that is."""
 
     nonlinear: float
-    doubt: float
-    stepping: float
+    doubt: float  # a bound has none
+    stepping: float  # the error of the first time step of the trial, infinite where it is not known
     step_doubt: float
-    longest: float
-    steps: float
-    said: tuple[str, ...]
+    longest: float  # step in ms of a run that is known to converge
+    steps: float  # number of time steps that it took to know all this
+    said: tuple[str, ...]  # the evidence
 
 
 def _tried(atoms, drive, row, damping, clock, tolerance):
     """The effects of nonlinearity and of time steps from trial runs of the full and of a weak burst, each with two steps.
 
-    An error that grows with the square of the step changes by three times itself when the step is doubled.  The step is halved
-    until the change of the motion is small, and the nonlinearity is clear of the tolerance.
+    The step is halved until the change of the motion is small, and the nonlinearity is clear of the tolerance.
     """
     (dt, interval, steps), taken = clock, 0.0
 
@@ -179,7 +157,7 @@ def _tried(atoms, drive, row, damping, clock, tolerance):
             raise ValueError(f'particles collide or leave their cages, so there is nothing to plan: {error}') from None
         found, change, doubt = difference(full, weak), np.inf, 1.0
         if before is not None:
-            # an error of the second order is a third of the change; half of it allows for the next order
+            # an error of the second order is a third of the change when the step is doubled; half of it allows for the next order
             change, doubt = difference(before[0], full), abs(difference(*before) / found - 1) / 2
         before = full, weak
         if change <= LARGEST_CHANGE and abs(found / tolerance - 1) > doubt:

@@ -41,18 +41,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-BLOCK = 16
-"""Number of vectors yielded at a time."""
+BLOCK = 16  # number of vectors yielded at a time
 LARGEST_GROWTH = 2.0
 """Largest ratio |T_n s|/|s|: it is at most one if the spectrum lies in the interval, and grows exponentially with n outside."""
-MARGIN = 1e-3
-"""Relative amount by which a negative end of the spectrum is moved outwards, because it is known only to round-off."""
-COLUMNS = 8
-"""Number of start vectors that are multiplied at once, so that a product reads the matrix only once for all of them."""
-ROWS = 2**14
-"""Number of rows of the matrix in one piece, so that the product is still in the processor's cache when it is used."""
-BATCH = 2**22
-"""Number of cosines computed at a time."""
+MARGIN = 1e-3  # relative amount by which a negative end of the spectrum is moved outwards, because it is known only to round-off
+COLUMNS = 8  # number of start vectors that are multiplied at once, so that a product reads the matrix only once for all of them
+ROWS = 2**14  # number of rows of the matrix in one piece, so that the product is still in the processor's cache when it is used
+BATCH = 2**22  # number of cosines computed at a time
 
 
 class Outside(ArithmeticError):
@@ -68,12 +63,10 @@ class Interval:
 
     @property
     def centre(self) -> float:
-        """Middle of the interval."""
         return (self.highest + self.lowest) / 2
 
     @property
     def radius(self) -> float:
-        """Half its length."""
         return (self.highest - self.lowest) / 2
 
     def nodes(self, count: int) -> NDArray[np.float64]:
@@ -110,7 +103,7 @@ def twice_scaled(K: sparse.csr_array, interval: Interval) -> sparse.csr_array:
 
 def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.float64], rows: Any,
                      terms: int | None = None) -> Iterator[NDArray[Any]]:
-    """The vectors T_n(X) s, n = 0, 1, 2 ..., without end; a bar shows how many there are on a terminal after two seconds.
+    """The vectors T_n(X) s, n = 0, 1, 2 ..., until they grow (`Outside`); a bar shows how many there are on a terminal.
 
     Parameters
     ----------
@@ -126,11 +119,6 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
     ------
     ndarray, shape (BLOCK, rows, ...)
         One array for all blocks, which the next one overwrites: the operating system would clear the pages of each new one.
-
-    Raises
-    ------
-    Outside
-        If they grow.
     """
     X2 = twice_scaled(K, interval)
     length = np.linalg.norm(s, axis=0)
@@ -180,7 +168,7 @@ def _moments_on(interval, K, starts, count, progress):
 
 
 def moments(X2: sparse.csr_array, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Moments `s.T_n(X) s` of each column s separately, from half as many products as moments.
+    """Moments `s.T_n(X) s` of each column s separately, from half as many products as moments; `Outside` if the vectors grow.
 
     Parameters
     ----------
@@ -193,11 +181,6 @@ def moments(X2: sparse.csr_array, s: NDArray[np.float64], count: int) -> NDArray
     Returns
     -------
     ndarray, shape (count, columns)
-
-    Raises
-    ------
-    Outside
-        If the vectors grow: the spectrum does not lie there.
     """
     mu, parts = np.empty((count, s.shape[1])), [(np.s_[k : k + ROWS], X2[k : k + ROWS]) for k in range(0, len(s), ROWS)]
     before, now = s, X2 @ s / 2

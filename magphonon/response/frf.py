@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 EPS = np.finfo(float).eps
-MOST_SHOWN = 1e9
-"""Largest length of a series of which a bar shows what share is done."""
+MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
 FACTORISATION = 500
 """Number of matrix products that take as long as one sparse factorisation, measured on patches of 1000 to 10 000 particles."""
 
@@ -118,13 +117,6 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     FrequencyResponse
         Its `response` has the shape (frequencies, particles, 3).
 
-    Raises
-    ------
-    ValueError
-        For another shape, a frequency or damping that is negative, a constraint that ties particles to each other, an
-        undamped resonance, a structure that is not at rest, one that is unstable and has no steady state, a force on held
-        particles only or out of the plane of a planar structure.
-
     Examples
     --------
     >>> import numpy as np
@@ -210,12 +202,6 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     -------
     FrequencyResponse
         Its `response` has the shape (frequencies, particles, 3).
-
-    Raises
-    ------
-    ValueError
-        For another shape, a negative damping, an undamped resonance, a structure that is not at rest, one that is
-        unstable and has no steady state, or a force on held particles only or out of the plane of a planar structure.
 
     Examples
     --------
@@ -318,6 +304,8 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
                     tolerance: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
     """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).
 
+    Raises `Outside` for an unstable structure.
+
     Parameters
     ----------
     system : LinearSystem
@@ -334,11 +322,6 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
         Estimate of the error of any displacement by the end of the series and by round-off, mm.
     products : int
         Matrix-vector products taken.
-
-    Raises
-    ------
-    Outside
-        If the structure is unstable, and the vectors grow.
     """
     interval, z = _scaled(system.K, omega, gamma)
     rows, shapes = system.rows(particles)

@@ -58,11 +58,6 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     -------
     Modes
 
-    Raises
-    ------
-    ValueError
-        If there are not as many modes, or the structure is not at rest.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
@@ -204,22 +199,18 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     energy = rest.get_masses()[:, None] * found.shapes**2
     share = energy.sum(axis=2)
     centre, spread = np.empty((len(share), dim)), np.empty(len(share))
+    # a vector along which nothing repeats may be missing, or lean over the periodic ones
+    cell = Cell(np.where(rest.pbc[:, None], rest.cell.array, 0)).complete()
     for mode, weight in enumerate(share):
         at = rest.positions[weight.argmax()]
-        away = _nearest_images(rest.positions - at, rest)[:, :dim]
+        cells = cell.scaled_positions(rest.positions - at)
+        away = ((cells - np.where(rest.pbc, cells.round(), 0)) @ cell.array)[:, :dim]
         middle = weight @ away
         centre[mode] = at[:dim] + middle
         spread[mode] = weight @ ((away - middle) ** 2).sum(axis=1)
     d = max(1, np.linalg.matrix_rank(rest.positions - rest.positions[0], tol=1e-6 * np.ptp(rest.positions)))
     length = np.sqrt(4 * spread / (d * (d + 1)))  # of shares e^{-2r/l} the second moment is d (d + 1) l^2/4
     return Extent(found.omega, 1 / (share**2).sum(axis=1), centre, length, energy.sum(axis=1))
-
-
-def _nearest_images(vectors: NDArray[np.float64], atoms: Atoms) -> NDArray[np.float64]:
-    # a vector along which nothing repeats may be missing, or lean over the periodic ones
-    cell = Cell(np.where(atoms.pbc[:, None], atoms.cell.array, 0)).complete()
-    cells = cell.scaled_positions(vectors)
-    return (cells - np.where(atoms.pbc, cells.round(), 0)) @ cell.array
 
 
 def local_modes(atoms: Atoms | LinearSystem, gap: ArrayLike) -> Modes:

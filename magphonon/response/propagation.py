@@ -35,28 +35,20 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-NODES = 16
-"""Number of Gauss points on a panel; they integrate polynomials of degree 31 exactly."""
-TURN = 8.0
-"""Longest panel in rad of the fastest oscillation, whose motion there is a polynomial of degree 16 up to round-off."""
-PANELS = 20_000
-"""Largest number of panels; a force that needs more is not a smooth function of time."""
+NODES = 16  # number of Gauss points on a panel; they integrate polynomials of degree 31 exactly
+TURN = 8.0  # longest panel in rad of the fastest oscillation, whose motion there is a polynomial of degree 16 up to round-off
+PANELS = 20_000  # largest number of panels; a force that needs more is not a smooth function of time
 _x, _w = np.polynomial.legendre.leggauss(NODES)
 POINTS, WEIGHTS = (1 + _x) / 2, _w / 2
 _TOP = (np.polynomial.legendre.legvander(_x, NODES - 1) * _w[:, None] * (np.arange(NODES) + 0.5))[:, -2:].T
 """The last two Legendre coefficients of a function on a panel, from its values at the points."""
 SPAN = 2000.0
 """Longest part of a propagation in rad of the fastest oscillation: the tables of single oscillators grow with its square."""
-LARGEST = 2**22
-"""Largest number of coefficients of a part, the product of times and terms."""
-OVERFLOW = 600.0
-"""Largest exponent of exponential growth."""
-RESOLVED = 1e-14
-"""Round-off of the kinks of a drive, as a fraction of its impulse."""
-UNRESOLVED = 1e-11
-"""Size of the last coefficients, as a fraction of the largest one, above which the series is too short."""
-MOST = 8
-"""Largest ratio of the number of terms to that of an oscillation of the known length; a longer series does not converge."""
+LARGEST = 2**22  # largest number of coefficients of a part, the product of times and terms
+OVERFLOW = 600.0  # largest exponent of exponential growth
+RESOLVED = 1e-14  # round-off of the kinks of a drive, as a fraction of its impulse
+UNRESOLVED = 1e-11  # size of the last coefficients, as a fraction of the largest one, above which the series is too short
+MOST = 8  # largest ratio of the number of terms to that of an oscillation of the known length; a longer series does not converge
 IN_PLACE = 1e-14
 """Displacement, as a fraction of the largest coordinate, below which it is round-off, as for a particle in another image of its
 cell."""
@@ -237,13 +229,6 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     -------
     Transient
 
-    Raises
-    ------
-    ValueError
-        For times that do not increase, a damping that differs between particles, a held particle that is displaced, a
-        drive that is rough or pushes held particles only, an unstable structure that grows beyond all numbers, one that is at
-        rest neither in the reference nor where it is.
-
     Examples
     --------
     >>> import numpy as np
@@ -330,29 +315,14 @@ class _Load:
 
 @dataclass(frozen=True)
 class _Asked:
-    """The quantities that are the same in all parts of a motion.
-
-    Attributes
-    ----------
-    K : sparse array, shape (free, free)
-    interval : Interval
-        Interval that contains the spectrum of K.
-    gamma : float
-        In 1/ms.
-    load : _Load
-    rows : ndarray of int
-        Rows of K whose motion is returned.
-    size : ndarray, shape (rows,)
-        Displacement for each of these coordinates.
-    tolerance : float
-    """
+    """The quantities that are the same in all parts of a motion."""
 
     K: Any
     interval: Any
     gamma: float
     load: _Load
-    rows: NDArray[np.int_]
-    size: NDArray[np.float64]
+    rows: NDArray[np.int_]  # of K, whose motion is returned
+    size: NDArray[np.float64]  # displacement for each of these coordinates
     tolerance: float
 
 
@@ -375,13 +345,7 @@ def _propagate(asked, state, times):
 
 
 def _resolved(motions, interval, terms):
-    """Chebyshev coefficients of a motion as a function of w2, shape (stops, 2, columns, terms or more), down to round-off.
-
-    Raises
-    ------
-    ArithmeticError
-        If they do not fall, as those of every response do, which are entire functions of w2.
-    """
+    """Chebyshev coefficients of a motion, (stops, 2, columns, terms or more): they fall, as it is an entire function of w2."""
     c = coefficients(motions(interval.nodes(terms)))
     while abs(c[..., -8:]).max() > UNRESOLVED * abs(c).max():
         if c.shape[-1] > MOST * terms:
@@ -392,16 +356,8 @@ def _resolved(motions, interval, terms):
 
 
 def _part(asked, state, start, stops, last):
-    """Motion at the `stops` after the `state` at `start`; to round-off, for the next part, unless it is the last one.
-
-    Returns
-    -------
-    y : ndarray, shape (stops, 2, rows)
-    state : ndarray, shape (free, 2)
-        At the last stop, unless this part is the last.
-    error : float
-        Estimated error, as in Transient.
-    products : int
+    """Motion at the `stops` after the `state` at `start`, shape (stops, 2, rows); unless this is the last part, the state at the
+    last of them, and all to round-off; error and products as in Transient.
     """
     K, interval, gamma, rows, size = asked.K, asked.interval, asked.gamma, asked.rows, asked.size
     rate = np.sqrt(interval.highest - interval.lowest)

@@ -22,16 +22,13 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
-ROUND_OFF = 1e-12
-"""Fraction of the highest squared frequency below which a squared frequency is zero."""
+ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squared frequency is zero
 HARMONICS = 8
 """Number of harmonics of the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
-ROUNDS = 60
-"""Largest number of iterations; a vibration that has not converged by then is far from linear."""
+ROUNDS = 60  # largest number of iterations; a vibration that has not converged by then is far from linear
 DEGENERACY = 1e-6
 """Relative difference of squared frequencies below which two modes are degenerate by symmetry and do not drive each other."""
-CONVERGENCE = 1e-9
-"""Relative change of the frequency in the last iteration at which the vibration has converged."""
+CONVERGENCE = 1e-9  # relative change of the frequency in the last iteration at which the vibration has converged
 
 
 @dataclass(frozen=True)
@@ -94,9 +91,8 @@ def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
     law = calc.central('shifts of frequencies')
     rest = stiffness((0.0, 0.0, 0.0))
     shifts = _SecondOrder(R, *law_derivatives(law, bonds.lengths), bonds.incidence, P, rest, M)
-    edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
     rows = []
-    for q in edges:
+    for q in product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc)):
         C = bonds.incidence_at(q).real
         for w, e in _modes(stiffness(q) if zone else rest, M, whole=zone):
             rows.append((q, w, shifts.curvature((P @ e).reshape(len(system), -1), w, C)))
@@ -121,16 +117,8 @@ def _modes(D, M, whole):
 class _SecondOrder:
     """The quantities of a structure from which frequencies follow to second order in the amplitude.
 
-    Attributes
-    ----------
-    R : ndarray, shape (bonds, dim)
-        Bond vectors at rest, mm.
-    psi2, psi3, psi4 : ndarray, shape (bonds,)
-        Derivatives of the law with respect to the square of the distance.
-    incidence : sparse array, shape (bonds, particles)
-        Incidence matrix of the uniform motion that follows the mode.
-    P, D, M : sparse array or ndarray
-        Free directions, stiffness and masses of this motion.
+    Bond vectors R at rest, derivatives psi of the law by the square of the distance; and of the uniform motion that follows the
+    mode its incidence matrix, free directions P, stiffness D and masses M.
     """
 
     R: NDArray[np.float64]

@@ -34,16 +34,11 @@ if TYPE_CHECKING:
     from ..lattices.bonds import Bonds
     from ..stiffness.sites import Foundation
 
-ROUND_OFF = 1e-12
-"""Fraction of the largest eigenvalue below which an eigenvalue is zero."""
-FLAT = 1e-9
-"""Largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat."""
-SPACINGS = np.geomspace(0.1, 10, 21)
-"""Multiples of the present spacing among which a stable one is searched for."""
-STEPS = 12
-"""Number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`."""
-EXACT = 1e-9
-"""Width of the interval within which an exponent is found."""
+ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
+FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat
+SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among which a stable one is searched for
+STEPS = 12  # number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`
+EXACT = 1e-9  # width of the interval within which an exponent is found
 
 
 @dataclass(frozen=True)
@@ -218,15 +213,7 @@ def common_support(atoms: Atoms | LinearSystem) -> float:
 def highest_squared(atoms: Atoms | LinearSystem) -> float:
     """Highest squared frequency over the zone of a periodic cell, of the calculator's model and with its foundation.
 
-    Parameters
-    ----------
-    atoms : ase.Atoms or LinearSystem
-        An Atoms only with AllNeighbours.
-
-    Returns
-    -------
-    float
-        In rad^2/ms^2.
+    In rad^2/ms^2.  Atoms, in place of a LinearSystem, only with AllNeighbours.
     """
     calc = atoms.calc
     if isinstance(atoms, LinearSystem):
@@ -322,8 +309,10 @@ def spacing_held(atoms: Atoms | LinearSystem) -> float | None:
     0.91
     """
     atoms = _settled(atoms)
-    if isinstance(atoms, LinearSystem) and _leans(atoms.calc):
-        return None
+    if isinstance(atoms, LinearSystem):
+        calc, pull = atoms.calc, np.linalg.norm(atoms.calc.spring_forces, axis=1)
+        if pull.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max():  # the foundation carries static forces
+            return None
     k = common_spring(atoms)
 
     def lacking(scale):
@@ -349,12 +338,6 @@ def _settled(atoms):
     if isinstance(atoms, Atoms) and isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:
         return LinearSystem.of(atoms).atoms
     return LinearSystem.of(atoms)
-
-
-def _leans(calc):
-    """Whether the foundation carries static forces."""
-    pull = np.linalg.norm(calc.spring_forces, axis=1)
-    return pull.max() > BALANCED * abs(calc.law.dphi(calc.bonds.lengths)).max()
 
 
 class SupportNeeded(NamedTuple):
@@ -473,11 +456,6 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
     -------
     Border
 
-    Raises
-    ------
-    ValueError
-        If the law is no inverse power.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
@@ -501,8 +479,12 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
 
     found: dict[float, float] = {float(a): needed(float(a)) for a in _shown(np.asarray(exponents, dtype=float), 'exponents')}
     for low, high in pairwise(list(found)):
-        if (found[low] > 0) != (found[high] > 0):
-            found[_change(lambda a: needed(a) > 0, low, high)] = 0.0
+        buckles = found[low] > 0
+        if buckles != (found[high] > 0):
+            while high - low > EXACT:
+                middle = (low + high) / 2
+                low, high = (middle, high) if (needed(middle) > 0) == buckles else (low, middle)
+            found[(low + high) / 2] = 0.0
     at: NDArray[np.float64] = np.array(sorted(found))
     return Border('exponent', at, np.array([found[a] for a in at.tolist()]))
 
@@ -510,12 +492,3 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
 def _shown(values, what):
     """The values, with a progress bar on a terminal after two seconds."""
     return tqdm(values, desc=what, delay=2, disable=None, leave=False)
-
-
-def _change(holds, low, high):
-    """The point between `low` and `high` where `holds` changes; it must differ at the two ends."""
-    first = holds(low)
-    while high - low > EXACT:
-        middle = (low + high) / 2
-        low, high = (middle, high) if holds(middle) == first else (low, middle)
-    return (low + high) / 2

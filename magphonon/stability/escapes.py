@@ -36,31 +36,23 @@ the plane and in space) in a shot."""
 NEIGHBOURS = 18
 """Largest number of bonds of a particle, three shells of the triangular lattice or two of fcc: with more the search takes
 seconds, and with many shells minutes."""
-TRIED = 12
-"""Number of places examined closely: those with the lowest energy along a straight line."""
+TRIED = 12  # number of places examined closely: those with the lowest energy along a straight line
 SIDEWAYS = 0.01
 """Sideways displacement of particles at each stage, as a fraction of the shortest bond, because by symmetry the straight path may
 be a ridge."""
-STAGES = 8
-"""Number of distances on the path to a place."""
+STAGES = 8  # number of distances on the path to a place
 NEAR, REPEATS = 5e-4, 10
 """How near to a place a drag ends, in shortest bonds, and how often its last stage is repeated for that at most."""
-STIFF = 10.0
-"""Stiffness of the spring that enforces a distance, relative to that of a bond of this length."""
+STIFF = 10.0  # stiffness of the spring that enforces a distance, relative to that of a bond of this length
 SHOTS = {2: 13, 3: 5}
 """Number of directions in which a particle is shot, in the plane and in space (where more particles move); prime numbers, so that
 no two directions are equivalent by the symmetry of a lattice."""
 GOLDEN = (np.sqrt(5) - 1) / 2
-PASSAGE = 4.0
-"""Path of a free particle during a run (shot), in shortest bonds; it sets the duration."""
-STEP_PHASE = 0.3
-"""Time step times the frequency at the shortest distance that the energy allows."""
-FINE = 1.05
-"""Ratio of two speeds at which the search for the lowest escape speed ends."""
-FACTOR = 1.3
-"""Ratio of successive speeds while no particle leaves its cage."""
-FASTEST = 40.0
-"""Largest speed tried, in multiples of the safe speed."""
+PASSAGE = 4.0  # path of a free particle during a run (shot), in shortest bonds; it sets the duration
+STEP_PHASE = 0.3  # time step times the frequency at the shortest distance that the energy allows
+FINE = 1.05  # ratio of two speeds at which the search for the lowest escape speed ends
+FACTOR = 1.3  # ratio of successive speeds while no particle leaves its cage
+FASTEST = 40.0  # largest speed tried, in multiples of the safe speed
 
 
 @dataclass(frozen=True)
@@ -106,11 +98,6 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
     Escape or None
         None if the force has no energy, constraints are not supported, no particle is free, the law is not known at the
         distances reached, or a particle has more than `NEIGHBOURS` bonds.
-
-    Raises
-    ------
-    ValueError
-        If particles differ in law, strength or foundation.
     """
     refuse_unlike(atoms.calc, 'the search for the speed of an impact that breaks a bond',  # pyright: ignore[reportArgumentType]
                   'shoot a particle in a run of DrivenVerlet, which stops where it loses its cage')
@@ -139,13 +126,7 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
 
 
 def surroundings(atoms: Atoms, particle: int, radius: float) -> Atoms:
-    """Particles within `radius` shortest bonds of one, and those bonded to them, which are held; this particle comes first.
-
-    Returns
-    -------
-    Atoms
-        With their calculator, in a wide cell.
-    """
+    """Particles within `radius` shortest bonds of one, and those bonded to them, which are held; this particle comes first."""
     calc, nearest = atoms.calc, atoms.calc.bonds.lengths.min()
     reach = radius * nearest * (1 + 1e-9)
     spans = np.linalg.norm(np.linalg.pinv(atoms.cell.array[atoms.pbc]), axis=0) if atoms.pbc.any() else []
@@ -297,16 +278,7 @@ class _Drag:
 
 
 def _first_to_leave(atoms, shot, held):
-    """The lowest speed at which a shot particle leaves its cage, with particle and direction; None if there is none.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-    shot : list of int
-        The particles that receive an initial velocity.
-    held : float
-        A speed in mm/ms at which no particle leaves.
-    """
+    """The lowest speed at which one of the particles `shot` leaves its cage, which, and where; at `held` (mm/ms) none leaves."""
     dim, left = atoms.calc.dim, None
     volleys = {particle: _Volley(surroundings(atoms, particle, WATCHED[dim]), SHOTS[dim]) for particle in shot}
     speed, fastest = 1.5 * held, FASTEST * held

@@ -27,18 +27,15 @@ it."""
 DIRECTIONS = {1: 1, 2: 36, 3: 100}
 """Number of points of the ring, by the number of periodic directions.  The ring is half a circle or half a sphere, because -k is
 equivalent to k."""
-FOLLOWED = 8
-"""Largest number of minima that are refined, the lowest first."""
+FOLLOWED = 8  # largest number of minima that are refined, the lowest first
 MARGIN = 1 / 2
 """Fraction of the second differences of the mesh by which a minimum may lie below the lowest mesh point; for a parabola it is at
 most 1/16."""
-ROUNDS = 200
-"""Largest number of iterations of a descent."""
+ROUNDS = 200  # largest number of iterations of a descent
 NARROW = 2.0**-10
 """Half width of the narrowest stencil.  Beside a saddle, a minimum within it is about its fourth power deep, 1e-12 of the largest
 eigenvalue."""
-FLAT = 1e-13
-"""Expected gain, as a fraction of the largest eigenvalue, at which a descent has converged."""
+FLAT = 1e-13  # expected gain, as a fraction of the largest eigenvalue, at which a descent has converged
 
 
 def softest_wave(matrix: Callable[[Any], NDArray[Any]], cell: NDArray[np.float64], pbc: Sequence[bool] | NDArray[np.bool_],
@@ -95,10 +92,7 @@ def _mesh(spectrum, dim, steps):
 
 
 def _minima_of_mesh(lowest, flat):
-    """Flat indices of the local minima whose refinement may fall below the lowest point, one of each pair q and -q.
-
-    The point k = 0 is excluded: it is stationary, as all points with integer 2 q, and examined by the ring.
-    """
+    """Flat indices of the local minima whose refinement may fall below the lowest point, one of each pair q and -q."""
     dims = range(lowest.ndim)
     shifts = [shift for shift in product((-1, 0, 1), repeat=lowest.ndim) if any(shift)]
     minimum = np.all([lowest <= np.roll(lowest, shift, dims) + flat for shift in shifts], axis=0)
@@ -107,7 +101,7 @@ def _minima_of_mesh(lowest, flat):
     index = np.stack(np.unravel_index(np.arange(lowest.size), lowest.shape), axis=-1)
     opposite = np.ravel_multi_index(tuple((-index % lowest.shape).T), lowest.shape)
     at = np.flatnonzero((minimum & hidden).ravel() & (np.arange(lowest.size) <= opposite))
-    at = at[at > 0]
+    at = at[at > 0]  # k = 0 is stationary, as all points with integer 2 q, and examined by the ring
     return at[np.argsort(lowest.flat[at], kind='stable')[:FOLLOWED]]
 
 
@@ -119,7 +113,6 @@ def _pockets(at, vectors, step, middle, lowest, flat):
     basis = np.linalg.qr(reciprocal)[0]
 
     def waves(n, radius=LONG):
-        """Wavevectors along n in fractions."""
         k = n / np.linalg.norm(n, axis=-1, keepdims=True) * (radius * shortest)
         return k @ (vectors @ basis).T / (2 * np.pi)
 
@@ -165,22 +158,8 @@ def _half_sphere(dim):
 
 
 def _descend(f, x, step, flat):
-    """Refine each start: move to the vertex of the parabola through a stencil, or to its lowest point, and halve the stencil.
-
-    Parameters
-    ----------
-    f : callable
-        Gives values, shape (starts, points), at points for each start, shape (starts, points, dim).
-    x : ndarray, shape (starts, dim)
-    step : ndarray, shape (starts,)
-        Half the width of the first stencil.
-    flat : float
-        Gain below which a descent has converged.
-
-    Returns
-    -------
-    x : ndarray, shape (starts, dim)
-    values : ndarray, shape (starts,)
+    """Refine each start x, shape (starts, dim): move to the vertex of the parabola through a stencil, or to its lowest point, and
+    halve the stencil, which begins with the half width `step`.  f is called with the shape (starts, points, dim).
     """
     dim, every = x.shape[1], np.arange(len(x))
     unit, pairs = np.eye(dim), np.triu_indices(dim, 1)

@@ -45,22 +45,17 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
 
-LARGE = 0.1
-"""Largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted."""
-LINEAR_ERROR = 0.01
-"""Relative error of a frequency up to which the linear theory is accepted."""
+LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
+LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
 SPACED = 2000
 """Largest number of degrees of freedom of a finite structure for which a stable spacing is searched; it needs about thirty lowest
 modes."""
-DERIVATIVE_ERROR = 1e-6
-"""Largest relative error of the stiffness up to which a finite-difference displacement is called safe."""
+DERIVATIVE_ERROR = 1e-6  # largest relative error of the stiffness up to which a finite-difference displacement is called safe
 ROUND_OFF = 5e-17
 """Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
 proportional to the displacement."""
-CENTRAL = Yukawa, Hertz
-"""Laws of particles that are not magnets."""
-DENSEST = 50e-3
-"""Mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3."""
+CENTRAL = Yukawa, Hertz  # laws of particles that are not magnets
+DENSEST = 50e-3  # mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
 
 @dataclass(frozen=True)
@@ -85,10 +80,8 @@ class Finding:
     unjudged: str = ''
 
 
-CHECKS: dict[str, Callable[[Case], Finding]] = {}
-"""The checks by name, in the order in which their words are told."""
-REMARKS: set[str] = set()
-"""Names of the checks that are never a fault."""
+CHECKS: dict[str, Callable[[Case], Finding]] = {}  # the checks by name, in the order in which their words are told
+REMARKS: set[str] = set()  # names of the checks that are never a fault
 
 
 def check(judge: Callable[[Case], Finding]) -> Callable[[Case], Finding]:
@@ -353,7 +346,6 @@ class Buckling:
     @property
     def stable(self) -> bool:
         return self.needed <= self.spring
-
 
 
 class Supports(NamedTuple):

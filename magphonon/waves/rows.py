@@ -17,15 +17,13 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-FARTHEST = 3
-"""Largest multiple of a lattice vector in a step of a row; rows along others have few particles."""
+FARTHEST = 3  # largest multiple of a lattice vector in a step of a row; rows along others have few particles
 TURNED = np.radians(2.0)
 """Angle up to which a row of points may be turned against the row of the lattice: directions of rows are 6 degrees apart."""
 STRETCHED = 0.03
 """Relative difference of the measured step and that of the lattice from which it is another lattice; the bands of magnets on the
 spacing r go as r^-2.8, and would be off by 8 %."""
-MOST_APART = 50
-"""Number of steps between neighbouring points from which their unit is wrong."""
+MOST_APART = 50  # number of steps between neighbouring points from which their unit is wrong
 
 
 @dataclass(frozen=True)
@@ -59,11 +57,6 @@ class Row:
         cell : ase.Atoms
         source : {'row', 'point'}
             Fronts along R1, or across the measured row.
-
-        Raises
-        ------
-        ValueError
-            For fronts along R1 and a row that runs along them.
         """
         normal = self.vector
         if one_of('source', source, SOURCES) == 'row':
@@ -87,11 +80,6 @@ def row_of(places: ArrayLike, cell: Atoms) -> Row:
     Returns
     -------
     Row
-
-    Raises
-    ------
-    ValueError
-        If the points do not lie on one straight row of the lattice, or not at its steps.
 
     Examples
     --------
@@ -151,7 +139,10 @@ def _lattice_row(along, cell):
 def _steps(s, step):
     """Whole steps of points at ascending distances s, from the first, or ValueError."""
     apart = np.diff(s) / step
-    hint = _hint(np.median(apart))
+    ratio = np.median(apart)
+    hint = ('are the positions in mm, under a header in m?' if ratio > MOST_APART else
+            'are the positions in m, under a header in mm?' if ratio < 1 / MOST_APART else
+            'check the unit of the positions, and the spacing of the scene')
     each = np.rint(apart).astype(int)  # from each to the next, so that a scale that is a little off does not add up
     if each.min() < 1:
         k = int(each.argmin())
@@ -170,15 +161,6 @@ def _steps(s, step):
         raise ValueError(f'the point {_mm(s[k] - s[0])} along the measured row is {_mm(off[k])} off a whole number of steps of '
                          f'{_mm(own)}; leave it out, or correct its position')
     return n
-
-
-def _hint(ratio):
-    """What may be wrong where points are `ratio` steps apart."""
-    if ratio > MOST_APART:
-        return 'are the positions in mm, under a header in m?'
-    if ratio < 1 / MOST_APART:
-        return 'are the positions in m, under a header in mm?'
-    return 'check the unit of the positions, and the spacing of the scene'
 
 
 def _mm(length):

@@ -16,17 +16,14 @@ if TYPE_CHECKING:
 
     from ..dynamics.motion import Motion
 
-MOST_BYTES = 1000 * MEGABYTE
-"""Largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB."""
-NAMES = dict.fromkeys(('particle', 'point', 'node'), TEXT)
-"""Allowed names of the column that numbers the points."""
+MOST_BYTES = 1000 * MEGABYTE  # largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB
+NAMES = dict.fromkeys(('particle', 'point', 'node'), TEXT)  # allowed names of the column that numbers the points
 MOTIONS = {f'{kind}{axis}': unit for kind, unit in (('u', LENGTH), ('v', SPEED)) for axis in ('', '_x', '_y', '_z')}
 LAYOUT = ('a scan has the columns time_s, then particle (or point) or x_m,y_m, then u_x_m, u_y_m or u_m (or v_y_m_per_s and '
           'so on); lengths in m, mm, um or nm and times in s, ms or us, as the header says')
 HEADER = 'time_s', 'particle', 'u_x_m', 'u_y_m'
 ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
-TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)
-"""Function types and abscissa types of records over time, 0 for unknown."""
+TIME_RESPONSES, ABSCISSAS = (0, 1), (0, 17)  # function types and abscissa types of records over time, 0 for unknown
 ORDINATES = {8: 'displacement', 11: 'velocity'}
 LABELS = LENGTH | {name.replace('_per_', '/'): unit for name, unit in SPEED.items()}
 AXES = {0: '', 1: 'x', 2: 'y', 3: 'z'}

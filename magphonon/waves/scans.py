@@ -23,21 +23,16 @@ if TYPE_CHECKING:
 JITTER = 0.01
 """Largest deviation from equal time steps, as a fraction of a step; with ten samples per period it adds a background of -44
 dB."""
-MOTIONS_m = 1e-24, 1e3
-"""Range of possible displacements, with a wide margin; the squares of others overflow."""
-LEAST_TIME = 0.9
-"""Part of the longest record that a point must have, to be used."""
-STRONG = 1e-2
-"""Power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)."""
+MOTIONS_m = 1e-24, 1e3  # range of possible displacements, with a wide margin; the squares of others overflow
+LEAST_TIME = 0.9  # part of the longest record that a point must have, to be used
+STRONG = 1e-2  # power of a frequency, as a fraction of the strongest, that counts as motion of the row (-20 dB, as for ridges)
 RESAMPLED, NOISY = 1e-2, 3.0
 """Largest error of an interpolated sample: as a fraction of the motion, or where that is more, as a multiple of the noise of a
 measured sample; if one sample of fifty is so uncertain, the power of the noise grows by a fifth."""
 FOLLOWED = 0.1
 """Largest error of the fastest wave by itself, however large the noise: motion up to the end of the band looks like noise."""
-DEGREES = 3, 5, 7
-"""Degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap."""
-NOISES = 32
-"""Number of records of white noise by which it is seen how much of it a spline carries."""
+DEGREES = 3, 5, 7  # degrees of the splines that are tried: a higher one follows faster motion, and carries more noise into a gap
+NOISES = 32  # number of records of white noise by which it is seen how much of it a spline carries
 
 
 @dataclass(frozen=True)
@@ -139,21 +134,9 @@ def _refuse_absurd(path, motions):
 
 
 def integrated(velocities: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-    """Displacements of velocities, shape (frames, points), about zero mean.
+    """Displacements in mm of velocities in mm/ms, shape (frames, points), at equal times, about zero mean.
 
     Each frequency is divided by i omega.  A mean velocity would be a steady drift, and is left out.
-
-    Parameters
-    ----------
-    velocities : ndarray, shape (frames, points)
-        In mm/ms, at equal times.
-    dt : float
-        In ms.
-
-    Returns
-    -------
-    ndarray, shape (frames, points)
-        In mm.
     """
     V = np.fft.rfft(velocities, axis=0)
     omega = 2 * np.pi * np.fft.rfftfreq(len(velocities), dt)[1:, None]
@@ -177,7 +160,8 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
         raise ValueError(f'{path} holds no point with two samples that have a value in every component; a wave needs a record '
                          'over time')
     short = [name for name, length in recorded.items() if length < LEAST_TIME * longest]
-    still = [name for name, point in points.items() if name not in short and not any(map(_moves, point.motions.values()))]
+    still = [name for name, point in points.items() if name not in short
+             and not any(np.ptp(u) > ROUND_OFF * abs(u).max() for u in point.motions.values())]
     if short:
         notes.append(f'left out, as they miss more than {100 * (1 - LEAST_TIME):.0f} % of the record: points {_listed(short)}')
     kept = {name: point for name, point in points.items() if name not in short}
@@ -185,10 +169,6 @@ def _alive(path, points: Mapping[str, Samples], notes: list[str]) -> dict[str, S
         return kept
     notes.append(f'left out, as they do not move (dead): points {_listed(still)}')
     return {name: point for name, point in kept.items() if name not in still}
-
-
-def _moves(values):
-    return np.ptp(values) > ROUND_OFF * abs(values).max()
 
 
 def _equal_times(path, points: Collection[Samples]) -> NDArray[np.float64]:

@@ -35,18 +35,14 @@ from ..files import Saved
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-FEWEST = 8
-"""Smallest number of frames, and of points, for a map."""
+FEWEST = 8  # smallest number of frames, and of points, for a map
 PAD = 4
 """Factor of zero padding along both axes: smooth pictures and finely placed peaks; the resolution stays that of the record."""
-FIRST = 3
-"""Lowest frequency line used, in periods per record: a Hann window spreads offset and drift over the two lines below it."""
+FIRST = 3  # lowest frequency line used, in periods per record: a Hann window spreads offset and drift over the two lines below it
 ROUND_OFF = 1e-13
 """Fraction of the displacements below which a motion is what the subtraction of offset and drift leaves of a row at rest."""
-LARGEST = 1e100
-"""Largest displacement in mm; its square is near the end of the floating-point range, as is that of the inverse."""
-LEAST_POWER = 1e-2
-"""Power of a ridge point, as a fraction of the strongest cell of the map (-20 dB), below which it is dropped."""
+LARGEST = 1e100  # largest displacement in mm; its square is near the end of the floating-point range, as is that of the inverse
+LEAST_POWER = 1e-2  # power of a ridge point, as a fraction of the strongest cell of the map (-20 dB), below which it is dropped
 LEAST_CONTRAST = 20
 """Ratio of the power of a ridge point to the background of its frequency line below which it is dropped: noise alone exceeds it
 once in 1e6 lines."""
@@ -58,10 +54,8 @@ GHOST = 0.5
 """Amplitude of a wave at a wrong wavenumber, as a fraction of its own, from which it is an alias: at half, a quarter of
 the power, noise of a tenth of the wave does not make the wrong one stronger.  Points at random on half of 30 places have 0.4.
 """
-NORMAL = 1.96
-"""Half width of a 95 % interval in standard deviations of a normal distribution."""
-RESOLVED = 1.0
-"""Distance in bins at which two waves have separate peaks; 2 pi over the number of points is the resolution."""
+NORMAL = 1.96  # half width of a 95 % interval in standard deviations of a normal distribution
+RESOLVED = 1.0  # distance in bins at which two waves have separate peaks; 2 pi over the number of points is the resolution
 
 
 @dataclass(frozen=True)
@@ -130,12 +124,6 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
     -------
     Spectrum
 
-    Raises
-    ------
-    ValueError
-        For another shape, fewer than 8 frames or points, entries that are not finite or in no unit of length, a row
-        at rest, or points so far apart that two wavenumbers look alike.
-
     Examples
     --------
     >>> import numpy as np
@@ -158,11 +146,12 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
     if abs(u).max() <= ROUND_OFF * largest:
         raise ValueError('the row is at rest throughout the record, or only drifts; record longer, or another component')
     there = np.arange(u.shape[1]) if steps is None else _places(steps, u.shape[1])
-    u = _spread(u, there)
-    frames, points = u.shape
+    row = np.zeros((len(u), there[-1] + 1))
+    row[:, there] = u
+    frames, points = row.shape
     in_time, in_space = _hann(frames), _hann(points)
     _refuse_aliasing(in_space[0], there)
-    over_time, moment = (np.fft.rfft(u * window[:, None], PAD * frames, axis=0) for window in in_time)
+    over_time, moment = (np.fft.rfft(row * window[:, None], PAD * frames, axis=0) for window in in_time)
     G = _over_space(over_time, in_space[0])
     with np.errstate(divide='ignore', invalid='ignore'):
         d_omega = -(_over_space(moment / dt, in_space[0]) / G).imag
@@ -176,18 +165,10 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
 
 
 def _places(steps, points):
-    """Places along the row as an index, or ValueError."""
     there = np.asarray(steps)
     if there.shape != (points,) or there.dtype.kind not in 'iu' or there[0] != 0 or (np.diff(there) < 1).any():
         raise ValueError(f'steps must be {points} whole numbers that ascend from 0, one for each point, not {there.tolist()}')
     return there
-
-
-def _spread(u, there):
-    """The displacements at their places along the row, zero in between."""
-    row = np.zeros((len(u), there[-1] + 1))
-    row[:, there] = u
-    return row
 
 
 def _refuse_aliasing(window, there):
@@ -301,11 +282,6 @@ def ridge(spectrum: Spectrum) -> Ridge:
     Returns
     -------
     Ridge
-
-    Raises
-    ------
-    ValueError
-        If no wave rises above the background.
 
     Examples
     --------

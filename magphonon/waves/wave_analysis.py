@@ -15,6 +15,7 @@ row, nor jumps from line to line show it: `Wave.blur` is how far it may be.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -44,16 +45,13 @@ BRANCHES = {'shear': 0, 'longitudinal': 1}
 """Index of each branch, counted from the lowest: repulsion makes shear the softer of the two acoustic branches."""
 FAR_bins = 3
 """Distance in wavenumber bins: if no ridge is nearer to a branch, the record comes from another lattice or has other units."""
-REST_FRACTION = 1e-6
-"""A motion weaker than this fraction of the other polarisation is round-off."""
-SLOW_RATIO = 100
-"""Ratio of the highest branch frequency to that of a record above which its waves are longer than any row."""
+REST_FRACTION = 1e-6  # a motion weaker than this fraction of the other polarisation is round-off
+SLOW_RATIO = 100  # ratio of the highest branch frequency to that of a record above which its waves are longer than any row
 SAME = 0.99
 """Cosine from which a measured component is the motion across or along the wavevector: less than -17 dB of the other is in it."""
 SAMPLES = 96
 """Samples of xi from 0 to pi, and of s over its period, in a cell of one particle; the zone of larger cells is smaller."""
-LOBE_bins = 2.0
-"""Half width of the main lobe of a Hann window in wavenumber bins: waves that are nearer make one peak."""
+LOBE_bins = 2.0  # half width of the main lobe of a Hann window in wavenumber bins: waves that are nearer make one peak
 
 
 @dataclass(frozen=True)
@@ -336,20 +334,18 @@ def _analysed(motions, dt, steps, cell, q, source):
     strongest_first = sorted(maps, key=lambda name: -maps[name].peak)
     least = LEAST_POWER * maps[strongest_first[0]].peak
     branches = {(model, name): branch(cell, q, mode, model) for model in MODELS for name, mode in BRANCHES.items()}
-    found = [Wave(name, maps[name], branches, q, _ridge_of(maps[name]), source)
-             for name in strongest_first if maps[name].peak > least]
+    found = []
+    for name in strongest_first:
+        if maps[name].peak > least:
+            crest = None  # no ridge is a result too: the wave decays
+            with suppress(ValueError):
+                crest = ridge(maps[name])
+            found.append(Wave(name, maps[name], branches, q, crest, source))
     if source == 'row' or not any(wave.ridge for wave in found):
         return found
     stationary = [stationary_waves(cell, q, model) for model in MODELS]
     return [replace(wave, blur=np.max([blur(*one, wave.ridge) for one in stationary], axis=0)) if wave.ridge else wave
             for wave in found]
-
-
-def _ridge_of(spectrum):
-    try:  # no ridge is a result too: the wave decays
-        return ridge(spectrum)
-    except ValueError:
-        return None
 
 
 @dataclass(frozen=True)
@@ -429,17 +425,7 @@ def blur(along: Stationary, oblique: Stationary, ridge: Ridge) -> NDArray[np.flo
 
 
 def report(records: Mapping[str, Sequence[Wave]]) -> str:
-    """Distances of the ridges from the branches, as a table in words.
-
-    Parameters
-    ----------
-    records : dict
-        From the name of a record to its waves.
-
-    Returns
-    -------
-    str
-    """
+    """Distances of the ridges from the branches, as a table in words; `records` are the waves by the name of their record."""
     names = [f'{name}{mark}' for mark in ('', "'") for name in BRANCHES]
     rows: list[tuple[str, ...]] = [('record', 'motion', 'power', 'points', *names, 'sigma')]
     for record, found in records.items():

@@ -32,18 +32,14 @@ if TYPE_CHECKING:
 SOURCES = ('row', 'point')
 NEAR = 0.1
 """Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
-STRAIGHT = 1e-6
-"""Largest component of R1 along y, as a fraction of R1."""
+STRAIGHT = 1e-6  # largest component of R1 along y, as a fraction of R1
 STEP_FRACTION = 0.1
 """Time step as a fraction of the limit 2/omega_max: frequencies near omega_max are wrong by 0.2 %, lower ones by less."""
 SAMPLES = 20
 """Number of recorded frames per period of the carrier; the spectrum of a five-cycle burst ends at 1.4 times its carrier."""
-SNAPSHOTS = 24
-"""Number of times at which the whole patch is recorded."""
-FILMED = 12
-"""Number of times a period of the carrier at which it is recorded for a film; with few, crests seem to run backwards."""
-ROUND_OFF = 1e-9
-"""Displacement, as a fraction of the shortest bond, below which a particle is at rest."""
+SNAPSHOTS = 24  # number of times at which the whole patch is recorded
+FILMED = 12  # number of times a period of the carrier at which it is recorded for a film; with few, crests seem to run backwards
+ROUND_OFF = 1e-9  # displacement, as a fraction of the shortest bond, below which a particle is at rest
 
 
 def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
@@ -130,11 +126,6 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     Returns
     -------
     Site
-
-    Raises
-    ------
-    ValueError
-        For a cell whose R1 does not lie along x or whose R2 does not point up, along y: then the lowest particles are no row.
 
     Examples
     --------
@@ -245,12 +236,6 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
     Returns
     -------
     Passage
-
-    Raises
-    ------
-    ValueError
-        For a carrier above all frequencies of the patch, a duration that ends before the burst does, or a patch that moves or
-        does not stand in its reference.
 
     Examples
     --------
