@@ -251,7 +251,6 @@ def _entries(found):
 
 
 def _biased(found):
-    """What the table makes of the fit before its numbers are looked at: ridges that are no branch, or that name no motion."""
     points, lines = found.points, []
     if points.biased and found.better.follows:
         lines.append(f'Biased: {len(points.biased)} of the ridges ({", ".join(points.biased)}) are longitudinal ones of a point '

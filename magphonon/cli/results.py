@@ -259,7 +259,6 @@ class _Run:
 
 
 def _provenance(folder):
-    """What is known of the results in a folder."""
     file = folder / PROVENANCE
     if not os.path.lexists(file):
         return Provenance()

@@ -156,7 +156,6 @@ def _lead(options, workers):
 
 
 def _report(title: str, answers: Dataset, asked: list[str]) -> str:
-    """Range of each answer with the points where it is lowest and highest, and why points are bad."""
     axes = list(answers.sizes)
     lines = [title, f'{answers.fault.size} points: ' + ' x '.join(f'{count} of {key}' for key, count in answers.sizes.items())]
     for name in asked:

@@ -138,11 +138,6 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
     count : int, optional
         Number of modes, the lowest ones; all if not given.
 
-    Returns
-    -------
-    ModeScatter
-        A tuple of the frequencies `omega` and their standard deviations `std`.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices

@@ -59,7 +59,6 @@ def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str
 
 
 def _write_cut_peaks(ax, top):
-    """Heights of the peaks that end above the axes."""
     for text in [text for text in ax.texts if text.get_gid() == 'cut']:
         text.remove()
     middle = np.mean(ax.get_xlim())

@@ -220,7 +220,6 @@ def _last(holds: Any, end: float) -> float:
 
 
 def _slider(low: float, here: float, high: float) -> Slider:
-    """Round numbers from `low` to `high`, and `here` among them."""
     step = 10.0 ** np.floor(np.log10((high - low) / VALUES))
     step *= next(digit for digit in (5, 2, 1) if digit * step * VALUES <= high - low)
     decimals = max(0, 1 - int(np.floor(np.log10(step))))

@@ -220,7 +220,6 @@ def crossing(passage: Passage) -> int:
 
 
 def _height(patch, width):
-    """Height in inches of a figure whose axes around a patch are so wide."""
     wide, high = np.ptp(patch.calc.reference.positions[:, :2], axis=0)
     return BESIDE_in + width * min(1.2, high / wide)
 
