@@ -184,7 +184,8 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     free = system.free.toarray()
     direction = finite('direction', direction, (3,))
     omega = finite('omega', np.atleast_1d(omega))
-    bonds, moves = system.calc.bonds, np.diff(system.free.indptr).reshape(len(system), -1).any(axis=1)
+    bonds = system.calc.bonds
+    moves: Any = np.diff(system.free.indptr).reshape(len(system), -1).any(axis=1)
     # a bond to a held particle carries no wave
     exponents, unit = _exponents(bonds.shift * (moves[bonds.i] & moves[bonds.j])[:, None] @ direction)
     D = system.reduced(_laurent(system.calc, model, exponents))
