@@ -208,8 +208,9 @@ def path_of(atoms: Atoms, path: BandPath | str) -> BandPath:
                          'atoms.cell.bandpath(...)')
     axes = np.flatnonzero(atoms.pbc)
     ours, theirs = (cell[axes] @ cell[axes].T for cell in (atoms.cell.array, path.cell.array))
-    for order in permutations(range(len(axes))):
-        if abs(ours - theirs[np.ix_(order, order)]).max() <= SAME_LATTICE * abs(ours).max():
+    off = {order: abs(ours - theirs[np.ix_(order, order)]).max() / abs(ours).max() for order in permutations(range(len(axes)))}
+    for order in sorted(off, key=lambda order: round(off[order], 9))[:1]:  # of a square cell, the vectors as they are
+        if off[order] <= SAME_LATTICE:
             own = np.arange(3)
             own[axes] = axes[list(order)]
             special = {name: np.asarray(point)[own] for name, point in path.special_points.items()}

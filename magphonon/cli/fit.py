@@ -149,6 +149,9 @@ def _report(options, forces, fit, shared):
     else:
         lost = '; the data contradict it.' if fit.weight < SHAPE_WEIGHT / 5 else '.'
         yield f'The shape of {options.magnet} has the weight {fit.weight:.2g} against a free curve{lost}'
+    if fit.scatter > 1:
+        yield (f'The rows scatter {fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened by '
+               'that: look for an outlier, or leave the column out.')
     for name, value, conflict, unit, symbol in zip(SHARED, fit.zeros, fit.conflicts, (u.N, u.mm, u.N, u.mm), ('N', 'mm') * 2,
                                                    strict=True):
         if conflict > CONFLICT:

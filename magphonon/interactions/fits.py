@@ -54,10 +54,16 @@ ROUNDS = 4  # times that noise and force are computed from each other: they sett
 LEAST_ROWS, MOST_ROWS = 6, 2000
 """Least number of rows that tell their noise too, and the largest number that is fitted, every n-th of a longer table: what its
 rows share is no better known from more of them."""
+FINEST = 1e-4
+"""Least standard deviation of a row, as a share of its force: a law of five bends follows no other law any better."""
+UNLIKELY = 0.01
+"""Probability of the scatter of the rows below which their given uncertainty is widened by it."""
 CONFLICT = 3.0  # standard deviations from its prior beyond which a zero, or the named shape, is wrong
 WITH_CARE = 0.02  # a standard deviation of the zero of the distances, in mm, that can be reached; `Fit.with_care` is told for it
 CURVE = slice(0, 2 + len(BENDS))
 FORCE_ZERO, DISTANCE_ZERO, HYSTERESIS, BACKLASH = range(CURVE.stop, CURVE.stop + 4)  # places of the parameters
+LARGEST = 100.0
+"""Largest zero of the force, in largest forces."""
 SHARED = 'zero of force', 'zero of distance', 'hysteresis', 'backlash'
 POINTS = 24  # of the table of a fitted law; a spline through them follows it to 1e-5
 
@@ -126,6 +132,8 @@ class Fit:
     conflicts : ndarray, shape (4,)
         Distances of `zeros` from their priors, in the standard deviations that they have in tables; beyond CONFLICT one is
         not as small as was told.
+    scatter : float
+        Factor by which a given uncertainty of the rows was widened, because they scatter more than it says; 1 if not.
     residuals, noise : ndarray, shape (rows,)
         Measured minus fitted force and its standard deviation, N.
     """
@@ -142,6 +150,7 @@ class Fit:
     zeros_sigma: NDArray[np.float64]
     weight: float
     conflicts: NDArray[np.float64]
+    scatter: float
     residuals: NDArray[np.float64] = field(repr=False)
     noise: NDArray[np.float64] = field(repr=False)
 
@@ -195,6 +204,12 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
         raise ValueError(f'{len(forces.r)} rows cannot tell the law and their noise: measure at least {LEAST_ROWS}, or give the '
                          'standard uncertainty of each force in a column sigma_N')
     forces = forces.thinned(MOST_ROWS)
+    largest = abs(forces.f).max()
+    zero, distance, hysteresis, backlash = shared.sizes(largest) / np.array([largest, forces.r.min()] * 2)
+    if not (max(zero, hysteresis) <= LARGEST and max(distance, backlash, shared.gain) <= 1):
+        raise ValueError('an error that all rows share is told to be larger than what they hold: the zero of the distances or '
+                         'the backlash than the nearest distance, the zero of the force or the hysteresis than a hundred times '
+                         'the largest force, or the gain than 1; say how well they are known')
     laws = [_Model(forces, spacing, shared, None)] + ([] if shape is None else [_Model(forces, spacing, shared, shape)])
     noises = NOISES if forces.sigma is None else (None,)
     found = [_solved(model, forces, noise) for model in laws for noise in noises]
@@ -228,7 +243,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
         Tabulated(r, np.exp(curve)), float(spacing), float(np.exp(ln_f)), float(a), covariance, wide,
         dict(zip(('unknown law', *SHARED, 'noise', 'gain'), (causes / causes.sum()).tolist(), strict=True)),
         float(wide * np.sqrt(with_care)), zeros, np.sqrt(variances), float(weights[len(noises):].sum()),
-        abs(zeros) / np.sqrt(told), best.residuals, best.noise)
+        abs(zeros) / np.sqrt(told), float(best.size) if forces.sigma is not None else 1.0, best.residuals, best.noise)
 
 
 class _Model:
@@ -237,6 +252,7 @@ class _Model:
     def __init__(self, forces, r0, shared, shape):
         self.r, self.s, self.r0 = forces.r, forces.direction, r0
         self.nearest = NEAREST * forces.r.min()
+        self.ln_size = np.log(max(forces.f[abs(forces.r - r0).argmin()], 1e-3 * abs(forces.f).max()))  # from which ln f0 counts
         if shape is None:
             self.log_law, self.tau, spread = lambda r: (-EXPONENT * np.log(r / r0), -EXPONENT), 1.0, EXPONENT_SPREAD
         else:
@@ -250,7 +266,7 @@ class _Model:
         bends = self.tau * BEND_SIZES * x[:, None] ** BENDS
         slopes = self.tau * BEND_SIZES * BENDS * x[:, None] ** (BENDS - 1)
         by_p = np.column_stack([np.ones_like(x), -x, bends])
-        return ln_g + by_p @ p[CURVE], by_p, falls - p[1] + slopes @ p[2:CURVE.stop]
+        return self.ln_size + ln_g + by_p @ p[CURVE], by_p, falls - p[1] + slopes @ p[2:CURVE.stop]
 
     def rows(self, p):
         """The forces in the table, their derivatives by p, and the true forces."""
@@ -274,11 +290,12 @@ class _Solution:
     noise: np.ndarray
     residuals: np.ndarray
     evidence: float
+    size: float
 
     @property
     def answer(self):
         """Those of ln f(r0) and a(r0)."""
-        return self.p[0], -float(self.model.curve(self.p, np.array([self.model.r0]))[2][0])
+        return self.model.ln_size + self.p[0], -float(self.model.curve(self.p, np.array([self.model.r0]))[2][0])
 
     def causes(self, turn):
         """Variances that the priors of the curve, of the shared errors (one by one) and the noise bring into turn . (ln f, a).
@@ -298,28 +315,30 @@ class _Solution:
 def _solved(model, forces, noise):
     """Least squares with one kind of noise, whose size is learned from the residuals unless the table has it."""
     from scipy.optimize import least_squares
+    from scipy.stats import chi2
 
     y, prior, known = forces.f, model.prior, forces.sigma is not None
     p = np.zeros(len(prior))
-    p[0] = np.log(max(y[abs(forces.r - model.r0).argmin()], 1e-3 * abs(y).max()))
     shape, size = forces.sigma if known else np.ones_like(y), 1.0 if known else np.sqrt(np.mean((y - model.rows(p)[0]) ** 2))
-    for k in range(1 if known else ROUNDS + ROUNDS * (noise is not None)):
+    for k in range(2 if known else ROUNDS + ROUNDS * (noise is not None)):
         if noise is not None and k >= ROUNDS:  # when constant noise has shown about where the curve lies
             f = model.rows(p)[2]
             shape = np.sqrt(1 + (f / (max(f.min(), 1e-3 * f.max()) ** (1 - noise) * f.max() ** noise)) ** 2)
-        sigma = size * shape
+        sigma = np.hypot(size * shape, FINEST * abs(y) + FINEST**2 * abs(y).max())
         found = least_squares(lambda p, sigma=sigma: np.concatenate([(y - model.rows(p)[0]) / sigma, p / prior]), p,
                               lambda p, sigma=sigma: np.vstack([-model.rows(p)[1] / sigma[:, None],  # pyright: ignore[reportArgumentType]
                                                                 np.diag(1 / prior)]),
-                              x_scale=prior)
+                              x_scale=prior, ftol=1e-12, xtol=1e-12)
         p, J = found.x, found.jac[: len(y)]
         precision = found.jac.T @ found.jac
         C = np.linalg.inv(precision)
         freedom, e = max(len(y) - np.trace(C @ J.T @ J), 1.0), y - model.rows(p)[0]
-        size = 1.0 if known else np.sqrt(np.sum((e / shape) ** 2) / freedom)
+        scatter = np.sqrt(np.sum((e / sigma) ** 2) / freedom)
+        if not known or chi2.sf(freedom * scatter**2, freedom) < UNLIKELY:
+            size *= scatter
     evidence = -0.5 * (2 * np.log(sigma).sum() + 2 * found.cost + np.linalg.slogdet(precision)[1] + 2 * np.log(prior).sum()
                        + (0.0 if known else np.log(freedom)))
-    return _Solution(model, p, C, freedom, sigma, e, evidence)
+    return _Solution(model, p, C, freedom, sigma, e, evidence, size)
 
 
 def _log_law(law: PairLaw, r0: float) -> Callable:

@@ -53,9 +53,13 @@ class Forces:
     direction: np.ndarray = None  # pyright: ignore[reportAssignmentType]  zeros, by __post_init__
 
     def __post_init__(self) -> None:
-        finite('forces', self.f, np.shape(self.r))
+        for name in ('r', 'f', 'sigma', 'direction'):
+            if (column := getattr(self, name)) is not None:
+                object.__setattr__(self, name, finite(name, column, np.shape(self.r)))
+        if not np.size(self.r):
+            raise ValueError('a table of forces needs rows')
         for name, column in (('distances', self.r), ('sigma', self.sigma)):
-            if column is not None and not (finite(name, column, np.shape(self.r)) > 0).all():
+            if column is not None and not (np.asarray(column) > 0).all():
                 raise ValueError(f'{name} must be positive, and the least is {np.min(column):g}')
         if self.direction is None:
             object.__setattr__(self, 'direction', np.zeros(np.shape(self.r)))

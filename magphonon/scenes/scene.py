@@ -325,7 +325,7 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     ------
     ValueError
         If the atoms carry no calculator of this package, or one whose law a file cannot tell; if `read_scene` would refuse the
-        title or the name; if NAME.traj is there without NAME.toml, and so is another file of yours.
+        title or the name; if NAME.traj is there and is not the file of particles of a scene NAME.toml, but another file of yours.
     OSError
         If a file cannot be written; then none is.
 
@@ -344,14 +344,24 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     if path.suffix != '.toml':
         raise ValueError(f'a scene is a file NAME.toml, not {path.name}; the particles go into NAME.traj beside it')
     beside = path.with_suffix('.traj')
-    if os.path.lexists(beside) and not os.path.lexists(path):
-        raise ValueError(f'{beside} exists and belongs to no scene {path.name}; move it, or choose another name for the scene')
+    if os.path.lexists(beside) and not _names(path, beside.name):
+        raise ValueError(f'{beside} exists and is not the file of particles of a scene {path.name}; move it, or choose another '
+                         'name for the scene')
     tables = tables_of(checked_atoms(atoms), title, beside.name)
     scene_of(tables, atoms)  # with all checks of a scene that is read
     with whole_file(beside, 'wb') as particles, whole_file(path) as file:
         ase.io.write(particles, atoms, format='traj')
         file.write(_toml(tables, f'The particles, their law, bonds and foundation are in {beside.name}, to the last bit: '
                                  f'{atoms.calc!r}'))
+
+
+def _names(path, particles):
+    """Whether there is a scene whose particles and law are in this file, as `write_scene` writes it."""
+    try:
+        tables = tomllib.loads(path.read_text(encoding='utf-8'))
+        return tables['lattice']['file'] == particles and tables['law']['kind'] == 'saved'
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def _toml(tables, comment):

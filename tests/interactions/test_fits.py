@@ -195,3 +195,41 @@ def test_the_entry_of_a_scene_is_the_fit():
 def test_the_table_reaches_so_many_shells_in_both_lattices(reach, shells):
     """Square: 1, 1.414, 2, 2.236, 2.828; triangular: 1, 1.732, 2, 2.646."""
     assert shells_within(reach) == shells
+
+
+@pytest.mark.parametrize('digits', [6, 8, 10, 16])
+def test_tables_without_noise_have_the_intervals_of_those_with_little(digits):
+    """No smooth law is followed to more than some digits: a floor of the noise keeps false certainty and false conflicts out."""
+    r = np.linspace(8, 16, 15)
+    fit = fit_forces(Forces(r, np.array([float(f'{f:.{digits}g}') for f in (r / L0) ** -4.0])), L0)
+    assert 0.15 < fit.half_widths[2] < 0.25  # 0.192 at 6 digits
+    assert abs(fit.exponent - 4) < 1e-3
+    assert (fit.conflicts < 1).all()
+
+
+def test_rows_that_scatter_more_than_their_sigma_widen_the_intervals():
+    rng, r = np.random.default_rng(5), np.linspace(8, 16, 15)
+    f = repulsion(LAWS['dipoles'], r)
+    noise = np.hypot(5e-3, 0.01 * f)
+    rows = f + noise * rng.normal(size=15)
+    right, small = (fit_forces(Forces(r, rows, sigma), L0, ERRORS) for sigma in (noise, noise / 10))
+    assert right.scatter == 1
+    assert 5 < small.scatter < 16
+    assert small.half_widths[2] == pytest.approx(right.half_widths[2], rel=0.5)  # the scatter of 15 rows is known to a fifth
+    tiny = noise.copy()
+    tiny[0] = 1e-12
+    assert np.isfinite(fit_forces(Forces(r, rows, tiny), L0, ERRORS).half_widths).all()
+
+
+def test_the_unit_of_the_force_does_not_matter():
+    rows = table(LAWS['disc'], (7, 20), 1)
+    fits = [fit_forces(Forces(rows.r, s * rows.f, None, rows.direction), L0, SharedErrors(0.1, 12e-3 * s, 2e-3 * s, 0.06))
+            for s in (1.0, 1e-12)]
+    assert fits[1].exponent == pytest.approx(fits[0].exponent, rel=1e-6)
+    assert fits[1].force == pytest.approx(1e-12 * fits[0].force, rel=1e-6)
+
+
+@pytest.mark.parametrize('absurd', [{'gain': 1e300}, {'distance': 1e300}, {'backlash': 1e200}, {'zero': 1e9}])
+def test_prior_errors_larger_than_the_table_are_refused(absurd):
+    with pytest.raises(ValueError, match='larger than what they hold'):
+        fit_forces(table(LAWS['disc'], (7, 20), 1), L0, SharedErrors(**absurd))
