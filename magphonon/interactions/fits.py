@@ -252,7 +252,8 @@ class _Model:
     def __init__(self, forces, r0, shared, shape):
         self.r, self.s, self.r0 = forces.r, forces.direction, r0
         self.nearest = NEAREST * forces.r.min()
-        self.ln_size = np.log(max(forces.f[abs(forces.r - r0).argmin()], 1e-3 * abs(forces.f).max()))  # from which ln f0 counts
+        near = abs(forces.r - r0)
+        self.ln_size = np.log(max(forces.f[near == near.min()].mean(), 1e-3 * abs(forces.f).max()))  # from which ln f0 counts
         if shape is None:
             self.log_law, self.tau, spread = lambda r: (-EXPONENT * np.log(r / r0), -EXPONENT), 1.0, EXPONENT_SPREAD
         else:

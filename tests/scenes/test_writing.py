@@ -56,7 +56,10 @@ def test_drawn_titles(cell, tmp_path_factory, title):
 
 def test_a_trajectory_of_the_user_is_not_replaced(cell, tmp_path):
     (tmp_path / 'run.traj').write_bytes(b'my run')
-    with pytest.raises(ValueError, match='belongs to no scene'):
+    with pytest.raises(ValueError, match='is not the file of particles'):
+        write_scene(cell, tmp_path / 'run.toml')
+    (tmp_path / 'run.toml').write_text('title = "a scene of its own"')
+    with pytest.raises(ValueError, match='is not the file of particles'):
         write_scene(cell, tmp_path / 'run.toml')
     assert (tmp_path / 'run.traj').read_bytes() == b'my run'
     write_scene(cell, tmp_path / 'mine.toml')
