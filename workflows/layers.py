@@ -76,7 +76,7 @@ def upright_magnets():
     return [Check('the same of upright dipoles', (1.5 - D[0, 2, 2].real) * L0 / force, 27.0, 1e-9),
             Check("rings: stiffness of a pair out of the plane by Laplace's equation, N/mm", law.vertical(L0), stiffness, 1e-6,
                   consistency=True),
-            Check("control: phi'/r, as of a force along the bond", law.dphi(L0) / L0, stiffness, 0.5, control=True)]
+            Check("control: phi'/r, as of a force along the bond", law.planar.dphi(L0) / L0, stiffness, 0.5, control=True)]
 
 
 def threshold():

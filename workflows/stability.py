@@ -1,5 +1,6 @@
 """Where it holds and where it does not: maps of buckling, complete beside conventional, and the time step of integrators."""
 
+import warnings
 
 import numpy as np
 from ase import Atoms
@@ -252,7 +253,9 @@ def integrators(zeta):
         w = STEPS[growth_per_step(*law(STEPS, zeta)) < np.log(MOST_GROWTH)]
         n, a = len(w), 4.0
         atoms = Atoms([SYMBOL] * (n + 1), [[0, 0, 0]] + [[1, 0, 0]] * n, masses=[1, *(a / w**2)])
-        atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), bonds=[(0, r) for r in range(1, n + 1)])
+        with warnings.catch_warnings():
+            warnings.filterwarnings('ignore', message='a mass of')  # the slowest oscillators are heavy, in no unit
+            atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, a), bonds=[(0, r) for r in range(1, n + 1)])
         atoms.set_constraint([FixAtoms([0]), FixedLine(np.arange(1, n + 1), (1, 0, 0))])
         atoms.positions[1:, 0] += 1e-9
         damping = np.append(0, 2 * zeta * w)
