@@ -16,7 +16,7 @@ from ..errors import one_of
 from ..response.frf import Place
 from ..stability.buckling import foundation_needed
 from ..stiffness.rest import freedom
-from ..waves.wave_source import SOURCES
+from ..waves.ridge_tables import SOURCES
 from .fields import (
     Angle,
     Angles,

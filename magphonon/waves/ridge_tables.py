@@ -23,6 +23,7 @@ NEEDED = 'xi', 'sigma_xi', 'frequency', 'sigma_frequency', 'q1', 'q2'
 HEADER = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with',
           'q1', 'q2', 'q3', 'bin_Hz', 'source')
 LAYOUT = f'a table of ridge points, as "magphonon spectrum" and "magphonon burst" write it, has {", ".join(HEADER)}'
+SOURCES = 'row', 'point'  # of a wave
 APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of
 gravity lies up to half a line from its own."""
@@ -169,4 +170,4 @@ def _refuse_impossible(table):
     for name in ('q1', 'q2', 'q3'):
         table.refuse(name, abs(table.get(name, 0.0)) > MOST_q,
                      f'be a fraction of the reciprocal vectors, of a size up to {MOST_q:g}')
-    table.refuse('source', ~np.isin(table.get('source', 'row'), ('row', 'point', '')), 'be row or point')
+    table.refuse('source', ~np.isin(table.get('source', 'row'), (*SOURCES, '')), 'be row or point')

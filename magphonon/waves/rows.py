@@ -11,7 +11,8 @@ import numpy as np
 
 from .. import units
 from ..errors import finite, one_of
-from .wave_source import NEAR, SOURCES
+from .ridge_tables import SOURCES
+from .wave_source import NEAR
 
 if TYPE_CHECKING:
     from ase import Atoms

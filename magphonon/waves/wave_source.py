@@ -22,6 +22,7 @@ from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
+from .ridge_tables import SOURCES
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-SOURCES = ('row', 'point')
 NEAR = 0.1
 """Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
 STRAIGHT = 1e-6  # largest component of R1 along y, as a fraction of R1
