@@ -294,7 +294,7 @@ class Blocks:
         total[:, self._to] += varying[:, self._from]
         return total
 
-    def _arrays(self):
+    def _arrays(self) -> tuple[Any, ...]:
         atoms = self.atoms.arrays
         return *self._state[:2], self._anchors, self._masses, atoms['positions'], atoms['momenta']
 
