@@ -160,7 +160,7 @@ def test_mistake_ends_in_words_and_writes_nothing(arguments, value, mend, desk, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['bad value', 'output in a file', 'unknown command'])
+@pytest.mark.parametrize('name', ['bad value', 'output in a file'])
 def test_no_traceback_in_a_shell(name, desk):
     done = command(*(argument.format(d=desk) for argument in MISTAKES[name][0]))
     assert done.returncode == 2
