@@ -235,7 +235,7 @@ def fit_forces(forces: Forces, spacing: float, shared: SharedErrors | None = Non
     d, zeros, variances = best.p[DISTANCE_ZERO], best.p[FORCE_ZERO:], np.diag(best.C)[FORCE_ZERO:]
     told = np.maximum(best.model.prior[FORCE_ZERO:] ** 2 - variances, 1e-6 * variances)  # of the estimates, from table to table
     if forces.r.min() + d <= 0:
-        raise ValueError(f'the smallest distance, {forces.r.min() / 1e3:g} m, lies within the error of the zero of distances; '
+        raise ValueError(f'the smallest distance, {forces.r.min() / u.m:g} m, lies within the error of the zero of distances; '
                          'check its unit, or take the point out')
     r = np.unique(np.append(np.geomspace(min(forces.r.min() + d, spacing), max(forces.r.max() + d, spacing), POINTS), spacing))
     curve = weights @ [part.model.curve(part.p, r)[0] for part in found]

@@ -76,9 +76,11 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     """The calculator for `atoms` and these with its periodicity: `calc` itself, or one for the supercell that they are."""
     own = calc.reference
-    T = whole_multiple(own, atoms)
-    if T is None or len(atoms) == len(own) or not (atoms.pbc >= own.pbc).all():
+    if len(atoms) == len(own) or not (atoms.pbc >= own.pbc).all():  # every step asks; the cheap questions come first
         return calc, atoms  # which refuses what differs
+    T = whole_multiple(own, atoms)
+    if T is None:
+        return calc, atoms
     atoms = atoms.copy()
     atoms.pbc = own.pbc
     for on in calc.supercells:
