@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..errors import NotAtRest
+from .bloch_bound import proves_stable
 from .bond import sizes
 from .calculator import MagneticRepulsion, same_cell
 from .lowest import none_negative
@@ -272,7 +273,7 @@ class LinearSystem:
     @cached_property
     def stable(self) -> bool:
         """Whether no mode grows: no squared frequency is negative, apart from round-off."""
-        return none_negative(self.K)
+        return proves_stable(self) or none_negative(self.K)
 
     def recorded(self, particles: ArrayLike | None) -> NDArray[np.int_]:
         """The particles whose motion is wanted, all of them for None, as an array of indices."""

@@ -1,0 +1,101 @@
+"""Lower bound of the stiffness of a patch of a perfect lattice, from Bloch waves, at a cost that grows with its size alone.
+
+Where every particle that can move has all bonds that it has in the endless lattice, displacements of the patch, with zero
+elsewhere, are displacements of the endless lattice with the same energy: holding particles, or guiding them, is a compression of
+its Hessian.  By Rayleigh's principle no eigenvalue lies below the lowest one of all Bloch matrices,
+
+    H(q) = k + sum_b (2 - 2 cos q.R_b) K_b        over half of the bonds of a particle
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .lowest import ROUND_OFF
+from .matrices import hermitian_eigenvalues
+
+if TYPE_CHECKING:
+    from .rest import LinearSystem
+
+SAME_VECTOR = 1e-6  # of a bond: farther apart, two vectors lead to different places
+FIRST = {1: 256, 2: 48, 3: 16}  # wavevectors along each axis before the mesh is refined, by the dimension of the lattice
+MOST = 5 * 10**5  # wavevectors beyond which the refinement is given up: lattices that are floppy along whole lines of wavevectors
+ALONG = np.array([1.0, np.sqrt(2) / 3, np.sqrt(3) / 7])
+"""Direction along which no two bonds of a lattice look alike, so that one component tells them apart."""
+HALVINGS = 24  # of the mesh, until its error is round-off of the stiffness
+
+
+def proves_stable(system: LinearSystem) -> bool:
+    """Whether Bloch waves prove that no stiffness of a patch is below zero by more than round-off of the highest one.
+
+    False where they do not: the structure is not cut from one lattice with one particle per cell, has free rims, or is unstable.
+    """
+    star = _star(system)
+    if star is None:
+        return False
+    springs, c, K, error = star
+    size = 2 * np.linalg.norm(K, axis=(1, 2))  # each bond stands for itself and for the one backward
+    allowed = -ROUND_OFF * float(springs.max() + 2 * size.sum()) + error
+    curvature = float(size @ (c**2).sum(axis=1))  # of u.H(theta).u along any direction of theta
+    r = c.shape[1]
+    width = 2 * np.pi / FIRST[r]
+    theta = (width * np.indices([FIRST[r]] * r)).reshape(r, -1).T
+    corners = np.indices([2] * r).reshape(r, -1).T - 0.5
+    for _ in range(HALVINGS):
+        H = np.diag(springs) + np.einsum('qb,bxy->qxy', 2 - 2 * np.cos(theta @ c.T), K)
+        low = hermitian_eigenvalues(H)[:, 0]
+        # at the lowest of all waves the slope of u.H.u is zero: the nearest one of the mesh lies above it by this at most
+        above = curvature * r * (width / 2) ** 2 / 2
+        if low.min() - above >= allowed:
+            return True
+        if low.min() < allowed:
+            return False
+        near = theta[low <= low.min() + above]  # where the lowest one can be
+        width /= 2
+        theta = (near[:, None] + width * corners).reshape(-1, r)
+        if len(theta) > MOST:
+            return False
+    return False
+
+
+def _star(system):
+    """The bonds that every particle has that can move, or None if they differ.
+
+    Returns the softest springs, shape (dim,); half of the bonds as whole multiples of base vectors, shape (bonds, axes), and
+    their stiffness; and by how much the scatter of these may lower an eigenvalue.
+    """
+    calc = system.calc
+    bonds, stiffness = calc.bonds, calc.rest_stiffness(calc.model)
+    mobile = np.unique(system.free.nonzero()[0] // calc.dim)
+    ends = np.append(bonds.i, bonds.j)
+    own = np.isin(ends, mobile)
+    ends, R, K = ends[own], np.concatenate([bonds.vectors, -bonds.vectors])[own], np.concatenate([stiffness, stiffness])[own]
+    first = ends == mobile[0]
+    star, K_of_star = R[first], K[first]
+    if not len(star) or len(ends) != len(mobile) * len(star):
+        return None
+    order = np.argsort(star @ ALONG)
+    star, K_of_star = star[order], K_of_star[order]
+    which = np.searchsorted((star[1:] + star[:-1]) @ ALONG / 2, R @ ALONG)
+    backward = np.linalg.norm(star + star[:, None], axis=2).argmin(axis=1)
+    away = np.concatenate([R - star[which], star + star[backward]])
+    each_once = np.bincount(ends * len(star) + which).max() == 1
+    c, half = _multiples(star), np.arange(len(star)) < backward
+    if abs(away).max() > SAME_VECTOR * np.linalg.norm(star, axis=1).min() or not each_once or c is None:
+        return None
+    scatter = np.concatenate([K - K_of_star[which], K_of_star[backward] - K_of_star])
+    springs = np.broadcast_to(calc.foundation, (len(system), calc.dim))[mobile].min(axis=0)
+    return springs, c[half], K_of_star[half], 2 * len(star) * np.linalg.norm(scatter, axis=(1, 2)).max()
+
+
+def _multiples(vectors):
+    """Vectors as whole multiples of the shortest independent ones, shape (vectors, axes), or None."""
+    base, size = np.zeros((0, 3)), np.linalg.norm(vectors, axis=1)
+    for v in vectors[np.argsort(size)]:
+        longer = np.vstack([base, v])
+        if np.linalg.matrix_rank(longer, tol=SAME_VECTOR * size.max()) > len(base):
+            base = longer
+    c = vectors @ np.linalg.pinv(base)
+    return np.rint(c) if abs(c - np.rint(c)).max() <= SAME_VECTOR else None
