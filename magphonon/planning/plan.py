@@ -40,8 +40,7 @@ class Engine:
     Attributes
     ----------
     seconds : float
-        Time for one particle and one time step in s, as `python benchmarks/engines.py` measures it for patches of 1e4 to 1e6
-        magnets in a plane.
+        Time for one particle and one time step in s, as `python benchmarks/speed.py "engines 1e4" "patch 1e6"` measures it.
     bytes : float
         Memory for one particle at the peak, setting up included: 1550 measured for 3e5 magnets, 1460 for 1e6, by compiled steps.
     overhead : float
