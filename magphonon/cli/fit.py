@@ -213,7 +213,7 @@ def band_report(found, points: int, fixed: list[str]) -> str:
 def _interval(value, sigma):
     import numpy as np
 
-    from ..design.dispersion_fits import DETERMINED, NORMAL
+    from ..design.least_squares import DETERMINED, NORMAL
 
     if sigma > DETERMINED:
         return 'not determined'
@@ -222,7 +222,7 @@ def _interval(value, sigma):
 
 
 def _undetermined(found):
-    from ..design.dispersion_fits import DETERMINED
+    from ..design.least_squares import DETERMINED
 
     open_ = [name for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
     if not open_ or not found.fits['complete'].follows:
@@ -239,7 +239,7 @@ def _entries(found):
     import numpy as np
 
     from .. import units as u
-    from ..design.dispersion_fits import DETERMINED
+    from ..design.least_squares import DETERMINED
 
     fit, scene = found.fits['complete'], found.fitted()
     if (fit.sigma > DETERMINED).any() or not fit.follows:

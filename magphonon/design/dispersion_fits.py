@@ -4,8 +4,7 @@ With the logarithms x of the parameters, the residual of a point (q, omega) of o
 
     r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (what sigma_q makes of the branch)^2
 
-and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  What the points do not determine is seen
-in J^T J: where an eigenvalue is nearly zero, its eigenvector is a change of parameters that leaves the branches where they are.
+and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).
 """
 
 from __future__ import annotations
@@ -17,35 +16,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bands.bloch import bloch_modes
+from .least_squares import FITS, MOST_FACTOR, ParameterFit
 from .sensitivities import frequency_sensitivities
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from ase import Atoms
-    from numpy.typing import NDArray
 
     from ..waves.ridge_tables import RidgePoints
     from .sensitivities import Change
 
     Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, Change]]]
 
-NORMAL = 1.96
-"""Half width of a 95 % interval in standard deviations of a normal distribution."""
-DETERMINED = 0.5
-"""Relative standard uncertainty of a parameter above which it counts as not determined; the fit is linear only well below."""
-MOST_FACTOR = 10.0
-"""Largest factor by which a parameter is changed: where nothing determines it, it must stop somewhere.  One that arrives there is
-not determined: without static forces, the complete model wants none of them and an infinite exponent."""
-FITS = 0.01
-"""Probability of so large a chi2 below which the points scatter about a model by more than their uncertainties say."""
 FOLLOWS = 1.5
 """Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
 have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""
-BLIND = 1e-10
-"""Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
-FAINT = 1e-5
-"""Part of a direction in which such an eigenvector counts: the root of BLIND."""
 PASSES = 4
 """Repetitions with the uncertainties and branches of the fit before; they settle with the second."""
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
@@ -58,87 +44,21 @@ MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
 
 
 @dataclass(frozen=True)
-class DispersionFit:
-    """Parameters of a lattice in one model, fitted to points of its branches.
+class DispersionFit(ParameterFit):
+    """Parameters of a lattice in one model, fitted to points of its branches; its residuals are those of frequencies.
 
     Attributes
     ----------
-    model : {'complete', 'conventional'}
-    names : tuple of str
-        The fitted parameters.
-    factors : ndarray, shape (parameters,)
-        By which they differ from those at the start.
-    information : ndarray, shape (parameters, parameters)
-        J^T J for the logarithms of the parameters, the inverse of their covariance.
     branches : tuple of int
         The branch of each ridge, counted from 0 by frequency.
-    residuals : ndarray, shape (points,)
-        Measured less fitted frequency, over its uncertainty.
     """
 
-    model: str
-    names: tuple[str, ...]
-    factors: np.ndarray
-    information: np.ndarray
     branches: tuple[int, ...]
-    residuals: np.ndarray
-
-    @property
-    def chi2(self) -> float:
-        """Sum of the squared residuals."""
-        return float(self.residuals @ self.residuals)
-
-    @property
-    def rank(self) -> int:
-        """Number of combinations of parameters that the points determine."""
-        values = np.linalg.eigvalsh(self.information)
-        return int((values > BLIND * max(values.max(initial=0.0), 1e-300)).sum())
-
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom of chi2."""
-        return len(self.residuals) - self.rank
-
-    @property
-    def chance(self) -> float:
-        """Probability of so large a chi2 if the model holds; 1 without degrees of freedom."""
-        from scipy.stats import chi2
-
-        return float(chi2.sf(self.chi2, self.freedom)) if self.freedom else 1.0
-
-    @property
-    def scatter(self) -> float:
-        """Scatter of the points in their uncertainties, by which intervals are enlarged; 1 where chance explains it."""
-        return float(np.sqrt(self.chi2 / self.freedom)) if self.chance < FITS else 1.0
 
     @property
     def follows(self) -> bool:
         """Whether the model follows the points, so that its parameters mean something."""
         return self.scatter <= FOLLOWS
-
-    @property
-    def sigma(self) -> NDArray[np.float64]:
-        """Relative standard uncertainty of each parameter, the others unknown too; infinite where nothing determines it."""
-        sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
-        return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
-
-    def sigma_along(self, direction: NDArray[np.float64]) -> float:
-        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
-        values, vectors = np.linalg.eigh(self.information)
-        parts = vectors.T @ direction
-        blind = values <= BLIND * max(values.max(initial=0.0), 1e-300)
-        if (abs(parts[blind]) > FAINT * np.linalg.norm(direction)).any():
-            return np.inf
-        return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
-
-    @property
-    def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the logarithms of the parameters, shape (parameters, parameters)."""
-        if self.rank < len(self.names):
-            raise ValueError(f'the points determine {self.rank} combinations of the {len(self.names)} parameters '
-                             f'({", ".join(self.names)}), so that these have no covariance; measure another branch, or fix '
-                             'a parameter')
-        return self.scatter**2 * np.linalg.inv(self.information)
 
 
 def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str = 'complete') -> DispersionFit:
@@ -234,7 +154,7 @@ def _settled(cell, names, points, model, branches_in, start):
         if settled:
             break
     J = jacobian(x)
-    return DispersionFit(model, names, np.exp(x), J.T @ J, branches, residuals(x))
+    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches)
 
 
 def _assignments(cell, parameters, points, model):

@@ -19,7 +19,7 @@ from magphonon import InversePower, read_scene
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.fit import band_report
 from magphonon.cli.main import main
-from magphonon.design.dispersion_fits import DETERMINED
+from magphonon.design.least_squares import DETERMINED
 from magphonon.scenes import fit_bands
 from magphonon.scenes.band_fits import MODELS, parameters_of, with_factors
 from magphonon.waves import RidgePoints, Scan, read_ridges, scan_waves, write_ridges

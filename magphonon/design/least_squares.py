@@ -1,0 +1,106 @@
+"""What a least-squares fit says of its parameters: covariance, chi2, and what the data do not determine.
+
+With the Jacobian J of the residuals by the logarithms of the parameters, J^T J is the inverse of their covariance.  What the data
+do not determine is seen in it: where an eigenvalue is nearly zero, its eigenvector is a change of parameters that leaves all data
+where they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+NORMAL = 1.96
+"""Half width of a 95 % interval in standard deviations of a normal distribution."""
+DETERMINED = 0.5
+"""Relative standard uncertainty of a parameter above which it counts as not determined; the fit is linear only well below."""
+MOST_FACTOR = 10.0
+"""Largest factor by which a parameter is changed: where nothing determines it, it must stop somewhere.  One that arrives there is
+not determined: without static forces, the complete model wants none of them and an infinite exponent."""
+FITS = 0.01
+"""Probability of so large a chi2 below which the data scatter about a model by more than their uncertainties say."""
+BLIND = 1e-10
+"""Eigenvalue of J^T J, as a fraction of the largest, that round-off makes of zero."""
+FAINT = 1e-5
+"""Part of a direction in which such an eigenvector counts: the root of BLIND."""
+
+
+@dataclass(frozen=True)
+class ParameterFit:
+    """Parameters of a lattice fitted to measurements.
+
+    Attributes
+    ----------
+    model : {'complete', 'conventional'}
+    names : tuple of str
+        The fitted parameters.
+    factors : ndarray, shape (parameters,)
+        By which they differ from those at the start.
+    information : ndarray, shape (parameters, parameters)
+        J^T J for the logarithms of the parameters, the inverse of their covariance.
+    residuals : ndarray, shape (points,)
+        Measured less fitted values, over their uncertainties.
+    """
+
+    model: str
+    names: tuple[str, ...]
+    factors: np.ndarray
+    information: np.ndarray
+    residuals: np.ndarray
+
+    @property
+    def chi2(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def rank(self) -> int:
+        """Number of combinations of parameters that the points determine."""
+        values = np.linalg.eigvalsh(self.information)
+        return int((values > BLIND * max(values.max(initial=0.0), 1e-300)).sum())
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of chi2."""
+        return len(self.residuals) - self.rank
+
+    @property
+    def chance(self) -> float:
+        """Probability of so large a chi2 if the model holds; 1 without degrees of freedom."""
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.chi2, self.freedom)) if self.freedom else 1.0
+
+    @property
+    def scatter(self) -> float:
+        """Scatter of the points in their uncertainties, by which intervals are enlarged; 1 where chance explains it."""
+        return float(np.sqrt(self.chi2 / self.freedom)) if self.chance < FITS else 1.0
+
+    @property
+    def sigma(self) -> NDArray[np.float64]:
+        """Relative standard uncertainty of each parameter, the others unknown too; infinite where nothing determines it."""
+        sigma = np.array([self.sigma_along(one) for one in np.eye(len(self.names))])
+        return np.where(abs(np.log(self.factors)) > 0.999 * np.log(MOST_FACTOR), np.inf, sigma)
+
+    def sigma_along(self, direction: NDArray[np.float64]) -> float:
+        """Relative standard uncertainty of what goes as the product of the parameters to the powers `direction`."""
+        values, vectors = np.linalg.eigh(self.information)
+        parts = vectors.T @ direction
+        blind = values <= BLIND * max(values.max(initial=0.0), 1e-300)
+        if (abs(parts[blind]) > FAINT * np.linalg.norm(direction)).any():
+            return np.inf
+        return self.scatter * float(np.sqrt(np.sum(parts[~blind] ** 2 / values[~blind])))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the logarithms of the parameters, shape (parameters, parameters)."""
+        if self.rank < len(self.names):
+            raise ValueError(f'the points determine {self.rank} combinations of the {len(self.names)} parameters '
+                             f'({", ".join(self.names)}), so that these have no covariance; measure another branch, or fix '
+                             'a parameter')
+        return self.scatter**2 * np.linalg.inv(self.information)
