@@ -1,0 +1,108 @@
+"""On the bench: intervals that the commands state, judged by a laboratory's lattice that shares nothing with the package.
+
+Each path is what a group would do with data of its own.  The lattice is that of `bench_lattice`: discs whose force is integrated
+over their faces, all neighbours, magnets, places and pillars scattered, a vibrometer's faults.  The control of each path is the
+same with nearest neighbours alone.
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from magphonon import read_scene
+from magphonon.scenes import fit_bands
+from magphonon.waves import Scan, read_ridges, scan_waves, write_ridges
+
+from . import bench_lattice as bench
+from .rows import Check, Outcome
+
+REACH, SHELLS = 45e-3, 9  # of the force, in m and in shells of the triangular lattice
+SPACING = 10e-3  # m
+LEAST = 0.75
+"""Share of the few intervals of a path that must hold the truth: of 12 at 95 %, fewer do so once in 500; of 12 at 50 %, more do
+so once in 14."""
+
+
+def main(out):
+    """Every path, a row for each statement."""
+    del out
+    return Outcome([row for path in PATHS for row in path()])
+
+
+def judged(path, quantities, intervals, truths, control, least=LEAST):
+    """Rows of one path: the first specimen's values, the share of all intervals that hold the truth, and that of the control.
+
+    Parameters
+    ----------
+    path : str
+    quantities : sequence of str
+        With their units.
+    intervals : array_like, shape (specimens, quantities, 2)
+        Ends of the intervals of 95 % that the command states.
+    truths : array_like, shape (specimens, quantities)
+    control : array_like, shape (specimens, quantities, 2)
+        What it states with nearest neighbours alone.
+    """
+    intervals, truths, control = (np.asarray(one, float) for one in (intervals, truths, control))
+    rows = [Check(f'{path}: {name}, within its interval', (low + high) / 2, truth, (high - low) / 2 / abs(truth))
+            for name, (low, high), truth in zip(quantities, intervals[0], truths[0], strict=True)]
+    shares = [np.mean((ends[..., 0] <= truths) & (truths <= ends[..., 1])) for ends in (intervals, control)]
+    count = truths.size
+    return [*rows, Check(f'{path}: share of {count} intervals of 95 % that hold the truth', shares[0], 1, 1 - least),
+            Check(f'control: {path}, nearest neighbours: share of {count} intervals', shares[1], 1, 1 - least, control=True)]
+
+
+def line_scan(lab, source, force, carrier_Hz, duration, rng, cycles=5):
+    """The scan along R2 of a burst in a triangular patch: a force (x, y) in N on its lowest row that moves, or on the middle."""
+    x, y = lab.anchors.T
+    inside = np.flatnonzero(~lab.held)
+    row = inside[y[inside] < y[inside].min() + SPACING / 2]
+    if source == 'point':
+        row = row[[abs(x[row] - x[inside].mean()).argmin()]]
+        start, weights = lab.anchors[row[0]], np.ones(1)
+    else:
+        weights = np.cos(np.pi * (x[row] - x[inside].mean()) / (np.ptp(x[row]) + 2 * SPACING)) ** 2
+        below = x[inside].mean() - np.ptp(y[inside]) / 2 / np.sqrt(3)
+        start = lab.anchors[row[abs(x[row] - below).argmin()]]
+    R2 = bench.triangular(SPACING)[1]
+    places = start + np.arange(1, int(np.ptp(y[inside]) / R2[1]))[:, None] * R2
+    points = inside[np.linalg.norm(lab.anchors[inside] - places[:, None], axis=2).argmin(axis=1)]
+    t, u = bench.motion(lab, [(bench.pushed(lab, row, weights[:, None] * force), bench.burst(carrier_Hz, cycles))], duration,
+                        points)
+    u = bench.measured(u, 1 / t[1], rng, dead=2)
+    return Scan(1e3 * t, tuple(map(str, points)), 1e3 * places, {'x': 1e3 * u[..., 0], 'y': 1e3 * u[..., 1]})
+
+
+def scene_text(shells):
+    """The scene of the laboratory's lattice as its owner knows it: force, exponent and springs some ten percent off."""
+    return (f'title = "bench"\n[lattice]\nkind = "triangular"\nspacing_m = {SPACING}\nmass_kg = 8e-4\n[law]\n'
+            f'kind = "inverse_power"\nb_N_m_a = {0.26 * SPACING**4}\na = 4.0\nshells = {shells}\n'
+            '[foundation]\nstiffness_N_per_m = 23.0\n')
+
+
+def ridges_of_a_row_source():
+    """`spectrum` and `fit --bands`: bursts of a row of sources, shear and longitudinal."""
+    law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 8e-3, REACH + 5e-3), np.random.default_rng(1)
+    vectors, names = bench.triangular(SPACING), ('force', 'a', 'bond stiffness')
+    found, truths = {1: [], SHELLS: []}, []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(2):
+            lab = bench.built(bench.sites(vectors, 0.28, 0.25), law, REACH, rng)
+            scans = [line_scan(lab, 'row', force, carrier, duration, rng)
+                     for force, carrier, duration in (((2e-3, 0), 42, 0.4), ((0, 4e-3), 60, 0.25), ((0, 4e-3), 95, 0.25))]
+            spacing = np.linalg.norm(bench.mean_vectors(lab, vectors, 6 * SPACING)[0])
+            f, slope = (float(value) for value in law(spacing))
+            truths.append([f, -slope * spacing / f, -slope])
+            for shells, fits in found.items():
+                (file := Path(folder, 'bench.toml')).write_text(scene_text(shells), encoding='utf-8')
+                scene = read_scene(file)
+                write_ridges(Path(folder, 'ridges.csv'), {
+                    f'{k}': scan_waves(scan, scene.perfect_cell(), 'row')[:1] for k, scan in enumerate(scans)})
+                values = fit_bands(scene, read_ridges(Path(folder, 'ridges.csv'))).values()
+                fits.append([values[name][0] * np.exp(np.array([-1.96, 1.96]) * values[name][1]) for name in names])
+    return judged('ridges of a row', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found[SHELLS], truths, found[1])
+
+
+PATHS = (ridges_of_a_row_source,)
+"""One function for each path; it returns rows, see `judged`."""
