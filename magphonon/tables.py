@@ -138,7 +138,8 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
     for k, name in enumerate(names):
         quantity = named[name][0] if name in named else _passed_over(path, name, columns, others, layout)
         if quantity in places:
-            raise ValueError(f'{path}: the columns {names[places[quantity]]!r} and {name!r} say the same; keep one of them')
+            raise ValueError(f'{path}: the columns {shown(names[places[quantity]])} and {shown(name)} say the same; keep one of '
+                             'them')
         if quantity is not None:
             places[quantity] = k
     for quantity in needed:
@@ -195,10 +196,10 @@ def _passed_over(path, name, columns, others, layout):
     meant = max((q for q in columns if columns[q] and (name == q or name.startswith(f'{q}_'))), key=len, default=None)
     if meant is not None:
         allowed = [f'{meant}_{unit}'.rstrip('_') for unit in columns[meant]]
-        raise ValueError(f'{path}: the column {name!r} says no unit that is known; write {", ".join(allowed[:4])}')
+        raise ValueError(f'{path}: the column {shown(name)} says no unit that is known; write {", ".join(allowed[:4])}')
     if not others:
         known = [f'{q}_{unit}'.rstrip('_') for q, units in columns.items() for unit in units]
-        raise ValueError(f'{path}: such a table has no column {name!r}' + (did_you_mean(name, known) or layout))
+        raise ValueError(f'{path}: such a table has no column {shown(name)}' + (did_you_mean(name, known) or layout))
 
 
 def _blocks(path, rows, names, separator):

@@ -77,6 +77,7 @@ NEEDED = 'a table has time_s and x_m'
     ('time_s,x_m,x_mm\n1,2,3\n', "the columns 'x_m' and 'x_mm' say the same; keep one"),
     ('time_s,x_m,x_m\n1,2,2\n', "the columns 'x_m' and 'x_m' say the same"),
     ('time_s,x\n1,2\n', "the column 'x' says no unit that is known; write x_m, x_mm"),
+    (f'time_s,x_\x1b{999 * "z"}\n1,2\n', r"the column 'x_\\x1bz{,400}\.\.\. \(1007 characters\) says no unit that is known"),
     ('time_min,x_m\n1,2\n', "the column 'time_min' says no unit that is known; write time_s, time_ms"),
     ('# time_s,x_mm\ntime_s,x_m\n1,2\n', "line 2 of .*t.csv: 'time_s,x_m' names other columns or units than the header"),
     ('time_s,x_mm\n1,2\n# time_s x_m\n3,4\n', 'line 3 of .*t.csv: .* names other columns or units than the header'),
@@ -108,6 +109,8 @@ def test_other_columns_are_refused_where_a_table_wants_none(tmp_path):
         read_table(write(tmp_path, 'x_m,colour\n1,2\n'), COLUMNS, ['x'], others=False, layout=NEEDED)
     with pytest.raises(ValueError, match=r"such a table has no column 'cont'; did you mean 'count'\?"):
         read_table(write(tmp_path, 'x_m,cont\n1,2\n'), COLUMNS, ['x'], others=False)
+    with pytest.raises(ValueError, match=r"no column 'z{,400}\.\.\. \(1002 characters\); a table has"):
+        read_table(write(tmp_path, f'x_m,{1000 * "z"}\n1,2\n'), COLUMNS, ['x'], others=False, layout=NEEDED)
 
 
 def test_files_that_are_no_text_or_too_large_or_endless(tmp_path):

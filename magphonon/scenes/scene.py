@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import ase.io
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from ..errors import PhysicsError
 from ..files import whole_file
@@ -81,6 +81,8 @@ class Scene(Table):
     uncertainty: Uncertainty | None = None
     design: DesignPlan | None = None
 
+    _name: str = PrivateAttr('')
+
     @model_validator(mode='after')
     def _consistent(self):
         table: Any
@@ -111,7 +113,7 @@ class Scene(Table):
     @classmethod
     def from_atoms(cls, atoms: Atoms, title: str | None = None) -> Scene:
         """A scene of atoms with their calculator, without a file; `magphonon.write_scene` writes one."""
-        return cls.model_validate(tables_of(atoms, title, file='particles.traj'), context={'structure': checked_atoms(atoms)})
+        return scene_of(tables_of(checked_atoms(atoms), title, file='particles.traj'), atoms)
 
     def cell(self) -> Atoms:
         """One unit cell, or the oscillator, with the moving mass of the pillars but without a calculator."""
@@ -187,13 +189,16 @@ class Scene(Table):
         if not tables:
             return None
         atoms = self._perfect(model)
-        for table in tables:
-            atoms = table.applied(atoms)
+        called = self._name or repr(self.title)
         try:
+            for table in tables:
+                atoms = table.applied(atoms)
             return relaxed(atoms)
         except PhysicsError as error:
             names = ' and '.join(f'[{name}]' for name in ('defects', 'disorder') if getattr(self, name) is not None)
-            raise type(error)(f'{self.title!r} with {names}: {error}') from None
+            raise type(error)(f'{called} with {names}: {error}') from None
+        except ValueError as error:
+            raise ValueError(f'{called}: {error}') from None
 
     def defect_places(self) -> NDArray[np.float64]:
         """Where the defects of the patch or the finite structure are, in mm, shape (defects, 2)."""
@@ -299,7 +304,9 @@ def read_scene(path: str | PathLike[str] | Source) -> Scene:
                          'one to start from') from None
     try:
         with np.errstate(over='raise', divide='raise', invalid='raise'):
-            return Scene.model_validate(data, context={'folder': source.folder})
+            scene = Scene.model_validate(data, context={'folder': source.folder})
+            scene._name = source.name
+            return scene
     except ArithmeticError as error:
         raise ValueError(f'{source}: its numbers are too large or too small to compute with ({error.args[-1]}); '
                          'check their units and exponents, first those of [law]') from None

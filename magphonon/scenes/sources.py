@@ -127,7 +127,7 @@ def ready_scene(name: str) -> Traversable:
 
 def checked_atoms(atoms: Atoms) -> Atoms:
     """The atoms, if a scene can hold them."""
-    calc: Any = atoms.calc
+    calc: Any = getattr(atoms, 'calc', None)
     if not isinstance(calc, Repulsion):
         raise ValueError(f'a scene is made of atoms with MagneticRepulsion or AllNeighbours, not with {calc!r}; attach one')
     laws_from_dict(laws_to_dict(calc.laws))

@@ -138,6 +138,15 @@ def test_a_command_whose_result_overflows_writes_nothing(tmp_path, capsys, monke
     assert list(tmp_path.iterdir()) == [file]
 
 
+def test_a_date_of_the_shell_that_is_none(monkeypatch, capsys):
+    monkeypatch.setenv('SOURCE_DATE_EPOCH', 'abc')
+    assert main(['bands', 'chain']) == 2
+    assert capsys.readouterr().err == ('magphonon: SOURCE_DATE_EPOCH of the shell must be whole seconds since 1970, not '
+                                       "'abc'; mend or unset it\n")
+    monkeypatch.setenv('SOURCE_DATE_EPOCH', '0')
+    assert main(['check', 'chain']) == 0
+
+
 # --- output that nobody reads ----------------------------------------------------------------------------------------
 
 def command(*arguments, **options):

@@ -63,7 +63,9 @@ def test_check_and_frf_say_how_far_the_sites_moved(tmp_path, capsys):
     assert moved in capsys.readouterr().out
     (tmp_path / 'soft.toml').write_text(text.replace('stiffness_N_per_m = 80.0', 'stiffness_N_per_m = 1.0'))
     assert main(['check', str(tmp_path / 'soft.toml')]) == 1
-    assert 'buckles or slides' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert 'soft.toml with [defects]: ' in said
+    assert 'buckles or slides' in said
 
 
 FIRST, LIGHT, BETWEEN = [0.01, 0.015], {'at_m': [0.03, 0.02], 'relative_mass': 0.2, 'relative_strength': 0.7,
@@ -113,10 +115,11 @@ def test_a_patch_with_a_rim_keeps_it():
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'defects': {}}, 'defects names no defect; give vacancies_m'),
     ({'defects': {'vacancies_m': [[5.0, 0.0]]}, 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}, 'frf': None},
-     r'defects\.vacancies_m\[0\] = \[5\.0, 0\.0\] is outside the structure'),
+     r's\.toml: defects\.vacancies_m\[0\] = \[5\.0, 0\.0\] is outside the structure'),
     ({'defects': {'vacancies_m': [[0.0, 0.0], [0.0, 1e-4]]}}, r'names the particle at \[0, 0\] twice'),
     ({'defects': {'vacancies_m': [[0.0]]}}, r'vacancies_m\[0\] must be a place \[x, y\]'),
-    ({'defects': {'interstitials': [{'at_m': [0.0, 0.0]}]}}, r'interstitials\[0\]\.at_m = \[0\.0, 0\.0\].*coincide'),
+    ({'defects': {'interstitials': [{'at_m': [0.0, 0.0]}]}},
+     r's\.toml: defects\.interstitials\[0\]\.at_m = \[0\.0, 0\.0\].*coincide'),
     ({'disorder': {'seed': 1}}, 'disorder names nothing that scatters'),
     ({'disorder': {'seed': 1, 'mass_percent': 50.0}}, 'mass_percent must lie between 0 and 20'),
     ({'disorder': {'seed': 1, 'position_m': 0.02}}, r'disorder\.position_m = 0\.02 is more than a tenth'),
