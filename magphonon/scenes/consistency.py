@@ -166,9 +166,13 @@ def _file(scene: Scene) -> None:
                              f'{lattice.file}; take {name} out')
     if lattice.cell().has('stiffness') and scene.foundation is not None:
         raise ValueError(f'foundation: {lattice.file} tells the stiffness of each particle; take one of them out')
-    if lattice.relaxed and scene.law.shells == ALL:
-        raise ValueError(f"lattice.relaxed and law.shells = '{ALL}': structures relax with a number of shells only; take one of "
-                         'them out')
+    if lattice.relaxed and lattice.positions == 'rest':
+        raise ValueError('lattice.relaxed moves the particles, and positions = "rest" says that they stand at rest; take relaxed '
+                         'out')
+    key = 'relaxed' if lattice.relaxed else 'positions' if lattice.positions else None
+    if key and scene.law.shells == ALL:
+        raise ValueError(f"lattice.{key} and law.shells = '{ALL}': structures come to rest with a number of shells only; take "
+                         'one of them out')
 
 
 def _imperfect(scene: Scene) -> None:

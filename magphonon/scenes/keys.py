@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 UNITS = {'_N_m_a': 'N m^a', '_kg_per_m3': 'kg/m^3', '_N_per_m': 'N/m', '_A_m2': 'A m^2', '_J_m': 'J m', '_per_s': '1/s',
          '_percent': '%', '_Hz': 'Hz', '_kg': 'kg', '_Pa': 'Pa', '_deg': 'degrees', '_m': 'm', '_N': 'N', '_T': 'T', '_C': 'C',
-         '_s': 's'}
+         '_s': 's', '_px': 'pixels'}
 """Unit of a key by the end of its name, the longest ends first."""
 TYPES = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false'}
 

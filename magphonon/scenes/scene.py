@@ -136,9 +136,7 @@ class Scene(Table):
         AllNeighbours.
         """
         atoms = self._standing()
-        if getattr(self.lattice, 'relaxed', False):
-            return relaxed(atoms).atoms
-        return atoms
+        return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
 
     @_units_told_by_keys()
     def _standing(self) -> Atoms:

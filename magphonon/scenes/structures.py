@@ -19,10 +19,11 @@ from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, comput
 
 from .. import units as u
 from ..bands.bands import band_path
-from ..errors import whole
+from ..errors import one_of, whole
 from ..files import MEGABYTE, refuse_endless
 from ..lattices.bonds import distances_within
 from ..stiffness.defects import LARGEST_SCATTER, Scatter, scattered, substituted, with_interstitial, without
+from ..stiffness.relaxation import relaxed
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
@@ -34,9 +35,11 @@ if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
     from numpy.typing import NDArray
 
-COLUMNS = {'x': LENGTH, 'y': LENGTH, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
+PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
+COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
            'stiffness': STIFFNESS}
-LAYOUT = 'a table of particles has the columns x_m,y_m and, where wanted, z_m,kind,held,mass_kg,strength,stiffness_N_per_m'
+LAYOUT = ('a table of particles has the columns x_m,y_m (or x_mm,y_mm, or of a photo x_px,y_px) and, where wanted, '
+          'z_m,kind,held,mass_kg,strength,stiffness_N_per_m')
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
 MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m  # largest number of a kind, and largest coordinate; what is farther is in another unit
@@ -45,6 +48,9 @@ NEAREST_m = 1e-6, 1e6
 OF_ASE = {'kind': 'tags', 'held': 'a constraint, move_mask in .extxyz', 'mass_kg': 'masses, in g',
           'stiffness_N_per_m': 'stiffness, in N/mm'}
 """Columns of tables, and what a file that ASE reads has in their place."""
+MOVED = 1e-3
+"""Distance from the feet of the pillars to rest, as a fraction of the spacing, above which it matters which of the two positions
+are: a bond that is longer by so much is softer by half a percent."""
 PACKAGE_UNIT_m = 1e-3
 """The unit of length of this package's own Atoms, mm."""
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
@@ -59,6 +65,8 @@ def read_particles(path: Path) -> Atoms:
     The kinds are its tags, what is held has FixAtoms; 'strength' and 'stiffness' (N/mm) are arrays if the table has them.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
+    if (table.header['x'] == 'x_px') != (table.header['y'] == 'y_px'):
+        raise ValueError(f'{path} has the columns {table.header["x"]} and {table.header["y"]}; give both in pixels or none')
     for name in 'xyz':
         table.refuse(name, abs(table.get(name, 0.0)) > FARTHEST, 'lie within 1e6 m')
     for name, wrong, must in (('kind', lambda x: (x != np.round(x)) | (abs(x) > MOST_KINDS), 'be a whole number'),
@@ -75,6 +83,7 @@ def read_particles(path: Path) -> Atoms:
     for name in ('strength', 'stiffness'):
         if name in table:
             atoms.set_array(name, table[name])
+    atoms.info['pixels'] = table.header['x'] == 'x_px'
     return atoms
 
 
@@ -86,8 +95,8 @@ class FileLattice(Table):
 
     kind: Literal['file']
     file: Text = Field(description='the file with the particles, beside the scene: a table .csv with the columns x_m,y_m and, '
-                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m (or x_mm, mass_g and so on), or any file that '
-                       'ASE reads',
+                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m (or x_mm, mass_g and so on; x_px,y_px of a '
+                       'photo), or any file that ASE reads',
                        examples=['particles.csv'])
     length_unit_m: Annotated[Positive, within(1e-12, 1e6, 'metres')] = Field(
         PACKAGE_UNIT_m, description='what one unit of length in an ASE file is, in m; files that Python wrote with this package '
@@ -99,8 +108,16 @@ class FileLattice(Table):
                          examples=[True])
     cutoff_m: Length | None = Field(None, description='the distance within which particles repel, in place of the shells of '
                                     'the law, which scattered positions do not have', examples=[0.012])
-    relaxed: Flag = Field(False, description='whether the particles move to where their forces balance before all else',
-                          examples=[True])
+    positions: Annotated[Literal['anchors', 'rest'], BeforeValidator(partial(one_of, '', choices=('anchors', 'rest')))] | None = (
+        Field(None, description='what the positions are: "anchors", the feet of the pillars, from which the particles move to '
+              'rest before all else, or "rest", where a photo shows the particles standing: they stay there, and constant forces '
+              'stand for those of the bent pillars', examples=['rest']))
+    points_px: Points | None = Field(None, description='two points [x, y] in the photo, far apart, of a table with the columns '
+                                     'x_px,y_px, counted from its upper left corner', examples=[[[212, 1810], [2840, 1790]]])
+    points_m: Points | None = Field(None, description='the places [x, y] of these two points in m, which tell the scale and the '
+                                    'turn of the photo', examples=[[[0.0, 0.0], [0.1, 0.0]]])
+    relaxed: Flag = Field(False, description='whether the particles move to where their forces balance before all else, as with '
+                          'positions = "anchors"', examples=[True])
 
     _atoms: Any = PrivateAttr(None)
 
@@ -116,9 +133,11 @@ class FileLattice(Table):
         try:
             refuse_endless(path, MOST_BYTES)
             if path.suffix.lower() == '.csv':
-                return self._with_cell(read_particles(path))
-            if self.cell_m is not None:
-                raise ValueError(f'{path} has a cell of its own; take cell_m out')
+                return self._with_cell(self._from_photo(read_particles(path)))
+            for name in ('cell_m', 'points_px', 'points_m'):
+                if getattr(self, name) is not None:
+                    has = 'a cell' if name == 'cell_m' else 'lengths'
+                    raise ValueError(f'{path} has {has} of its own; take {name} out')
             atoms = _read_by_ase(path)
             for name, instead in OF_ASE.items():
                 if atoms.has(name):
@@ -129,6 +148,22 @@ class FileLattice(Table):
             raise ValueError(f'.file: {path} cannot be read ({error.strerror}); it is sought beside the scene') from None
         except ValueError as error:
             raise ValueError(f'.file: {error}') from None
+
+    def _from_photo(self, atoms: Atoms) -> Atoms:
+        """A table's particles in mm, if it is one of pixels: two points tell the scale, the turn and the place of the photo."""
+        points = [getattr(self, name) for name in ('points_px', 'points_m')]
+        if not atoms.info.pop('pixels'):
+            if points != [None, None]:
+                raise ValueError('points_px and points_m belong to a table with the columns x_px,y_px; take them out')
+            return atoms
+        if None in points or any(len(pair) != 2 or pair[0] == pair[1] for pair in points):
+            raise ValueError('the columns x_px,y_px are pixels of a photo; give two different points of it whose places are '
+                             'known, points_px = [[x, y], [x, y]], and these places, points_m = [[x, y], [x, y]]')
+        z, (z1, z2) = atoms.positions[:, :2] @ [1, -1j], np.array(points[0]) @ [1, -1j]  # y runs downwards in a photo
+        w1, w2 = np.array(points[1]) @ [1, 1j] * u.m
+        w = w1 + (w2 - w1) / (z2 - z1) * (z - z1)
+        atoms.positions[:, :2] = np.stack([w.real, w.imag], axis=1)
+        return atoms
 
     def _with_cell(self, atoms: Atoms) -> Atoms:
         """A table's particles with the lattice vectors of the scene; the vectors that are no period make a cell in space."""
@@ -198,6 +233,21 @@ class FileLattice(Table):
             return restored(self._atoms)
         except ValueError as error:
             raise ValueError(f'lattice.file = {self.file!r}: {error}') from None
+
+    def settled(self, atoms: Atoms) -> Atoms:
+        """The particles with their calculator where the scene says that they are: at rest as they stand, or moved to rest."""
+        if self.positions == 'rest':
+            atoms.calc = atoms.calc.balanced(freedom(atoms)[0])
+            return atoms
+        if not (self.relaxed or self.positions == 'anchors'):
+            return atoms
+        found = relaxed(atoms)
+        if self.positions is None and np.any(atoms.calc.foundation) and found.shift > MOVED * self.spacing_m * u.m:
+            warnings.warn(f'lattice.relaxed takes the positions in {self.file} for the feet of the pillars and moves the '
+                          f'particles by up to {found.shift:.3g} mm to rest; if they show where the particles stand, as a photo '
+                          'does, say positions = "rest" in its place, and if they are the feet, positions = "anchors"',
+                          stacklevel=2)
+        return found.atoms
 
     @property
     def cutoff(self) -> float | None:

@@ -376,7 +376,7 @@ def residual(case: Case) -> Finding:
     return Finding(left, f'Particle {case.pushes.argmax()} is not in equilibrium: a net static force of {left / u.N:.4g} N acts '
                    f'on it, {size} the force in a bond' + (f'; {many} particles are not in equilibrium' if many > 1 else '')
                    + '. Hold the edge, add the force that balances it, or relax the structure first (in a scene whose particles '
-                   'are in a file: relaxed = true in [lattice]).', fault=True)
+                   'are in a file: positions = "anchors", or "rest", in [lattice]).', fault=True)
 
 
 @check

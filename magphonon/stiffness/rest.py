@@ -146,9 +146,9 @@ class LinearSystem:
         k = self.left.argmax()
         mend = 'relax it with an optimiser of ASE, and make AllNeighbours at the relaxed positions'
         if calc.pairwise:
-            mend = ('relax it, with magphonon.relaxed(atoms).atoms in Python or relaxed = true in the table [lattice] of a scene '
-                    'whose particles are in a file, or give the calculator the constant force that holds it, load= or '
-                    'atoms.calc.balanced(particles)')
+            mend = ('relax it, with magphonon.relaxed(atoms).atoms in Python or positions = "anchors" in the table [lattice] of '
+                    'a scene whose particles are in a file, or, if it stands at rest in truth, as in a photo, give it the '
+                    'constant forces that hold it, atoms.calc.balanced(particles) or positions = "rest"')
         raise NotAtRest('the structure is not at rest, and linear theory holds only about rest: a net static force of '
                         f'{self.left[k]:.4g} N acts on particle {k}, {self.left[k] / (self._largest[0] or np.inf):.3g} times '
                         f'the largest force in a bond, and {np.count_nonzero(self.left)} of {len(self)} particles are not in '
