@@ -89,6 +89,7 @@ def test_a_burst_is_propagated_exactly(tmp_path, monkeypatch, capsys):
     burst = read_scene(tmp_path / 'scene.toml').burst
     for (patch, times, drives, damping, row), carrier, name in zip(called, burst.carriers_Hz, burst.names, strict=True):
         assert damping == pytest.approx(2 * 0.01 * 2 * np.pi * carrier / 1e3)  # 2 zeta omega, in 1/ms
+        assert np.diff(times).max() * carrier / 1e3 == pytest.approx(1 / 12)  # a dozen of frames in a period
         table = np.loadtxt(tmp_path / 'out' / f'plan_burst_{name}.csv', delimiter=',', skiprows=1)
         expected = real(patch, times, drives, damping, row).displacements
         assert table[:, 0] == pytest.approx(np.repeat(times, len(row)) / 1e3)

@@ -16,8 +16,8 @@ from oracles import Pairs
 from planewaves import PlaneWaves, depth, margin
 from scipy.optimize import brentq, minimize
 
-from magphonon import InversePower, MagneticRepulsion, foundation_needed, verdict
-from magphonon.stability.buckling import highest_squared
+from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices, verdict
+from magphonon.stability.buckling import highest_squared, softest_of
 from magphonon.stability.soft_waves import softest_wave
 from magphonon.stiffness.all_neighbours import AllNeighbours
 from magphonon.stiffness.rest import LinearSystem
@@ -224,6 +224,25 @@ def test_the_highest_frequency_is_that_of_the_whole_zone():
         assert highest_squared(LinearSystem.of(atoms)) == pytest.approx(highest, rel=1e-9)
         short.append(1 - spectrum(mesh(2, 36))[:, -1].max() / highest)
     assert max(short) > 1e-5
+
+
+@pytest.mark.parametrize('sums', [False, True])
+@pytest.mark.parametrize('weighted', [False, True])
+def test_particles_of_unlike_mass(sums, weighted):
+    """The softest wave by stiffness and by frequency, against D of a mesh that the masses divide here; control: of equal masses."""
+    atoms = lattices.honeycomb(1.0, 1.0)
+    atoms.set_masses([0.6, 1.7])
+    law = InversePower(1.0, 4.6)
+    atoms.calc = AllNeighbours(atoms, law) if sums else MagneticRepulsion(atoms, law)
+    found = softest_of(atoms, weighted=weighted)
+    root = np.repeat(atoms.get_masses(), 2) ** -0.5 if weighted else np.ones(4)
+    q = np.vstack([np.pad(mesh(2, 24), ((0, 0), (0, 1))), found.q])
+    D = atoms.calc.bloch_matrix(q) if sums else Pairs(atoms, law, 1.1).bloch(atoms.positions, q)
+    values = np.linalg.eigvalsh(D * root * root[:, None])[:, 0]
+    assert found.lowest == pytest.approx(values[-1], rel=1e-9)
+    assert found.lowest <= values.min() + 1e-12
+    assert found.lowest < 0
+    assert values.min() != pytest.approx(np.linalg.eigvalsh(D)[:, 0].min(), rel=1e-2) or not weighted
 
 
 # --- the search itself -----------------------------------------------------------------------------------------------

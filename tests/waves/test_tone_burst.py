@@ -283,6 +283,7 @@ def test_in_a_film_crests_move_away_from_the_source(prototype, carrier_Hz):
     shown = {}
     for film in (True, False):
         field = send(patch, where, burst, damping=0.02, duration=500.0, film=film).field
+        assert (12 * np.diff(field.times).max() * carrier_Hz / 1e3 < 1 + 1e-9) == film  # frames of a period, at least a dozen
         before = field.times < 250  # what the rim sends back comes later
         shown[film] = advance(field.displacements[before][:, where.row, 1])
     assert shown[True] > 0.3  # the rest is the near field of the source, which stands
