@@ -7,7 +7,7 @@ from scans import scene_text, triangular_branches
 from magphonon import MagneticRepulsion, lattices, propagate, read_scene, units as u
 from magphonon.dynamics import Motion
 from magphonon.waves import sampled, site, waves, wavevector
-from magphonon.waves.wave_analysis import stationary_waves
+from magphonon.waves.wave_analysis import Stationary, stationary_waves
 
 NORMAL = 1.96
 XI = np.linspace(0, np.pi, 1001)
@@ -104,3 +104,17 @@ def test_a_row_of_sources_sends_no_oblique_waves(tmp_path):
         by_source[source] = wave.blurred
     assert by_source == {'row': 0, 'point': by_source['point']}
     assert by_source['point'] > 0  # the control
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_phases_between_the_points_of_the_grid(seed):
+    """omega = top sin(xi/2) is inverted in closed form; from each point of the grid by its tangent, to the square of a step."""
+    rng = np.random.default_rng(seed)
+    top, xi = rng.uniform(0.3, 3), (np.arange(200) + 0.5) * np.pi / 200
+    grid = Stationary(xi, top * np.sin(xi / 2), top / 2 * np.cos(xi / 2), np.pi / 200)
+    asked = rng.uniform(0.1, 2.6, 9)
+    found = grid.phases(top * np.sin(asked / 2))
+    assert (np.isfinite(found).sum(axis=1) >= 1).all()
+    assert np.nanmax(abs(found - asked[:, None])) < grid.step**2  # half of it times the curvature over the slope, below 2
+    assert np.nanmax(abs(np.where(np.isfinite(found), xi, np.nan) - asked[:, None])) > 0.3 * grid.step  # the control
+    assert np.isnan(grid.phases([1.01 * top, 1.1 * top])).all()
