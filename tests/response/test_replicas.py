@@ -74,8 +74,11 @@ def test_a_stepped_response_of_a_small_force_is_the_linear_one(pbc):
     atoms.calc = atoms.calc.balanced(range(9))
     corner, omega = Place(6, (1, 0, 0)), np.array([0.5, 0.9])
     push = corner.force(9)
-    exact = frequency_response(atoms, push, omega, 0.4).response[:, 6, 0]
-    found = stepped_response(atoms, corner, corner, omega, 0.4, 1e-6, 0.05).response
+    damping = 0.4 if pbc else 0.03  # with little damping the run ends as soon as it may
+    exact = frequency_response(atoms, push, omega, damping).response[:, 6, 0]
+    stepped = stepped_response(atoms, corner, corner, omega, damping, 1e-6, 0.05)
+    found = stepped.response
+    assert stepped.transient < 1e-3
     assert abs(found / exact - 1).max() < 2e-3  # what it leaves of the transient, and as much for the step
     if pbc:  # the control: bonds across the edges are cut
         atoms.pbc = False
