@@ -229,7 +229,7 @@ def test_the_highest_frequency_is_that_of_the_whole_zone():
 @pytest.mark.parametrize('sums', [False, True])
 @pytest.mark.parametrize('weighted', [False, True])
 def test_particles_of_unlike_mass(sums, weighted):
-    """The softest wave by stiffness and by frequency, against D of a mesh that the masses divide here; control: of equal masses."""
+    """The softest wave by stiffness and by frequency, against D of a mesh divided by the masses here; control: equal masses."""
     atoms = lattices.honeycomb(1.0, 1.0)
     atoms.set_masses([0.6, 1.7])
     law = InversePower(1.0, 4.6)
