@@ -37,7 +37,7 @@ from magphonon.bands.zone import ZoneMap, frequency_ratio, zone_map
 from magphonon.cli.results import results
 from magphonon.files import whole_file
 from magphonon.plotting.modes import plot_mode
-from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
+from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.stiffness import bond_stiffness
 
 PACKAGE = Path(magphonon.__file__).parent
@@ -248,7 +248,6 @@ CASES = {
     'mode off the path': (lambda: plot_mode(cell(), bands(vectors=True), 'K', 0), 'K', 'choose a path that does'),
     'mode past the path': (lambda: plot_mode(cell(), bands(vectors=True), 5, 0), '5', 'from 0 to 4'),
     'zone of a line': (lambda: plot_zone(path(lattices.chain, 'GX')), 'GX', 'planar lattices'),
-    'contours of no branch': (lambda: plot_isofrequency(*[zone_map(cell(), 6)] * 2, branch=2), '2', 'must be 0 to 1'),
     'ratio of no branch': (lambda: plot_ratio(*[zone_map(cell(), 6)] * 2, branch=-1), '-1', 'must be 0 to 1'),
 
     # scenes by name

@@ -52,7 +52,6 @@ from .waves import (
     plot_waves as plot_waves,
 )
 from .zone import (
-    plot_isofrequency as plot_isofrequency,
     plot_ratio as plot_ratio,
     plot_zone as plot_zone,
 )

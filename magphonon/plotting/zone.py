@@ -24,16 +24,11 @@ if TYPE_CHECKING:
 
     from ..bands.zone import ZoneMap
 
-ARROWS = 9  # of group velocity along each reciprocal vector
 ROUND = (1, 2, 5, 10)  # contours at round numbers
-WELL_INSIDE = 0.93
-"""Size of the part of the zone in which contours are labelled, relative to the zone."""
 SHADES = 10
 """Shades of a map of ratios from one contour to the next."""
 BESIDE_AXES = np.radians(40)
 """Angle by which names of special points are turned about their points, beside the axes of the phases."""
-APART = 0.08
-"""Least distance of two labels in widths of the axes."""
 
 
 def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
@@ -67,60 +62,6 @@ def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
     for stretch in points:
         ax.plot(*_cartesian(path.cell, stretch).T, color=COLOURS[0], linewidth=1.8, solid_joinstyle='round', zorder=5.5)
     _mark_points(ax, path.cell, {name: special[name] for stretch in names for name in stretch}, turn=BESIDE_AXES)
-    return ax
-
-
-def plot_isofrequency(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axes | None = None) -> Axes:
-    """Contours of equal frequency of one branch, complete solid and conventional dashed, with the complete group velocity.
-
-    Parameters
-    ----------
-    complete, conventional : ZoneMap
-        Maps of both models, for the same lattice.
-    branch : int
-        By ascending frequency, from 0; it is printed from 1.
-    ax : matplotlib.axes.Axes, optional
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        Hatched where the complete model is unstable.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.bands import zone_map
-    >>> from magphonon.plotting import plot_isofrequency
-    >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> ax = plot_isofrequency(zone_map(cell, 12), zone_map(cell, 12, 'conventional'), 0)
-    """
-    from matplotlib.lines import Line2D
-    from matplotlib.ticker import MaxNLocator
-
-    _check_branch(complete, branch)
-    ax, zone = _zone_axes(ax, complete.cell)
-    special = _special_points(complete.cell)
-    taken = [_cartesian(complete.cell, q) for q in special.values()]
-    f = complete.frequencies_Hz[..., branch]
-    levels = MaxNLocator(8, steps=ROUND).tick_values(max(f.min(), 0), f.max())
-    handles = []
-    for name, zone_map, colour, style in (('complete', complete, COLOURS[0], 'solid'),
-                                          ('conventional', conventional, COLOURS[1], 'dashed')):
-        f = zone_map.frequencies_Hz[..., branch]
-        crossed = levels[(levels > max(f.min(), 0)) & (levels < f.max())]
-        look = {'linestyles': style, 'colors': colour, 'linewidths': 1.2}
-        if len(crossed):
-            _label_apart(ax, ax.contour(*_mesh(zone_map), f, levels=crossed, **look), zone, taken)
-        else:
-            span = dict.fromkeys(f'{x:.4g}' for x in (f.min(), f.max()))
-            name += f' ({" to ".join(span)} throughout)'  # too flat for a contour
-        handles.append(Line2D([], [], color=colour, linestyle=style, label=name))  # pyright: ignore[reportArgumentType]  a known word
-    _draw_velocity(ax, complete, branch, zone)
-    arrow = {'linestyle': '', 'marker': r'$\rightarrow$', 'markersize': 10}
-    handles.append(Line2D([], [], color='0.35', label='group velocity, complete', **arrow))  # pyright: ignore[reportArgumentType]
-    handles += _hatch_unstable(ax, complete, branch, zone)
-    _mark_points(ax, complete.cell, special)
-    legend_above(ax, handles=handles, ncols=2, title=f'frequency (Hz), {_branch_name(complete, branch)}')
     return ax
 
 
@@ -236,33 +177,6 @@ def _mark_points(ax, cell, points, turn=0.0):
         ax.plot(*k, 'o', color='black', markersize=4, zorder=6)
         ax.annotate(point_name(name), k, xytext=10 * away, textcoords='offset points', ha='center', va='center',
                     path_effects=halo(2.5), zorder=6)
-
-
-def _label_apart(ax, contours, zone, taken):
-    """Write the value of each contour once, upright, where it is inside the zone and farthest from the places taken."""
-    contours.set_clip_path(zone)
-    width = np.ptp(ax.get_xlim())
-    for level, path, colour in zip(contours.levels, contours.get_paths(), contours.get_edgecolors(), strict=True):
-        inside = path.vertices[zone.get_path().contains_points(path.vertices / WELL_INSIDE)]
-        if not len(inside):
-            continue
-        apart = np.linalg.norm(inside[:, None] - np.array(taken), axis=2).min(axis=1)
-        if apart.max() > APART * width:
-            place = inside[apart.argmax()]
-            ax.text(*place, f'{level:g}', color=colour, ha='center', va='center', path_effects=halo(2), zorder=4)
-            taken.append(place)
-
-
-def _draw_velocity(ax, zone_map, branch, zone):
-    """Arrows along the group velocity at some wavevectors inside the zone; none where it vanishes."""
-    n1, n2 = (size // 2 for size in zone_map.q.shape[:2])  # Gamma
-    stride = max(1, round(1 / (ARROWS * zone_map.q[n1 + 1, n2, 0])))
-    some = np.s_[n1 % stride :: stride, n2 % stride :: stride]
-    k, v = zone_map.wavevectors[some].reshape(-1, 2) * units.m, zone_map.velocity[some][:, :, branch].reshape(-1, 2)
-    speed = np.linalg.norm(v, axis=1)
-    moving = zone.get_path().contains_points(k) & (speed > ROUND_OFF * np.nanmax(speed, initial=0))
-    direction = v[moving] / speed[moving, None]
-    ax.quiver(*k[moving].T, *direction.T, color='0.35', pivot='mid', angles='xy', scale=24, width=0.005)
 
 
 def _hatch_unstable(ax, zone_map, branch, zone):

@@ -22,7 +22,6 @@ from .propagation import (
 from .spectral_density import (
     SpectralFunction as SpectralFunction,
     density_of_states as density_of_states,
-    local_density as local_density,
     spectral_function as spectral_function,
 )
 from .stepped import (

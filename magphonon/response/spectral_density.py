@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-    from .frf import Place
 
 ASTRAY = 0.3
 """Distance from the nearest lattice site, in shortest distances between sites, beyond which a particle belongs to no site."""
@@ -77,35 +76,6 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     density = spectrum.density(omega)
     error = density.std(axis=1, ddof=1) / np.sqrt(vectors)
     return DensityOfStates(omega, density.mean(axis=1), float(size), spectrum.width(omega), error)
-
-
-def local_density(atoms: Atoms | LinearSystem, place: Place, omega: ArrayLike | None = None,
-                  moments: int = 512) -> DensityOfStates:
-    """Local density of states of one particle along one direction: the share of its motion in the modes at each frequency.
-
-    It is `-(2 m omega/pi) Im u/F` of the undamped receptance there, and has no statistical error.
-
-    Parameters
-    ----------
-    atoms, omega, moments
-        As for `density_of_states`.
-    place : Place
-
-    Returns
-    -------
-    DensityOfStates
-        Its integral over the frequency is one.
-    """
-    system, count = LinearSystem.of(atoms).moving(), _even(moments)
-    given = place.force(len(system))[:, : system.dim].ravel()
-    s = system.free.T @ given
-    if np.linalg.norm(s) < (1 - 1e-9) * np.linalg.norm(place.direction):
-        raise ValueError(f'particle {place.particle} is held, wholly or partly, along {place.direction.tolist()}; choose another '
-                         'place or direction')
-    s = (s / np.linalg.norm(s))[:, None]
-    spectrum = spectrum_of(system.K, lambda: [s], count)
-    omega = spectrum.grid if omega is None else increasing(omega)
-    return DensityOfStates(omega, spectrum.density(omega)[:, 0], 1.0, spectrum.width(omega), np.zeros(len(omega)))
 
 
 @dataclass(frozen=True)

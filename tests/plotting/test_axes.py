@@ -15,7 +15,7 @@ from magphonon.plotting.bands import plot_bands
 from magphonon.plotting.fits import plot_fit
 from magphonon.plotting.modes import plot_mode
 from magphonon.plotting.response import plot_response, plot_response_ribbon
-from magphonon.plotting.zone import plot_isofrequency, plot_ratio, plot_zone
+from magphonon.plotting.zone import plot_ratio, plot_zone
 from magphonon.response.frf import FrequencyResponse
 
 
@@ -27,7 +27,7 @@ def test_pyplot_and_its_settings_are_left_alone():
     cell = prototype()
     bands = bands_of(cell, vectors=True)
     for ax in (plot_bands(bands, label='complete'), plot_zone(bands.path), plot_mode(cell, bands, 'M', 0),
-               plot_ratio(*maps_of(cell), 0), plot_isofrequency(*maps_of(cell), 0)):
+               plot_ratio(*maps_of(cell), 0)):
         drawn(ax)
     assert dict(mpl.rcParams) == before
     assert plt.get_fignums() == []
@@ -39,10 +39,10 @@ def test_given_axes_are_drawn_on():
     cell = prototype()
     bands = bands_of(cell, vectors=True)
     maps = maps_of(cell)
-    axes = Figure().subplots(5)
+    axes = Figure().subplots(4)
     for ax, plot in zip(axes, (lambda ax: plot_bands(bands, ax=ax), lambda ax: plot_zone(bands.path, ax=ax),
-                               lambda ax: plot_mode(cell, bands, 'M', 0, ax=ax), lambda ax: plot_ratio(*maps, 0, ax=ax),
-                               lambda ax: plot_isofrequency(*maps, 0, ax=ax)), strict=True):
+                               lambda ax: plot_mode(cell, bands, 'M', 0, ax=ax), lambda ax: plot_ratio(*maps, 0, ax=ax)),
+                        strict=True):
         assert plot(ax) is ax
         assert ax.has_data()
 
