@@ -73,6 +73,7 @@ from .stability import (
 from .stiffness import (
     AllNeighbours as AllNeighbours,
     MagneticRepulsion as MagneticRepulsion,
+    for_ase_tools as for_ase_tools,
     relaxed as relaxed,
     restored as restored,
 )

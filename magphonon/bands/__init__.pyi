@@ -36,7 +36,6 @@ from .gruneisen import (
     gruneisen_parameters as gruneisen_parameters,
 )
 from .phonopy_files import (
-    in_phonopy_units as in_phonopy_units,
     thermal_properties as thermal_properties,
     write_band_yaml as write_band_yaml,
     write_phonopy_params as write_phonopy_params,

@@ -66,8 +66,8 @@ def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, d
     still among them.  What the rows of the force constants sum up to is then the foundation with the springs to the held
     particles.
 
-    phonopy takes every frequency for THz where it multiplies by Planck's constant: take `thermal_properties`, and
-    `in_phonopy_units` for programs that know only Angstrom and eV.
+    phonopy takes every frequency for THz where it multiplies by Planck's constant: take `thermal_properties`.  Its own `save`
+    does not keep the unit of frequency: take `write_phonopy_params`.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def phonopy_bands(phonon: Phonopy, path: BandPath | str, vectors: bool = False) 
     n = len(phonon.unitcell)
     D = phonon.run_qpoints(path.kpts, with_dynamical_matrices=True).dynamical_matrices
     D = D.reshape(-1, n, 3, n, 3)[:, :, :dim, :, :dim].reshape(-1, n * dim, n * dim)
-    squares, columns = np.linalg.eigh(D)
+    squares, columns = np.linalg.eigh(D * (phonon.unit_conversion_factor / TO_HZ) ** 2)
     if not vectors:
         return Bands(path, signed_root(squares))
     # phonopy's phase is that of the particle, e^{2 pi i q.(shift + s)}, ours that of its cell, e^{2 pi i q.shift}

@@ -1,10 +1,9 @@
-"""What phonopy and related programs take: files of bands and force constants, and a phonon in their own units.
+"""What phonopy and related programs take: files of bands and force constants; and thermal properties.
 
-Frequencies of magnets in Hz are numbers like any others, and phonopy plots and tabulates them without harm; files hold mm, g, N
-and Hz, beside which phonopy and the viewers print what they are used to (Angstrom, THz, cm^-1).  Where phonopy multiplies a
-frequency by Planck's constant it takes it for THz: heat capacities, free energies and mean square displacements of a phonon in
-mm, g and N are then wrong by twelve powers of ten in the frequency, without a word.  For these the phonon is converted to
-Angstrom, atomic mass units and eV, and thus THz.
+Files hold mm, N and Hz, and masses such that phonopy, with the factor that it supposes, finds Hz where it prints THz: 1 g counts as
+`GRAM` of `stiffness.other_tools`.  Where phonopy multiplies a frequency by Planck's constant it takes it for THz: heat capacities,
+free energies and mean square displacements are then wrong by twelve powers of ten in the frequency, without a word.  For these
+the frequencies are converted.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from ase.dft.kpoints import parse_path_string
 
 from ..errors import Unstable, finite
 from ..files import refuse_overflow, whole_file
-from ..units import J, kg, m
+from ..stiffness.other_tools import GRAM
 from .force_constants import TO_HZ, force_constants_of, path_on
 
 if TYPE_CHECKING:
@@ -37,52 +36,6 @@ KEY = re.compile(r'[ -]*(\w+):')
 DECIMALS = re.compile(r'-?\d+\.\d{6,}')  # a number as phonopy writes it, with decimals enough for Angstrom, u and eV
 
 
-def in_phonopy_units(phonon: Phonopy) -> Phonopy:
-    """The same phonon in Angstrom, atomic mass units and eV/Angstrom^2, with frequencies in THz.
-
-    For whatever knows no other units, files for Euphonic and others::
-
-        in_phonopy_units(phonon).save('phonopy.yaml', settings={'force_constants': True})
-
-    Parameters
-    ----------
-    phonon : phonopy.Phonopy
-        From `finite_displacements`, in mm, g and N.
-
-    Returns
-    -------
-    phonopy.Phonopy
-        With force constants but without the forces they came from; never symmetrised, as the sum rule erases the foundation.
-
-    Examples
-    --------
-    >>> from magphonon import finite_displacements, read_scene, ready_scene
-    >>> from magphonon.bands import in_phonopy_units
-    >>> phonon = finite_displacements(read_scene(ready_scene('prototype')).atoms())
-    >>> crystal = in_phonopy_units(phonon)
-    >>> round(float(crystal.run_qpoints([[0.5, 0, 0]]).frequencies[0, 2] * 1e12), 3)  # THz to Hz
-    149.476
-    """
-    from phonopy import Phonopy
-    from phonopy.physical_units import get_physical_units
-    from phonopy.structure.atoms import PhonopyAtoms
-
-    force_constants_of(phonon)
-    if not abs(phonon.unit_conversion_factor / TO_HZ - 1) < 1e-6:  # the seven digits that a file keeps
-        raise ValueError(f'the phonon has the unit conversion factor {phonon.unit_conversion_factor:.6g}, not {TO_HZ:.6g}: it is '
-                         'not in mm, g and N with frequencies in Hz; convert one from finite_displacements')
-    unit = get_physical_units()
-    angstrom, amu, eV = unit.Angstrom * m, unit.AMU * kg, unit.EV * J
-    cell = phonon.unitcell
-    rescaled = PhonopyAtoms(symbols=cell.symbols, masses=cell.masses / amu, cell=cell.cell / angstrom,
-                            scaled_positions=cell.scaled_positions)
-    # phonopy compares positions to an absolute length, which grows with the numbers
-    crystal = Phonopy(rescaled, phonon.supercell_matrix, primitive_matrix='P', is_symmetry=False,
-                      symprec=phonon.symmetry.tolerance / angstrom)
-    crystal.force_constants = phonon.force_constants / (eV / angstrom**2)
-    return crystal
-
-
 def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[int]) -> Any:
     """Heat capacity, entropy and free energy of the lattice's harmonic modes, by phonopy.
 
@@ -92,7 +45,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     Parameters
     ----------
     phonon : phonopy.Phonopy
-        From `finite_displacements`.
+        From `finite_displacements`, or from `phonopy.load` of what `write_phonopy_params` wrote.
     temperatures : array_like
         In K.
     mesh : three ints
@@ -107,7 +60,7 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     Raises
     ------
     ValueError
-        As `in_phonopy_units`; also for a lattice with unstable modes, which has no equilibrium.
+        For a lattice with unstable modes, which has no equilibrium.
 
     Examples
     --------
@@ -118,7 +71,10 @@ def thermal_properties(phonon: Phonopy, temperatures: ArrayLike, mesh: Sequence[
     >>> round(float(warm.heat_capacity[0] / 8.314462618), 3)  # k for each of two modes
     2.0
     """
-    crystal = in_phonopy_units(phonon)
+    force_constants_of(phonon)  # says so if there are none
+    crystal = phonon.replicate()
+    crystal.force_constants = phonon.force_constants
+    crystal.unit_conversion_factor = 1e-12 * phonon.unit_conversion_factor  # Hz to THz
     frequencies = crystal.run_mesh(np.asarray(mesh), is_gamma_center=True).frequencies
     zero = ZERO_FRACTION * abs(frequencies).max()
     if frequencies.min() < -zero:
@@ -199,19 +155,16 @@ def _pieces(path):
 def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
     """Write cells, displacements, forces and force constants for `phonopy.load` and the `phonopy` command.
 
-    The file does not keep the unit of frequency, and phonopy's defaults would impose the acoustic sum rule, which
-    erases the foundation.  To get the same bands back::
+    Frequencies that phonopy, Euphonic and others find in it and call THz are Hz, lengths that they call Angstrom are mm: masses are
+    written in the unit that makes it so.  phonopy and Euphonic take the force constants as they are; the command would impose
+    the acoustic sum rule, which erases the foundation::
 
-        phonon = phonopy.load('phonopy_params.yaml', symmetrize_fc=False, is_symmetry=False, is_nac=False)
-        phonon.unit_conversion_factor = 1e3 / (2 * np.pi)            # to Hz
+        phonon = phonopy.load('phonopy_params.yaml')
 
-        phonopy --no-sym-fc --nosym --nonac --factor 159.15494309189535 --band "0 0 0  1/2 0 0" phonopy_params.yaml
+        phonopy --no-sym-fc --nosym --nonac --band "0 0 0  1/2 0 0" phonopy_params.yaml
 
     In lattices of less than 1e-4 mm particles are nearer than phonopy's tolerance of 1e-5: give `symprec=`, of the command
     `--tolerance`, the value `phonon.symmetry.tolerance`.
-
-    phonopy refuses a file that names units which it does not know, so that these cannot stand where a program would find
-    them: for thermal properties, Euphonic and others save `in_phonopy_units(phonon)` instead.
 
     Parameters
     ----------
@@ -233,15 +186,15 @@ def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
     """
     refuse_overflow(file, {'force constants': force_constants_of(phonon)})
     cells = phonon.primitive, phonon.unitcell, phonon.supercell
-    exact = {'mass': np.concatenate([cell.masses for cell in cells]), 'lattice': [cell.cell for cell in cells],
+    gram = GRAM * (phonon.unit_conversion_factor / TO_HZ) ** -2  # a phonon that was loaded has these masses already
+    exact = {'mass': gram * np.concatenate([cell.masses for cell in cells]), 'lattice': [cell.cell for cell in cells],
              'elements': phonon.force_constants}
     if displaced := (phonon.dataset or {}).get('first_atoms'):
         exact |= {key: [dict(one)[key] for one in displaced] for key in ('displacement', 'forces')}
     text = _with_all_digits(str(phonon.to_phonopy_yaml(settings={'force_constants': True})), exact)
     with whole_file(file) as out:
-        out.write('# lengths in mm, masses in g, forces in N, force constants in N/mm: frequencies in Hz need the factor\n'
-                  '# 159.15494309189535, and the foundation survives only without symmetrisation (phonopy --no-sym-fc);\n'
-                  '# for thermal properties and programs that expect Angstrom, AMU and eV see magphonon.bands.in_phonopy_units\n')
+        out.write('# lengths in mm, forces in N, force constants in N/mm, masses in 103.64 g: what is called THz is Hz;\n'
+                  '# the foundation survives only without symmetrisation (phonopy --no-sym-fc)\n')
         out.write(text)
 
 

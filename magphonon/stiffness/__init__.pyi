@@ -27,6 +27,9 @@ from .ewald import (
 from .matrices import (
     bloch_matrix as bloch_matrix,
 )
+from .other_tools import (
+    for_ase_tools as for_ase_tools,
+)
 from .relaxation import (
     Relaxation as Relaxation,
     relaxed as relaxed,

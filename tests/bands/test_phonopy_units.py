@@ -7,8 +7,8 @@ from oracles import LAWS, lattice
 from scipy.constants import N_A, e, h, k
 
 from magphonon import InversePower, MagneticRepulsion, finite_displacements, lattices
-from magphonon.bands import in_phonopy_units, thermal_properties
-from magphonon.bands.bloch import bloch_modes
+from magphonon.bands import bloch_modes, thermal_properties, write_phonopy_params
+from magphonon.stiffness.other_tools import GRAM
 
 MESH = (6, 6, 1)
 
@@ -62,53 +62,42 @@ def test_an_unstable_lattice_has_no_thermal_properties():
         thermal_properties(finite_displacements(cell), 300, MESH)
 
 
+Q = np.array([[0.0, 0, 0], [0.5, 0, 0], [2 / 3, 1 / 3, 0], [0.13, 0.31, 0]])
+
+
 def squares(phonon, q):
     """Squared frequencies, in which round-off is a share of the highest, and not its root."""
     f = phonon.run_qpoints(q).frequencies
     return f * abs(f)
 
 
-def test_frequencies_are_the_same_in_THz(phonon):
-    q = [[0.0, 0, 0], [0.5, 0, 0], [0.21, 0.37, 0]]
-    ours, theirs = (squares(p, q) for p in (phonon, in_phonopy_units(phonon)))
-    np.testing.assert_allclose(theirs * 1e24, ours, rtol=0, atol=1e-12 * ours.max())
-
-
-def test_files_of_it_are_read_as_they_are(phonon, tmp_path):
-    crystal = in_phonopy_units(phonon)
-    crystal.save(tmp_path / 'phonopy.yaml', settings={'force_constants': True})
-    text = (tmp_path / 'phonopy.yaml').read_text()
-    assert 'atomic_mass: "AMU"' in text
-    assert 'length: "angstrom"' in text
-    again = phonopy.load(tmp_path / 'phonopy.yaml', symmetrize_fc=False, is_symmetry=False, is_nac=False)
-    q = [[0.0, 0, 0], [0.21, 0.37, 0]]
-    ours, theirs = (squares(p, q) for p in (crystal, again))
-    np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-12 * ours.max())
-
-
-def test_a_phonon_in_other_units_is_refused(phonon):
-    with pytest.raises(ValueError, match='not in mm, g and N'):
-        in_phonopy_units(in_phonopy_units(phonon))
+def test_a_phonon_that_was_loaded_has_the_same_thermal_properties_and_is_written_again(phonon, tmp_path):
+    write_phonopy_params(phonon, tmp_path / 'first.yaml')
+    loaded = phonopy.load(tmp_path / 'first.yaml')
+    first, second = (thermal_properties(one, TEMPERATURES, MESH).heat_capacity for one in (phonon, loaded))
+    np.testing.assert_allclose(second, first, rtol=1e-9)
+    write_phonopy_params(loaded, tmp_path / 'second.yaml')
+    again = phonopy.load(tmp_path / 'second.yaml')
+    np.testing.assert_allclose(squares(again, Q), squares(phonon, Q), rtol=0, atol=1e-12 * squares(phonon, Q).max())
 
 
 @pytest.mark.peer
 @pytest.mark.filterwarnings('ignore:More than one OpenMP library')  # Euphonic then runs serially, which is all that is wanted
 def test_euphonic_reads_them_as_they_are(cell, phonon, tmp_path):
     euphonic = pytest.importorskip('euphonic')
-    in_phonopy_units(phonon).save(tmp_path / 'THz.yaml', settings={'force_constants': True})
-    phonon.save(tmp_path / 'Hz.yaml', settings={'force_constants': True})
-    q = np.array([[0.0, 0, 0], [0.5, 0, 0], [2 / 3, 1 / 3, 0], [0.13, 0.31, 0]])
+    write_phonopy_params(phonon, tmp_path / 'ours.yaml')
+    phonon.save(tmp_path / 'grams.yaml', settings={'force_constants': True})
 
-    def frequencies_Hz(file):
+    def frequencies_THz(file):
         """Of the motion in the plane, which lies above that along z, at zero."""
-        theirs = euphonic.ForceConstants.from_phonopy(path=tmp_path, summary_name=file).calculate_qpoint_phonon_modes(q)
-        return theirs.frequencies.to('meV').magnitude[:, len(cell):] * e / 1e3 / h
+        theirs = euphonic.ForceConstants.from_phonopy(path=tmp_path, summary_name=file).calculate_qpoint_phonon_modes(Q)
+        return theirs.frequencies.to('meV').magnitude[:, len(cell):] * e / 1e15 / h
 
-    expected = bloch_modes(cell, q)[0] * 1e3 / (2 * np.pi)
+    expected = bloch_modes(cell, Q)[0] * 1e3 / (2 * np.pi)  # Hz
     # phonopy's atomic mass and elementary charge are older than those of Euphonic by 1e-7
-    np.testing.assert_allclose(frequencies_Hz('THz.yaml'), expected, rtol=1e-6)
-    # control: the file in mm, g and N, taken for Angstrom, u and eV
-    assert np.all(frequencies_Hz('Hz.yaml') > 1e9 * expected)
+    np.testing.assert_allclose(frequencies_THz('ours.yaml'), expected, rtol=1e-6)
+    # control: the masses in g
+    np.testing.assert_allclose(frequencies_THz('grams.yaml'), expected * np.sqrt(GRAM), rtol=1e-6)
 
 
 def test_thermal_properties_of_atoms_on_a_foundation_are_silent():
@@ -116,9 +105,11 @@ def test_thermal_properties_of_atoms_on_a_foundation_are_silent():
     cell = lattices.triangular(3e-7, 1e-22)
     cell.calc = MagneticRepulsion(cell, InversePower(1e-9 * (3e-7) ** 4, 4.0), foundation=0.02)
     phonon = finite_displacements(cell)
-    crystal = in_phonopy_units(phonon)
+    crystal = phonon.replicate()
+    crystal.force_constants = phonon.force_constants
+    crystal.unit_conversion_factor = 1e-12 * phonon.unit_conversion_factor
     crystal.run_mesh([3, 3, 1], is_gamma_center=True)
     with pytest.warns(UserWarning, match='acoustic') as told:  # the control: of phonopy alone
-        crystal.run_thermal_properties(temperatures=[300.0])
+        crystal.run_thermal_properties(temperatures=[300.0], cutoff_frequency=1e-3)
     assert any('Symmetrize them' in str(one.message) for one in told)
     assert thermal_properties(phonon, [300.0], [3, 3, 1]).heat_capacity[0] > 0

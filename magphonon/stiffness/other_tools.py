@@ -1,0 +1,115 @@
+"""Atoms for tools that suppose electronvolt, Angstrom and atomic mass units: what they call Angstrom is mm, what they call THz is Hz.
+
+A frequency is the root of a stiffness by a mass, and a tool prints `TO_THZ sqrt(K/m)` for numbers K in eV/Angstrom^2 and m in amu,
+whatever they mean.  With K in N/mm the number is that of Hz if 1 g counts as `GRAM`; stiffness and mass may be multiplied by any
+one number besides.  It is chosen so that the masses are those of the chemical symbols, which some tools take from a table of
+their own.
+
+Hz and not kHz: thresholds of tools are absolute, and a mode is imaginary for them below -0.01 THz, a structure at rest below 0.01
+eV/Angstrom.  At 10 Hz and 1e4 N the one would pass lattices that buckle, the other any forces at all.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
+from ase.data import atomic_masses
+
+from .calculator import stress_per_volume
+from .repulsion import Repulsion, masses_of
+from .rest import freedom
+from .supercells import fitted
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+
+GRAM = 9.64853082147604e-3
+"""Mass of 1 g in a tool whose THz are Hz and whose eV are mJ: (2 pi 15.633302 / 1000)^2, with phonopy's constants, those of 1986.
+Those of ASE give 9.6485333e-3, and its frequencies are 1.3e-7 higher."""
+SAME_MASS = 1e-9  # relative spread of the ratio of masses to those of the symbols that is round-off
+
+
+class _Rescaled(Calculator):
+    """Energies and forces of a calculator times a number, and a stress."""
+
+    implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress']
+
+    def __init__(self, calc: Repulsion, scale: float) -> None:
+        super().__init__()
+        self.unscaled, self.scale = calc, scale
+
+    def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
+        super().calculate(atoms, properties, system_changes)
+        calc, here = fitted(self.unscaled, self.atoms)  # pyright: ignore[reportArgumentType]  which ASE has just set
+        found = calc.answers(here, ('energy', 'forces'))
+        if 'stress' in properties:
+            if not calc.pairwise:
+                raise PropertyNotImplementedError(f'{type(calc).__name__} has no stress; take a number of shells')
+            found['stress'] = stress_per_volume(calc, here)  # pyright: ignore[reportArgumentType]  what is pairwise has bonds
+        self.results = {name: self.scale * value for name, value in found.items()}
+
+
+def for_ase_tools(atoms: Atoms) -> Atoms:
+    """The same atoms for tools that suppose eV, Angstrom and amu: what they call Angstrom is mm, what they call THz is Hz.
+
+    For whatever takes ASE's atoms with a calculator and computes vibrations, bands or a relaxation from its forces: ASE itself,
+    janus-core, matcalc, phonopy and what is built on it.  Any supercell of a tool's own will do.
+
+    Times that a tool calls ps are s, speeds in Angstrom/ps are mm/s.  Masses are those of the chemical symbols, so that tools
+    which look masses up are right too, and energies are multiplied by a number to suit them.  Heat capacities and all else that
+    needs Planck's constant are wrong: `magphonon.bands.thermal_properties` has them.  The stress is that of the bonds alone.
+
+    Tools that impose the acoustic sum rule erase the foundation.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        With a MagneticRepulsion or AllNeighbours.
+
+    Returns
+    -------
+    ase.Atoms
+        A copy with a calculator of its own.
+
+    Raises
+    ------
+    ValueError
+        If particles are held: supercells that tools make do not keep constraints.
+
+    Warns
+    -----
+    UserWarning
+        If the masses are not in the ratio of those of the symbols: tools that look masses up need them set.
+
+    Examples
+    --------
+    >>> from magphonon import for_ase_tools, read_scene, ready_scene
+    >>> magnets = for_ase_tools(read_scene(ready_scene('prototype')).atoms())
+    >>> magnets.get_masses().round(3)  # of Nd
+    array([144.242])
+    >>> magnets.positions[0, 0] += 1e-4  # all magnets at once, against the pillars
+    >>> stiffness = -magnets.get_forces()[0, 0] / 1e-4
+    >>> round(float(15.633302 * (stiffness / 144.242) ** 0.5), 3)  # THz, by the factor of phonopy: the cut-off at 26.551 Hz
+    26.551
+    """
+    calc: Any = atoms.calc
+    if not isinstance(calc, Repulsion):
+        raise ValueError(f'the atoms carry {calc!r} as calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...) first')
+    mobile, guided, _ = freedom(atoms)
+    if len(guided) or not mobile.all():
+        raise ValueError(f'the atoms hold the constraint {atoms.constraints[0]}, which the supercells of other tools do not keep; '
+                         'take analytic_bands, finite_displacements or modes, or remove it with atoms.set_constraint()')
+    masses = GRAM * masses_of(atoms)
+    scales = atomic_masses[atoms.numbers] / masses
+    if np.ptp(scales) > SAME_MASS * scales[0]:
+        warnings.warn('the masses are not in the ratio of those of the symbols: tools that look masses up, such as matcalc, are '
+                      'wrong until their masses are set to atoms.get_masses(); others are right', UserWarning, stacklevel=2)
+    found = atoms.copy()
+    found.set_masses(scales[0] * masses)
+    found.calc = _Rescaled(calc, scales[0])
+    return found
