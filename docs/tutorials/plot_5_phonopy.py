@@ -69,18 +69,16 @@ omega, velocity = group_velocities(cell, q)
 print('magphonon', u.hertz(omega[0]).round(4), 'Hz,', np.linalg.norm(velocity[0], axis=1).round(4), 'm/s')
 
 # %%
-# Thermal properties are the exception: phonopy multiplies its frequencies by Planck's constant as if they were THz.  In its
-# own units the same crystal is right; at room temperature each of two modes has the heat capacity k.
+# Thermal properties are the exception: phonopy multiplies its frequencies by Planck's constant as if they were THz.  At room
+# temperature each of two modes has the heat capacity k.
 
-from magphonon.bands import in_phonopy_units, thermal_properties
+from magphonon.bands import thermal_properties
 
 warm = thermal_properties(phonon, [300.0], [8, 8, 1])
 print(f'heat capacity: {warm.heat_capacity[0]:.4f} J/K/mol; 2 R is {2 * 8.314462618:.4f}')
-print(f'in THz, Å and u: {in_phonopy_units(phonon).run_qpoints(q).frequencies[0]}')
 
 # %%
-# Files: ``magphonon bands`` writes them; the factor must be given again when they are loaded, and the force constants must
-# not be symmetrised, as the sum rule would erase the foundation.
+# Files: ``magphonon bands`` writes them.  What phonopy calls THz is Hz in them.
 
 import tempfile
 
@@ -90,8 +88,7 @@ from magphonon.bands import write_phonopy_params
 
 folder = tempfile.mkdtemp()
 write_phonopy_params(phonon, f'{folder}/phonopy_params.yaml')
-again = phonopy.load(f'{folder}/phonopy_params.yaml', symmetrize_fc=False, is_symmetry=False, is_nac=False, log_level=0)
-again.unit_conversion_factor = 1e3 / (2 * np.pi)  # Hz
+again = phonopy.load(f'{folder}/phonopy_params.yaml', log_level=0)
 print(again.run_qpoints([[0, 0, 0], [1 / 2, 0, 0], [2 / 3, 1 / 3, 0]]).frequencies.round(3))
 
 # %%

@@ -1,9 +1,9 @@
 """What phonopy and related programs take: files of bands and force constants; and thermal properties.
 
-Files hold mm, N and Hz, and masses such that phonopy, with the factor that it supposes, finds Hz where it prints THz: 1 g counts as
-`GRAM` of `stiffness.other_tools`.  Where phonopy multiplies a frequency by Planck's constant it takes it for THz: heat capacities,
-free energies and mean square displacements are then wrong by twelve powers of ten in the frequency, without a word.  For these
-the frequencies are converted.
+Files hold mm and N, and masses such that phonopy, with the factor that it supposes, finds Hz where it prints THz: 1 g counts
+as `GRAM` of `stiffness.other_tools`.  Where phonopy multiplies a frequency by Planck's constant it takes it for THz: heat
+capacities, free energies and mean square displacements are then wrong by twelve powers of ten in the frequency, without a word.
+For these the frequencies are converted.
 """
 
 from __future__ import annotations
@@ -155,9 +155,9 @@ def _pieces(path):
 def write_phonopy_params(phonon: Phonopy, file: str | PathLike[str]) -> None:
     """Write cells, displacements, forces and force constants for `phonopy.load` and the `phonopy` command.
 
-    Frequencies that phonopy, Euphonic and others find in it and call THz are Hz, lengths that they call Angstrom are mm: masses are
-    written in the unit that makes it so.  phonopy and Euphonic take the force constants as they are; the command would impose
-    the acoustic sum rule, which erases the foundation::
+    Frequencies that phonopy, Euphonic and others find in it and call THz are Hz, lengths that they call Angstrom are mm: masses
+    are written in the unit that makes it so.  phonopy and Euphonic take the force constants as they are; the command would
+    impose the acoustic sum rule, which erases the foundation::
 
         phonon = phonopy.load('phonopy_params.yaml')
 

@@ -1,7 +1,7 @@
-"""Atoms for tools that suppose electronvolt, Angstrom and atomic mass units: what they call Angstrom is mm, what they call THz is Hz.
+"""Atoms for tools that suppose eV, Angstrom and atomic mass units: what they call Angstrom is mm, what they call THz is Hz.
 
-A frequency is the root of a stiffness by a mass, and a tool prints `TO_THZ sqrt(K/m)` for numbers K in eV/Angstrom^2 and m in amu,
-whatever they mean.  With K in N/mm the number is that of Hz if 1 g counts as `GRAM`; stiffness and mass may be multiplied by any
+A frequency is the root of a stiffness by a mass, and a tool prints `15.633 sqrt(K/m)` for numbers K in eV/Angstrom^2 and m in
+amu, whatever they mean.  With K in N/mm it is that of Hz if 1 g counts as `GRAM`; stiffness and mass may be multiplied by any
 one number besides.  It is chosen so that the masses are those of the chemical symbols, which some tools take from a table of
 their own.
 
@@ -102,8 +102,8 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
         raise ValueError(f'the atoms carry {calc!r} as calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...) first')
     mobile, guided, _ = freedom(atoms)
     if len(guided) or not mobile.all():
-        raise ValueError(f'the atoms hold the constraint {atoms.constraints[0]}, which the supercells of other tools do not keep; '
-                         'take analytic_bands, finite_displacements or modes, or remove it with atoms.set_constraint()')
+        raise ValueError(f'the atoms hold the constraint {atoms.constraints[0]}, which the supercells of other tools do not '
+                         'keep; take analytic_bands, finite_displacements or modes, or remove it with atoms.set_constraint()')
     masses = GRAM * masses_of(atoms)
     scales = atomic_masses[atoms.numbers] / masses
     if np.ptp(scales) > SAME_MASS * scales[0]:

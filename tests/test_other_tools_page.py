@@ -1,0 +1,27 @@
+"""The blocks of the page "With other tools" run in their order, as they stand there."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PAGE = Path(__file__).parents[1] / 'docs/reference/other_tools.md'
+BLOCKS = re.findall(r'```python\n(.*?)```', PAGE.read_text(encoding='utf-8'), re.S)
+OTHERS = 'janus_core', 'matcalc', 'pymatgen', 'euphonic'  # not on every machine
+
+
+@pytest.mark.filterwarnings('ignore')  # of the other programs
+@pytest.mark.parametrize('other', [None, *(pytest.param(name, marks=pytest.mark.peer) for name in OTHERS)])
+def test_the_blocks_run(other, tmp_path, monkeypatch):
+    """Those without other programs, or with one of them."""
+    monkeypatch.chdir(tmp_path)
+    if other:
+        pytest.importorskip(other)
+    names = {}
+    for block in BLOCKS:
+        if not any(name in block for name in OTHERS if name != other):
+            exec(compile(block, str(PAGE), 'exec'), names)
+            if other and other in block and 'phonon' in names:
+                found = names['phonon'].run_qpoints([[0, 0, 0], [0.5, 0, 0]]).frequencies
+                np.testing.assert_allclose(found[:, -2:], [[26.5507, 26.5507], [58.2327, 149.4763]], rtol=2e-6)
