@@ -35,6 +35,12 @@ from .gruneisen import (
     Gruneisen as Gruneisen,
     gruneisen_parameters as gruneisen_parameters,
 )
+from .neighbours import (
+    Enough as Enough,
+    NeighbourShifts as NeighbourShifts,
+    enough_shells as enough_shells,
+    neighbour_shifts as neighbour_shifts,
+)
 from .phonopy_files import (
     thermal_properties as thermal_properties,
     write_band_yaml as write_band_yaml,

@@ -58,9 +58,6 @@ def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[st
         return None, scene.patch_atoms(), []
     if scene.patch is None:
         return scene.perfect_cell(), None, []
-    if scene.law.shells != 1:
-        why = 'the patch is left out: the forces on its rim balance between nearest neighbours only'
-        return scene.perfect_cell(), None, [why]
     return scene.perfect_cell(), scene.patch_atoms(), []
 
 

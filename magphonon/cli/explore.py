@@ -36,7 +36,7 @@ def run(options: Namespace) -> None:
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
     _refuse_foreign(file)
-    scene = read_scene(options.scene)
+    scene = read_scene(options.scene).counted()
     _refuse_unknown(scene)
     atoms = scene.perfect_cell()
     points = scene.bands.path if scene.bands is not None else None
@@ -74,16 +74,11 @@ def _refuse_foreign(file):
 
 def _refuse_unknown(scene: Scene) -> None:
     """Refuse scenes that the page cannot compute: only planar lattices with a few shells of neighbours are possible."""
-    from ..scenes.lattices import ALL
-
     if scene.single:
         raise ValueError('the oscillator is one particle without bands; "magphonon frf" is for it')
     if scene.lattice.kind == 'file':
         raise ValueError('lattice.kind = "file": the positions of a file need not stay in balance when spacing or exponent '
                          'change; the explorer needs a lattice given by its name, such as kind = "triangular"')
-    if scene.law.shells == ALL:
-        raise ValueError(f'law.shells = "{ALL}": the explorer can use a number of shells of neighbours, but not the sums over '
-                         'all of them; write shells = 3, or use "magphonon bands"')
     if scene.foundation is not None and scene.foundation.out_of_plane is not None:
         raise ValueError('[foundation.out_of_plane]: the explorer shows motion in the plane; leave this table out, or use '
                          '"magphonon bands"')

@@ -236,6 +236,8 @@ def _undetermined(found):
 
 def _entries(found):
     """Correlations of the parameters of the complete model, and its entries for a scene file, if all of them are determined."""
+    import json
+
     import numpy as np
 
     from .. import units as u
@@ -250,7 +252,7 @@ def _entries(found):
     law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
     springs = ['[foundation]', f'stiffness_N_per_m = {scene.foundation.stiffness / (u.N / u.m):.8g}'] if scene.foundation else []
     return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
-            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {scene.law.shells}', *springs]
+            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}', *springs]
 
 
 def _biased(found):

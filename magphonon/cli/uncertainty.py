@@ -37,7 +37,7 @@ def run(options: Namespace) -> None:
     from .costs import refuse_costly
     from .results import results
 
-    scene = read_scene(options.scene)
+    scene = read_scene(options.scene).counted()
     refuse_costly(scene, 'uncertainty')
     tolerances = scene.wanted('uncertainty').tolerances(scene)
     if scene.bands is None and scene.frf is None:

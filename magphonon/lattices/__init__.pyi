@@ -25,4 +25,5 @@ from .patches import (
     parallelogram as parallelogram,
     rectangle as rectangle,
     ribbon as ribbon,
+    surrounded as surrounded,
 )

@@ -258,6 +258,10 @@ class Bonds:
         pair, own = np.unique(self.i * self.particles + self.j, return_inverse=True)
         return *divmod(pair, self.particles), own
 
+    def among(self, which: NDArray[Any]) -> Bonds:
+        """Some of the bonds, by an index or a mask."""
+        return Bonds(self.i[which], self.j[which], self.shift[which], self.vectors[which], self.particles, self.cutoff)
+
     def at(self, atoms: Atoms) -> Bonds:
         """The same pairs of particles with the vectors that they have in `atoms`; the particles may be in any periodic image."""
         vectors = atoms.positions[self.j] + self.shift @ atoms.cell.array - atoms.positions[self.i]

@@ -13,6 +13,8 @@ from .bonds import find_bonds, pairs_within
 if TYPE_CHECKING:
     from ase import Atoms
 
+    from .bonds import Bonds
+
 RIM = 1
 """Tag of the particles on the rim of a patch; those inside have the tag 0."""
 
@@ -133,6 +135,45 @@ def _patch(cell, n1, n2, beyond):
     patch.set_array('site', inside)
     patch.pbc, patch.cell = False, None
     return _with_rim(patch, shell, patch.arrays['site'] % len(cell))
+
+
+def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
+    """The patch with the particles of the lattice around it, held, that the bonds of its cell join to its free particles.
+
+    Its own rim is as thick as nearest neighbours ask.  With these particles each free one has all of its neighbours, and is in
+    equilibrium, for bonds of any length.  They follow those of the patch and carry the tag `RIM`.
+
+    Examples
+    --------
+    >>> from magphonon import find_bonds, lattices
+    >>> from magphonon.lattices import surrounded
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> patch = lattices.hexagon(cell, side=3.0)
+    >>> len(patch), len(surrounded(patch, cell, find_bonds(cell))), len(surrounded(patch, cell, find_bonds(cell, shells=3)))
+    (37, 37, 61)
+    """
+    free = np.flatnonzero(patch.get_tags() != RIM)
+    image = patch.arrays['site'] % len(cell)
+    ends, kinds = [patch.positions], [image]
+    for here, there, sign in ((bonds.i, bonds.j, 1), (bonds.j, bonds.i, -1)):
+        for k, other, vector in zip(here, there, sign * bonds.vectors, strict=True):
+            own = free[image[free] == k]
+            ends.append(patch.positions[own] + vector)
+            kinds.append(np.full(len(own), other))
+    places, kind = np.concatenate(ends), np.concatenate(kinds)
+    origins = (places - cell.positions[kind])[:, :2]  # of the cells
+    cells = (origins - origins[0]) @ np.linalg.inv(cell.cell.array[:2, :2])
+    _, first = np.unique(np.column_stack([kind, np.rint(cells).astype(int)]), axis=0, return_index=True)
+    beyond = np.sort(first[first >= len(patch)])
+    more = cell[kind[beyond]]
+    more.positions = places[beyond]
+    more.set_tags(RIM)
+    more.pbc, more.cell = False, None
+    rim = np.append(patch.get_tags() == RIM, np.ones(len(more), bool))
+    whole = patch + more
+    del whole.arrays['site']
+    whole.set_constraint(FixAtoms(mask=rim))
+    return whole
 
 
 def _planar(cell):

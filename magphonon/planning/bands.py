@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..bands.neighbours import is_known, neighbour_shells
 from ..interactions.pair_laws import GaussianMixture
-from ..lattices.bonds import SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
+from ..lattices.bonds import SHELL_WIDTH, clear_shells, distances_within
 from ..stiffness.bond import bond_stiffness
 from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
@@ -123,7 +124,7 @@ def plan_bands(atoms: Atoms, path: BandPath, tolerance: float, edge: Edge | None
 
 def _buckles(atoms, q):
     """Whether nearest neighbours alone let the lattice buckle."""
-    calc, (nearest, *_) = atoms.calc, neighbour_shells(atoms, REACHES[0])
+    calc, (nearest, *_) = atoms.calc, neighbour_shells(atoms, 1.5)
     D0, Dstar = bond_stiffness(nearest.vectors[:, : calc.dim], calc.law)
     D = bloch_matrix(nearest, D0 + Dstar, q)
     squares = np.linalg.eigvalsh(mass_weighted(D + calc.foundation * np.eye(D.shape[-1]), atoms.get_masses()))
@@ -134,7 +135,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     """Plan with the neighbours within `reach` spacings, compared at `q`; `spent` is the cost of earlier estimates."""
     calc: Any = LinearSystem.of(atoms).unheld('plans for bands are those').atoms.calc
     size = len(atoms) * calc.dim
-    shells = neighbour_shells(atoms, reach)
+    shells = neighbour_shells(atoms, reach if atoms.pbc.sum() > 1 else CHAIN_FACTOR * reach)
     counts = np.unique(np.floor(SHELL_RATIO ** np.arange(1 + np.floor(np.log(len(shells)) / np.log(SHELL_RATIO)))).astype(int))
     around = distances_within(atoms, 1.1 * shells[-1].lengths.max() + atoms.cell.lengths()[atoms.pbc].max())
     counts = np.array(clear_shells(atoms, around, counts))
@@ -162,7 +163,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     farthest = shells[-1].lengths.mean() / shells[0].lengths.mean()
     compared = (f'compared {f"at {len(q)} wavevectors" if len(q) > 1 else "there"} with neighbours to {farthest:.3g} '
                 f'spacing{"s" if farthest > 1 + SHELL_WIDTH else ""}' + (' and a continuum beyond' if continuum.any() else ''))
-    evidence = (compared, *([] if _known(calc.law, [reach * shells[0].lengths.mean()]) else [TABLE_ENDS]))
+    evidence = (compared, *([] if is_known(calc.laws, reach * shells[0].lengths.mean()) else [TABLE_ENDS]))
     what = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
     cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(errors) * len(q) * EIGENSOLVE * size**3
     return Plan(*what, tolerance, tuple(methods), evidence, spent + cost)
@@ -206,36 +207,6 @@ def _looked_at(path):
     stops = np.unique(stops)
     wanted = np.append((stops[:-1, None] + np.diff(stops)[:, None] * FRACTIONS).ravel(), stops[-1])
     return path.kpts[np.unique(abs(x - wanted[:, None]).argmin(axis=1))]
-
-
-def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
-    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.planning.bands import neighbour_shells
-    >>> [len(shell) for shell in neighbour_shells(read_scene(ready_scene('prototype')).atoms(), reach=2.1)]
-    [3, 3, 3]
-    """
-    calc: Any = LinearSystem.of(atoms).unheld('plans for bands are those').atoms.calc
-    spacing = calc.bonds.lengths.min()
-    every = bonds_within(atoms, (reach if atoms.pbc.sum() > 1 else CHAIN_FACTOR * reach) * spacing)
-    order = np.argsort(every.lengths, kind='stable')
-    lengths = every.lengths[order]
-    ends = np.flatnonzero(np.diff(lengths) > SHELL_WIDTH * lengths[1:]) + 1
-    shells = [Bonds(every.i[s], every.j[s], every.shift[s], every.vectors[s], every.particles) for s in np.split(order, ends)]
-    return shells[: _known(calc.law, [shell.lengths.mean() for shell in shells])]
-
-
-def _known(potential, distances):
-    """Number of `distances` within the range of the law; a measured table has a last distance."""
-    for k, r in enumerate(distances):
-        try:
-            potential.dphi(r)
-        except ValueError:
-            return k
-    return len(distances)
 
 
 def _continuum(atoms, R, q):

@@ -13,7 +13,6 @@ from ..design.sensitivities import Change, LawChange, exponent_change, force_cha
 from ..errors import one_of
 from ..interactions.pair_laws import repulsion
 from ..stiffness.calculator import MagneticRepulsion
-from .lattices import ALL
 from .structures import FileLattice
 from .tolerances import PLACES, varied
 
@@ -102,8 +101,6 @@ UNITS = {'force': 'N', 'a': '', 'screening_length': 'm', 'foundation': 'N/m', 'b
 def parameters_of(scene: Scene) -> tuple[str, ...]:
     """The parameters of a scene that bands depend on and a fit may vary; mass and spacing are known."""
     one_of('law.kind', scene.law.kind, tuple(STRENGTHS))
-    if scene.law.shells == ALL:
-        raise ValueError(f"law.shells = '{ALL}': a fit takes a number of shells; take shells = 3 or more")
     if isinstance(scene.lattice, FileLattice) or scene.single:
         raise ValueError(f'lattice.kind = {scene.lattice.kind!r}: a fit takes a lattice that the scene describes by kind '
                          'and spacing')
@@ -146,7 +143,7 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> B
     >>> round(fits.values()['a'][0], 4), fits.evidence > 10
     (4.5824, True)
     """
-    have = parameters_of(scene)
+    scene, have = scene.counted(), parameters_of(scene)
     for name in fixed:
         one_of('the fixed parameter', name, have)
     names = tuple(name for name in have if name not in fixed)

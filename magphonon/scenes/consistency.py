@@ -180,8 +180,6 @@ def _imperfect(scene: Scene) -> None:
     if scene.single or (scene.patch is None and not scene.finite):
         raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
                          'cells_1 and cells_2')
-    if scene.law.shells == ALL:
-        raise ValueError(f"{name} and law.shells = '{ALL}': structures relax with a number of shells only; take one of them out")
     if scene.uncertainty is not None:
         raise ValueError(f'{name} and uncertainty: tolerances are those of the perfect lattice; take one of the tables out')
 

@@ -15,7 +15,7 @@ from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
 from ..interactions.pair_laws import Hertz, InversePower, Tabulated, Yukawa
 from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
-from .lattices import Shells
+from .lattices import AUTO, Neighbours, Shells
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -115,7 +115,7 @@ class Datasheet(Table):
         return magnet_law(self.magnet())
 
 
-class ClosedForm(Table):
+class ClosedForm(Neighbours):
     """A law given by a few numbers."""
 
     def potential(self) -> PairLaw:
@@ -144,7 +144,7 @@ class InversePowerLaw(ClosedForm):
     force_N: Force | None = Field(None, description='the force in N between nearest neighbours, from which b follows, in place '
                                   'of b_N_m_a', examples=[0.2369])
     a: Positive = Field(description='the exponent a of the force b r^-a')
-    shells: Shells
+    shells: Shells = AUTO
 
     _spacing_m: float = PrivateAttr(1.0)  # where the force is force_N: that of the lattice, once the scene knows it
 
@@ -177,7 +177,7 @@ class DipoleLaw(ClosedForm):
 
     kind: Literal['dipoles']
     moment_A_m2: Positive = Field(description='the magnetic moment of a particle in A m^2', examples=[0.01])
-    shells: Shells
+    shells: Shells = AUTO
 
     def potential(self) -> PairLaw:
         return InversePower.dipoles(self.moment_A_m2 * u.A * u.m**2)
@@ -188,7 +188,7 @@ class CoulombLaw(ClosedForm):
 
     kind: Literal['coulomb']
     charge_C: Positive = Field(description='the charge of a particle in C')
-    shells: Shells
+    shells: Shells = AUTO
 
     def potential(self) -> PairLaw:
         return InversePower.coulomb(self.charge_C * u.A * u.s)
@@ -200,7 +200,7 @@ class YukawaLaw(ClosedForm):
     kind: Literal['yukawa']
     strength_J_m: Positive = Field(description='the strength c of the energy c/r exp(-r/l) in J m')
     screening_length_m: Length = Field(description='the screening length l of the energy c/r exp(-r/l) in m')
-    shells: Shells
+    shells: Shells = AUTO
 
     def potential(self) -> PairLaw:
         return Yukawa(self.strength_J_m * u.J * u.m, 1 / (self.screening_length_m * u.m))
@@ -221,13 +221,13 @@ class HertzLaw(ClosedForm):
     youngs_modulus_Pa: Pressure = Field(description="Young's modulus of the spheres in Pa")
     poisson_ratio: Annotated[float, BeforeValidator(_poisson_ratio), Allowed('above 0, up to 0.5')] = Field(
         description="Poisson's ratio of the spheres")
-    shells: Shells
+    shells: Shells = AUTO
 
     def potential(self) -> PairLaw:
         return Hertz.spheres(self.diameter_m * u.m, self.youngs_modulus_Pa * u.Pa, self.poisson_ratio)
 
 
-class TableLaw(Table):
+class TableLaw(Neighbours):
     """Measured forces, in the scene or in a `file` beside it."""
 
     kind: Literal['table']
@@ -239,7 +239,7 @@ class TableLaw(Table):
     file: Text | None = Field(
         None, description='a table of forces beside the scene with the columns r_m,f_N, in place of distances_m and forces_N',
         examples=['law.csv'])
-    shells: Shells
+    shells: Shells = AUTO
 
     @model_validator(mode='before')
     @classmethod
@@ -264,11 +264,11 @@ class TableLaw(Table):
         return Tabulated(np.array(self.distances_m) * u.m, np.array(self.forces_N) * u.N)
 
 
-class MagnetsLaw(Datasheet):
+class MagnetsLaw(Datasheet, Neighbours):
     """Uniform magnets, magnetised normal to the plane, by shape and remanence."""
 
     kind: Literal['magnets']
-    shells: Shells
+    shells: Shells = AUTO
 
 
 def _read_columns(file):

@@ -4,6 +4,7 @@ wanted frequencies, with the tables of a lattice that has them.
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -37,7 +38,6 @@ from .fields import (
     listed,
     within,
 )
-from .lattices import ALL
 from .laws import InversePowerLaw
 from .tolerances import varied
 
@@ -263,9 +263,8 @@ class DesignPlan(Table):
 
     def check(self, scene: Scene) -> None:
         """Raise ValueError for a point or a branch that the scene's lattice does not have."""
-        if scene.single or scene.law.shells == ALL:
-            what = 'the oscillator' if scene.single else f"law.shells = '{ALL}'"
-            raise ValueError(f'design is for lattices with a number of shells, not for {what}; take [design] out')
+        if scene.single:
+            raise ValueError('design is for lattices, not for the oscillator; take [design] out')
         if self.cut_off_Hz is not None and np.ptp(scene.lattice.cell().get_masses()):
             raise ValueError('design.cut_off_Hz is the frequency of uniform motion, which particles of different masses do not '
                              'have; take it out, and give the foundation')
@@ -278,7 +277,8 @@ class DesignPlan(Table):
         return atoms.calc.foundation if self.cut_off_Hz is None else foundation_for(atoms, self.cut_off_Hz * HERTZ)
 
     def solve(self, scene: Scene) -> tuple[float, list[Design]]:
-        """The foundation in N/mm and every `Design` that meets the table."""
+        """The foundation in N/mm and every `Design` that meets the table, with a number of shells (`Scene.counted`)."""
+        scene = scene.counted()
         k, present = self.foundation(scene), scene.lattice.spacing_m * u.m
 
         def build(spacing):
@@ -328,7 +328,8 @@ def tables(scene: Scene, design: Design, k: float) -> str:
         lines.append(f'relative_masses = {list(masses)}')
     if isinstance(law := scene.law, InversePowerLaw) and law.force_N is not None:
         # the force is that at the spacing from which the design started: b stays
-        lines += ['', '[law]', 'kind = "inverse_power"', f'b_N_m_a = {law.b:.12g}', f'a = {law.a:.12g}', f'shells = {law.shells}']
+        lines += ['', '[law]', 'kind = "inverse_power"', f'b_N_m_a = {law.b:.12g}', f'a = {law.a:.12g}',
+                  f'shells = {json.dumps(law.asked)}']
     pillar = scene.foundation.pillar if scene.foundation else None
     stiffness = k / (u.N / u.m)
     if pillar is not None:

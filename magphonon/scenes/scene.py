@@ -21,15 +21,19 @@ import ase.io
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from ..bands.neighbours import asked_points, enough_shells, whole_reach
 from ..errors import PhysicsError
 from ..files import whole_file
+from ..lattices.bonds import bonds_within
+from ..lattices.patches import surrounded
 from ..response.frf import Place
-from ..stiffness.all_neighbours import AllNeighbours
+from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.relaxation import Relaxation, relaxed
+from ..stiffness.rest import freedom
 from .consistency import check
 from .fields import Table, Text, listed, reason
-from .lattices import ALL, AnyLattice, Foundation, Oscillator, Patch, Supercell
+from .lattices import ALL, AUTO, TOLERANCE, AnyLattice, Foundation, Oscillator, Patch, Supercell
 from .laws import HertzLaw, InversePowerLaw, Law, LawOfKinds, SavedLaw, laws_of_kinds
 from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, VibrometerPlan
 from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
@@ -42,6 +46,15 @@ if TYPE_CHECKING:
     from ase import Atoms
     from ase.dft.kpoints import BandPath
     from numpy.typing import NDArray
+
+    from ..bands.neighbours import Enough
+
+PAIRS = 1e-4
+"""Largest relative change of a frequency by the neighbours that are left out where shells = 'all' has to be a number."""
+LONG_RANGE = 0.01
+"""Largest relative error of a frequency by neighbours left out where a number of shells is wanted of a law of long range."""
+MOST_IN_A_CELL = 30
+"""Largest number of particles in the cell of a file whose bands tell how many neighbours it needs."""
 
 
 @contextmanager
@@ -92,8 +105,71 @@ class Scene(Table):
                     table.__dict__['law'] = table.law.placed(self.lattice.spacing_m)  # it is read-only for everybody else
                 except ValueError as error:
                     raise ValueError(f'law{error}') from None
+        self.__dict__.update(self._chosen())
         check(self)
         return self
+
+    def _chosen(self) -> dict[str, Any]:
+        """The laws with a number of shells, where the scene leaves their choice to us: that which the perfect lattice needs."""
+        law, lattice, others = self.law, self.lattice, self.laws_of_kinds
+        if isinstance(law, SavedLaw):
+            return {}
+        shells = law.shells
+        if self.single and shells == AUTO:
+            shells = 1
+        elif isinstance(lattice, FileLattice) and shells in (AUTO, ALL) and (lattice.finite or shells == AUTO):
+            shells = self._choose_cutoff()
+        elif shells == AUTO:
+            enough = self.enough_shells(TOLERANCE)
+            shells = ALL if enough.error > TOLERANCE and not others and self._sums() else enough.shells
+        kinds = tuple(other.model_copy(update={'law': other.law.with_shells(shells)}) if other.law.shells == AUTO else other
+                      for other in others if not isinstance(other.law, SavedLaw))
+        return {'law': law.with_shells(shells), 'laws_of_kinds': kinds if len(kinds) == len(others) else others}
+
+    def _choose_cutoff(self) -> int:
+        """Give the structure of a file the cutoff that it needs, unless it has one; the number of shells then does not matter."""
+        lattice, cell = self.lattice, self.cell()
+        if lattice.cutoff is None:
+            if not lattice.finite and len(cell) <= MOST_IN_A_CELL:
+                enough = self.enough_shells(TOLERANCE)
+                reach = enough.cutoff
+            else:
+                reach = whole_reach(cell, self._law(cell))
+            lattice._cutoff = reach  # pyright: ignore[reportAttributeAccessIssue]  one from a file
+        return 1
+
+    def _sums(self) -> bool:
+        """Whether the sum over all neighbours is known."""
+        try:
+            AllNeighbours(self.cell(), self._law(self.cell()))
+        except ValueError:
+            return False
+        return True
+
+    def enough_shells(self, tolerance: float) -> Enough:
+        """How many shells the frequencies of the perfect lattice need at its special points and between them, as
+        `magphonon.bands.enough_shells`.
+        """
+        atoms = self.cell()
+        with _units_told_by_keys():
+            nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
+            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), bonds=nearest, **self._sites(atoms))
+        return enough_shells(atoms, asked_points(self.lattice.path(None, npoints=0)), tolerance)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+
+    def counted(self) -> Scene:
+        """The same scene with a number of shells, for what asks for the stiffness of each bond.
+
+        Of shells = 'all' they are so many that the others change each frequency at the special points by less than `PAIRS`, or as
+        many as can be counted; `magphonon.bands.neighbour_shifts` tells the rest.
+        """
+        if self.law.shells != ALL:
+            return self
+        enough = self.enough_shells(PAIRS)
+        if enough.error > LONG_RANGE:
+            raise ValueError(f"law.shells = '{self.law.asked}': the force has so long a range that even {enough.shells} shells "
+                             f'of neighbours leave frequencies {enough.error:.1%} off, and here each bond must be known; '
+                             '"magphonon bands" takes the sum over all')
+        return self.model_copy(update={'law': self.law.with_shells(enough.shells)})
 
     @property
     def single(self) -> bool:
@@ -213,15 +289,19 @@ class Scene(Table):
             patch = table.cut(self.cell())
         except ValueError as error:
             raise ValueError(f'{table.sizes}, {self.lattice.spacing_given}: {error}') from None
-        calc: Any = self.perfect_cell().calc
+        whole = self.counted().perfect_cell()
+        calc: Any = whole.calc
         if isinstance(table, Supercell):
             patch.calc = calc.on(patch)
             patch.calc.set(model=model)
             return patch
-        if self.law.shells != 1:
-            raise ValueError(f'law.shells = {self.law.shells!r}: the held rim of a patch is one row of particles and balances '
-                             'forces between nearest neighbours only; take shells = 1, or in Python magphonon.relaxed(patch)')
-        patch.calc = MagneticRepulsion(patch, calc.laws, model=model, **self._sites(patch))
+        if self.law.shells == 1 and self.lattice.cutoff is None:
+            patch.calc = MagneticRepulsion(patch, calc.laws, model=model, **self._sites(patch))
+            return patch
+        patch = surrounded(patch, whole, calc.bonds)
+        free, bonds = freedom(patch)[0], bonds_within(patch, calc.bonds.cutoff or 1.000001 * calc.bonds.lengths.max())
+        patch.calc = MagneticRepulsion(patch, calc.laws, model=model, bonds=bonds.among(free[bonds.i] | free[bonds.j]),
+                                       **self._sites(patch))
         return patch
 
     def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:

@@ -120,6 +120,7 @@ class FileLattice(Table):
                           'positions = "anchors"', examples=[True])
 
     _atoms: Any = PrivateAttr(None)
+    _cutoff: float | None = PrivateAttr(None)  # in mm, chosen where neither cutoff_m nor the law says it
 
     @model_validator(mode='after')
     def _read(self, info: ValidationInfo):
@@ -251,8 +252,8 @@ class FileLattice(Table):
 
     @property
     def cutoff(self) -> float | None:
-        """Distance in mm within which particles repel, if it is given."""
-        return None if self.cutoff_m is None else self.cutoff_m * u.m
+        """Distance in mm within which particles repel, if it is given or was chosen."""
+        return self._cutoff if self.cutoff_m is None else self.cutoff_m * u.m
 
     @property
     def spacing_given(self) -> str:

@@ -13,7 +13,6 @@ from ..design.scatter import SITES, SiteScatter
 from ..design.sensitivities import Change, LawChange, exponent_change, force_change, screening_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
-from .lattices import ALL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -75,9 +74,6 @@ class _Uncertainty(Table):
         None, description='the correlation of forces and exponent, as "magphonon fit" prints it')
 
     def tolerances(self, scene: Scene) -> Tolerances:
-        if scene.law.shells == ALL:
-            raise ValueError(f"uncertainty is propagated for a number of shells, not for law.shells = '{ALL}'; "
-                             'take shells = 3 or more')
         changes = _changes(scene)
         sigma = self._sigma(scene, changes)
         scatter = self._scatter(scene)

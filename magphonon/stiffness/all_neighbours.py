@@ -1,6 +1,9 @@
 """ASE calculator of an infinite lattice in which every particle repels every other one; and how far other laws must be summed.
 
-Laws without an exact infinite sum are summed up to a cutoff, with a bound on the rest.  A term that falls with the distance is
+A law that is no mixture of Gaussians, such as that of discs, is one beyond `TAIL` spacings, where the inverse power with its
+force and slope takes its place: the power is summed over all particles, what the law has more than it over the nearer ones.
+
+Other laws are summed up to a cutoff, with a bound on the rest.  A term that falls with the distance is
 smaller than its mean over the cell next to it on the inner side, so the sum over all particles beyond R is less than an integral
 that begins one cell diameter D closer,
 
@@ -11,6 +14,7 @@ with n particles per mm^d and S = 2, 2 pi, 4 pi in d = 1, 2, 3 dimensions.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
@@ -19,9 +23,9 @@ from ase.geometry import find_mic
 
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laid
-from ..interactions.pair_laws import GaussianMixture
-from ..lattices.bonds import ON_SHELL, bonds_within, image_of
-from .bond import MODELS, Central
+from ..interactions.pair_laws import GaussianMixture, InversePower, local_exponent
+from ..lattices.bonds import ON_SHELL, bonds_within, distances_within, image_of
+from .bond import MODELS, Central, bond_stiffness
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .repulsion import Repulsion
@@ -45,6 +49,11 @@ if TYPE_CHECKING:
     from ..interactions.pair_laws import PairLaw
     from .sites import Foundation
 
+TAIL = 12.3
+"""Distance in spacings from which a law counts as an inverse power: the bands of discs, whose law approaches that of dipoles,
+then change by less than 1e-6 (tests/bands/test_neighbours.py)."""
+STEEPEST_TAIL = 10.0
+"""Exponent of the force beyond which a law has no tail: of the stiffness of a particle less than 1e-8 lies beyond `TAIL`."""
 MOST_BONDS = 300_000  # largest number of bonds of one cell in a lattice sum
 PART = dict(zip(MODELS, ('all', 'D0'), strict=True))
 
@@ -61,8 +70,9 @@ class AllNeighbours(Repulsion):
     ----------
     reference : ase.Atoms
         One cell, periodic in one to three directions; its positions are the anchors of the foundation.
-    law : GaussianMixture
-        InversePower with a > 1, Yukawa, or another law with a Gaussian expansion.
+    law : PairLaw
+        InversePower with a > 1, Yukawa, or another law with a Gaussian expansion; or a law that is an inverse power far away, as
+        that of magnets.
     foundation : float or array_like, shape (particles,), (1, dim) or (particles, dim)
         Stiffness of the spring between each particle and its rest position, N/mm; with three components the particles of a
         plane can also move out of it.
@@ -88,16 +98,17 @@ class AllNeighbours(Repulsion):
     parameters: Any
     model = 'complete'
 
-    def __init__(self, reference: Atoms, law: GaussianMixture, *, foundation: Foundation | ArrayLike = 0.0,
+    def __init__(self, reference: Atoms, law: PairLaw, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, split: float = 1.0) -> None:
-        if not isinstance(law, GaussianMixture):
-            raise ValueError('the sum over all neighbours is known for inverse powers and Yukawa repulsion, '
-                             f'not for {type(law).__name__}; choose a number of shells')
-        if law.decay <= 0:
-            raise ValueError(f'the force r^-{law.decay + 1:g} has no energy r^-s with s = a - 1 > 0 to sum over all '
-                             'neighbours; choose a > 1, or a number of shells')
         if not reference.pbc.any():
             raise ValueError('the structure is not periodic so its neighbours are not infinitely many; use MagneticRepulsion')
+        tail = tail_of(law, reference)
+        if tail is None:
+            raise ValueError('the sum over all neighbours is known for inverse powers, Yukawa repulsion and laws that become an '
+                             f'inverse power, not for {type(law).__name__}; choose a number of shells')
+        if tail.decay <= 0:
+            raise ValueError(f'the force r^-{tail.decay + 1:g} has no energy r^-s with s = a - 1 > 0 to sum over all '
+                             'neighbours; choose a > 1, or a number of shells')
         super().__init__()
         self.reference = reference.copy()
         self.reference.calc = None
@@ -109,8 +120,10 @@ class AllNeighbours(Repulsion):
             raise ValueError(f'planar particles must share one z, not differ by {abs(z).max():g} mm, periodic images included; '
                              'a structure in space is periodic along three vectors')
         self.parameters.foundation = site_springs(foundation, len(reference), self.dim, self.layer)
-        self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], law, split)
-        self.bonds = bonds_within(self.reference, self.sums.radius)
+        self.sums = EwaldSums(reference.cell.array[reference.pbc][:, : self.dim], tail, split)
+        self._nearer = None if tail is law else LawDifference(law, tail, TAIL * nearest_distance(reference))
+        self._radius = self.sums.radius if self._nearer is None else max(self.sums.radius, self._nearer.end)
+        self.bonds = bonds_within(self.reference, self._radius)
         i, j = self.bonds.i, self.bonds.j
         self.interaction = Central(laid((law,), np.zeros(len(i), int), self.strengths[i] * self.strengths[j]))
         warn_of_units(self)
@@ -153,10 +166,13 @@ class AllNeighbours(Repulsion):
             refuse_motion_out_of_the_plane(self, atoms)
         flat = atoms.copy()
         flat.positions[:, self.dim :] = self.reference.positions[:, self.dim :]  # no force acts along z
-        bonds = bonds_within(flat, self.sums.radius)
+        bonds = bonds_within(flat, self._radius)
         x = bonds.vectors[:, : self.dim]
         s = self.strengths
-        phi, slope = s[bonds.i] * s[bonds.j] * self.sums.near_energy(bonds.lengths)
+        phi, slope = self.sums.near_energy(bonds.lengths)
+        if self._nearer is not None:
+            phi, slope = phi + self._nearer.phi(bonds.lengths), slope + self._nearer.dphi(bonds.lengths) / bonds.lengths
+        phi, slope = s[bonds.i] * s[bonds.j] * phi, s[bonds.i] * s[bonds.j] * slope
         pull = slope[:, None] * x  # grad phi, the force on i, and its opposite on j
         i, j = np.triu_indices(n)
         far, gradient = self.sums.far_energy((atoms.positions[j] - atoms.positions[i])[:, : self.dim])
@@ -177,8 +193,12 @@ class AllNeighbours(Repulsion):
 
     def _near(self, part):
         """Stiffness of the nearest pairs, shape (bonds, dim, dim)."""
-        strength = self.strengths[self.bonds.i] * self.strengths[self.bonds.j]
-        return strength[:, None, None] * self.sums.near_stiffness(self.bonds.vectors[:, : self.dim], part)
+        strength, x = self.strengths[self.bonds.i] * self.strengths[self.bonds.j], self.bonds.vectors[:, : self.dim]
+        K = self.sums.near_stiffness(x, part)
+        if self._nearer is not None:
+            D0, Dstar = bond_stiffness(x, self._nearer)
+            K = K + {'all': D0 + Dstar, 'D0': D0, 'Dstar': Dstar}[part]
+        return strength[:, None, None] * K
 
     def _weighted(self, T):
         """Far stiffness between particles i and j times their strengths, shape (..., particles * particles, dim, dim)."""
@@ -230,6 +250,49 @@ class AllNeighbours(Repulsion):
         far = self._far_onsite(part).real
         # the far sum of a particle with its own images includes itself
         return total + far - (self.strengths**2)[:, None, None] * self.sums.wide_at_zero(part) * np.eye(self.dim)
+
+
+@dataclass(frozen=True)
+class LawDifference:
+    """What a law has more than its tail, up to the distance `end` in mm, where both have the same force and slope."""
+
+    law: PairLaw
+    tail: PairLaw
+    end: float
+
+    def phi(self, r: Any) -> Any:
+        """Energy in mJ, zero from the end on."""
+        at_end = self.law.phi(self.end) - self.tail.phi(self.end)
+        return np.where(r < self.end, self.law.phi(r) - self.tail.phi(r) - at_end, 0.0)
+
+    def dphi(self, r: Any) -> Any:
+        """Slope in N."""
+        return np.where(r < self.end, self.law.dphi(r) - self.tail.dphi(r), 0.0)
+
+    def d2phi(self, r: Any) -> Any:
+        """Curvature in N/mm."""
+        return np.where(r < self.end, self.law.d2phi(r) - self.tail.d2phi(r), 0.0)
+
+
+def nearest_distance(atoms: Atoms) -> float:
+    """Distance in mm of the nearest particles of a structure."""
+    own = np.concatenate([atoms.positions[1:] - atoms.positions[0], atoms.cell.array[atoms.pbc]])
+    return float(distances_within(atoms, np.linalg.norm(own, axis=1).min() * (1 + 1e-9)).min())
+
+
+def tail_of(law: PairLaw, atoms: Atoms, spacings: float = TAIL) -> GaussianMixture | None:
+    """The law itself if it is a mixture of Gaussians, or the inverse power with its force and slope at a number of spacings.
+
+    None where the law is not known so far, or has no repulsion or hardly any left there, so that no tail is needed.
+    """
+    if isinstance(law, GaussianMixture):
+        return law
+    r = spacings * nearest_distance(atoms)
+    try:
+        force, a = -float(law.dphi(r)), float(local_exponent(law, r)) if law.dphi(r) else np.inf
+    except (AttributeError, ValueError):
+        return None
+    return InversePower(force * r**a, a) if force > 0 and a < STEEPEST_TAIL else None
 
 
 def missing_stiffness(atoms: Atoms, law: PairLaw, cutoff: float) -> float:

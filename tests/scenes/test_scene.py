@@ -19,6 +19,7 @@ from magphonon import (
 from magphonon.interactions.pair_laws import repulsion
 from magphonon.scenes.scene import read_scene, ready_scene, ready_scenes, reference
 from magphonon.stability.buckling import foundation_needed
+from magphonon.stiffness.rest import freedom
 
 # A law of each kind, with forces of some tenths of a newton at 10 mm
 LAWS = {
@@ -216,10 +217,20 @@ def test_pillars_with_mass(scene_file):
         read_scene(scene_file({'foundation.pillar.density_kg_per_m3': 2700, 'uncertainty': {'mass_kg': 1e-5}}))
 
 
-def test_a_patch_of_all_neighbours_is_refused(scene_file):
-    scene = read_scene(scene_file({'law.shells': 'all'}))
-    with pytest.raises(ValueError, match=r"law\.shells = 'all'"):
-        scene.patch_atoms()
+@pytest.mark.parametrize('shells', [2, 5, 'auto', 'all'])
+def test_in_a_patch_of_several_shells_each_free_particle_has_all_its_neighbours(shells, scene_file):
+    patch = read_scene(scene_file({'law.shells': shells, 'patch': {'kind': 'hexagon', 'side_m': 0.03}})).patch_atoms()
+    free, calc = freedom(patch)[0], patch.calc
+    small = read_scene(scene_file({'law.shells': 1, 'patch': {'kind': 'hexagon', 'side_m': 0.03}})).patch_atoms()
+    assert free.sum() == freedom(small)[0].sum() == 19  # the same ones move
+    reach = calc.bonds.lengths.max()
+    i, j = np.mgrid[-16:17, -16:17].reshape(2, -1)
+    r = 10 * np.sqrt(i**2 + j**2 + i * j)
+    assert (calc.bonds.coordination[free] == np.sum((r > 0) & (r < reach * (1 + 1e-9)))).all()
+    assert abs(patch.get_forces(apply_constraint=False)[free]).max() < 1e-12
+    bare = small.copy()  # the control: a rim of one row is too thin
+    bare.calc = MagneticRepulsion(bare, calc.laws, cutoff=1.001 * reach)
+    assert abs(bare.get_forces(apply_constraint=False)[freedom(bare)[0]]).max() > 1e-4
 
 
 def test_scene_feeds_phonopy():

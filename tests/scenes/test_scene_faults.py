@@ -101,7 +101,7 @@ FAULTS = [  # what is changed in the scene of the prototype, and words of the an
     ({'law.a': 'ten'}, "law.a must be a positive number, not 'ten'"),
     ({'law.a': True}, 'law.a must be a positive number, not True'),
     ({'law.a': 10**25}, 'too large'),
-    ({'law.shells': 'ALL'}, "law.shells must be a whole number from 1 to 9007199254740992, or 'all', not 'ALL'"),
+    ({'law.shells': 'ALL'}, "law.shells must be a whole number from 1 to 9007199254740992, 'auto' or 'all', not 'ALL'"),
     ({'law.shells': 1000}, 'law.shells must be at most 300, not 1000'),
     ({'law': {'kind': 'table', 'distances_m': [0.008, NAN, 0.012, 0.015], 'forces_N': FORCES['forces_N'], 'shells': 1}},
      'law.distances_m[1] must be a positive number, not nan'),

@@ -1,0 +1,292 @@
+"""How many neighbours: what those that a lattice leaves out would change, and how many shells its frequencies need.
+
+One shell of neighbours is a hypothesis.  Here the frequencies with a few shells are compared with those of all neighbours at the
+wavevectors where they are asked: by Ewald's sums where the law has a tail (`magphonon.stiffness.all_neighbours`), else by a sum
+to the last of `REACHES`.  A law that is not known far away, as a table of forces, is continued from its end by the inverse power
+that it is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from ase.dft.kpoints import parse_path_string
+
+from ..interactions.bond_laws import laws_of
+from ..interactions.pair_laws import InversePower, local_exponent
+from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, bonds_within, clear_shells, distances_within
+from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
+from ..stiffness.bond import interaction_along
+from ..stiffness.matrices import bloch_matrix, hermitian_eigenvalues, mass_weighted, signed_root
+from ..stiffness.rest import LinearSystem
+from .bloch import bloch_modes
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from ase import Atoms
+    from ase.dft.kpoints import BandPath
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..interactions.bond_laws import Laws
+    from ..interactions.pair_laws import PairLaw
+    from ..lattices.bonds import Bonds
+
+REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
+"""Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one if the first is
+not enough.  It holds about a thousand bonds of each particle, whose sum takes as long as that over all by Ewald's method."""
+LOW = 0.01
+"""Fraction of the highest frequency below which a difference is one of that fraction and not of the frequency: near buckling a
+frequency is the small difference of large terms, and at Gamma zero."""
+MOST_TRIED, FEW = (400, 40), 8
+"""Number of shells among which is chosen, in cells of a FEW particles and in larger ones, whose positions may have no order:
+every distance is then a shell."""
+
+
+@dataclass(frozen=True)
+class NeighbourShifts:
+    """What all neighbours make of the frequencies of a lattice that leaves some out.
+
+    Attributes
+    ----------
+    omega, every : ndarray, shape (wavevectors, branches)
+        In rad/ms, with the neighbours of the lattice and with all; unstable modes negative.
+    known : bool
+        Whether the law is known as far as it was asked; if not, it was continued from its end.
+    """
+
+    omega: np.ndarray
+    every: np.ndarray
+    known: bool
+
+    @property
+    def relative(self) -> NDArray[np.float64]:
+        """How much each frequency rises with all neighbours, as a fraction of itself; of very low ones see `LOW`."""
+        return (self.every - self.omega) / np.maximum(abs(self.omega), LOW * abs(self.every).max())
+
+
+def neighbour_shifts(atoms: Atoms, q: ArrayLike) -> NeighbourShifts:
+    """How the frequencies of a lattice change if all neighbours repel each other.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion or AllNeighbours; waves in the plane of a layer.
+    q : array_like, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene
+    >>> from magphonon.bands import neighbour_shifts
+    >>> shear, longitudinal = neighbour_shifts(read_scene('prototype').atoms(), [[0.5, 0, 0]]).relative[0]
+    >>> round(float(shear), 3), round(float(longitudinal), 3)  # M: 58.2 Hz become 67.5, and 149.5 become 150.5
+    (0.158, 0.007)
+    """
+    atoms, q = _in_plane(LinearSystem.of(atoms).atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
+    omega = bloch_modes(atoms, q)[0]
+    if not atoms.calc.pairwise:
+        return NeighbourShifts(omega, omega, True)
+    every, known = _every(atoms, q)
+    return NeighbourShifts(omega, every, known)
+
+
+@dataclass(frozen=True)
+class Enough:
+    """As many shells as the frequencies of a lattice need.
+
+    Attributes
+    ----------
+    shells : int
+    cutoff : float
+        A distance in mm between the last one and the next.
+    error : float
+        Largest relative error of a frequency with them.
+    clear : bool
+        Whether the shells can be told apart (`magphonon.find_bonds`); if not, the cutoff says which neighbours are meant.
+    """
+
+    shells: int
+    cutoff: float
+    error: float
+    clear: bool
+
+
+def enough_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> Enough:
+    """The least number of shells with which, and with more of which, each frequency is right within a tolerance.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion, of any number of shells.
+    q : array_like, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors.
+    tolerance : float
+        Relative error of a frequency due to neighbours left out.
+
+    Returns
+    -------
+    Enough
+        If not even all that are known or worth counting suffice, all of these, with an `error` above the tolerance.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene
+    >>> from magphonon.bands import enough_shells
+    >>> cell = read_scene('prototype').atoms()
+    >>> [enough_shells(cell, [[0.5, 0, 0]], tolerance).shells for tolerance in (0.2, 0.01, 0.001)]
+    [1, 4, 12]
+    """
+    atoms, q = _in_plane(atoms), np.reshape(np.asarray(q, dtype=float), (-1, 3))
+    every, _ = _every(atoms, q)
+    for reach in REACHES[int(atoms.pbc.sum())]:
+        shells = neighbour_shells(atoms, reach)
+        ends, starts = (np.array([end(shell.lengths) for shell in shells]) for end in (np.max, np.min))
+        gaps = np.append(starts[1:], (1 + 2 * SHELL_WIDTH) * ends[-1]) - ends
+        tried = np.flatnonzero(gaps > 4 * ON_SHELL * ends)
+        most = MOST_TRIED[len(atoms) > FEW]
+        if len(tried) > most:  # about evenly spaced over the logarithm of the distance
+            wanted = np.geomspace(ends[0], ends[-1], most)
+            tried = np.unique(tried[np.minimum(np.searchsorted(ends[tried], wanted), len(tried) - 1)])
+        parts = [sum(_bloch(atoms, shells[k], q, 0.0 if k else atoms.calc.foundation) for k in range(first, last + 1))
+                 for first, last in zip(np.append(0, tried[:-1] + 1), tried, strict=True)]
+        omega = _omega(atoms, np.cumsum(parts, axis=0))
+        errors = (abs(omega - every) / np.maximum(abs(every), LOW * abs(every).max())).max(axis=(1, 2))
+        good = np.maximum.accumulate(errors[::-1])[::-1] <= tolerance  # with more shells, too, and not by accident
+        if good.any():
+            break
+    k = int(good.argmax()) if good.any() else len(errors) - 1
+    n = int(tried[k])
+    around = np.unique(np.concatenate([shell.lengths for shell in shells]))
+    clear = n + 1 == len(shells) or bool(clear_shells(atoms, around, [n + 1]))
+    return Enough(n + 1, float(ends[n] + gaps[n] / 2), float(errors[k]), clear)
+
+
+def asked_points(path: BandPath) -> NDArray[np.float64]:
+    """The special points of a path and those half-way between each two of them, shape (wavevectors, 3)."""
+    points, legs = path.special_points, parse_path_string(path.path)
+    between = [(points[a] + points[b]) / 2 for leg in legs for a, b in pairwise(leg)]
+    return np.array([*points.values(), *between])
+
+
+def whole_reach(atoms: Atoms, laws: Laws) -> float:
+    """Cutoff in mm between two distances that holds all pairs of a finite structure; or, if these are too many or the structure
+    is periodic, all as far as the law is known or becomes its tail.
+    """
+    nearest = nearest_distance(atoms)
+    extent = 1.01 * np.linalg.norm(np.ptp(atoms.positions, axis=0))
+    every = not atoms.pbc.any() and len(atoms) ** 2 / 2 < MOST_BONDS
+    r = distances_within(atoms, extent if every else TAIL * nearest)
+    r = r[: np.searchsorted([not is_known(laws, x) for x in r[:: max(1, len(r) // 512)]], True) * max(1, len(r) // 512)]
+    if every and len(r) and is_known(laws, extent):
+        return float(extent)
+    gaps = np.flatnonzero(np.diff(r) > 4 * ON_SHELL * r[1:])
+    return float(r[gaps[-1] : gaps[-1] + 2].mean()) if len(gaps) else float(1.001 * nearest)
+
+
+def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
+    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands.neighbours import neighbour_shells
+    >>> [len(shell) for shell in neighbour_shells(read_scene(ready_scene('prototype')).atoms(), reach=2.1)]
+    [3, 3, 3]
+    """
+    calc: Any = atoms.calc
+    every = bonds_within(calc.reference, reach * calc.bonds.lengths.min())
+    order = np.argsort(every.lengths, kind='stable')
+    lengths = every.lengths[order]
+    ends = np.flatnonzero(np.diff(lengths) > SHELL_WIDTH * lengths[1:]) + 1
+    shells = [every.among(s) for s in np.split(order, ends)]
+    return shells[: sum(is_known(calc.laws, shell.lengths.max()) for shell in shells)]
+
+
+def is_known(laws: Laws, r: float) -> bool:
+    """Whether all laws are known at a distance in mm; a measured table has a last one."""
+    try:
+        for law in laws_of(laws):
+            _planar(law).dphi(r)
+    except ValueError:
+        return False
+    return True
+
+
+def _planar(law):
+    """The law of the distance, of upright magnets that in their plane."""
+    return law.central(2) if hasattr(law, 'central') else law
+
+
+def _in_plane(atoms):
+    """The atoms at the reference of their calculator, a layer without motion out of its plane."""
+    calc = atoms.calc.in_plane() if atoms.calc.layer else atoms.calc
+    return LinearSystem.about(calc, atoms).atoms
+
+
+def _bloch(atoms, bonds, q, foundation=0.0):
+    calc = atoms.calc
+    interaction = interaction_along(calc.laws, bonds, calc.reference.get_tags(), calc.strengths, calc.dim)
+    D0, Dstar = interaction.stiffness(bonds.vectors[:, : calc.dim])
+    return bloch_matrix(bonds, D0 + Dstar, q, foundation)
+
+
+def _omega(atoms, D):
+    if not atoms.constraints:
+        return signed_root(hermitian_eigenvalues(mass_weighted(D, atoms.get_masses())))
+    shapes = LinearSystem.about(atoms.calc, atoms).shapes.toarray()
+    return signed_root(np.linalg.eigvalsh(shapes.T @ D @ shapes))
+
+
+def _every(atoms, q):
+    """Frequencies with all neighbours, and whether the law is known as far as it has to be."""
+    calc, known = atoms.calc, True
+    if not isinstance(calc.laws, Mapping):
+        law = _planar(calc.laws)
+        if not is_known(law, TAIL * nearest_distance(atoms)):
+            law, known = _continued(law, calc.bonds.lengths.min()), False
+        tail = tail_of(law, atoms)
+        if tail is not None and tail.decay > 0:
+            sums = AllNeighbours(calc.reference, law, foundation=calc.foundation, strengths=calc.strengths)
+            return _omega(atoms, sums.bloch_matrix(q)), known
+    first, *others = neighbour_shells(atoms, REACHES[int(atoms.pbc.sum())][-1])
+    known = known and is_known(calc.laws, REACHES[int(atoms.pbc.sum())][-1] * first.lengths.max())
+    return _omega(atoms, sum((_bloch(atoms, shell, q) for shell in others), _bloch(atoms, first, q, calc.foundation))), known
+
+
+@dataclass(frozen=True)
+class _Continued:
+    """A law that is known up to the distance `end` in mm, and an inverse power beyond."""
+
+    law: PairLaw
+    beyond: PairLaw
+    end: float
+
+    def _part(self, name, r):
+        near = getattr(self.law, name)(np.minimum(r, self.end))
+        return np.where(np.real(r) <= self.end, near, getattr(self.beyond, name)(r))
+
+    def phi(self, r):
+        return self._part('phi', r)
+
+    def dphi(self, r):
+        return self._part('dphi', r)
+
+    def d2phi(self, r):
+        return self._part('d2phi', r)
+
+
+def _continued(law, low):
+    """A law that is known at `low` (mm), with the inverse power that it is at its end beyond it."""
+    high = 2 * low
+    while is_known(law, high):
+        high *= 2
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if is_known(law, middle) else (low, middle)
+    force, a = -float(law.dphi(low)), float(local_exponent(law, low))
+    return _Continued(law, InversePower(force * low**a, a), low)
