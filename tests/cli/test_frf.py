@@ -189,7 +189,6 @@ MISTAKES = {
     'no force': ('patch', (PATCH[PATCH.index('[frf.force]'):PATCH.index('[frf.resp')], ''), "frf lacks the table 'force'"),
     'on the rim': ('patch', ('at_m = [0.0, 0.0]', 'at_m = [0.02, 0.0]'), 'frf.force.at_m = [0.02, 0.0] is on the held rim'),
     'outside': ('patch', ('at_m = [0.012, 0.001]', 'at_m = [12, 1]'), 'frf.response.at_m = [12.0, 1.0] is outside'),
-    'reach': ('patch', ('shells = 1', 'shells = 2'), 'law.shells = 2: the held rim of a patch'),
 }
 
 

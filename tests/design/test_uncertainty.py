@@ -204,7 +204,10 @@ def test_remanence_that_something_else_tells_is_no_parameter(told, scene):
         Uncertainty(remanence_percent=1.0).tolerances(scene)
 
 
-def test_all_neighbours_are_refused(scene):
+def test_of_all_neighbours_as_many_are_taken_as_matter(scene):
     every = scene.model_copy(update={'law': scene.law.model_copy(update={'shells': 'all'})})
-    with pytest.raises(ValueError, match='take shells = 3 or more'):
-        Uncertainty(spacing_percent=1.0).tolerances(every)
+    tolerances = Uncertainty(spacing_percent=1.0).tolerances(every)
+    found = frequency_spread(every.counted().perfect_cell(), GMK, tolerances)
+    exact = bloch_modes(every.perfect_cell(), GMK)[0]
+    assert_allclose(found.values, exact, rtol=1e-4)
+    assert abs(frequency_spread(scene.perfect_cell(), GMK, tolerances).values / exact - 1).max() > 0.1  # the control
