@@ -145,6 +145,7 @@ def test_what_cannot_be_done_is_refused(prototype, tmp_path, capsys, monkeypatch
 
 def test_a_patch_of_several_shells(tmp_path, capsys):
     file = tmp_path / 'my.toml'
-    file.write_text(ready_scene('prototype').read_text().replace('shells = 1', 'shells = 2').replace('side_m = 0.3', 'side_m = 0.1'))
+    text = ready_scene('prototype').read_text().replace('side_m = 0.3', 'side_m = 0.1')
+    file.write_text(text.replace('shells = 1', 'shells = 2'))
     assert main(['dos', str(file), '-o', str(tmp_path / 'out')]) == 0
     assert 'patch' in capsys.readouterr().out
