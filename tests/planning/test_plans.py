@@ -219,3 +219,22 @@ def test_one_particle_needs_no_lattice(monkeypatch):
         monkeypatch.setattr(name, lattice)
     (wanted,) = scene_plans(scene, 1e-3)
     assert wanted.plan.choice.algorithm == 'its closed form'
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_peak_of_a_large_structure_is_that_of_its_modes(seed, monkeypatch):
+    """Without the modes it is found from the response: within a step of the frequencies, and as the pattern of one mode."""
+    rng = np.random.default_rng(seed)
+    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    patch.set_masses(rng.uniform(0.5, 1.5, len(patch)))
+    patch.calc = MagneticRepulsion(patch, LAW, foundation=rng.uniform(2, 5))
+    one, other = rng.choice(np.flatnonzero(patch.get_tags() == 0), 2, replace=False)
+    angle, omega = rng.uniform(0, 2 * np.pi), np.linspace(1, 5, 4001)
+    asked = patch, Place(one, (np.cos(angle), np.sin(angle), 0)), Place(other, (0, 1, 0)), omega, 2e-3
+    exact = highest_peak(*asked)
+    monkeypatch.setattr('magphonon.planning.peak.MOST_DIRECTIONS', 0)
+    found = highest_peak(*asked)
+    assert abs(found.omega - exact.omega) <= omega[1] - omega[0]
+    assert found.force == pytest.approx(exact.force, rel=1e-3)
+    shapes = exact.linear.shapes[exact.mode], found.linear.shapes[0]
+    assert abs(np.einsum('i,ix,ix', patch.get_masses(), *shapes)) == pytest.approx(1, abs=1e-5)

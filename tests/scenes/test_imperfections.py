@@ -112,6 +112,14 @@ def test_a_patch_with_a_rim_keeps_it():
     assert_allclose(atoms.positions, relaxed(again).atoms.positions, atol=1e-9)
 
 
+def test_a_row_repeats_along_its_period_alone():
+    row = {'foundation': {'stiffness_N_per_m': 60.0}, 'disorder': {'seed': 1, 'mass_percent': 1.0}}
+    seven = scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7}, **row)
+    assert len(seven.atoms()) == 7 * len(seven.perfect_cell())
+    with pytest.raises(ValueError, match=r'the second lattice vector is no period; leave patch\.cells_2 out'):
+        scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7, 'cells_2': 2}, **row).atoms()
+
+
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'defects': {}}, 'defects names no defect; give vacancies_m'),
     ({'defects': {'vacancies_m': [[5.0, 0.0]]}, 'patch': {'kind': 'parallelogram', 'cells_1': 7, 'cells_2': 7}, 'frf': None},
