@@ -113,7 +113,7 @@ def test_a_patch_with_a_rim_keeps_it():
 
 
 def test_a_row_repeats_along_its_period_alone():
-    row = {'foundation': {'stiffness_N_per_m': 60.0}, 'disorder': {'seed': 1, 'mass_percent': 1.0}}
+    row = {'disorder': {'seed': 1, 'mass_percent': 1.0}}
     seven = scene(name='chain', patch={'kind': 'supercell', 'cells_1': 7}, **row)
     assert len(seven.atoms()) == 7 * len(seven.perfect_cell())
     with pytest.raises(ValueError, match=r'the second lattice vector is no period; leave patch\.cells_2 out'):
