@@ -11,23 +11,19 @@ densities, which stay finite where the density itself is infinite.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, whole
 from ..files import Saved
 from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 POINTS = 400  # number of frequencies where the caller gives none
 STEPS = {1: 1998, 2: 180, 3: 30}

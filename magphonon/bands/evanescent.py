@@ -19,21 +19,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import gcd, lcm
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from .. import units
 from ..errors import finite, one_of
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import each_spring
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 LINK = 1e-11
 """Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
 from ase.cell import Cell
 from ase.geometry import minkowski_reduce
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import whole
 from ..files import Saved
 from .bands import group_velocities
-
-if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 PLANAR = (True, True, False)
 ROUND_OFF = 1e-6  # fraction of the highest frequency that is zero: the square root of a rounded eigenvalue

@@ -5,12 +5,9 @@ The exit status is 0 if the bands were computed, even if the lattice buckles; "m
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_pictures, add_scene, drawing
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
 RESULTS = 'bands.*', 'bands_*.npz', 'band.yaml', 'phonopy_params.yaml', 'zone.*'

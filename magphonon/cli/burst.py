@@ -5,15 +5,11 @@ The exit status is 0 if all bursts ran to their end, even if the lattice buckles
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_pictures, add_scene, drawing
 
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-
-FILM = 120
-"""Largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch."""
+FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
 HELP = 'tone bursts through the patch of a scene, in both models, compared with its bands'
 MOST_THREADS = 1024
 RESULTS = '*_complete*', '*_conventional*', '*_maps.*', '*_snapshot.*', 'row.csv', 'ridges.*'

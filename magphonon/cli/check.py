@@ -5,12 +5,9 @@ The exit status is 1 if there is a problem, such as a lattice that buckles, and 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_scene
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = 'check a scene before it runs: equilibrium, stability, time step, supports, linear range, supercell, cost'
 JUDGED = 20_000

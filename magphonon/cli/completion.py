@@ -6,10 +6,7 @@ Write it once, in bash with `magphonon completion bash > ~/.local/share/bash-com
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, Namespace
 
 HELP = 'print a script that completes commands, ready scenes and files in a shell'
 FUNCTIONS = {

@@ -29,31 +29,23 @@ if TYPE_CHECKING:
 USABLE_FRACTION = 0.5
 """Fraction of the free memory that a command may use; the rest is kept for the system and for errors of the estimates."""
 GIGABYTE = 2**30
-PICTURES_bytes, PICTURES_s = 60e6, 2.0
-"""Cost of fonts, figures and imports, for every command."""
+PICTURES_bytes, PICTURES_s = 60e6, 2.0  # cost of fonts, figures and imports, for every command
 POINT_bytes, MATRIX_bytes, POINT_s = 1500, 3200, 1e-4
 """Bands: cost of a wavevector by both models and phonopy: memory for any cell; memory for the matrices of a cell of one particle,
 which grows with the square of the number of particles; time, which grows with that number.  Measured between 20 000 and 60 000
 wavevectors of cells of one, two and three particles."""
-PHASE_bytes = 33
-"""Bands: memory for the phase of one bond at one wavevector; counted."""
-PAIR_bytes, PAIR_s = 20, 9e-7
-"""Bands by phonopy: cost of one pair of particles of the supercell, whose distances phonopy keeps."""
-TERM_s = 1.5e-8
-"""Response: time of one term of the series at one frequency; counted."""
-PRODUCT_s = 4e-8
-"""Response: time of one product with the matrix of a patch, per particle."""
+PHASE_bytes = 33  # bands: memory for the phase of one bond at one wavevector; counted
+PAIR_bytes, PAIR_s = 20, 9e-7  # bands by phonopy: cost of one pair of particles of the supercell, whose distances phonopy keeps
+TERM_s = 1.5e-8  # response: time of one term of the series at one frequency; counted
+PRODUCT_s = 4e-8  # response: time of one product with the matrix of a patch, per particle
 SERIES_bytes, PROOF_bytes = 3000, 13e3
 """Memory for one particle of a patch with its bonds; response: with its part of the factorisation that proves stability, measured
 between 7000 and 60 000 particles."""
-FACTOR_bytes, FACTOR_s = 17e3, 2e-5
-"""Response: cost of one factorisation of the matrix at one frequency, per particle."""
-START_s = 0.3
-"""Burst: time to build the patch and to draw the maps."""
+FACTOR_bytes, FACTOR_s = 17e3, 2e-5  # response: cost of one factorisation of the matrix at one frequency, per particle
+START_s = 0.3  # burst: time to build the patch and to draw the maps
 SAMPLE_bytes, SAMPLE_s = 1800, 2e-5
 """Burst: cost of one particle of the row at one time, with its share of the map and its line of text."""
-DRAWN_s = 3.0
-"""Uncertainty: time for the lattices drawn at random."""
+DRAWN_s = 3.0  # uncertainty: time for the lattices drawn at random
 
 
 @dataclass(frozen=True)

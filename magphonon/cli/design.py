@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_scene
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = 'spacing and foundation for a wanted cut-off, band edge or gap'
 

@@ -15,13 +15,11 @@ if TYPE_CHECKING:
 
 HELP = 'density of states of the lattice and of a patch, and the unfolded bands of the patch'
 RESULTS = 'dos.*', 'dos_*', 'spectral.*'
-FREQUENCIES = 400
-"""Number of bins of the density of a lattice."""
+FREQUENCIES = 400  # number of bins of the density of a lattice
 MOMENTS, VECTORS, SPECTRAL_MOMENTS = 512, 16, 256
 """Chebyshev moments and random vectors of the density of a patch, moments of its spectral function: they resolve 0.3 % and 0.6 %
 of the highest frequency."""
-WAVEVECTORS = 60
-"""Number of wavevectors along the path."""
+WAVEVECTORS = 60  # number of wavevectors along the path
 COLUMN_s, COLUMNS_bytes = 25e-9, 2900
 """Time of a product of the matrix with one of several vectors, per particle; memory for one particle with its share of the matrix
 and of these vectors."""

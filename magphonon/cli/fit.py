@@ -11,13 +11,9 @@ docs/coverage.md says how often its 95 % intervals contain the true value.
 from __future__ import annotations
 
 import re
-from argparse import ArgumentTypeError
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 
 from .arguments import add_pictures, drawing
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = 'the force between two particles from a measured table, or the lattice from measured ridges'
 RESULTS = 'fit.*', 'law.toml', 'band_fit.*'

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_pictures, add_scene, drawing
 
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-
 HELP = 'frequency response of the oscillator or of a patch'
 RESULTS = 'frf.*', 'frf_*.npz'
-SHOWN_PEAKS = 12
-"""Number of peaks shown on the terminal, the highest ones; the table holds the whole curve."""
-MOST_TICKS = 100
-"""Largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar."""
+SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
+MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
 MOST_COUNTED = 10_000
 """Largest number of free directions whose natural frequencies are counted, which takes 0.6 s for each model; the time grows
 faster than the number."""

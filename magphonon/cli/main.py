@@ -12,19 +12,16 @@ import os
 import signal
 import sys
 import warnings
+from collections.abc import Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from importlib import import_module
 from io import StringIO
 from pkgutil import iter_modules
 from threading import current_thread, main_thread
-from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..errors import did_you_mean
 from .arguments import find_inputs
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 SHARED = 'arguments', 'costs', 'main', 'results'
 COMMANDS = tuple(sorted(module.name for module in iter_modules([os.path.dirname(__file__)]) if module.name not in SHARED))

@@ -16,12 +16,9 @@ HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, an
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif'
 MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
-LOWEST = 60
-"""Number of the lowest modes of a larger patch."""
-SHOWN = 3
-"""Largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local."""
-MOST_BRANCHES = 6
-"""Largest number of branches of a lattice whose modes are drawn at each special point."""
+LOWEST = 60  # number of the lowest modes of a larger patch
+SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
+MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are drawn at each special point
 OUTSIDE = 1e-4
 """Distance of a local mode from the bands, as a fraction of the highest frequency: the bands may be wider between
 points of the mesh."""

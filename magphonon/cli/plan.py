@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_scene, default_folder
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = 'the cheapest method that answers a scene within a tolerance; with --run, its answer'
 RESULTS = 'plan_*',

@@ -5,12 +5,9 @@ The same as `python -m workflows` in the sources. The exit status is 1 if a numb
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = "the paper's results, recomputed and compared, with pictures and a report"
 

@@ -10,8 +10,7 @@ if TYPE_CHECKING:
     from ..scenes.keys import Key
 
 HELP = 'print a ready scene, or list them; list the keys of a scene'
-WIDEST = 100
-"""Longest line of the list of keys, in letters."""
+WIDEST = 100  # longest line of the list of keys, in letters
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -6,12 +6,9 @@ names of the columns give units and components.  Of the scene only the lattice, 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_pictures, add_scene, drawing
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = 'map and ridges of a measured scan of a row, over the bands of a scene'
 RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*.pdf'

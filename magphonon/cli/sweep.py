@@ -27,10 +27,8 @@ HELP = 'maps of bands, stability or responses over keys of a scene, on all cores
 RESULTS = 'sweep.*', 'sweep_*'
 EXECUTORS = 'processes', 'here', 'dask', 'mpi'
 JOURNAL = 'sweep.journal'
-MOST_VALUES = 10**6
-"""Largest number of values of an axis."""
-SHOWN_REASONS = 6
-"""Number of reasons for bad points that are shown, the most frequent ones; the file holds all."""
+MOST_VALUES = 10**6  # largest number of values of an axis
+SHOWN_REASONS = 6  # number of reasons for bad points that are shown, the most frequent ones; the file holds all
 NUMBER = re.compile(r'(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)')
 """A number within a reason, and not within the name of a question."""
 

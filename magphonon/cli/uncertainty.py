@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_pictures, add_scene, drawing
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
 
 HELP = 'bands and responses with the uncertainty that follows from tolerances'
 RESULTS = 'band_uncertainty.*', 'contributions.*', 'frf_uncertainty.*'
@@ -22,8 +19,7 @@ ratio."""
 OWN_SCATTER = ('The independent scatter of each magnet leaves the bands of an infinite lattice where they are, to first order, '
                'and broadens them. The response of a finite structure is uncertain because of it.')
 """Sentence printed below the bands of a lattice whose magnets differ."""
-LINEAR_RANGE = 0.3
-"""Relative standard deviation of an amplitude above which the flank of a peak is not a straight line."""
+LINEAR_RANGE = 0.3  # relative standard deviation of an amplitude above which the flank of a peak is not a straight line
 
 
 def add_arguments(parser: ArgumentParser) -> None:

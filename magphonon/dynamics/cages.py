@@ -13,21 +13,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import SupportsInt
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from ..errors import PhysicsError
-from ..lattices.bonds import bonds_within
+from ..lattices.bonds import Bonds, bonds_within
 from ..stiffness.rest import freedom
-
-if TYPE_CHECKING:
-    from typing import SupportsInt
-
-    from ase import Atoms
-    from numpy.typing import NDArray
-
-    from ..lattices.bonds import Bonds
 
 CONTACT = 0.1  # ratio of a bond to its rest length below which its particles have collided
 BROKEN_BOND = 3.0

@@ -7,19 +7,16 @@ A drive is called with the time t in ms and returns the force in N on each of it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from ..errors import finite, positive
 from ..stiffness.rest import refuse_held
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ase import Atoms
-    from numpy.typing import NDArray
 
 Prepared = Any  # array_like as it is given, an array once the drive is made: `_prepare` sees to it
 

@@ -5,12 +5,15 @@ A step that is longer than 2/omega_max, the limit of velocity Verlet, is refused
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import Any
 from warnings import warn
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 from scipy import sparse
 
 from ..interactions.bond_laws import labels, taken
@@ -23,13 +26,6 @@ from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
 from .kernels_numpy import Kernel, Motion, largest
 from .memory_layout import aligned_zeros, arrange
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import NDArray
 
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the

@@ -16,14 +16,18 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Iterator, Sequence
 from contextlib import chdir, contextmanager
 from importlib import metadata
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
 from ase.constraints import FixAtoms
+from numpy.typing import NDArray
 
 from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
@@ -31,14 +35,6 @@ from ..interactions.bond_laws import groups
 from ..stiffness.calculator import MagneticRepulsion
 from .drives import Drives, ToneBurst
 from .motion import Motion
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from os import PathLike
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import NDArray
 
 GROUPS = 32  # largest number of groups of particles that LAMMPS has, three of which are all, free and fixed
 INTERPOLATIONS = ('spline', 'linear')

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite
 from ..files import Saved
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 
 MOTION_UNITS = {'times': ('ms', 'times'), 'particles': ('', 'particles'), 'displacements': ('mm', 'times', 'particles', 'dim'),
                 'velocities': ('mm/ms', 'times', 'particles', 'dim')}

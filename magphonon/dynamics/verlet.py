@@ -15,12 +15,17 @@ Without damping and drives it is ASE's VelocityVerlet, bit for bit.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
+from ase import Atoms
 from ase.md.logger import MDLogger
+from ase.md.md import MolecularDynamics
 from ase.md.verlet import VelocityVerlet
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from ..errors import finite, one_of, positive, whole
@@ -28,15 +33,6 @@ from ..stiffness.calculator import MagneticRepulsion
 from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
 from .engine import Blocks, can_compile, refusal, refuse_long_step
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-    from typing import IO, Any
-
-    from ase import Atoms
-    from ase.md.md import MolecularDynamics
-    from numpy.typing import ArrayLike, NDArray
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 ENOUGH = 20_000  # number of particles from which on another thread pays

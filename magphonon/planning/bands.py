@@ -14,9 +14,11 @@ the reach at least halves the error.  The reach is doubled until this error is a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from ase.dft.kpoints import BandPath
 
 from ..bands.neighbours import is_known, neighbour_shells
 from ..interactions.pair_laws import GaussianMixture
@@ -26,12 +28,6 @@ from ..stiffness.matrices import bloch_matrix, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import refuse_unlike
 from .plan import ALL, EIGENSOLVE, Method, Plan, Settings
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from ase.dft.kpoints import BandPath
 
 REACHES = (3.3, 6.3, 12.3, 24.3, 48.3)
 """Distances, in spacings, up to which neighbours are summed for the most complete method; each is about twice the one before, as

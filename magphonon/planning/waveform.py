@@ -14,28 +14,21 @@ it is the change of the full burst when the step is doubled, because the amplitu
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 from scipy import sparse
 
 from ..dynamics.cages import Diverged
-from ..dynamics.drives import Drives
+from ..dynamics.drives import Drives, ToneBurst
 from ..dynamics.engine import highest_frequency
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
-from ..response.propagation import propagate
-from ..stiffness.repulsion import repulsion_of
+from ..response.propagation import Transient, propagate
+from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem
 from .plan import LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, Settings, force_cost, percent
-
-if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import NDArray
-
-    from ..dynamics.drives import ToneBurst
-    from ..response.propagation import Transient
-    from ..stiffness.repulsion import Repulsion
 
 FRAMES = 12  # number of times compared and written in each period of the carrier: harmonics up to the fifth are resolved
 TIMES = 8  # number of frames whose strains are computed at once, so that the arrays stay in the processor's cache

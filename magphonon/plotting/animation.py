@@ -25,12 +25,9 @@ if TYPE_CHECKING:
 
     from ..waves.wave_source import Site
 
-LONGEST = 0.35
-"""Largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for."""
-DOT = 0.6
-"""Diameter of a particle in lengths of the shortest bond."""
-FRAMES = 24
-"""Frames of one period of a mode."""
+LONGEST = 0.35  # largest displacement in a film, as a fraction of the shortest bond, where no magnification is asked for
+DOT = 0.6  # diameter of a particle in lengths of the shortest bond
+FRAMES = 24  # frames of one period of a mode
 
 
 def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
-COLUMN_in, PAGE_in = 3.4, 7.0
-"""Width of a column and of a page of Physical Review B in inches."""
+COLUMN_in, PAGE_in = 3.4, 7.0  # width of a column and of a page of Physical Review B in inches
 PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G', 12: 'T'}  # prefixes of a unit by the power of ten
 FREQUENCIES = 'frequencies'  # mark of an axis whose data are frequencies in Hz
 COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8CD6F2')

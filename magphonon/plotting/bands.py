@@ -27,14 +27,11 @@ NEGLIGIBLE = 3e-5
 
 Squared frequencies by phonopy are good to 1e-9 of the highest one, and this is the root of it; growth as slow could not be seen.
 """
-ALONG_NORMAL = 0.9
-"""Share of a mode's motion along the normal of the plane above which it is called out of the plane."""
-MOST_NAMED = 3
-"""Largest number of branches that are named: more leave no room."""
+ALONG_NORMAL = 0.9  # share of a mode's motion along the normal of the plane above which it is called out of the plane
+MOST_NAMED = 3  # largest number of branches that are named: more leave no room
 CLEAR, BESIDE = 0.035, (0.055, 0.09, 0.13)
 """Least distance of a name from all curves, and distances from its own that are tried, in heights of the axes."""
-LETTER = 0.019
-"""Width of a letter in widths of the axes."""
+LETTER = 0.019  # width of a letter in widths of the axes
 TRIED, DRAWN = 150, 600
 """Largest number of wavevectors at which a name is tried, and of points of a curve that it avoids: as fine as a picture shows."""
 

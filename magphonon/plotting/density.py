@@ -19,10 +19,8 @@ if TYPE_CHECKING:
     from ..bands.density import DensityOfStates
     from ..response.spectral_density import SpectralFunction
 
-TALL = 6.0
-"""Peaks above this multiple of the ninth decile are cut; a flat branch has a peak that is as high as its bin is narrow."""
-DECADES = 3
-"""Range of a spectral function that is shown, in powers of ten below its highest value."""
+TALL = 6.0  # peaks above this multiple of the ninth decile are cut; a flat branch has a peak that is as high as its bin is narrow
+DECADES = 3  # range of a spectral function that is shown, in powers of ten below its highest value
 
 
 def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:

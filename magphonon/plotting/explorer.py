@@ -29,17 +29,13 @@ if TYPE_CHECKING:
 
 FORCES = 10.0
 """The slider of the spacing goes from ten times the force between nearest neighbours to a tenth, as far as the law is known."""
-EXPONENTS = (1.0, 12.0)
-"""Least range of the slider of the exponent."""
+EXPONENTS = (1.0, 12.0)  # least range of the slider of the exponent
 FOUNDATIONS = 8.0
 """The slider of the foundation goes up to this multiple of f/L, of which a kagome lattice needs 6, or of the present stiffness if
 that is more."""
-VALUES = 100
-"""A slider has this number of values or more, about up to twice as many."""
-POINTS = 201
-"""Wavevectors along the path."""
-ROUNDED = 1e-9
-"""Relative room for round-off of lengths at the ends of a law."""
+VALUES = 100  # a slider has this number of values or more, about up to twice as many
+POINTS = 201  # wavevectors along the path
+ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
 FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'page.js')
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from ..bands.bands import Bands
     from ..response.normal_modes import Extent
 
-ARROW = 0.42
-"""Longest arrow of a mode shape of a lattice in bond lengths."""
+ARROW = 0.42  # longest arrow of a mode shape of a lattice in bond lengths
 # Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
 LONG_ARROW, STILL = 1.4, 0.03
 

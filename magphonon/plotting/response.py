@@ -23,13 +23,11 @@ if TYPE_CHECKING:
 
 PRINTED = {'youngs_modulus': "Young's modulus", 'a': 'exponent $a$', 'b': 'strength $b$'}
 """Names of parameters that say more than their keys."""
-HALF_WIDTH = 2
-"""Half width of a ribbon in standard deviations; it contains 95 of 100 lattices."""
+HALF_WIDTH = 2  # half width of a ribbon in standard deviations; it contains 95 of 100 lattices
 RIBBON = rf'$\pm{HALF_WIDTH}\sigma$'
 HATCHES = ('', '////', '....', 'xxxx', '----')  # hatches by which bars can be distinguished in grey
 NATURAL = 'natural frequencies'
-MOST_BARS = 8
-"""Largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom."""
+MOST_BARS = 8  # largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom
 
 
 def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:

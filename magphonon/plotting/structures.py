@@ -24,12 +24,9 @@ if TYPE_CHECKING:
 
     from ..waves.wave_source import Site
 
-WINDOW = 2.4
-"""Half the window on a lattice, in lattice constants."""
-REACH = 5
-"""Number of cells to each side that fill this window."""
-SIZE = 0.36
-"""Diameter of a particle in lengths of the shortest bond."""
+WINDOW = 2.4  # half the window on a lattice, in lattice constants
+REACH = 5  # number of cells to each side that fill this window
+SIZE = 0.36  # diameter of a particle in lengths of the shortest bond
 FREE: dict[str, Any] = {'facecolors': 'white', 'edgecolors': '0.25'}
 HELD: dict[str, Any] = {'facecolors': '0.6', 'edgecolors': '0.25'}
 

@@ -14,10 +14,8 @@ if TYPE_CHECKING:
 
 BAD = {'facecolor': '0.93', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0.0}
 
-SMALL = 0.1
-"""Values below this many m or s are drawn in mm or ms."""
-WIDE = 30.0
-"""Answers that are positive, the largest more than this multiple of the smallest, are drawn on a logarithmic scale."""
+SMALL = 0.1  # values below this many m or s are drawn in mm or ms
+WIDE = 30.0  # answers that are positive, the largest more than this multiple of the smallest, are drawn on a logarithmic scale
 
 
 def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:

@@ -37,16 +37,12 @@ if TYPE_CHECKING:
     from ..waves.wave_analysis import Wave
     from ..waves.wave_source import Passage, Site
 
-FLOOR_dB = -40
-"""Lowest power shown in a map, in decibels relative to the strongest."""
+FLOOR_dB = -40  # lowest power shown in a map, in decibels relative to the strongest
 LINES = {'complete': (COLOURS[0], '-'), 'conventional': (COLOURS[1], '--')}
-MARGIN = 1.4
-"""Ratio of the upper end of a map to the highest frequency that it shows."""
+MARGIN = 1.4  # ratio of the upper end of a map to the highest frequency that it shows
 POWER = 'power (dB)'
-BESIDE_in = 0.9
-"""Room for names, legend and colour bar beside panels whose sides are equal lengths."""
-SATURATED = 0.02
-"""Share of the particles, those next to the source, that are beyond the scale of a picture of crests."""
+BESIDE_in = 0.9  # room for names, legend and colour bar beside panels whose sides are equal lengths
+SATURATED = 0.02  # share of the particles, those next to the source, that are beyond the scale of a picture of crests
 
 
 def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:

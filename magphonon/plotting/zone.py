@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from ..bands.zone import ZoneMap
 
 ROUND = (1, 2, 5, 10)  # contours at round numbers
-SHADES = 10
-"""Shades of a map of ratios from one contour to the next."""
+SHADES = 10  # shades of a map of ratios from one contour to the next
 BESIDE_AXES = np.radians(40)
 """Angle by which names of special points are turned about their points, beside the axes of the phases."""
 

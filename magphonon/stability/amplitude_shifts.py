@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 from scipy import sparse
 
 from .. import units
@@ -14,13 +17,6 @@ from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import LinearSystem
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import NDArray
 
 ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squared frequency is zero
 HARMONICS = 8

@@ -15,9 +15,9 @@ Particles farther away are held, because their motion comes too late to matter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
 from ase.constraints import FixAtoms
 
 from ..dynamics.cages import APART, BROKEN_BOND, CONTACT, SURVEYED, Diverged, pairs_without_bond
@@ -26,9 +26,6 @@ from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import refuse_unlike
-
-if TYPE_CHECKING:
-    from ase import Atoms
 
 YIELDING, WATCHED = 4.0, {2: 3.0, 3: 2.5}
 """Distances in shortest bonds up to which particles around the moving one are free: in the search for the least energy, and (in

@@ -10,16 +10,12 @@ narrower than a step of the mesh.  Elsewhere too a minimum may be lower than the
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from typing import Any
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 LONG = 2.0**-11
 """Wavenumber of the ring, as a fraction of the shortest reciprocal vector: k^4 is about 1e-5 of k^2 there, and round-off 1e-9 of

@@ -6,12 +6,15 @@ list.  What cannot be a fault is decorated with `remark`: it is computed only if
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from ase import Atoms
 from ase.constraints import FixAtoms
+from numpy.typing import NDArray
 
 from .. import units as u
 from ..bands.force_constants import checked_supercell, default_distance
@@ -37,13 +40,6 @@ from .buckling import (
     support_needed,
 )
 from .escapes import escape_speeds
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import NDArray
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted

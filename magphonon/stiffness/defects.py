@@ -8,22 +8,17 @@ first with `magphonon.relaxed`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-from ase import Atom
+from ase import Atom, Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, not_negative, positive, whole
 from ..lattices.bonds import Bonds, bonds_within
 from .calculator import MagneticRepulsion
 from .repulsion import repulsion_of
 from .sites import each_spring, of_sites
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 LARGEST_SCATTER = 0.2  # relative: fewer than one of 3 million sites is expected to become negative
 QUANTITIES = 'x', 'y', 'z', 'strength', 'mass', 'stiffness'

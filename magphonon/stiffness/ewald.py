@@ -24,23 +24,18 @@ p = 0 is continued analytically, and omitted at k = 0.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, one_of, positive
 from ..interactions.pair_laws import GaussianMixture, InversePower
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
 
 REACH = 42.0  # exponent at which both sums are truncated: e^-42 is 6e-19
 _X, _W = np.polynomial.legendre.leggauss(16)

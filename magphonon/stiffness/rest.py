@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Any, Self
 
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms, FixedLine, FixedPlane
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..errors import NotAtRest
@@ -25,11 +25,6 @@ from .calculator import MagneticRepulsion, same_cell
 from .lowest import none_negative
 from .matrices import mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
 BALANCED = 1e-6  # largest force left, in largest bond forces; it changes a linear result by about the same fraction

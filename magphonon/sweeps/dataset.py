@@ -35,10 +35,8 @@ if TYPE_CHECKING:
 
     from ..scenes.scene import Scene
 
-MOST_POINTS = 10**8
-"""Largest number of points; the answers to more do not fit into memory."""
-MOST_BYTES = 10**5 * MEGABYTE
-"""Largest size of a journal."""
+MOST_POINTS = 10**8  # largest number of points; the answers to more do not fit into memory
+MOST_BYTES = 10**5 * MEGABYTE  # largest size of a journal
 _limited = False  # whether linear algebra in this process is limited to one thread
 
 

@@ -6,32 +6,26 @@ vibrate.  Quantities that show where it buckles are computed on both sides of th
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 from warnings import warn
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from .. import units as u
 from ..bands.bloch import bloch_modes
 from ..errors import did_you_mean, one_of, shown, whole
 from ..response.frf import receptance
 from ..scenes.keys import UNITS, unit_of
-from ..scenes.scene import parts_of, scene_of
+from ..scenes.scene import Scene, parts_of, scene_of
 from ..stability.amplitude_shifts import frequency_shifts
 from ..stability.buckling import common_spring, foundation_needed, softest_of, spacing_held
 from ..stability.verdicts import LINEAR_ERROR, verdict
 from ..stiffness.rest import LinearSystem
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import NDArray
-
-    from ..scenes.scene import Scene
 
 BORDER = 1e-9
 """Fraction of the needed foundation within which a lattice is on the border of buckling, its softest frequency round-off."""
