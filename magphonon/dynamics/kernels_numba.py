@@ -84,7 +84,7 @@ def vectorise(typing_context):
     return types.void(), code
 
 
-def _unrolled(arguments, expression):
+def unrolled(arguments, expression):
     """A function whose expression is written out for a number of terms that is known from a type."""
     names = {'at': at}
     exec(f'def unrolled({arguments}):\n    return {expression}', names)  # noqa: S102  of nothing but numbers of terms
@@ -138,7 +138,7 @@ def constants(law, kind):
 def _constants(law, kind):
     if law.instance_class is PiecesOfAll or law.types[1].ndim == 3:
         return lambda law, kind: 0
-    return _unrolled('law, kind', f'({", ".join(f"law.c[kind, {n}]" for n in range(len(law.types[0])))},)')
+    return unrolled('law, kind', f'({", ".join(f"law.c[kind, {n}]" for n in range(len(law.types[0])))},)')
 
 
 def quotient(law, c, kind, i, x):
@@ -152,7 +152,7 @@ def _quotient(law, c, kind, i, x):
     *others, value = [('c[{}]' if law.types[1].ndim == 2 else 'law.c[0, {}, i]').format(n) for n in range(len(law.types[0]))]
     for c_n in reversed(others):
         value = f'({value}) * x + {c_n}'
-    return _unrolled('law, c, kind, i, x', f'at(law.factors, kind, i) * ({value})')
+    return unrolled('law, c, kind, i, x', f'at(law.factors, kind, i) * ({value})')
 
 
 def _octave_piece(law, c, kind, i, x):
@@ -271,7 +271,7 @@ def total(b, x, places, pad, i):
 def _total(b, x, places, pad, i):
     grid = isinstance(places.dtype, types.Integer)
     term = '(b[x, {0}, i + (pad - places[{0}])] - b[x, {0}, i + pad])' if grid else 'b[x, 0, places[{0}][i]]'
-    return _unrolled('b, x, places, pad, i', ' + '.join(term.format(n) for n in range(len(places))) or '0.0')
+    return unrolled('b, x, places, pad, i', ' + '.join(term.format(n) for n in range(len(places))) or '0.0')
 
 
 # --- slots --------------------------------------------------------------------------------------------------------------

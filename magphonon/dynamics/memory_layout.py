@@ -33,6 +33,7 @@ OFF_PLACE = 0.3
 SKEWS = tuple(np.array(skew).reshape(2, 2) for skew in
               ((1, 0, 0, 1), (1, 1, 0, 1), (1, -1, 0, 1), (1, 0, 1, 1), (1, 0, -1, 1), (0, 1, 1, 1), (0, 1, 1, -1)))
 """Other base vectors of a lattice: in some of them a patch fills its parallelogram better."""
+MANY = 1000  # values that are sorted first
 LINE = 8  # number of floating-point numbers in a cache line
 SAME_VECTOR = 1e-10
 """Relative difference of rest vectors below which they form one group: far above the round-off of positions, and so small that
@@ -153,7 +154,7 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     other = np.flatnonzero(bonds.i != bonds.j)  # a bond to one's own image never changes
     i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]
     layout, slot = None, atoms.arrays.get('site', np.arange(len(atoms)))
-    if len(i) and len(np.unique(slot)) == len(slot):  # it is not after joining two patches
+    if len(i) and np.bincount(slot - slot.min()).max() == 1:  # it is not after joining two patches
         layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
     if len(i) and layout is None and (slot := _sites_found(atoms, i, j, R)) is not None:
         layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
@@ -234,13 +235,19 @@ def _alike(*columns):
     """The first row of each kind of rows, in their order, and the kind of each row: `np.unique(axis=0)` without its sorting."""
     kind = np.zeros(len(columns[0]), int)
     for column in columns:
-        values = np.unique(column)
+        values = _distinct(column)
         kind = len(values) * kind + np.searchsorted(values, column)
-        kind = np.searchsorted(np.unique(kind), kind)
+        kind = np.searchsorted(_distinct(kind), kind)
     first = np.empty(kind.max(initial=-1) + 1, int)
     rows = np.arange(len(kind))[::-1]
     first[kind[::-1]] = rows  # the last one that is written is the first row
     return first, kind
+
+
+def _distinct(values):
+    """`np.unique` of many values of which most are alike: a few are sorted first, then those that are none of them."""
+    found = np.unique(values[:: 1 + len(values) // MANY])
+    return np.union1d(found, values[found[np.searchsorted(found[:-1], values)] != values]) if len(values) else found
 
 
 def _table(count, i, j, R, labels):

@@ -26,12 +26,15 @@ pi/(2 count) sqrt(top^2 - omega^2) wide in frequency, and equally wide at all lo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft, sparse
 from tqdm import tqdm
 
+from ..dynamics.engine import can_compile
 from ..stiffness.lowest import lowest_mode
 from ..stiffness.matrices import signed_root
 
@@ -41,12 +44,20 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from ..stiffness.rest import LinearSystem
+    from .stencil import Stencil
+
+    Products = sparse.csr_array | 'Matrix' | Stencil
+
 BLOCK = 16  # number of vectors yielded at a time
 LARGEST_GROWTH = 2.0
 """Largest ratio |T_n s|/|s|: it is at most one if the spectrum lies in the interval, and grows exponentially with n outside."""
 MARGIN = 1e-3  # relative amount by which a negative end of the spectrum is moved outwards, because it is known only to round-off
 COLUMNS = 8  # number of start vectors that are multiplied at once, so that a product reads the matrix only once for all of them
 ROWS = 2**14  # number of rows of the matrix in one piece, so that the product is still in the processor's cache when it is used
+LARGE = 20_000
+"""Number of free directions from which a stencil pays: below it, the few tenths of a second that it takes to load are more than
+all products."""
 BATCH = 2**22  # number of cosines computed at a time
 
 
@@ -74,9 +85,60 @@ class Interval:
         return self.centre + self.radius * np.cos(np.pi * (np.arange(count) + 0.5) / count)
 
 
-def stable_interval(K: sparse.csr_array) -> Interval:
+class Matrix:
+    """Products of a sparse symmetric matrix with vectors, shape (size, columns); `stencil.Stencil` is its peer on grids."""
+
+    def __init__(self, K: sparse.csr_array) -> None:
+        self._K = K
+
+    @cached_property
+    def row_sum(self) -> float:
+        """The largest sum of moduli of a row, which bounds the highest eigenvalue."""
+        return float(abs(self._K).sum(axis=1).max())
+
+    def scaled(self, factor: float, shift: float) -> Matrix:
+        """The same of factor (K - shift)."""
+        return Matrix(sparse.csr_array((self._K - shift * sparse.eye_array(self._K.shape[0])) * factor))
+
+    def enter(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A copy of vectors, shape (free, columns), as `advance` takes them."""
+        return s.copy()
+
+    def taken(self, x: NDArray[np.float64], rows: Any) -> NDArray[np.float64]:
+        """Some rows of vectors, shape (rows, columns)."""
+        return x[rows]
+
+    @cached_property
+    def _parts(self):
+        return [(np.s_[k : k + ROWS], self._K[k : k + ROWS]) for k in range(0, self._K.shape[0], ROWS)]
+
+    def advance(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Put K x - y into y; returns the sums y.y and y.x of each column, shape (2, columns)."""
+        sums = np.zeros((2, x.shape[1]))
+        for rows, part in self._parts:
+            own = y[rows]
+            np.subtract(part @ x, own, out=own)
+            sums += np.einsum('ik,ik->k', own, own), np.einsum('ik,ik->k', own, x[rows])
+        return sums
+
+
+def products_of(system: LinearSystem) -> Matrix | Stencil:
+    """Products with K of a structure: by a stencil where it is large, numba is there and its bonds lie on a grid."""
+    if system.directions >= LARGE and find_spec('numba') is not None and can_compile():
+        from .stencil import stencil_of
+
+        if (stencil := stencil_of(system)) is not None:
+            return stencil
+    return Matrix(system.K)
+
+
+def stable_interval(K: Products) -> Interval:
     """Interval from zero to a bound of the highest eigenvalue (the largest row sum), which holds the spectrum of a stable K."""
-    return Interval(0.0, float(abs(K).sum(axis=1).max()) or 1.0)
+    return Interval(0.0, _products(K).row_sum or 1.0)
+
+
+def _products(K):
+    return Matrix(K) if sparse.issparse(K) else K
 
 
 def whole_interval(K: sparse.csr_array) -> Interval:
@@ -96,20 +158,15 @@ def sizes(shapes: sparse.csr_array) -> NDArray[np.float64]:
     return np.sqrt(shapes.power(2).sum(axis=0))
 
 
-def twice_scaled(K: sparse.csr_array, interval: Interval) -> sparse.csr_array:
-    """2 X = 2 (K - centre)/radius, by which T_{n+1} follows from T_n and T_{n-1}."""
-    return sparse.csr_array((K - interval.centre * sparse.eye_array(K.shape[0])) * (2 / interval.radius))
-
-
-def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.float64], rows: Any,
-                     terms: int | None = None) -> Iterator[NDArray[Any]]:
+def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], rows: Any,
+                     terms: int | None = None) -> Iterator[NDArray[np.float64]]:
     """The vectors T_n(X) s, n = 0, 1, 2 ..., until they grow (`Outside`); a bar shows how many there are on a terminal.
 
     Parameters
     ----------
-    K : sparse array, shape (size, size)
+    K : sparse array, shape (size, size), Matrix or Stencil
     interval : Interval
-    s : ndarray, shape (size, ...)
+    s : ndarray, shape (size, columns)
     rows : index
         The entries that are wanted.
     terms : int, optional
@@ -117,34 +174,34 @@ def chebyshev_blocks(K: sparse.csr_array, interval: Interval, s: NDArray[np.floa
 
     Yields
     ------
-    ndarray, shape (BLOCK, rows, ...)
+    ndarray, shape (BLOCK, rows, columns)
         One array for all blocks, which the next one overwrites: the operating system would clear the pages of each new one.
     """
-    X2 = twice_scaled(K, interval)
-    length = np.linalg.norm(s, axis=0)
-    before, now = X2 @ s / 2, s  # T_{-1} = T_1
-    block = np.empty((BLOCK, *s[rows].shape), dtype=s.dtype)
+    X2 = _products(K).scaled(2 / interval.radius, interval.centre)
+    length = (s**2).sum(axis=0)
+    now, before = X2.enter(s), X2.enter(np.zeros_like(s))
+    X2.advance(now, before)
+    before /= 2  # T_{-1} = T_1
+    block = np.empty((BLOCK, *s[rows].shape))
     with tqdm(total=terms, desc='products', delay=2, disable=None, leave=False) as progress:
         while True:
             for k in range(BLOCK):
-                block[k] = now[rows]
-                after = X2 @ now
-                after -= before
-                before, now = now, after
-            if not (np.linalg.norm(now, axis=0) <= LARGEST_GROWTH * length).all():
+                block[k] = X2.taken(now, rows)
+                squared = X2.advance(now, before)[0]
+                before, now = now, before
+            if not (squared <= LARGEST_GROWTH**2 * length).all():
                 raise Outside
             progress.update(BLOCK)
             yield block
 
 
-def spectrum_of(K: sparse.csr_array, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,
+def spectrum_of(system: LinearSystem, starts: Callable[[], Iterable[NDArray[np.float64]]], count: int,
                 progress: tqdm | None = None) -> SpectralMoments:
     """Moments of start vectors, on the interval from zero, or from the lowest square where that is negative.
 
     Parameters
     ----------
-    K : sparse array, shape (size, size)
-        Matrix of squared frequencies, rad^2/ms^2.
+    system : LinearSystem
     starts : function
         Returns the start vectors, in arrays of the shape (size, columns).
     count : int
@@ -152,14 +209,15 @@ def spectrum_of(K: sparse.csr_array, starts: Callable[[], Iterable[NDArray[np.fl
     progress : tqdm, optional
         Counts start vectors.
     """
+    K = products_of(system)
     try:
         return _moments_on(stable_interval(K), K, starts(), count, progress)
     except Outside:  # the structure is unstable
-        return _moments_on(whole_interval(K), K, starts(), count, progress)
+        return _moments_on(whole_interval(system.K), K, starts(), count, progress)
 
 
 def _moments_on(interval, K, starts, count, progress):
-    X2, found = twice_scaled(K, interval), []
+    X2, found = K.scaled(2 / interval.radius, interval.centre), []
     for s in starts:
         found.append(moments(X2, s, count))
         if progress is not None:
@@ -167,12 +225,12 @@ def _moments_on(interval, K, starts, count, progress):
     return SpectralMoments(interval, np.concatenate(found, axis=1))
 
 
-def moments(X2: sparse.csr_array, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def moments(X2: Matrix | Stencil, s: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Moments `s.T_n(X) s` of each column s separately, from half as many products as moments; `Outside` if the vectors grow.
 
     Parameters
     ----------
-    X2 : sparse array, shape (size, size)
+    X2 : Matrix or Stencil
         Twice the matrix X, whose spectrum lies within -1 and 1.
     s : ndarray, shape (size, columns)
     count : int
@@ -182,28 +240,19 @@ def moments(X2: sparse.csr_array, s: NDArray[np.float64], count: int) -> NDArray
     -------
     ndarray, shape (count, columns)
     """
-    mu, parts = np.empty((count, s.shape[1])), [(np.s_[k : k + ROWS], X2[k : k + ROWS]) for k in range(0, len(s), ROWS)]
-    before, now = s, X2 @ s / 2
-    mu[0], mu[1], squared = _dot(s, s), _dot(s, now), _dot(now, now)
+    mu = np.empty((count, s.shape[1]))
+    before, now = X2.enter(s), X2.enter(np.zeros_like(s))
+    squared, crossed = X2.advance(before, now)
+    now /= 2
+    mu[0], mu[1], squared = (s**2).sum(axis=0), crossed / 2, squared / 4
     for n in range(1, count // 2):
         mu[2 * n] = 2 * squared - mu[0]
-        squared, crossed = np.zeros(s.shape[1]), np.zeros(s.shape[1])
-        after = before if n > 1 else before.copy()  # s is the caller's
-        for rows, part in parts:
-            piece = part @ now
-            piece -= before[rows]
-            after[rows] = piece
-            squared += _dot(piece, piece)
-            crossed += _dot(piece, now[rows])
+        squared, crossed = X2.advance(now, before)
         if not (squared <= LARGEST_GROWTH**2 * mu[0]).all():
             raise Outside
         mu[2 * n + 1] = 2 * crossed - mu[1]
-        before, now = now, after
+        before, now = now, before
     return mu
-
-
-def _dot(a, b):
-    return np.einsum('ik,ik->k', a, b)
 
 
 def jackson(count: int) -> NDArray[np.float64]:

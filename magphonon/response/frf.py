@@ -19,7 +19,7 @@ from ..errors import finite, not_negative, positive
 from ..files import Saved
 from ..stiffness.lowest import ROUND_OFF
 from ..stiffness.rest import LinearSystem, components, refuse_held
-from .chebyshev import BLOCK, chebyshev_blocks, sizes, stable_interval
+from .chebyshev import BLOCK, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
+
+    from .chebyshev import Products
 
 EPS = np.finfo(float).eps
 MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
@@ -223,13 +225,13 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
     u = np.zeros((len(omega), len(particles), 3), complex)
-    if system.K.shape[0] <= SMALL:
+    if s.shape[0] <= SMALL:
         u[..., : system.dim], error = _by_modes(system, s, omega, gamma, particles)
-    elif _series_length(_inner(_scaled(system.K, omega, gamma)[1]), tolerance) > FACTORISATION * len(omega):
+    elif _series_length(_inner(_scaled(K := products_of(system), omega, gamma)[1]), tolerance) > FACTORISATION * len(omega):
         error = np.full(len(omega), np.inf)
     else:
         refuse_unstable(system)
-        u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance)
+        u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
     if lost.any():
         u[lost] = harmonic_response(system, force, omega[lost], gamma).response[:, particles]
@@ -301,7 +303,7 @@ def _series_length(w, tolerance):
 
 
 def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.float64], gamma: float, particles: NDArray[np.int_],
-                    tolerance: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
+                    tolerance: float, K: Products | None = None) -> tuple[NDArray[np.complex128], NDArray[np.float64], int]:
     """Response of a large structure: `1/(z - x) = (1 + 2 sum_n w^n T_n(x))/root`, w = z - root, root = sqrt(z^2 - 1).
 
     Raises `Outside` for an unstable structure.
@@ -313,6 +315,8 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
         Reduced force.
     omega, gamma, particles, tolerance
         As for `frequency_response`.
+    K : sparse array, Matrix or Stencil, optional
+        If it is known already.
 
     Returns
     -------
@@ -323,7 +327,8 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     products : int
         Matrix-vector products taken.
     """
-    interval, z = _scaled(system.K, omega, gamma)
+    K = products_of(system) if K is None else K
+    interval, z = _scaled(K, omega, gamma)
     rows, shapes = system.rows(particles)
     w = _inner(z)
     root = z - w
@@ -333,7 +338,10 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     first, whole = 2 * w[:, None] ** np.arange(BLOCK), w**BLOCK  # powers of a block follow from those of the one before
     reached = np.ones(len(z), complex)  # w^(n BLOCK)
     terms = min(_series_length(w, tolerance * (1 - abs(w).max()) / 2), MOST_SHOWN)
-    for n, block in enumerate(chebyshev_blocks(system.K, interval, s, rows, int(terms))):
+    parts = np.array([1.0, 1j])[: 1 + np.iscomplexobj(s)]  # of a complex force
+    columns = np.stack([s.real, s.imag][: len(parts)], axis=1)
+    for n, block in enumerate(chebyshev_blocks(K, interval, columns, rows, int(terms))):
+        block = block @ parts
         part = reached[open_, None] * (first[open_] @ block)
         y[open_] += part if n else part - block[0]  # the term n = 0 counts once
         reached *= whole

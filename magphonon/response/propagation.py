@@ -26,7 +26,7 @@ from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, not_negative, positive
 from ..stiffness.rest import LinearSystem, components, static_forces
-from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, sizes, stable_interval, whole_interval
+from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, products_of, sizes, stable_interval, whole_interval
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -255,16 +255,16 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
     particles = system.recorded(particles)
     rows, shapes = system.rows(particles)
-    state, load = _initial_state(atoms, system), _Load(system, drives, push, tolerance)
+    K, state, load = products_of(system), _initial_state(atoms, system), _Load(system, drives, push, tolerance)
 
     def moved(interval):
-        asked = _Asked(system.K, interval, gamma, load, rows, sizes(shapes), tolerance)
+        asked = _Asked(K, interval, gamma, load, rows, sizes(shapes), tolerance)
         y, error, products = _propagate(asked, state, times)
         motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
         return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
     try:
-        return moved(stable_interval(system.K))
+        return moved(stable_interval(K))
     except Outside:
         interval = whole_interval(system.K)
     growth = np.sqrt(-interval.lowest) * times[-1]
@@ -376,7 +376,7 @@ def _part(asked, state, start, stops, last):
         own = np.ascontiguousarray(courses[..., k : k + width])
         sources.append((patterns[:, k : k + width], lambda w2, own=own: forced_response(w2, gamma, edges, own, outputs)))
 
-    y, end = np.zeros((len(stops), 2, len(rows))), np.zeros((2, K.shape[0]))
+    y, end = np.zeros((len(stops), 2, len(rows))), np.zeros((2, len(state)))
     error, products = 0.0, 0
     for s, motions in sources:
         c = _resolved(motions, interval, terms)

@@ -63,7 +63,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
     1
     """
     system, count = LinearSystem.of(atoms).moving(), _even(moments)
-    rng_seed, vectors, size = whole('seed', seed, 0), whole('vectors', vectors, 2), system.K.shape[0]
+    rng_seed, vectors, size = whole('seed', seed, 0), whole('vectors', vectors, 2), system.directions
 
     def starts():
         rng = np.random.default_rng(rng_seed)
@@ -71,7 +71,7 @@ def density_of_states(atoms: Atoms | LinearSystem, omega: ArrayLike | None = Non
             yield rng.choice((-1.0, 1.0), size=(size, min(COLUMNS, vectors - first)))
 
     with _bar(vectors) as progress:
-        spectrum = spectrum_of(system.K, starts, count, progress)
+        spectrum = spectrum_of(system, starts, count, progress)
     omega = spectrum.grid if omega is None else increasing(omega)
     density = spectrum.density(omega)
     error = density.std(axis=1, ddof=1) / np.sqrt(vectors)
@@ -140,7 +140,7 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
         raise ValueError(f'q must be wavevectors of three fractions, of the shape (wavevectors, 3), not {q.shape}')
     waves = _Waves(system, cell, q)
     with _bar(waves.count) as progress:
-        spectrum = spectrum_of(system.K, waves.starts, count, progress)
+        spectrum = spectrum_of(system, waves.starts, count, progress)
     omega = spectrum.grid if omega is None else increasing(omega)
     # cosine and sine of a wave, and all of its polarisations, add up
     density = spectrum.density(omega).T.reshape(len(q), -1, len(omega)).sum(axis=1)

@@ -68,9 +68,10 @@ def _star(system):
     """
     calc = system.calc
     bonds, stiffness = calc.bonds, calc.rest_stiffness(calc.model)
-    mobile = np.unique(system.free.nonzero()[0] // calc.dim)
-    ends = np.append(bonds.i, bonds.j)
-    own = np.isin(ends, mobile)
+    moves = np.zeros(len(system), bool)
+    moves[system.free.nonzero()[0] // calc.dim] = True
+    mobile, ends = np.flatnonzero(moves), np.append(bonds.i, bonds.j)
+    own = moves[ends]
     ends, R, K = ends[own], np.concatenate([bonds.vectors, -bonds.vectors])[own], np.concatenate([stiffness, stiffness])[own]
     first = ends == mobile[0]
     star, K_of_star = R[first], K[first]

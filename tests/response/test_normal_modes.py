@@ -213,11 +213,11 @@ def test_chebyshev_vectors_give_any_function_and_notice_what_is_outside():
     s = np.random.default_rng(0).normal(size=len(squares))
     interval = stable_interval(K)
     c = coefficients(np.exp(-3 * interval.nodes(48)))
-    blocks = chebyshev_blocks(K, interval, s, slice(None))
-    T = np.concatenate([next(blocks).copy() for _ in range(3)])
+    blocks = chebyshev_blocks(K, interval, s[:, None], slice(None))
+    T = np.concatenate([next(blocks)[..., 0].copy() for _ in range(3)])
     np.testing.assert_allclose(c @ T, vectors @ (np.exp(-3 * squares) * (vectors.T @ s)), atol=1e-13)
     with pytest.raises(Outside):
-        for _, _block in zip(range(20), chebyshev_blocks(K, Interval(0, 0.9 * squares[-1]), s, [0]), strict=False):
+        for _, _block in zip(range(20), chebyshev_blocks(K, Interval(0, 0.9 * squares[-1]), s[:, None], [0]), strict=False):
             pass
 
 
