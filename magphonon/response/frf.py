@@ -19,7 +19,7 @@ from ..errors import finite, not_negative, positive
 from ..files import Saved
 from ..stiffness.lowest import ROUND_OFF
 from ..stiffness.rest import LinearSystem, components, refuse_held
-from .chebyshev import BLOCK, chebyshev_blocks, products_of, sizes, stable_interval
+from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
 if TYPE_CHECKING:
@@ -33,8 +33,10 @@ if TYPE_CHECKING:
 
 EPS = np.finfo(float).eps
 MOST_SHOWN = 1e9  # largest length of a series of which a bar shows what share is done
-FACTORISATION = 500
-"""Number of matrix products that take as long as one sparse factorisation, measured on patches of 1000 to 10 000 particles."""
+FACTORISATION = 15.0
+"""Products with a sparse matrix that take as long as factors of it, over the root of its size: measured from 800 to 120 000 free
+directions, within a factor of 1.5."""
+ON_GRID = 8  # products by a stencil that take as long as one by a sparse matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,11 +229,14 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     u = np.zeros((len(omega), len(particles), 3), complex)
     if s.shape[0] <= SMALL:
         u[..., : system.dim], error = _by_modes(system, s, omega, gamma, particles)
-    elif _series_length(_inner(_scaled(K := products_of(system), omega, gamma)[1]), tolerance) > FACTORISATION * len(omega):
-        error = np.full(len(omega), np.inf)
     else:
-        refuse_unstable(system)
-        u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
+        K = products_of(system)
+        factorisation = FACTORISATION * np.sqrt(len(s)) * (1 if isinstance(K, Matrix) else ON_GRID)
+        if _series_length(_inner(_scaled(K, omega, gamma)[1]), tolerance) > factorisation * len(omega):
+            error = np.full(len(omega), np.inf)
+        else:
+            refuse_unstable(system)
+            u[..., : system.dim], error, _ = series_response(system, s, omega, gamma, particles, tolerance, K)
     lost = error > tolerance * abs(u).max(axis=(1, 2), initial=0.0)
     if lost.any():
         u[lost] = harmonic_response(system, force, omega[lost], gamma).response[:, particles]
