@@ -53,19 +53,18 @@ def judged(path, quantities, intervals, truths, control, least=LEAST):
             Check(f'control: {path}, nearest neighbours: share of {count} intervals', shares[1], 1, 1 - least, control=True)]
 
 
-def line_scan(lab, source, force, carrier_Hz, duration, rng, cycles=5):
+def line_scan(lab, vectors, source, force, carrier_Hz, duration, rng, cycles=5):
     """The scan along R2 of a burst in a triangular patch: a force (x, y) in N on its lowest row that moves, or on the middle."""
-    x, y = lab.anchors.T
+    (x, y), R2 = lab.anchors.T, vectors[1]
     inside = np.flatnonzero(~lab.held)
-    row = inside[y[inside] < y[inside].min() + SPACING / 2]
+    row = inside[y[inside] < y[inside].min() + R2[1] / 2]
     if source == 'point':
         row = row[[abs(x[row] - x[inside].mean()).argmin()]]
         start, weights = lab.anchors[row[0]], np.ones(1)
     else:
-        weights = np.cos(np.pi * (x[row] - x[inside].mean()) / (np.ptp(x[row]) + 2 * SPACING)) ** 2
+        weights = np.cos(np.pi * (x[row] - x[inside].mean()) / (np.ptp(x[row]) + 2 * vectors[0, 0])) ** 2
         below = x[inside].mean() - np.ptp(y[inside]) / 2 / np.sqrt(3)
         start = lab.anchors[row[abs(x[row] - below).argmin()]]
-    R2 = bench.triangular(SPACING)[1]
     places = start + np.arange(1, int(np.ptp(y[inside]) / R2[1]))[:, None] * R2
     points = inside[np.linalg.norm(lab.anchors[inside] - places[:, None], axis=2).argmin(axis=1)]
     t, u = bench.motion(lab, [(bench.pushed(lab, row, weights[:, None] * force), bench.burst(carrier_Hz, cycles))], duration,
@@ -89,7 +88,7 @@ def ridges_of_a_row_source():
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(2):
             lab = bench.built(bench.sites(vectors, 0.28, 0.25), law, REACH, rng)
-            scans = [line_scan(lab, 'row', force, carrier, duration, rng)
+            scans = [line_scan(lab, vectors, 'row', force, carrier, duration, rng)
                      for force, carrier, duration in (((2e-3, 0), 42, 0.4), ((0, 4e-3), 60, 0.25), ((0, 4e-3), 95, 0.25))]
             spacing = np.linalg.norm(bench.mean_vectors(lab, vectors, 6 * SPACING)[0])
             f, slope = (float(value) for value in law(spacing))

@@ -2,8 +2,9 @@
 
 All rows of a table share errors: a zero of the distance and of the force, hysteresis, backlash, the gain of the load cell.  The
 intervals contain them; say how well you know each.  A length or force without a unit is in m or N: `--spacing 10mm` or 0.01.
-With `--bands SCENE` the table is one of ridge points, as `magphonon spectrum` writes it: force, exponent and foundation of the
-scene are fitted to it with D* and without, and the evidence for D* is stated.
+With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any other analysis: force,
+exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The source of the
+waves stands in the table; the intervals allow for the shift that it gives all ridges of a branch.
 
 docs/coverage.md says how often its 95 % intervals contain the true value.
 """
@@ -43,13 +44,19 @@ def _quantity(text, units):
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('file', metavar='FILE.csv', help='table with the columns r_mm,f_N and perhaps sigma_N and direction '
-                                                         '(approach, return); with --bands the table of ridges that "magphonon '
-                                                         'spectrum" writes, spectrum_SCAN_ridges.csv')
+    parser.add_argument('files', metavar='FILE.csv', nargs='+',
+                        help='table with the columns r_mm,f_N and perhaps sigma_N and direction (approach, return); with --bands '
+                             'one or more tables of ridges, as the spectrum_SCAN_ridges.csv that "magphonon spectrum" writes')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
     parser.add_argument('--fix', metavar='NAMES',
                         help='with --bands: parameters that are known from the scene, as --fix a,foundation')
+    parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
+                        help='with --bands: what is known of a parameter from elsewhere, in SI, as force_N=0.288+-0.01 or '
+                             'a=3.8+-10%%; may be given several times')
+    parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
+                        help='with --bands: leave out a ridge, as --without "60Hz, longitudinal"; by how much the fit misses it '
+                             'widens the intervals')
     parser.add_argument('--spacing', metavar='R', type=length, help='working spacing, as 10mm (default: the middle distance)')
     for name, reader, metavar, words in (
             ('distance', length, 'R', 'how well the zero of the distances is known, as 0.1mm: it matters most (default: 0.2mm)'),
@@ -78,8 +85,13 @@ def run(options: Namespace) -> None:
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
 
-    if options.fix is not None:
-        raise ValueError('--fix belongs to a fit of ridges; name the scene with --bands SCENE')
+    for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
+        if given:
+            raise ValueError(f'{name} belongs to a fit of ridges; name the scene with --bands SCENE')
+    (options.file, *more) = options.files
+    if more:
+        raise ValueError(f'a fit of forces takes one table, not {len(options.files)}; put repeated measurements into one, in any '
+                         'order, or name with --bands the scene whose ridges these are')
     if options.output is None and (options.pdf or options.title is not None or options.style is not None):
         raise ValueError('--pdf, --title and --style apply to the picture; name with -o DIR the directory to write it to')
     given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
@@ -96,7 +108,7 @@ def run(options: Namespace) -> None:
         from ..plotting.fits import plot_fit
         from .results import results
 
-        with results(options, table=options.file) as out, drawing(options, out) as save:
+        with results(options, None, options.file) as out, drawing(options, out) as save:
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
     print('\n'.join(_report(options, forces, fit, shared)))
@@ -163,24 +175,40 @@ def _fit_bands(options):
     from ..waves.ridge_tables import read_ridges
     from .results import results
 
-    scene, points = read_scene(options.scene), read_ridges(options.file)
+    scene, points = read_scene(options.scene), read_ridges(*options.files)
     if all(any(model in name for name in points.names) for model in MODELS):
-        raise ValueError(f'{options.file} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" writes '
-                         'them; no lattice fits both: keep the lines of one model')
+        raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
+                         'writes them; no lattice fits both: keep the lines of one model')
     fixed = [name.strip() for name in options.fix.split(',')] if options.fix else []
+    priors = dict(_prior(text) for text in options.priors)
     try:
-        found = fit_bands(scene, points, fixed)
+        found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
-        raise ValueError(f'{options.file}: {error}') from None
+        raise ValueError(f'{", ".join(options.files)}: {error}') from None
     text = band_report(found, len(points), fixed)
     if options.output is not None:
-        with results(options, scene, options.file) as folder, drawing(options, folder, scene.title) as save:
+        with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
             cells = {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}
             save(plot_band_fits(found.points, cells), 'band_fit')
             (folder / 'band_fit.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     if options.output is not None:
         print(f'\nthe picture and this text are in {options.output}')
+
+
+def _prior(text):
+    """Name, value and standard uncertainty of a parameter from words such as 'force_N=0.288+-0.01' or 'a=3.8+-10%'."""
+    from ..errors import one_of
+    from ..scenes.band_fits import KEYS
+
+    match = re.fullmatch(r'\s*(\w+)\s*=\s*([-+.\deE]*[\d.])\s*(?:\+-|\+/-|±)\s*([-+.\deE]*[\d.])\s*(%?)\s*', text)
+    try:
+        key, value, sigma, percent = match.groups()
+        value, sigma = float(value), float(sigma)
+    except (AttributeError, ValueError):
+        raise ValueError(f'--prior {text!r} is no parameter, value and standard uncertainty, as force_N=0.288+-0.01 or a=3.8+-10%'
+                         ) from None
+    return KEYS[one_of('the parameter of --prior', key, tuple(KEYS))], (value, value * sigma / 100 if percent else sigma)
 
 
 def band_report(found, points: int, fixed: list[str]) -> str:
@@ -191,19 +219,62 @@ def band_report(found, points: int, fixed: list[str]) -> str:
 
     own, fits = found.points, found.fits
     on = ', '.join(f'{count} ridge{"s" * (count > 1)} on branch {branch + 1}'
-                   for branch, count in sorted(Counter(fits['complete'].branches).items()))
+                   for branch, count in sorted(Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist())).items()))
     lines = [found.scene.title, '', f'{len(own)} of {points} ridge points share no noise and are fitted: {on}, from below.',
-             'Known: spacing and mass' + (f', fixed: {", ".join(fixed)}' if fixed else '') + '.', '']
+             *_known(found, fixed), '']
     rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits))]
     values = {model: found.values(model) for model in fits}
     rows += [(f'{name} ({UNITS[name]})' if UNITS[name] else name, *(_interval(*values[model][name]) for model in fits))
              for name in values['complete']]
+    rows += _predicted(found)
     rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
     rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines += ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return '\n'.join([*lines, '', 'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
-                      *_undetermined(found), *_biased(found), *_verdict(found), *_entries(found)])
+                      *_allowed(found), *_undetermined(found), *_biased(found), *_left_out(found), *_verdict(found),
+                      *_entries(found)])
+
+
+def _known(found, fixed):
+    from ..scenes.band_fits import KEYS
+
+    keys = {name: key for key, name in KEYS.items()}
+    known = [f'fixed: {", ".join(fixed)}'] if fixed else []
+    before = ', '.join(f'{keys[name]} = {value:.4g} +- {sigma:.2g}' for name, (value, sigma) in found.priors.items())
+    known += [f'before: {before}'] if before else []
+    shells = found.scene.law.shells
+    return ['; '.join(['Known: spacing and mass', *known]) + '.',
+            f'Neighbours: {shells} shell{"s" * (shells != 1)}.' + (
+                ' Others are left out: a law with one shell is another than that of the particles; shells = "all" counts them.'
+                if shells == 1 else '')]
+
+
+def _predicted(found):
+    """Rows of the frequencies of both models at the special points."""
+    import numpy as np
+
+    from .. import units as u
+
+    points = found.scene.special_points
+    told = [found.predicted(np.array(list(points.values())), model) for model in found.fits]
+    return [(f'{name}, branch {branch + 1} (Hz)',
+             *(_interval(u.hertz(omega[k, branch]), sigma[k, branch]) for omega, sigma in told))
+            for k, name in enumerate(points) for branch in range(told[0][0].shape[1])]
+
+
+def _allowed(found):
+    """What the intervals contain of shifts that all ridges of a branch share."""
+    from ..waves.ridge_tables import SHIFT_bins
+
+    points = found.points.from_points
+    kinds = [(kind, some.sum()) for kind, some in (('row', ~points), ('point', points)) if some.any()]
+    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
+    lines = [f'They allow for a shift that all ridges of a branch share: {told}.']
+    strayed = found.fits['complete'].strayed
+    if strayed:
+        lines.append(f'{strayed} of the points of waves from a point source follow the next branch to that of their motion.')
+    return lines
 
 
 def _interval(value, sigma):
@@ -211,7 +282,7 @@ def _interval(value, sigma):
 
     from ..design.least_squares import DETERMINED, NORMAL
 
-    if sigma > DETERMINED:
+    if not sigma <= DETERMINED:  # or no number
         return 'not determined'
     low, high = value * np.exp(-NORMAL * sigma), value * np.exp(NORMAL * sigma)
     return f'{value:.4g}, {low:.4g} to {high:.4g}'
@@ -226,8 +297,8 @@ def _undetermined(found):
     more = ('the other branch too (a force along the row drives longitudinal waves, one across it shear)'
             if len(set(found.fits['complete'].branches)) == 1 else 'more frequencies of both branches')
     return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters may change together '
-            f'and leave them where they are. Measure {more}, or fix what is known from elsewhere: --fix {open_[0]} takes its '
-            'value from the scene.']
+            f'and leave them where they are. Measure {more}, or tell what is known from elsewhere with --prior; --fix '
+            f'{open_[0]} takes its value from the scene as exact.']
 
 
 def _entries(found):
@@ -246,23 +317,38 @@ def _entries(found):
     pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
     law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
     law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
-    springs = ['[foundation]', f'stiffness_N_per_m = {scene.foundation.stiffness / (u.N / u.m):.8g}'] if scene.foundation else []
+    law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
+    springs = scene.foundation.changes if scene.foundation else {}
+    rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
     return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
-            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}', *springs]
+            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
+            *(['[foundation]', *rows] if rows else [])]
 
 
 def _biased(found):
-    points, lines = found.points, []
-    if points.biased and found.better.follows:
-        lines.append(f'Biased: {len(points.biased)} of the ridges ({", ".join(points.biased)}) are longitudinal ones of a point '
-                     'source, or of a source that the table does not name. Such a ridge is often off the longitudinal branch by '
-                     'more than its uncertainty, so force, exponent and foundation may be wrong by several times their intervals '
-                     'although the fit is accepted (docs/coverage.md). Leave these ridges out, or drive a row of sources.')
-    if not any(points.motions):
+    lines = []
+    if found.biased and found.better.follows:
+        from ..scenes.band_fits import KEYS
+
+        keys = {name: key for key, name in KEYS.items()}
+        more = ' '.join(f'--prior {keys[name]}=...+-...' for name in found.names if name not in (*found.priors, 'force'))
+        lines.append('Biased, wide: the waves are those of a point source, or of a source that the table does not name. Such '
+                     'ridges are shifted, and the values lie to one side within their intervals (docs/coverage.md). Tell what is '
+                     f'known from elsewhere, as {more}, or drive a row of sources.')
+    if not any(found.points.motions):
         lines.append('The table has no column motion: which branch a ridge follows is told by its distance alone'
                      + (', and all points are taken for one ridge. Name record and motion (transverse or longitudinal) of each.'
-                        if len(points.names) == 1 else '.'))
+                        if len(found.points.names) == 1 else '.'))
     return lines
+
+
+def _left_out(found):
+    fit = found.fits['complete']
+    if not found.left_out:
+        return []
+    return [f'Left out of the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
+            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened by this: a fit that is good because ridges '
+            'were taken out is no surer than one with them.']
 
 
 def _verdict(found):
@@ -271,15 +357,12 @@ def _verdict(found):
     if not found.better.follows:
         return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
                 f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above mean '
-                'nothing, and these data are no evidence for D* or against it. The ridge that contributes most to chi2 is the '
-                f'ridge "{_worst(found)}": take it out of the table if it may be that of several waves or of another branch. A '
-                'point source sends several waves along a row: keep its transverse ridges, or drive a row of sources. Otherwise '
-                'mass, spacing or the number of shells of the scene may be wrong.']
+                f'nothing, and these data are no evidence for D* or against it. {_causes(found)}']
     sigmas = found.evidence
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
-        law = [name for name in found.names if name != 'foundation']
-        known = f' A law that is known from measured forces would decide: --fix {",".join(law)}.' if law else ''
+        law = [name for name in found.names if not name.startswith('foundation')]
+        known = f' A law that is known from measured forces would decide: --prior, or --fix {",".join(law)}.' if law else ''
         return [f'D*: these data cannot decide between the models. They differ by {difference:.2g} in chi2, {abs(sigmas):.1f} '
                 f'sigma: with other parameters each follows the ridges as well.{known}', *_scattered(found)]
     better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
@@ -304,6 +387,14 @@ def _scattered(found):
     if fit.scatter == 1:
         return []
     return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
-            f'enlarged, and the evidence is lowered, by this factor. Most of it comes from the ridge "{_worst(found)}". It '
-            'may be that of several waves, of an oblique wave or of another branch (take it out of the table), or mass, spacing '
-            'or the number of shells of the scene may be wrong.']
+            f'enlarged, and the evidence is lowered, by this factor. {_causes(found)}']
+
+
+def _causes(found):
+    """Why points may scatter, the likeliest cause first."""
+    one = found.scene.law.shells == 1
+    shells = ('Most likely it is the neighbours beyond the first shell, which this scene leaves out: take shells = "all". Then '
+              'look' if one else 'Look')
+    return (f'{shells} at mass and spacing of the scene, and at the ridge "{_worst(found)}", from which most of it comes: is its '
+            'motion or its source another than the table says? Ridges that are taken out until the rest agrees make a confident '
+            'and wrong answer; --without leaves one out and widens the intervals by what is missed.')

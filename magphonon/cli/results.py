@@ -83,7 +83,7 @@ class Provenance(BaseModel, extra='forbid'):
 
 
 @contextmanager
-def results(options: Namespace, scene: Scene | None = None, table: str | PathLike[str] | None = None) -> Iterator[Path]:
+def results(options: Namespace, scene: Scene | None = None, *tables: str | PathLike[str]) -> Iterator[Path]:
     """A directory to write into, whose files appear in the folder `options.output` when all of them are complete.
 
     The folder is made if it does not exist, with its parents.  Files of an earlier run of the same command are replaced, unless
@@ -95,8 +95,8 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
         With `output`, the name of the `command`, patterns of the names of its `results`, its `words` and the `scene`, a path or
         a Source.  It gets `written`, the folder, and `notes`, sentences about what else is there.
     scene : Scene, optional
-    table : path-like, optional
-        The measured table, if the command reads one.
+    *tables : path-like
+        The measured tables, if the command reads some.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def results(options: Namespace, scene: Scene | None = None, table: str | PathLik
         with _beside(folder) as stage:
             left = sorted(file.name for file in folder.iterdir() if file != stage
                           and (fnmatch(file.name, '.partial-*') or fnmatch(file.name, '.*.partial')))
-            run = _Run(options, scene, table)
+            run = _Run(options, scene, tables)
             run.refuse_mixture(_provenance(folder))
             yield stage
             stale = run.move(stage)
@@ -159,13 +159,13 @@ def _beside(folder):
 class _Run:
     """One run of a command, whose results go into a folder."""
 
-    def __init__(self, options, scene, table):
+    def __init__(self, options, scene, tables):
         self.folder, self.scene, self.tables = Path(options.output), None, {}
-        self.name = options.command if table is None or scene is None else f'{options.command} {Path(table).stem}'
+        self.name = ' '.join([options.command, *(Path(table).stem for table in tables if scene is not None)])
         self.record = Run(command=shlex.join(['magphonon', *options.words]), date=datetime.now(UTC).isoformat(timespec='seconds'),
                           versions={'magphonon': __version__, 'python': platform.python_version()}
                           | {package: version(package) for package in PACKAGES},
-                          inputs={} if table is None else {str(table): _sum(table)})
+                          inputs={str(table): _sum(table) for table in tables})
         if scene is None:
             return
         self.source = source_of(options.scene)

@@ -4,7 +4,12 @@ With the logarithms x of the parameters, the residual of a point (q, omega) of o
 
     r = (omega^2 - lambda(q; x)) / (2 omega sigma)        sigma^2 = sigma_omega^2 + (what sigma_q makes of the branch)^2
 
-and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).
+and `d lambda/dx = 2 omega d omega/dx` is analytic (`magphonon.design.sensitivities`).  What shifts all ridges of a branch alike,
+as a point source does, no residual shows; the covariance of the points of one branch and one kind of source is therefore
+
+    C = diag(sigma^2) + (tau d) (tau d)^T        d = d omega/d xi, tau = `RidgePoints.shift`
+
+and residuals and derivatives are multiplied by C^(-1/2), the symmetric root, which leaves each residual that of its own point.
 """
 
 from __future__ import annotations
@@ -37,6 +42,10 @@ PASSES = 4
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
 """Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
 each parameter up to which these go, and how many of the assignments found are fitted."""
+STRAYS = 3.0
+"""Where waves of a point source, which move the row both across and along, are taken for those of the next branch: so many of its
+uncertainties is a point from its own branch at least, and so many times nearer to the other."""
+STEP = 1e-4  # of xi in rad, over which the slope of a branch is taken
 ROUNDS, FARTHEST = 6, 3
 """How often, after that, ridges are taken for those of the next branches, and how many: those that the fit leaves farthest."""
 MOTION_BRANCH = {'transverse': 0, 'longitudinal': 1}
@@ -51,17 +60,34 @@ class DispersionFit(ParameterFit):
     ----------
     branches : tuple of int
         The branch of each ridge, counted from 0 by frequency.
+    strayed : int
+        Number of points, of waves from a point source, that follow the next branch to that of their ridge.
+    missed : tuple of float
+        Residuals of the ridges that were left out of the fit.
+
+    The residuals are those of the points, then those of the priors.
     """
 
     branches: tuple[int, ...]
+    strayed: int = 0
+    missed: tuple[float, ...] = ()
+
+    @property
+    def scatter(self) -> float:
+        """The same with the ridges that were left out of the fit: taking them out must not make it surer."""
+        own = super().scatter
+        if not self.missed:
+            return own
+        return max(own, float(np.sqrt((self.chi2 + np.sum(np.square(self.missed))) / (self.freedom + len(self.missed)))))
 
     @property
     def follows(self) -> bool:
         """Whether the model follows the points, so that its parameters mean something."""
-        return self.scatter <= FOLLOWS
+        return super().scatter <= FOLLOWS
 
 
-def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str = 'complete') -> DispersionFit:
+def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, model: str = 'complete',
+                   priors: Mapping[str, tuple[float, float]] | None = None) -> DispersionFit:
     """Fit parameters of a lattice to measured points of its branches.
 
     Parameters
@@ -74,6 +100,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     points : RidgePoints
         Without those that share noise, see `RidgePoints.independent`.
     model : {'complete', 'conventional'}
+    priors : dict, optional
+        What is known of parameters from elsewhere: the factor and its relative standard uncertainty.
 
     Examples
     --------
@@ -98,7 +126,8 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     >>> round(float(fit.factors[0]), 6), fit.branches
     (1.2, (0,))
     """
-    if len(points) <= len(names):
+    priors = priors or {}
+    if len(points) + len(priors) <= len(names):
         raise ValueError(f'{len(points)} independent points are too few for {len(names)} parameters ({", ".join(names)}); record '
                          'longer or with more carriers, or fix a parameter')
     @lru_cache(maxsize=1)  # residuals and derivatives are wanted at the same place, one after the other
@@ -106,12 +135,12 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         return build(dict(zip(names, np.exp(x).tolist(), strict=True)))
 
     def with_branches(branches, start):
-        return _settled(cell, names, points, model, lambda _: branches, start)
+        return _settled(cell, names, points, model, priors, lambda _: branches, start)
 
     def nearest(atoms):
         return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
-    fit = _settled(cell, names, points, model, nearest, np.zeros(len(names)))
+    fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
     count = bloch_modes(cell(*np.zeros(len(names)))[0], points.q[:1], model)[0].shape[1]
     told = _told(points, count)
     if fit.chance < FITS and not all(told):  # perhaps for a ridge that is taken for one of another branch
@@ -126,35 +155,66 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
     return fit
 
 
-def _settled(cell, names, points, model, branches_in, start):
+def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple[float, ...]:
+    """Residuals of other points from the nearest branches of a fitted lattice."""
+    atoms, _ = build(dict(zip(fit.names, fit.factors.tolist(), strict=True)))
+    modes = _off_branches(atoms, points, fit.model, points.sigma_omega).argmin(axis=1)[points.ridge]
+    sigma, slope = _uncertainty(atoms, points, modes, fit.model)
+    omega = _at(atoms, points, modes, fit.model)
+    return tuple((_whitening(points, modes, points.shift * slope / sigma) @ ((points.omega - omega) / sigma)).tolist())
+
+
+def _settled(cell, names, points, model, priors, branches_in, start):
     """The fit to the branches that `branches_in` finds for the atoms, repeated until these and the uncertainties settle."""
     from scipy.optimize import least_squares
 
-    x, n, before = start, np.arange(len(points)), None
+    n = np.arange(len(points))
+    known = np.array([names.index(name) for name in priors], int)
+    wanted, surely = np.log([factor for factor, _ in priors.values()]), np.array([sigma for _, sigma in priors.values()])
+
+    x, before = start, None
     for _ in range(PASSES):
         atoms, _ = cell(*x)
         branches = branches_in(atoms)
-        modes = np.array(branches)[points.ridge]
-        scale = 2 * points.omega * _uncertainty(atoms, points, modes, model)
+        modes = _followed(atoms, points, np.array(branches)[points.ridge], model)
+        sigma, slope = _uncertainty(atoms, points, modes, model)
+        scale, white = 2 * points.omega * sigma, _whitening(points, modes, points.shift * slope / sigma)
 
-        def residuals(x, modes=modes, scale=scale):
-            omega = bloch_modes(cell(*x)[0], points.q, model)[0][n, modes]
-            return (points.omega**2 - omega * abs(omega)) / scale
+        def residuals(x, modes=modes, scale=scale, white=white):
+            omega = _at(cell(*x)[0], points, modes, model)
+            return np.append(white @ ((points.omega**2 - omega * abs(omega)) / scale), (wanted - x[known]) / surely)
 
-        def jacobian(x, modes=modes, scale=scale):
+        def jacobian(x, modes=modes, scale=scale, white=white):
             atoms, changes = cell(*x)
             omega, slopes = frequency_sensitivities(atoms, points.q, [changes[name] for name in names], model)
             slopes = np.nan_to_num(slopes[:, n, modes])  # infinite at zero frequency, where the square has a slope of its own
-            return -(2 * abs(omega[n, modes]) * slopes / scale).T
+            return -np.vstack([white @ (2 * abs(omega[n, modes]) * slopes / scale).T, np.eye(len(x))[known] / surely[:, None]])
 
         found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
                               xtol=1e-12, ftol=1e-12, gtol=1e-12)
-        x, settled = found.x, before is not None and branches == before
-        before = branches
+        x, settled = found.x, before is not None and np.array_equal(modes, before)
+        before = modes
         if settled:
             break
     J = jacobian(x)
-    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches)
+    strayed = int((modes != np.array(branches)[points.ridge]).sum())
+    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches, strayed)
+
+
+def _followed(atoms, points, modes, model):
+    """The branch of each point: that of its ridge, but where waves of a point source are clearly those of the next one."""
+    for side in (1, -1):
+        other = np.clip(modes + side, 0, bloch_modes(atoms, points.q[:1], model)[0].shape[1] - 1)
+        own, its = (abs(points.omega - _at(atoms, points, some, model)) / _uncertainty(atoms, points, some, model)[0]
+                    for some in (modes, other))
+        modes = np.where(points.from_points & (own > STRAYS) & (its < own / STRAYS), other, modes)
+    return modes
+
+
+def _at(atoms, points, modes, model, xi=None):
+    """Frequencies of these branches at the phases xi, by default those of the points."""
+    q = points.q if xi is None else points.q * (xi / points.xi)[:, None]
+    return bloch_modes(atoms, q, model)[0][np.arange(len(points)), modes]
 
 
 def _assignments(cell, parameters, points, model):
@@ -175,7 +235,7 @@ def _assignments(cell, parameters, points, model):
 
 def _neighbouring(fit, points, count, told):
     """Other assignments to try: one of the worst ridges is moved to the next branch, unless its motion fixes the branch."""
-    off, branches = np.bincount(points.ridge, fit.residuals**2, len(told)), fit.branches
+    off, branches = np.bincount(points.ridge, fit.residuals[: len(points)] ** 2, len(told)), fit.branches
     for k in [k for k in np.argsort(-off).tolist() if not told[k]][:FARTHEST]:
         for other in (branches[k] - 1, branches[k] + 1):
             if 0 <= other < count:
@@ -196,8 +256,18 @@ def _off_branches(atoms, points, model, unit):
 
 
 def _uncertainty(atoms, points, modes, model):
-    """Standard uncertainty of each frequency, with what the uncertainty of its wavevector adds."""
-    n = np.arange(len(points))
-    here, *beside = (bloch_modes(atoms, points.q * (1 + side * points.sigma_xi / points.xi)[:, None], model)[0][n, modes]
-                     for side in (0, 1, -1))
-    return np.hypot(points.sigma_omega, np.abs(np.array(beside) - here).max(axis=0))  # no slope, which may vanish at an edge
+    """Standard uncertainty of each frequency, with what the uncertainty of its wavevector adds, and the slope d omega/d xi."""
+    def at(step):
+        return _at(atoms, points, modes, model, points.xi + step)
+
+    beside = np.maximum(*(abs(at(side * points.sigma_xi) - at(0.0)) for side in (1, -1)))
+    return np.hypot(points.sigma_omega, beside), (at(STEP) - at(-STEP)) / (2 * STEP)  # no slope in sigma: it may vanish
+
+
+def _whitening(points, modes, shifted):
+    """C^(-1/2) for residuals over sigma, where `shifted` is tau d/sigma."""
+    _, group = np.unique([modes, points.from_points], axis=1, return_inverse=True)
+    V = np.where(np.ravel(group) == np.arange(group.max() + 1)[:, None], shifted, 0.0)
+    size = np.linalg.norm(V, axis=1)  # the rows have no point in common: C^(-1/2) is 1 beside them, and less along each
+    V = V[size > 0] / size[size > 0, None]
+    return np.eye(len(points)) - V.T @ ((1 - 1 / np.sqrt(1 + size[size > 0] ** 2))[:, None] * V)

@@ -61,7 +61,7 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
             omega = bloch_modes(atoms, xi[:, None] * np.array(direction), model)[0][:, branch]
             upper.plot(xi, u.hertz(omega), line, color=colour)
         upper.plot([], [], line, marker=marker, color=colour, markersize=3, fillstyle='none', label=model)  # with its residuals
-        lower.plot(points.xi, fit.residuals, marker, color=colour, markersize=3, fillstyle='none', linestyle='')
+        lower.plot(points.xi, fit.residuals[: len(points)], marker, color=colour, markersize=3, fillstyle='none', linestyle='')
     lower.axhspan(-1.96, 1.96, color='0.9', zorder=0)
     upper.fill_between([], [], [], color='0.9', label='95 %, below')
     lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)

@@ -2,32 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
-from ..design.dispersion_fits import DispersionFit, fit_dispersion
-from ..design.sensitivities import Change, LawChange, exponent_change, force_change, screening_change
+from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
+from ..design.sensitivities import (
+    Change,
+    LawChange,
+    exponent_change,
+    force_change,
+    frequency_sensitivities,
+    screening_change,
+)
 from ..errors import one_of
+from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..stiffness.calculator import MagneticRepulsion
 from .structures import FileLattice
-from .tolerances import PLACES, varied
+from .tolerances import LARGEST_TOLERANCE, PLACES, varied
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
 
     from ..waves.ridge_tables import RidgePoints
     from .scene import Scene
 
 MODELS = ('complete', 'conventional')
 STRENGTHS = {'inverse_power': ('b', 1), 'dipoles': ('moment', 2), 'coulomb': ('charge', 2), 'yukawa': ('strength', 1),
-             'table': ('forces', 1)}
+             'table': ('forces', 1), 'magnets': ('remanence', 2)}
 """The parameter of each kind of law in proportion to which the force goes, and to which power."""
 SHAPES = {'inverse_power': ('a', exponent_change), 'yukawa': ('screening_length', screening_change)}
 """The parameter that tells how fast it falls, where there is one, and what it changes."""
+SPRINGS = {'foundation': 'stiffness', 'foundation_x': 'stiffness', 'foundation_y': 'stiffness_y'}
+"""What each fitted spring is called in `Foundation.changes`."""
+UNITS = {'force': 'N', 'a': '', 'screening_length': 'm', **dict.fromkeys((*SPRINGS, 'bond stiffness'), 'N/m')}  # of the values
+KEYS = {'_'.join([name, *filter(None, [unit.replace('/', '_per_')])]): name for name, unit in UNITS.items() if ' ' not in name}
+"""The parameters by their name with a unit, as a prior names them: force_N, a, foundation_N_per_m and so on."""
 TELLS = 2.0
 """Difference of the models in sigmas below which the data do not tell them apart."""
 
@@ -41,18 +56,24 @@ class BandFits:
     scene : Scene
         Where the fit started: spacing, masses and what is fixed are known from it.
     points : RidgePoints
-        Those that share no noise.
+        Those that share no noise and were fitted.
     fits : dict of DispersionFit
         By model, 'complete' and 'conventional'.
+    priors : dict
+        What was known of parameters from elsewhere: value in SI and standard uncertainty.
+    left_out : tuple of str
+        Ridges that were taken out of the fit, and whose distance from it widens the intervals.
     """
 
     scene: Scene
     points: RidgePoints
     fits: dict[str, DispersionFit]
+    priors: dict[str, tuple[float, float]]
+    left_out: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The fitted parameters: 'force' (at the spacing), 'a' or 'screening_length', 'foundation'."""
+        """The fitted parameters: 'force' (at the spacing), 'a' or 'screening_length', 'foundation' or its parts along x and y."""
         return self.fits['complete'].names
 
     @property
@@ -72,6 +93,15 @@ class BandFits:
         """The fit of the model that has the smaller chi2."""
         return min(self.fits.values(), key=lambda fit: fit.chi2)
 
+    @property
+    def biased(self) -> bool:
+        """Whether ridges of a point source are fitted without knowing from elsewhere how fast the force falls, or the foundation.
+
+        Their intervals hold the truth, but the values lie to one side of it.
+        """
+        alone = [name for name in self.names if name not in (*self.priors, 'force')]
+        return bool(self.points.from_points.any() and alone)
+
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit."""
         fit = self.fits[one_of('model', model, MODELS)]
@@ -84,18 +114,30 @@ class BandFits:
         """
         fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
         L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), _changes(scene)
-        found = {}
-        for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True):
-            if name == 'foundation':
-                found[name] = float(scene.foundation.stiffness / (u.N / u.m)), sigma  # pyright: ignore[reportOptionalMemberAccess]  it has one
-            else:
-                found[name] = float(repulsion(law, L) / u.N if name == 'force' else getattr(scene.law, PLACES[name][-1])), sigma
+        found = {name: (_value(scene, name), sigma) for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
         slopes = [0.0 if changes[name].law is None else changes[name].law.d2phi(L) / law.d2phi(L) for name in fit.names]
         found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
         return found
 
+    def predicted(self, q: ArrayLike, model: str = 'complete') -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Frequencies of the fitted lattice and their relative standard uncertainties, by the covariance of the fit.
 
-UNITS = {'force': 'N', 'a': '', 'screening_length': 'm', 'foundation': 'N/m', 'bond stiffness': 'N/m'}  # units of the values
+        Parameters
+        ----------
+        q : array_like, shape (wavevectors, 3)
+            In fractions of the reciprocal vectors.
+        model : {'complete', 'conventional'}
+
+        Returns
+        -------
+        omega, sigma : ndarray, shape (wavevectors, branches)
+            In rad/ms; `sigma` is a fraction of omega, infinite where the points do not determine it.
+        """
+        fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
+        changes = _changes(scene)
+        omega, slopes = frequency_sensitivities(scene.perfect_cell(), q, [changes[name] for name in fit.names], model)
+        relative = np.divide(slopes, abs(omega), out=np.zeros_like(slopes), where=slopes != 0)
+        return omega, np.apply_along_axis(fit.sigma_along, 0, relative)
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -108,15 +150,18 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; take a lattice of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
         raise ValueError('foundation.out_of_plane: a fit takes waves in the plane; leave this table out')
-    shape = SHAPES.get(scene.law.kind, ())[:1]
-    return ('force', *shape, *(('foundation',) if scene.foundation and scene.foundation.stiffness else ()))
+    springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
+    names = ('foundation',) if len(springs) == 1 else ('foundation_x', 'foundation_y')[: len(springs)]
+    return ('force', *SHAPES.get(scene.law.kind, ())[:1], *names)
 
 
-def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> BandFits:
+def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
+              priors: Mapping[str, tuple[float, float]] | None = None, without: Sequence[str] = ()) -> BandFits:
     """Force, exponent and foundation of a lattice from measured points of its bands, with D* and without.
 
     Mass and spacing are those of the scene, whose other parameters are where the fit starts.  Which parameters the points
-    determine, the uncertainties tell: those of one branch, for example, never tell the exponent from the force.
+    determine, the uncertainties tell: those of one branch, for example, never tell the exponent from the force.  The shape of a
+    law of magnets or of a table of forces stays, and its strength is fitted.
 
     Parameters
     ----------
@@ -124,7 +169,17 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> B
     points : RidgePoints
         Of any number of ridges; those that share noise are left out.
     fixed : sequence of str
-        Parameters that are known from elsewhere: 'force', 'a' (or 'screening_length'), 'foundation'.
+        Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation', or 'foundation_x' and
+        'foundation_y' of a scene with both.
+    priors : dict, optional
+        Parameters that are known from elsewhere: value in SI and standard uncertainty, as {'force': (0.288, 0.01)}.
+    without : sequence of str
+        Names of ridges that are not fitted; by how much the fit misses them widens all intervals.
+
+    Raises
+    ------
+    ValueError
+        If two springs are to be fitted to ridges of a point source without priors, which would be 80 % off.
 
     Examples
     --------
@@ -143,23 +198,73 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = ()) -> B
     >>> round(fits.values()['a'][0], 4), fits.evidence > 10
     (4.5824, True)
     """
-    scene, have = scene.counted(), parameters_of(scene)
-    for name in fixed:
-        one_of('the fixed parameter', name, have)
+    have, priors = parameters_of(scene), dict(priors or {})
+    scene = scene.counted()
+    for name in (*fixed, *priors):
+        one_of('the fixed parameter' if name in fixed else 'the parameter of a prior', name, have)
     names = tuple(name for name in have if name not in fixed)
     if not names:
         raise ValueError('all parameters are fixed; leave one of them free')
-    own = points.independent
-
+    scene = _of_remanence(scene)
+    own, left_out = _divided(points, without)
+    _refuse_two_springs(own, [name for name in names if name not in priors])
+    relative = {name: _prior(scene, name, *priors[name], fixed) for name in priors}
     cell = scene.perfect_cell()
 
     def build(factors):
         there, atoms = with_factors(scene, factors), cell.copy()
-        springs = there.foundation.stiffness if there.foundation else 0.0
+        springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
         atoms.calc = MagneticRepulsion(atoms, there.law.potential(), bonds=cell.calc.bonds, foundation=springs)
         return atoms, _changes(there)
 
-    return BandFits(scene, own, {model: fit_dispersion(build, names, own, model) for model in MODELS})
+    fits = {}
+    for model in MODELS:
+        fit = fit_dispersion(build, names, own, model, relative)
+        fits[model] = replace(fit, missed=residuals_of(build, fit, left_out)) if len(left_out) else fit
+    return BandFits(scene, own, fits, priors, tuple(without))
+
+
+def _divided(points, without):
+    """The points to fit and those of the ridges that are left out, of each those that share no noise."""
+    for name in without:
+        one_of('the ridge that is left out', name, points.names)
+    out = np.isin(np.array(points.names)[points.ridge], list(without))
+    if out.all():
+        raise ValueError('all ridges are left out; keep some of them')
+    return points[~out].independent, points[out].independent
+
+
+def _refuse_two_springs(points, free):
+    if {'foundation_x', 'foundation_y'} <= {*free} and points.from_points.all():
+        raise ValueError('two springs, along x and along y, cannot be told from ridges of a point source alone, which are '
+                         'shifted; tell what is known of them (--prior foundation_x_N_per_m=20+-2), fix one, take '
+                         'foundation.stiffness_y_N_per_m out, or drive a row of sources')
+
+
+def _prior(scene, name, value, sigma, fixed):
+    """Factor and relative uncertainty of what is known of a parameter."""
+    if name in fixed:
+        raise ValueError(f'{name} is fixed and has a prior; keep one of them')
+    if not 0 < sigma <= LARGEST_TOLERANCE * value:
+        raise ValueError(f'the prior of {name}, {value:g} +- {sigma:g}, must be positive and known to '
+                         f'{100 * LARGEST_TOLERANCE:.0f} % or better; what is known less well needs no prior')
+    return value / _value(scene, name), sigma / value
+
+
+def _value(scene, name):
+    """A parameter of the scene in SI."""
+    if name in SPRINGS:
+        return float(np.max(scene.foundation.changes[SPRINGS[name]]) / (u.N / u.m))
+    return float(repulsion(scene.law.potential(), scene.lattice.spacing_m * u.m) / u.N if name == 'force'
+                 else getattr(scene.law, PLACES[name][-1]))
+
+
+def _of_remanence(scene):
+    """The same scene, with magnets of a number of teslas where it named their grade: a fit changes it."""
+    if scene.law.kind != 'magnets' or not scene.law.grade:
+        return scene
+    strength = {'grade': None, 'remanence_T': None if scene.law.calibration else grade_remanence(scene.law.grade) / u.T}
+    return scene.model_copy(update={'law': scene.law.model_copy(update=strength)})
 
 
 def _changes(scene):
@@ -173,18 +278,21 @@ def _changes(scene):
         changes[name] = Change(law=LawChange(lambda r: shape.dphi(r) - share * law.dphi(r),
                                              lambda r: shape.d2phi(r) - share * law.d2phi(r)))
     if scene.foundation:
-        changes['foundation'] = Change(foundation=scene.foundation.stiffness)
+        changes |= {name: Change(foundation=scene.foundation.changes[spring]) for name, spring in SPRINGS.items()
+                    if spring in scene.foundation.changes}
     return changes
 
 
 def with_factors(scene: Scene, factors: dict[str, float]) -> Scene:
     """The scene with its force at the spacing, its shape and its foundation multiplied by `factors`."""
     L = scene.lattice.spacing_m * u.m
-    strength, power = STRENGTHS[scene.law.kind] if getattr(scene.law, 'force_N', None) is None else ('force', 1)
+    strength, power = STRENGTHS[scene.law.kind]
+    if getattr(scene.law, 'force_N', None) is not None or getattr(scene.law, 'calibration', None) is not None:
+        strength, power = 'force', 1
     wanted = repulsion(scene.law.potential(), L) * factors.get('force', 1.0)
     scene = varied(scene, {name: factor for name, factor in factors.items() if name in PLACES and name != 'force'})
     scene = varied(scene, {strength: (wanted / repulsion(scene.law.potential(), L)) ** (1 / power)})
-    if 'foundation' in factors:
-        spring = 'youngs_modulus' if scene.foundation and scene.foundation.pillar else 'stiffness'
-        scene = varied(scene, {spring: factors['foundation']})
-    return scene
+    springs = {SPRINGS[name]: factor for name, factor in factors.items() if name in SPRINGS}
+    if springs and scene.foundation and scene.foundation.pillar:
+        springs = {'youngs_modulus': springs['stiffness']}
+    return varied(scene, springs)

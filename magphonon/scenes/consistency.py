@@ -65,7 +65,7 @@ def check(scene: Scene) -> None:
     faults = []
     for table, checked in (('title', _title), ('defects', _imperfect), ('disorder', _imperfect), ('law', _mass),
                            ('bands', _bands), ('frf', _frf), ('plan', _plan), ('burst', _burst), ('vibrometer', _vibrometer),
-                           ('foundation', _pillar), ('foundation', _out_of_plane),
+                           ('foundation', _pillar), ('foundation', _two_springs), ('foundation', _out_of_plane),
                            ('uncertainty', lambda scene: scene.uncertainty.tolerances(scene)),
                            ('design', lambda scene: scene.design.check(scene))):
         try:
@@ -121,6 +121,15 @@ def _pillar(scene: Scene) -> None:
     if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
         raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
                          'take it out, and add 33/140 of the mass of a pillar to lattice.mass_kg')
+
+
+def _two_springs(scene: Scene) -> None:
+    if scene.foundation.stiffness_y_N_per_m is None:
+        return
+    if scene.design is not None:
+        raise ValueError('foundation.stiffness_y_N_per_m: [design] gives one stiffness along x and y; take it out')
+    if scene.single or scene.lattice.cell().pbc.all():
+        raise ValueError(f'foundation.stiffness_y_N_per_m: {scene.lattice.kind} has no plane; take it out')
 
 
 def _out_of_plane(scene: Scene) -> None:

@@ -201,6 +201,9 @@ class Foundation(Table):
 
     stiffness_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = Field(
         None, description='the stiffness in N/m of the spring that ties each particle to its place')
+    stiffness_y_N_per_m: Annotated[NotNegative, within(0, 1e15, 'N/m')] | None = Field(
+        None, description='the same along y, where stiffness_N_per_m is that along x: pillars that are no round rods',
+        examples=[22.0])
     pillar: Pillar | None = None
     out_of_plane: OutOfPlane | None = None
 
@@ -209,6 +212,8 @@ class Foundation(Table):
         if (self.stiffness_N_per_m is None) == (self.pillar is None):
             has = 'neither' if self.pillar is None else 'both'
             raise ValueError(f' has {has} of stiffness_N_per_m and [foundation.pillar]; give one, or leave [foundation] out')
+        if self.stiffness_y_N_per_m is not None and not self.stiffness_N_per_m:
+            raise ValueError('.stiffness_y_N_per_m is that along y beside a stiffness_N_per_m along x, above zero; give both')
         return self
 
     @property
@@ -218,10 +223,22 @@ class Foundation(Table):
 
     def springs(self, in_plane: Any) -> Any:
         """The foundation as the calculators take it; `in_plane` is its stiffness in N/mm, one number or one per particle."""
-        if self.out_of_plane is None:
+        if self.out_of_plane is None and self.stiffness_y_N_per_m is None:
             return in_plane
-        kz = self.out_of_plane.stiffness_N_per_m * u.N / u.m
-        return np.atleast_2d(np.stack(np.broadcast_arrays(in_plane, in_plane, kz), axis=-1))
+        ratio = 1.0 if self.stiffness_y_N_per_m is None else self.stiffness_y_N_per_m / (self.stiffness / (u.N / u.m))
+        parts = [in_plane, ratio * in_plane]
+        if self.out_of_plane is not None:
+            parts.append(self.out_of_plane.stiffness_N_per_m * u.N / u.m)
+        return np.atleast_2d(np.stack(np.broadcast_arrays(*parts), axis=-1))
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What the stiffness along x, and that along y where it has one of its own, adds to the foundation in N/mm."""
+        if self.stiffness_y_N_per_m is None:
+            return {'stiffness': self.stiffness}
+        z = () if self.out_of_plane is None else (0.0,)
+        return {'stiffness': np.array([[self.stiffness, 0.0, *z]]),
+                'stiffness_y': np.array([[0.0, self.stiffness_y_N_per_m * u.N / u.m, *z]])}
 
     def law(self, in_plane: PairLaw) -> Law:
         """The pair law of the particles, `in_plane` at equal height."""

@@ -33,6 +33,7 @@ PLACES = {
     'forces': ('law', 'forces_N'),
     'remanence': ('law', 'remanence_T'),  # unless a grade or a measured force tells it
     'stiffness': ('foundation', 'stiffness_N_per_m'),
+    'stiffness_y': ('foundation', 'stiffness_y_N_per_m'),
     'youngs_modulus': ('foundation', 'pillar', 'youngs_modulus_Pa'),
     'radius': ('foundation', 'pillar', 'radius_m'),
     'height': ('foundation', 'pillar', 'height_m'),
@@ -149,7 +150,7 @@ def _changes(scene):
     if k and scene.foundation.pillar:
         changes |= {name: Change(foundation=power * k) for name, power in PILLAR_POWERS.items()}
     elif k:
-        changes['stiffness'] = Change(foundation=k)
+        changes |= {name: Change(foundation=change) for name, change in scene.foundation.changes.items()}
     return changes
 
 

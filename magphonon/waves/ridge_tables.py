@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,15 +20,21 @@ if TYPE_CHECKING:
     from .wave_analysis import Wave
 
 COLUMNS = {'record': TEXT, 'motion': TEXT, 'xi': ANGLE, 'sigma_xi': ANGLE, 'frequency': FREQUENCY, 'sigma_frequency': FREQUENCY,
-           'power': AREA, 'agrees_with': TEXT, 'q1': PURE, 'q2': PURE, 'q3': PURE, 'bin': FREQUENCY, 'source': TEXT}
+           'power': AREA, 'agrees_with': TEXT, 'q1': PURE, 'q2': PURE, 'q3': PURE, 'bin': FREQUENCY, 'bin_xi': ANGLE,
+           'source': TEXT}
 NEEDED = 'xi', 'sigma_xi', 'frequency', 'sigma_frequency', 'q1', 'q2'
 HEADER = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_frequency_Hz', 'power_m2', 'agrees_with',
-          'q1', 'q2', 'q3', 'bin_Hz', 'source')
+          'q1', 'q2', 'q3', 'bin_Hz', 'bin_xi_rad', 'source')
 LAYOUT = f'a table of ridge points, as "magphonon spectrum" and "magphonon burst" write it, has {", ".join(HEADER)}'
 SOURCES = 'row', 'point'  # of a wave
 APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of
 gravity lies up to half a line from its own."""
+SHIFT_bins = {'row': 0.05, 'point': 0.5}
+"""Standard deviation of the shift that all ridges of a branch share, in wavenumber bins, by what sent the waves.  In rows of 30
+points simulated with all neighbours, a point source shifts shear by a fifth of a bin and longitudinal waves by a half and more,
+in each specimen alike, so that no scatter shows it; a row of sources by 0.05 at most."""
+BIN_rad = 0.2  # a bin of a row of 30 points, for tables that do not tell theirs
 RANGE_Hz, MOST_q = (1e-12, 1e12), 10.0
 """Frequencies, and the largest component of a wavevector, of a table; others are in another unit."""
 
@@ -53,6 +61,8 @@ class RidgePoints(units.InHertz):
         Distance of the frequency lines of the record in rad/ms; zero where points share no noise.
     sources : tuple of str, optional
         What sent each ridge, 'row' or 'point'; taken for a point where it is not known.
+    bin_xi : ndarray, shape (points,), optional
+        Resolution of the row in rad, 2 pi over its places; that of 30 places where it is not known.
     """
 
     names: tuple[str, ...]
@@ -66,6 +76,7 @@ class RidgePoints(units.InHertz):
     power: np.ndarray
     line: np.ndarray
     sources: tuple[str, ...] = ()
+    bin_xi: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.omega)
@@ -74,10 +85,15 @@ class RidgePoints(units.InHertz):
         return replace(self, **{name: column[kept] for name, column in vars(self).items() if isinstance(column, np.ndarray)})
 
     @property
-    def biased(self) -> tuple[str, ...]:
-        """Names of the longitudinal ridges of a point source, which are not the longitudinal branch (docs/coverage.md)."""
-        sources = self.sources or ('point',) * len(self.names)
-        return tuple(self.names[k] for k in np.unique(self.ridge) if (self.motions[k], sources[k]) == ('longitudinal', 'point'))
+    def from_points(self) -> np.ndarray:
+        """Whether each point is of waves from a point source, or from one that the table does not name, shape (points,)."""
+        return np.array([source == 'point' for source in self.sources or ('point',) * len(self.names)])[self.ridge]
+
+    @property
+    def shift(self) -> np.ndarray:
+        """Standard deviation in rad of the shift that a point shares with the others of its branch and kind of source."""
+        bins = np.where(self.from_points, SHIFT_bins['point'], SHIFT_bins['row'])
+        return bins * (BIN_rad if self.bin_xi is None else self.bin_xi)
 
     @property
     def independent(self) -> RidgePoints:
@@ -91,14 +107,15 @@ class RidgePoints(units.InHertz):
             beside = [other for other in kept if self.ridge[other] == self.ridge[k]]
             if all(abs(self.omega[k] - self.omega[beside]) >= APART * self.line[k]):
                 kept.append(int(k))
-        return self[np.sort(kept)]
+        return self[np.sort(np.array(kept, int))]
 
 
 def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]]) -> None:
     """Table of ridge points in SI, with the branches that the ridge agrees with or 'none'; written completely or not at all.
 
     The columns q1, q2 and q3 are the wavevector of a point in fractions of the reciprocal vectors, bin_Hz is the distance of the
-    frequency lines of the record, and source ('row' or 'point') what sent the wave.
+    frequency lines of the record, bin_xi_rad 2 pi over the number of places of the row, and source ('row' or 'point') what sent
+    the wave.
 
     Parameters
     ----------
@@ -116,23 +133,24 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
                     refuse_overflow(path, {f'the ridge of {name}, {wave.motion} motion,': columns})
                     q = r.xi[:, None] / (2 * np.pi) * wave.wavevector
                     for point, at in zip(np.transpose(columns).tolist(), q.tolist(), strict=True):
-                        print(name, wave.motion, *point, on, *at, float(units.hertz(r.bin_omega)), wave.source, sep=',',
-                              file=file)
+                        print(name, wave.motion, *point, on, *at, float(units.hertz(r.bin_omega)), r.bin_xi, wave.source,
+                              sep=',', file=file)
 
 
-def read_ridges(path: str | PathLike[str]) -> RidgePoints:
-    r"""Read a table of ridge points, as `write_ridges` writes it.
+def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
+    r"""Read tables of ridge points, as `write_ridges` writes them or from any other analysis.
 
     Parameters
     ----------
-    path : path-like
-        Text with the columns xi_rad, sigma_xi_rad, frequency_Hz, sigma_frequency_Hz, q1 and q2.  A table by hand may leave out
+    *paths : path-like
+        Texts with the columns xi_rad, sigma_xi_rad, frequency_Hz, sigma_frequency_Hz, q1 and q2.  A table by hand may leave out
         the others: record and motion, which tell ridges apart; power_m2 and bin_Hz, without which all points are independent;
-        source, which is taken for a point.
+        source, which is taken for a point; bin_xi_rad, which is taken for that of 30 points.
 
     Returns
     -------
     RidgePoints
+        Of all tables; ridges of one name in two tables are two.
 
     Examples
     --------
@@ -144,6 +162,19 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
     >>> read_ridges(file).frequencies_Hz.round(9).tolist()
     [40.0]
     """
+    tables = [_read(path) for path in paths]
+    again = Counter(name for table in tables for name in table.names)
+    names = tuple(f'{Path(path).stem}: {name}' if again[name] > 1 else name
+                  for path, table in zip(paths, tables, strict=True) for name in table.names)
+    first = np.cumsum([0, *(len(table.names) for table in tables)])
+    columns = {key: np.concatenate([getattr(table, key) for table in tables]) for key, column in vars(tables[0]).items()
+               if isinstance(column, np.ndarray)}
+    columns['ridge'] = np.concatenate([k + table.ridge for k, table in zip(first[:-1], tables, strict=True)])
+    return replace(tables[0], names=names, motions=sum((table.motions for table in tables), ()),
+                   sources=sum((table.sources for table in tables), ()), **columns)
+
+
+def _read(path):
     table = read_table(path, COLUMNS, NEEDED, layout=LAYOUT)
     _refuse_impossible(table)
     ridges = list(zip(*(table.get(name, '').tolist() for name in ('record', 'motion', 'source')), strict=True))
@@ -152,7 +183,7 @@ def read_ridges(path: str | PathLike[str]) -> RidgePoints:
     motions, sources = tuple(motion for _, motion, _ in each), tuple(source or 'point' for *_, source in each)
     ridge, q = np.array([each.index(one) for one in ridges]), np.stack([table['q1'], table['q2'], table.get('q3', 0.0)], axis=1)
     return RidgePoints(names, motions, ridge, q, table['xi'], table['sigma_xi'], table['frequency'], table['sigma_frequency'],
-                       table.get('power', 1.0), table.get('bin', 0.0), sources)
+                       table.get('power', 1.0), table.get('bin', 0.0), sources, table.get('bin_xi', BIN_rad))
 
 
 def _refuse_impossible(table):
@@ -163,6 +194,8 @@ def _refuse_impossible(table):
         table.refuse(name, table[name] <= 0, 'be positive')
         table.refuse(name, (table[name] < least) | (table[name] > most), 'be a frequency in the unit of its name')
     table.refuse('xi', (table['xi'] < 1e-9) | (table['xi'] > 2 * np.pi), 'be a positive phase per step, up to 2 pi')
+    table.refuse('bin_xi', (table.get('bin_xi', BIN_rad) <= 0) | (table.get('bin_xi', BIN_rad) > 2 * np.pi),
+                 'be 2 pi over the number of places of the row')
     table.refuse('sigma_xi', (table['sigma_xi'] < 0) | (table['sigma_xi'] > 2 * np.pi), 'lie between 0 and 2 pi')
     for name in ('sigma_frequency', 'bin'):
         table.refuse(name, table.get(name, 0.0) > frequency, 'be less than the frequency (are columns exchanged?)')
