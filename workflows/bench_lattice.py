@@ -100,20 +100,23 @@ def sites(vectors, width, height):
 
 
 def built(places, law, reach, rng, *, mass=8e-4, springs=(20.0, 22.0), damping=6.0,
-          scatter=(0.025, 1.5e-4, 0.05, 0.005), static=True):
+          scatter=(0.025, 1.5e-4, 0.05, 0.005), static=True, missing=()):
     """A patch with `scatter` of strengths (relative), places (m), springs and masses (relative); the rim is held.
 
     `static=False` puts springs of the same stiffness, slack at rest, in place of the magnets: a lattice without D*.
+    The `missing` sites have no magnet.
     """
-    n, (strength, place, spring, weight) = len(places), scatter
+    strength, place, spring, weight = scatter
     near = cKDTree(places).query(places, 2)[0][:, 1].min()
     count = np.array([len(one) for one in cKDTree(places).query_ball_point(places, 1.2 * near)])
+    held, places = (np.delete(one, missing, axis=0) for one in (count < count.max(), places))
+    n = len(places)
     anchors = places + place * rng.standard_normal((n, 2))
     i, j = cKDTree(anchors).query_pairs(reach, output_type='ndarray').T.copy()
     slack = np.zeros(0) if static else np.linalg.norm(anchors[i] - anchors[j], axis=1)
     lab = Lab(law, anchors, anchors, 1 + strength * rng.standard_normal(n),
               np.array(springs) * (1 + spring * rng.standard_normal((n, 1))), mass * (1 + weight * rng.standard_normal(n)),
-              count < count.max(), i, j, damping, slack)
+              held, i, j, damping, slack)
     free = np.repeat(~lab.held, 2)
     for _ in range(30):  # Newton's method for the rest state
         step = np.zeros(2 * n)

@@ -49,7 +49,7 @@ def run(options: Namespace) -> None:
             columns += [abs(result.response) / (units.m / units.N), np.degrees(np.angle(result.response))]
             natural, told = _natural(system, plan.omega)
             axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
-            lines += ['', model, *told, *_peaks(result)]
+            lines += ['', model, *told, *(_scattered(scene, system, plan.omega) if len(natural) else []), *_peaks(result)]
         write_columns(folder / 'frf.csv', names, columns)
         save(axes[0].figure, 'frf')
     print('\n'.join(lines))
@@ -83,6 +83,21 @@ def _natural(system, omega):
     drawn = '' if inside <= MOST_TICKS else ', too many to be drawn'
     return natural, [f'  natural frequencies: {size} from {low:.6g} to {high:.6g} Hz, {inside} of them from {f[0]:g} to '
                      f'{f[1]:g} Hz{drawn}']
+
+
+def _scattered(scene, system, omega):
+    """The lowest natural frequencies in the range with what the scatter of each site in [uncertainty] leaves unknown of them."""
+    from .. import units
+    from ..design.scatter import mode_scatter
+    from ..response.normal_modes import Modes, local_modes
+
+    scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
+    if scatter is None or not scatter.std.any():
+        return []
+    found = local_modes(system, omega[[0, -1]])
+    spread = mode_scatter(system, scatter, Modes(found.omega[:SHOWN_PEAKS], found.shapes[:SHOWN_PEAKS]))
+    shown = ', '.join(f'{f:.5g} +- {std:.2g}' for f, std in zip(*map(units.hertz, spread), strict=True))
+    return [f'  the lowest of them with the scatter of each site, to first order: {shown} Hz']
 
 
 def _peaks(result):

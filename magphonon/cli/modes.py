@@ -23,6 +23,8 @@ OUTSIDE = 1e-4
 """Distance of a local mode from the bands, as a fraction of the highest frequency: the bands may be wider between
 points of the mesh."""
 
+DRAWN, MOST_DRAWN = 40, 600
+"""Number of patches drawn at random with the scatter of [uncertainty], and largest number of free directions of one."""
 SHAPES_bytes, SHAPES_s = 40, 3e-10
 """Cost of all modes of a structure with their shapes, divided by the square and the cube of its free directions."""
 
@@ -50,7 +52,7 @@ def run(options: Namespace) -> None:
         if lattice is not None:
             report += _of_lattice(save, scene, lattice)
         if patch is not None:
-            report += _of_patch(folder, save, lattice, patch, scene.defect_places(), options.animate)
+            report += _of_patch(folder, save, lattice, patch, scene, options.animate)
         drawn = any(folder.glob('*.png'))
     print('\n'.join(report))
     print(f'pictures and data are in {options.output}' if drawn else 'no pictures: modes are drawn of planar lattices that have '
@@ -107,21 +109,22 @@ def _of_lattice(save, scene, atoms):
     return report
 
 
-def _of_patch(folder, save, lattice, patch, defects, filmed):
+def _of_patch(folder, save, lattice, patch, scene, filmed):
     import numpy as np
 
     from ..bands.density import band_ranges
     from ..response.normal_modes import extents
     from ..stiffness.rest import LinearSystem
 
-    system = LinearSystem.of(patch).moving()
+    system, defects = LinearSystem.of(patch).moving(), scene.defect_places()
     ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
     found, every = _modes(system, ranges)
     if filmed is not None and not 1 <= filmed <= len(found.omega):
         raise ValueError(f'--animate must be the number of a mode, 1 to {len(found.omega)}, not {filmed}')
     extent = extents(found, system)
     extent.save(folder / 'modes.npz')
-    _write_table(folder / 'modes.csv', extent)
+    spread, told = _spread(scene, system, found)
+    _write_table(folder / 'modes.csv', extent, spread)
     room = OUTSIDE * abs(found.omega).max()
     outside = [k for k, omega in enumerate(found.omega) if not any(low - room <= omega <= high + room for low, high in ranges)]
     local = sorted(outside, key=lambda k: extent.participation[k]) if len(ranges) else []
@@ -137,8 +140,10 @@ def _of_patch(folder, save, lattice, patch, defects, filmed):
         report.append('  the most local ones:')
     for k in drawn if local or not len(ranges) else []:
         centre = _place(system.atoms, extent.centre[k, :2], defects)
-        report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g} Hz, {extent.participation[k]:.3g} particles take part, '
-                      f'{centre}, localisation length {extent.length[k] / 1e3:.3g} m')
+        uncertain = f' +- {spread["std_Hz"][k]:.2g}' if spread else ''
+        report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g}{uncertain} Hz, {extent.participation[k]:.3g} particles '
+                      f'take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
+    report += told
     if filmed is not None:
         report.append(_film(folder, system, found, filmed, about))
     return report
@@ -161,7 +166,33 @@ def _modes(system, ranges):
     return Modes(omega[new], np.concatenate([lowest.shapes, *(found.shapes for found in between)])[new]), False
 
 
-def _write_table(file, extent):
+def _spread(scene, system, found):
+    """Columns of modes.csv with the scatter that [uncertainty] names for each site, and what the terminal says of it."""
+    import numpy as np
+
+    from .. import units
+    from ..design.scatter import mode_scatter, sampled_modes
+
+    scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
+    if scatter is None or not scatter.std.any():
+        return {}, []
+    first = units.hertz(mode_scatter(system, scatter, found).std)
+    if system.directions > MOST_DRAWN:
+        return {'std_Hz': first}, ['  +- is the standard deviation by the scatter of each site, to first order']
+    drawn = sampled_modes(system.atoms, scatter, DRAWN)
+    lost = np.isnan(drawn[:, 0]).mean()
+    drawn = units.hertz(drawn[~np.isnan(drawn[:, 0])])
+    told = ['  +- is the larger of two standard deviations: by the scatter of each site to first order, and about these '
+            f'frequencies of {len(drawn)} structures drawn at random, mode by mode in ascending order; both are in modes.csv']
+    if lost:
+        told.append(f'UNSTABLE: {100 * lost:.2g} % of the structures drawn buckle')
+    if lost > 0.5:
+        return {'std_Hz': first}, told
+    about = np.sqrt(np.mean((drawn - found.frequencies_Hz) ** 2, axis=0))  # scatter shifts the mean, too, to second order
+    return {'std_Hz': np.fmax(first, about), 'first_order_std_Hz': first, 'drawn_std_Hz': about}, told
+
+
+def _write_table(file, extent, spread):
     import numpy as np
 
     from .. import units
@@ -170,8 +201,9 @@ def _write_table(file, extent):
     axes = 'xyz'[: extent.along.shape[1]]
     names = ['mode', 'frequency_Hz', 'participating_particles', 'localisation_length_m', *(f'centre_{x}_m' for x in axes),
              *(f'share_along_{x}' for x in axes)]
-    write_columns(file, names, [np.arange(len(extent.omega)) + 1, extent.frequencies_Hz, extent.participation,
-                                extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T])
+    write_columns(file, [*names, *spread], [np.arange(len(extent.omega)) + 1, extent.frequencies_Hz, extent.participation,
+                                            extent.length / units.m, *(extent.centre / units.m).T, *extent.along.T,
+                                            *spread.values()])
 
 
 def _place(atoms, centre, defects):

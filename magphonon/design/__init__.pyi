@@ -15,6 +15,7 @@ from .scatter import (
     SiteScatter as SiteScatter,
     mode_scatter as mode_scatter,
     response_scatter as response_scatter,
+    sampled_modes as sampled_modes,
 )
 from .sensitivities import (
     Change as Change,

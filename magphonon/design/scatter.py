@@ -7,7 +7,10 @@ With the displacements x and y, and e = C x in the bonds, the stiffness H change
 
 The second sum comes from the new rest positions: a stronger magnet pushes its neighbours away until the forces balance again.
 One solution w serves all magnets.  The derivative by the logarithm of the stiffness k_i of a pillar is k_i x_i.y_i, plus a term
-of the force of the pillar if it is bent at rest; that by the logarithm of a mass is -omega^2 m_i x_i.y_i.
+of the force of the pillar if it is bent at rest; that by the logarithm of a mass is -omega^2 m_i x_i.y_i; that by the place of
+the foot of a pillar is k_i w_i, and that by the place of a held magnet (C^T t - Phi w)_i.
+
+Of positions that were measured at rest, in a photo, nothing moves: w = 0, and the derivative by a position is (C^T t)_i.
 """
 
 from __future__ import annotations
@@ -19,12 +22,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..errors import not_negative
+from ..errors import PhysicsError, not_negative
 from ..response.frf import resolvents
-from ..response.normal_modes import modes
+from ..response.normal_modes import Modes, modes, natural_frequencies
 from ..stiffness.bond import stiffness_change
+from ..stiffness.defects import Scatter, scattered
 from ..stiffness.matrices import hessian
-from ..stiffness.rest import LinearSystem
+from ..stiffness.relaxation import relaxed
+from ..stiffness.rest import LinearSystem, freedom
 
 if TYPE_CHECKING:
     from typing import Any
@@ -34,7 +39,9 @@ if TYPE_CHECKING:
 
     from ..response.frf import Place
 
-SITES = ('mass', 'strength', 'stiffness')  # the quantities that scatter from site to site
+SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
+ROWS = {'mass': slice(1), 'strength': slice(1, 2), 'stiffness': slice(2, 3), 'position': slice(3, 6)}
+"""Where the derivatives by each quantity stand among all: the three logarithms, then the three coordinates."""
 REGULAR = 1e-12
 """Stiffness added to every direction, as a fraction of the largest stiffness, because free translations have none."""
 CROSSING = 1e-9
@@ -43,7 +50,7 @@ CROSSING = 1e-9
 
 @dataclass(frozen=True)
 class SiteScatter:
-    """Relative standard deviations of the quantities of each site; all of them scatter independently.
+    """Standard deviations of the quantities of each site, relative but for places; all of them scatter independently.
 
     Attributes
     ----------
@@ -53,20 +60,26 @@ class SiteScatter:
         Standard deviation of the strength of each magnet; the force between two magnets is proportional to the product of theirs.
     stiffness : float
         Standard deviation of the stiffness of the foundation under each particle.
+    position : float
+        Standard deviation of each coordinate in mm: of the feet of the pillars and of what is held, or of what was measured.
+    at_rest : bool
+        Whether the positions were measured at rest, so that they do not follow strengths and springs.
     """
 
     mass: float = 0.0
     strength: float = 0.0
     stiffness: float = 0.0
+    position: float = 0.0
+    at_rest: bool = False
 
     def __post_init__(self) -> None:
-        for name, value in zip(SITES, self.std, strict=True):
-            not_negative(f'scatter of the {name}', value)
+        for name in ROWS:
+            not_negative(f'scatter of the {name}', getattr(self, name))
 
     @property
     def std(self) -> NDArray[np.float64]:
-        """The three together, shape (3,)."""
-        return np.array([self.mass, self.strength, self.stiffness])
+        """Those of the three logarithms and of the three coordinates, shape (6,)."""
+        return np.array([self.mass, self.strength, self.stiffness, *3 * [self.position]])
 
 
 NO_SCATTER = SiteScatter()
@@ -74,9 +87,10 @@ NO_SCATTER = SiteScatter()
 
 @dataclass(frozen=True, eq=False)
 class SiteSlopes:
-    """Derivatives of bilinear forms of the stiffness with respect to the mass, strength and foundation of each site."""
+    """Derivatives of bilinear forms of the stiffness with respect to the mass, strength, foundation and place of each site."""
 
     system: LinearSystem
+    at_rest: bool = False
 
     @cached_property
     def _bonds(self):
@@ -87,27 +101,39 @@ class SiteSlopes:
         return calc.rest_stiffness(calc.model), np.stack(turns, axis=-1), calc.interaction.forces(R)[1]
 
     @cached_property
+    def _hessian(self):
+        calc = self.system.calc
+        return hessian(calc.bonds, calc.rest_stiffness(), calc.foundation)  # of the complete model, as all statics
+
+    @cached_property
     def _statics(self):
-        calc, P = self.system.calc, self.system.free
-        Phi = P.T @ hessian(calc.bonds, calc.rest_stiffness(), calc.foundation) @ P
+        P = self.system.free
+        Phi = P.T @ self._hessian @ P
         return sparse.linalg.splu(sparse.csc_array(Phi + REGULAR * abs(Phi).max() * sparse.eye_array(P.shape[1])))
 
     def __call__(self, x: NDArray[Any], y: NDArray[Any], inertia: Any) -> NDArray[np.complex128]:
-        """Derivatives of `x.(H + inertia M) y` by the logarithms of masses, strengths and springs, shape (3, particles).
+        """Derivatives of `x.(H + inertia M) y` by logarithms of masses, strengths and springs, and by places.
 
-        The displacements x and y respect the constraints; the inertia is `-omega^2 + i omega gamma`, in rad^2/ms^2.
+        Their shape is (6, particles).  The displacements x and y respect the constraints; the inertia is
+        `-omega^2 + i omega gamma`, in rad^2/ms^2.
         """
         calc, P = self.system.calc, self.system.free
         C = calc.bonds.incidence
         K, turns, pull = self._bonds
         ex, ey = C @ x, C @ y
-        push = P.T @ (C.T @ np.einsum('bx,bxyz,by->bz', ex, turns, ey)).ravel()
-        w = self._statics.solve(push.real) + 1j * self._statics.solve(push.imag)
-        w = (P @ w).reshape(x.shape)
+        push = (C.T @ np.einsum('bx,bxyz,by->bz', ex, turns, ey)).ravel()
+        w, place = np.zeros(x.shape), push
+        if not self.at_rest:
+            along = P.T @ push
+            w = (P @ (self._statics.solve(along.real) + 1j * self._statics.solve(along.imag))).reshape(x.shape)
+            pulled = push - self._hessian @ w.ravel()
+            place = (calc.foundation * w).ravel() + pulled - P @ (P.T @ pulled)
         each = np.einsum('bx,bxy,by->b', ex, K, ey) - np.einsum('bx,bx->b', pull, C @ w)
         strength = abs(C).T @ each
         spring = (calc.foundation * x * y + calc.spring_forces * w).sum(axis=1)
-        return np.array([inertia * self.system.masses * (x * y).sum(axis=1), strength, spring])
+        places = np.zeros((3, len(x)), complex)
+        places[: x.shape[1]] = place.reshape(x.shape).T
+        return np.array([inertia * self.system.masses * (x * y).sum(axis=1), strength, spring, *places])
 
 
 class ModeScatter(NamedTuple):
@@ -124,7 +150,7 @@ class ModeScatter(NamedTuple):
     std: NDArray[np.float64]
 
 
-def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int | None = None) -> ModeScatter:
+def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int | Modes | None = None) -> ModeScatter:
     """Natural frequencies of a structure, and their standard deviation from one sample to the next.
 
     For a periodic cell these are the waves whose displacements are equal in all cells; band edges of a supercell of N particles
@@ -135,8 +161,8 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
     atoms : ase.Atoms
         At rest, with MagneticRepulsion.
     scatter : SiteScatter
-    count : int, optional
-        Number of modes, the lowest ones; all if not given.
+    count : int or Modes, optional
+        Number of modes, the lowest ones, or the modes themselves; all if not given.
 
     Examples
     --------
@@ -149,8 +175,8 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
     0.01
     """
     system = LinearSystem.of(atoms)
-    found = modes(system, count)
-    squares, slopes = found.omega * abs(found.omega), SiteSlopes(system)
+    found = count if isinstance(count, Modes) else modes(system, count)
+    squares, slopes = found.omega * abs(found.omega), SiteSlopes(system, scatter.at_rest)
     variance = np.empty(len(squares))
     ends = np.flatnonzero(np.diff(squares) > CROSSING * abs(squares).max()) + 1
     for alike in np.split(np.arange(len(squares)), ends):
@@ -162,9 +188,40 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
     return ModeScatter(found.omega, np.where(abs(squares) <= CROSSING * abs(squares).max(), np.nan, std))
 
 
+def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0) -> NDArray[np.float64]:
+    """Natural frequencies of structures whose sites are drawn at random, to check `mode_scatter`.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        At rest, with MagneticRepulsion.
+    scatter : SiteScatter
+    count : int
+        Number of structures; each comes to rest again, or stays where it is if the positions were measured at rest.
+    seed : int
+
+    Returns
+    -------
+    ndarray, shape (count, modes)
+        Ascending, in rad/ms; NaN for a structure that buckles.
+    """
+    drawn, sites = [], Scatter(scatter.position, scatter.strength, scatter.mass, scatter.stiffness)
+    for k in range(count):
+        sample: Any = scattered(atoms, sites, seed + k)
+        try:
+            if scatter.at_rest:
+                sample.calc = sample.calc.balanced(freedom(sample)[0])
+            else:
+                sample = relaxed(sample).atoms
+            drawn.append(natural_frequencies(sample))
+        except PhysicsError:
+            drawn.append(np.full(LinearSystem.of(atoms).directions, np.nan))
+    return np.array(drawn)
+
+
 def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place, omega: NDArray[np.float64],
-                     damping: ArrayLike) -> NDArray[np.complex128]:
-    """Derivatives of a frequency response by the logarithms of masses, strengths and springs of all sites.
+                     damping: ArrayLike, at_rest: bool = False) -> NDArray[np.complex128]:
+    """Derivatives of a frequency response by the logarithms of masses, strengths and springs of all sites, and by their places.
 
     Parameters
     ----------
@@ -172,16 +229,18 @@ def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Plac
         As for `magphonon.response.frf.harmonic_response`.
     answer : Place
         Where the response is seen.
+    at_rest : bool
+        As in SiteScatter.
 
     Returns
     -------
-    ndarray of complex, shape (3, particles, frequencies)
-        In mm.
+    ndarray of complex, shape (6, particles, frequencies)
+        In mm, those by places in mm per mm.
     """
     system = LinearSystem.of(atoms)
-    n, slopes, rate = len(system), SiteSlopes(system), np.asarray(damping)
+    n, slopes, rate = len(system), SiteSlopes(system, at_rest), np.asarray(damping)
     both = np.stack([answer.force(n).ravel(), np.asarray(force, dtype=complex).ravel()], axis=1)
-    found = np.empty((len(SITES), n, len(omega)), dtype=complex)
+    found = np.empty((6, n, len(omega)), dtype=complex)
     for k, G in enumerate(resolvents(system, omega, damping)):
         x, y = G(both).T.reshape(2, n, 3)[..., : system.dim]
         found[..., k] = -slopes(x, y, -(omega[k] ** 2) + 1j * omega[k] * rate)

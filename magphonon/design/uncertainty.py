@@ -15,7 +15,7 @@ import numpy as np
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
 from ..files import Saved
-from .scatter import NO_SCATTER, SITES, SiteScatter, response_scatter
+from .scatter import NO_SCATTER, ROWS, SiteScatter, response_scatter
 from .sensitivities import Change, frequency_sensitivities, response_sensitivities
 
 if TYPE_CHECKING:
@@ -195,13 +195,15 @@ def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place
     u, du = response_sensitivities(atoms, force, omega, damping, tolerances.changes.values())
     u, du = answer.seen(u), answer.seen(du)
     slopes, turns = np.real(u.conj() * du) / abs(u), np.imag(du / u)
-    names, C, std = tuple(tolerances.changes), tolerances.covariance, tolerances.scatter.std
-    if std.any():
-        own = response_scatter(atoms, force, answer, omega, damping)[std > 0]
-        sites = [np.linalg.norm(part, axis=1) for part in (np.real(u.conj() * own) / abs(u), np.imag(own / u))]
+    names, C, scatter = tuple(tolerances.changes), tolerances.covariance, tolerances.scatter
+    own_std = {name: getattr(scatter, name) for name in ROWS if getattr(scatter, name)}
+    if own_std:
+        own = response_scatter(atoms, force, answer, omega, damping, scatter.at_rest)
+        sites = [np.stack([np.linalg.norm(part[ROWS[name]], axis=(0, 1)) for name in own_std])
+                 for part in (np.real(u.conj() * own) / abs(u), np.imag(own / u))]
         slopes, turns = (np.concatenate(pair) for pair in zip((slopes, turns), sites, strict=True))
-        names = (*names, *(f'each {name}' for name, own_std in zip(SITES, std, strict=True) if own_std))
-        C = np.asarray(block_diag(C, np.diag(std[std > 0] ** 2)))
+        names = (*names, *(f'each {name}' for name in own_std))
+        C = np.asarray(block_diag(C, np.diag(np.square(list(own_std.values())))))
     return ResponseSpread(names, C, abs(u), slopes, turns)
 
 

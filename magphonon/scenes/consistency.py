@@ -43,7 +43,7 @@ MOST_SHELLS = 300
 MOST_LEGS = 100
 """Largest number of points along a path; a picture has no room for more names."""
 
-OF_LATTICES = 'plan', 'design', 'uncertainty'  # tables of computations that vary one law and the spacing of a lattice
+OF_LATTICES = 'plan', 'design'  # tables of computations that vary one law and the spacing of a lattice
 IN_PLANE = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design'
 """Tables of computations that know no motion out of the plane."""
 
@@ -189,8 +189,9 @@ def _imperfect(scene: Scene) -> None:
     if scene.single or (scene.patch is None and not scene.finite):
         raise ValueError(f'{name}: there is no structure for them; add a table [patch], such as kind = "supercell" with '
                          'cells_1 and cells_2')
-    if scene.uncertainty is not None:
-        raise ValueError(f'{name} and uncertainty: tolerances are those of the perfect lattice; take one of the tables out')
+    if scene.uncertainty is not None and (scene.disorder is not None or scene.uncertainty.tolerances(scene).changes):
+        raise ValueError(f'{name} and uncertainty: tolerances of all magnets alike are those of the perfect lattice; keep those '
+                         'of each site (each_strength_percent and so on) beside [defects], or take one of the tables out')
 
 
 def _kinds(scene: Scene) -> None:
@@ -208,7 +209,7 @@ def _kinds(scene: Scene) -> None:
         if other.law.shells != scene.law.shells or scene.law.shells == ALL:
             raise ValueError(f'laws_of_kinds: shells must be one number, the same in every law, not {other.law.shells!r} beside '
                              f'{scene.law.shells!r} in [law]')
-    _refuse(scene, OF_LATTICES, 'it knows one law for all particles; take [{0}] or [[laws_of_kinds]] out')
+    _refuse(scene, (*OF_LATTICES, 'uncertainty'), 'it knows one law for all particles; take [{0}] or [[laws_of_kinds]] out')
     if scene.patch is not None and not isinstance(scene.patch, Supercell):
         raise ValueError('laws_of_kinds: a patch tags its rim, and a tag is a kind; take patch.kind = "supercell", or cut it in '
                          'Python and save it with magphonon.write_scene')

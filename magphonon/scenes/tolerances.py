@@ -13,6 +13,7 @@ from ..design.scatter import SITES, SiteScatter
 from ..design.sensitivities import Change, LawChange, exponent_change, force_change, screening_change, spacing_change
 from ..design.uncertainty import Tolerances
 from .fields import Allowed, Number, Positive, Table
+from .structures import FileLattice
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -71,6 +72,9 @@ class _Uncertainty(Table):
 
     correlation_a_b: Correlation | None = Field(None, description='the correlation of a and b')
     exponent: Positive | None = Field(None, description='of -d ln f/d ln r at the spacing, for a table of forces')
+    each_position_m: Positive | None = Field(
+        None, description='the standard deviation of each coordinate of a site by itself: of the foot of a pillar and of what is '
+        'held, or with lattice.positions = "rest" of a position measured in a photo', examples=[1e-4])
     correlation_forces_exponent: Correlation | None = Field(
         None, description='the correlation of forces and exponent, as "magphonon fit" prints it')
 
@@ -99,6 +103,9 @@ class _Uncertainty(Table):
             given = {key: value for key, value in given.items() if value is not None}
             if not given:
                 continue
+            if not changes:
+                raise ValueError(f'uncertainty.{next(iter(given))}: of particles from a file only what each of them deviates by '
+                                 'is propagated, ' + ', '.join(f'each_{site}_percent' for site in SITES) + ' and each_position_m')
             if name not in changes:
                 raise ValueError(f'uncertainty: {name} is no parameter of this scene; its parameters are {", ".join(changes)}')
             if len(given) > 1:
@@ -117,13 +124,14 @@ class _Uncertainty(Table):
 
     def _scatter(self, scene):
         percent = {name: getattr(self, f'each_{name}_percent') or 0.0 for name in SITES}
-        if percent['stiffness'] and scene.foundation is None:
+        if percent['stiffness'] and not np.any(scene.perfect_cell().calc.foundation):
             raise ValueError('uncertainty.each_stiffness_percent belongs to a foundation, but the scene has none; leave it out')
         for name, value in percent.items():
             if value > 100 * LARGEST_TOLERANCE:
                 raise ValueError(f'uncertainty.each_{name}_percent = {value!r} is more than the {100 * LARGEST_TOLERANCE:g} '
                                  'within which a linear propagation holds; measure it better, or leave it out')
-        return SiteScatter(**{name: value / 100 for name, value in percent.items()})
+        return SiteScatter(**{name: value / 100 for name, value in percent.items()}, position=(self.each_position_m or 0.0) * u.m,
+                           at_rest=getattr(scene.lattice, 'positions', None) == 'rest')
 
 
 _ABSOLUTE = [place[-1] for name, place in PLACES.items() if name != 'forces']  # of a table of forces: one factor for all
@@ -139,6 +147,8 @@ else:
 
 
 def _changes(scene):
+    if isinstance(scene.lattice, FileLattice):
+        return {}
     law, k = scene.law.potential(), scene.foundation.stiffness if scene.foundation else 0.0
     held = scene.lattice.spacing_m * u.m if getattr(scene.law, 'force_N', None) else u.m  # where `a` leaves the force as it is
     changes = {'spacing': Change(law=spacing_change(law)), 'mass': Change(mass=1.0)}

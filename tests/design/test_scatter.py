@@ -44,7 +44,7 @@ def test_natural_frequencies(site):
     atoms = patch()
     found, slopes = modes(atoms), SiteSlopes(LinearSystem.of(atoms))
     squares = found.omega**2
-    ours = np.array([slopes(x, x, -s)[:, site].real for x, s in zip(found.shapes, squares, strict=True)]).T
+    ours = np.array([slopes(x, x, -s)[:3, site].real for x, s in zip(found.shapes, squares, strict=True)]).T
     theirs = differences(lambda atoms: modes(atoms).omega ** 2, site)
     # 1e-6: the square of the step, times third derivatives of some hundreds
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * squares.max())
@@ -55,6 +55,38 @@ def test_natural_frequencies(site):
     assert abs(fixed - theirs[1]).max() > 1e-2 * squares.max()
 
 
+def shifted(atoms, site, shift, at_rest):
+    """The patch with one site moved: its foot, and the magnet if it is held; or the magnet as it was measured at rest."""
+    calc, reference, move = atoms.calc, atoms.copy(), np.zeros((18, 3))
+    move[site] = shift
+    held = np.isin(np.arange(18), atoms.constraints[0].index)[:, None]
+    reference.positions += move if at_rest else move * held
+    moved = reference.copy()
+    moved.calc = MagneticRepulsion(reference, LAW, bonds=calc.bonds.at(reference), foundation=calc.foundation,
+                                   strengths=calc.strengths, anchors=calc.anchors + move)
+    if at_rest:
+        moved.calc = moved.calc.balanced(~held[:, 0])
+        return moved
+    return relaxed(moved).atoms
+
+
+@pytest.mark.parametrize('at_rest', [False, True])
+@pytest.mark.parametrize('site', [2, 7, 17])  # the last one is held
+def test_places(site, at_rest):
+    """Feet of pillars push by their springs, held magnets directly; positions measured at rest stay."""
+    atoms, step = patch(), 1e-3
+    found, slopes = modes(atoms), SiteSlopes(LinearSystem.of(atoms), at_rest)
+    ours = np.array([slopes(x, x, 0.0)[3:, site].real for x in found.shapes])
+    scale = abs(ours).max()
+    for axis in range(2):
+        ends = [modes(shifted(atoms, site, sign * step * np.eye(3)[axis], at_rest)).omega ** 2 for sign in (1, -1)]
+        theirs = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(ours[:, axis], theirs, rtol=0, atol=1e-5 * scale)  # the square of the step
+    assert not ours[:, 2].any()
+    other = np.array([SiteSlopes(LinearSystem.of(atoms), not at_rest)(x, x, 0.0)[3:, site].real for x in found.shapes])
+    assert abs(other - ours).max() > 0.1 * scale  # the control
+
+
 def test_response():
     atoms = patch()
     omega, damping, push, answer = np.array([0.3, 0.6]), 0.02, Place(7, np.array([0, 1.0, 0])), Place(10, np.array([1.0, 0, 0]))
@@ -63,7 +95,7 @@ def test_response():
     scale = abs(answer.seen(harmonic_response(atoms, force, omega, damping).response)).max()
     for site in (2, 9):
         theirs = differences(lambda atoms: answer.seen(harmonic_response(atoms, force, omega, damping).response), site)
-        np.testing.assert_allclose(ours[:, site], theirs, rtol=0, atol=1e-5 * scale)
+        np.testing.assert_allclose(ours[:3, site], theirs, rtol=0, atol=1e-5 * scale)
 
 
 def test_waves_of_a_supercell():
