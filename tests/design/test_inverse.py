@@ -10,6 +10,7 @@ from magphonon import InversePower, MagneticRepulsion, lattices, units as u
 from magphonon.bands import zone_map
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
+from magphonon.design import BandEdge
 from magphonon.design.inverse import foundation_for, spacings_for
 from magphonon.scenes.plans import HERTZ
 from magphonon.scenes.scene import Scene, ready_scene, reference
@@ -208,3 +209,26 @@ def test_a_foundation_for_uniform_motion_asks_for_equal_masses(seed):
     cell.set_masses(cell.get_masses() * [1, rng.uniform(1.01, 2)])
     with pytest.raises(ValueError, match='no motion is uniform'):
         foundation_for(cell, cut_off)
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_designs_beside_the_border_of_buckling_and_the_end_of_the_range(seed):
+    """A row of magnets at X across itself: m omega^2 = k - 4 b/L^(a + 1), so that both the spacing and the border are closed forms.
+
+    The first design is nearer to the border than any spacing that is scanned, the other in the last step of the scan.
+    """
+    rng = np.random.default_rng(seed)
+    a, b, k, mass = rng.uniform([2, 1, 1, 0.3], [6, 9, 3, 2])
+    border = (4 * b / k) ** (1 / (a + 1))
+
+    def build(spacing):
+        cell = lattices.chain(spacing, mass)
+        cell.calc = MagneticRepulsion(cell, InversePower(b, a), foundation=k)
+        return cell
+
+    for L, between in ((border * (1 + rng.uniform(1e-4, 1e-3)), (0.6 * border, 2 * border)),
+                       (1.5 * border, (0.7 * border, 1.5 * border * (1 + 1e-3)))):
+        wanted = np.sqrt((k - 4 * b / L ** (a + 1)) / mass)
+        [found] = spacings_for(build, BandEdge(np.array([0.5, 0, 0]), 0), wanted, between)
+        assert found.spacing == pytest.approx(L, rel=1e-9)
+        assert between[0] < border < found.spacing < between[1]
