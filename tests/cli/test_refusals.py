@@ -29,6 +29,7 @@ pytestmark = pytest.mark.usefixtures('no_impacts')
     (['check', 'a\0b'], 'a control character'),
     (['burst', 'prototype', '--threads', '1000000'], '--threads must be at most 1024'),
     (['sweep', 'chain', '--over', 'law.a=3,4', '--ask', 'bands.Q.1'], "one of 'G', 'X', not 'Q'"),
+    (['sweep', 'chain', '--over', 'law.aa=3,4', '--ask', 'stability.margin'], "has no number law.aa; did you mean 'law.a'?"),
     (['sweep', 'chain', '--over', 'law.a=3,4', '--ask', 'stability.mragin'], "did you mean 'stability.margin'?")])
 def test_arguments(arguments, words, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

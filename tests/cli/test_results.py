@@ -1,5 +1,6 @@
 """Folders of results: one scene each, whole or untouched, whatever strikes and whoever writes at the same time."""
 
+import errno
 import json
 import os
 import re
@@ -244,6 +245,21 @@ def test_what_fails_while_files_take_their_names_is_not_vouched_for_and_can_be_r
         write(out, scene, version=' third')
         assert whole(out)
         assert (out / 'bands.csv').read_text().endswith('third')
+
+
+@pytest.mark.parametrize(('where', 'words'), [('inside', 'no space left for results in '), ('nowhere', 'no space left for results'),
+                                              ('elsewhere', 'No space left on device')])
+def test_a_full_disk_is_told_by_the_folder_that_has_no_room(where, words, tmp_path):
+    scene, out = scene_file(tmp_path), tmp_path / 'out'
+    options = SimpleNamespace(output=str(out), scene=str(scene), command='bands', words=['bands'], results=PATTERNS)
+
+    def fill():
+        with results(options, read_scene(scene)) as folder:
+            named = {'inside': [str(folder / 'bands.csv')], 'nowhere': [], 'elsewhere': [str(tmp_path / 'record')]}[where]
+            raise OSError(errno.ENOSPC, 'No space left on device', *named)
+
+    with pytest.raises(OSError, match=words):
+        fill()
 
 
 # --- single files ----------------------------------------------------------------------------------------------------

@@ -213,7 +213,7 @@ def test_a_foundation_for_uniform_motion_asks_for_equal_masses(seed):
 
 @pytest.mark.parametrize('seed', range(2))
 def test_designs_beside_the_border_of_buckling_and_the_end_of_the_range(seed):
-    """A row of magnets at X across itself: m omega^2 = k - 4 b/L^(a + 1), so that both the spacing and the border are closed forms.
+    """A row of magnets at X across itself: m omega^2 = k - 4 b/L^(a + 1), so spacing and border are closed forms.
 
     The first design is nearer to the border than any spacing that is scanned, the other in the last step of the scan.
     """

@@ -66,6 +66,7 @@ def test_data_of_the_page_are_those_of_the_lattice():
     lattice, page = written()
     data = json.loads(page.split('id="data">')[1].split('</script>')[0])
     assert data['sliders']['exponent']['values'] == lattice.exponents.values.tolist()  # bit for bit
+    assert [slider['per_SI'] for slider in data['sliders'].values()] == [1e3, 1.0, 1.0]  # mm in a metre
     assert data['sliders']['foundation']['values'][lattice.foundations.scene] == pytest.approx(20.0, rel=1e-15)
     assert data['law'] == {'kind': 'power', 'force_N': pytest.approx(0.2, rel=1e-14), 'spacing_m': 0.01}
 
