@@ -247,7 +247,7 @@ def test_what_fails_while_files_take_their_names_is_not_vouched_for_and_can_be_r
         assert (out / 'bands.csv').read_text().endswith('third')
 
 
-@pytest.mark.parametrize(('where', 'words'), [('inside', 'no space left for results in '), ('nowhere', 'no space left for results'),
+@pytest.mark.parametrize(('where', 'words'), [('inside', 'no space left for results in '), ('nowhere', 'no space left for '),
                                               ('elsewhere', 'No space left on device')])
 def test_a_full_disk_is_told_by_the_folder_that_has_no_room(where, words, tmp_path):
     scene, out = scene_file(tmp_path), tmp_path / 'out'
