@@ -20,6 +20,7 @@ def chain(masses):
     """Particles between two held ones, that move along the chain only."""
     atoms = lattices.chain(L0, MASS).repeat((len(masses) + 2, 1, 1))
     atoms.pbc = False
+    atoms.positions += [3 * L0, 5 * L0, 0]  # a line that misses the origin has one dimension too
     atoms.set_masses(np.concatenate([[MASS], masses, [MASS]]))
     atoms.calc = MagneticRepulsion(atoms, LAW)
     atoms.set_constraint([FixAtoms([0, len(masses) + 1]), FixedLine(np.arange(1, len(masses) + 1), (1, 0, 0))])

@@ -143,6 +143,19 @@ def test_interstitials_may_come_in_any_order():
     assert_allclose(forces, others[exchanged], rtol=0, atol=1e-13 * abs(forces).max())
 
 
+@pytest.mark.parametrize('seed', range(2))
+def test_an_interstitial_of_a_relaxed_structure_reaches_as_far_as_its_longest_bond(seed):
+    cell = lattices.triangular(10.0, 0.7).repeat((6, 6, 1))
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=1.0)
+    rest = relaxed(scattered(cell, Scatter(0.3), seed=seed)).atoms
+    reach = rest.calc.bonds.lengths.max()
+    place = np.random.default_rng(seed).uniform(20, 30, 2)
+    found = with_interstitial(rest, place)
+    near = sum(36 in (i, j) for i, j, *_ in neighbour_vectors(found, reach)) // 2
+    assert rest.calc.bonds.cutoff is None
+    assert len(found.calc.bonds) == len(rest.calc.bonds) + near
+
+
 @pytest.mark.parametrize('law', [LAW, UprightMagnets(LAW)])
 def test_places_in_a_layer_scatter_in_its_plane(law):
     cell = lattices.triangular(10.0, 0.7).repeat((3, 3, 1))
