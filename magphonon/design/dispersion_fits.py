@@ -14,13 +14,14 @@ and residuals and derivatives are multiplied by C^(-1/2), the symmetric root, wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..bands.bloch import bloch_modes
+from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, ParameterFit
 from .sensitivities import frequency_sensitivities
 
@@ -135,9 +136,9 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
         return build(dict(zip(names, np.exp(x).tolist(), strict=True)))
 
     def with_branches(branches, start):
-        return _settled(cell, names, points, model, priors, lambda _: branches, start)
+        return _settled(cell, names, points, model, priors, lambda *_: branches, start)
 
-    def nearest(atoms):
+    def nearest(atoms, points):
         return tuple(_off_branches(atoms, points, model, points.sigma_omega).argmin(axis=1).tolist())
 
     fit = _settled(cell, names, points, model, priors, nearest, np.zeros(len(names)))
@@ -158,6 +159,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
 def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple[float, ...]:
     """Residuals of other points from the nearest branches of a fitted lattice."""
     atoms, _ = build(dict(zip(fit.names, fit.factors.tolist(), strict=True)))
+    points = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(atoms, points, fit.model)))
     modes = _off_branches(atoms, points, fit.model, points.sigma_omega).argmin(axis=1)[points.ridge]
     sigma, slope = _uncertainty(atoms, points, modes, fit.model)
     omega = _at(atoms, points, modes, fit.model)
@@ -175,9 +177,10 @@ def _settled(cell, names, points, model, priors, branches_in, start):
     x, before = start, None
     for _ in range(PASSES):
         atoms, _ = cell(*x)
-        branches = branches_in(atoms)
-        modes = _followed(atoms, points, np.array(branches)[points.ridge], model)
-        sigma, slope = _uncertainty(atoms, points, modes, model)
+        seen = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(atoms, points, model)))
+        branches = branches_in(atoms, seen)
+        modes = _followed(atoms, seen, np.array(branches)[points.ridge], model)
+        sigma, slope = _uncertainty(atoms, seen, modes, model)
         scale, white = 2 * points.omega * sigma, _whitening(points, modes, points.shift * slope / sigma)
 
         def residuals(x, modes=modes, scale=scale, white=white):
@@ -199,6 +202,24 @@ def _settled(cell, names, points, model, priors, branches_in, start):
     J = jacobian(x)
     strayed = int((modes != np.array(branches)[points.ridge]).sum())
     return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches, strayed)
+
+
+def _oblique(atoms, points, model):
+    """How far each point may lie from the wave along the row, where an oblique one of a point source is near, shape (points,).
+
+    The table has this of the bands of the scene with which it was made; where these are some percent off, it misses.
+    """
+    far = np.zeros(len(points))
+    directions, which = np.unique((points.q / points.xi[:, None]).round(9), axis=0, return_inverse=True)
+    for k, direction in enumerate(directions):
+        here = (np.ravel(which) == k) & points.from_points
+        if here.any():
+            along, oblique = stationary_waves(atoms, 2 * np.pi * direction, model)
+            xi, own, other = points.xi[here, None], along.phases(points.omega[here]), oblique.phases(points.omega[here])
+            own = np.take_along_axis(own, np.where(np.isnan(own), np.inf, abs(own - xi)).argmin(axis=1)[:, None], axis=1)
+            near = abs(other - xi) < LOBE_bins * points.bins[here, None]
+            far[here] = np.nanmax(np.where(near, abs(other - own), 0), axis=1, initial=0)
+    return np.nan_to_num(far)
 
 
 def _followed(atoms, points, modes, model):

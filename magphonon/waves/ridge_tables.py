@@ -90,10 +90,14 @@ class RidgePoints(units.InHertz):
         return np.array([source == 'point' for source in self.sources or ('point',) * len(self.names)])[self.ridge]
 
     @property
+    def bins(self) -> np.ndarray:
+        """The resolution of the row in rad, shape (points,)."""
+        return np.full(len(self), BIN_rad) if self.bin_xi is None else self.bin_xi
+
+    @property
     def shift(self) -> np.ndarray:
         """Standard deviation in rad of the shift that a point shares with the others of its branch and kind of source."""
-        bins = np.where(self.from_points, SHIFT_bins['point'], SHIFT_bins['row'])
-        return bins * (BIN_rad if self.bin_xi is None else self.bin_xi)
+        return np.where(self.from_points, SHIFT_bins['point'], SHIFT_bins['row']) * self.bins
 
     @property
     def independent(self) -> RidgePoints:
