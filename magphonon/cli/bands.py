@@ -161,10 +161,10 @@ def _stability(scene, atoms, bands, phonon):
 
     from .. import units
     from ..bands.force_constants import foundation_recovered
-    from ..planning.scene import neglected
     from ..scenes.lattices import ALL
     from ..stability.buckling import common_spring, common_support, foundation_needed
     from ..stability.verdicts import verdict
+    from .neighbours import neighbours
 
     needed, softest = foundation_needed(atoms)
     flat = atoms.copy()
@@ -189,7 +189,7 @@ def _stability(scene, atoms, bands, phonon):
     if abs(phonon.force_constants).max() <= LEAST_WRITTEN_N_per_mm:
         lines.append('phonopy_params.yaml is not written: its 15 decimals are too few for force constants of '
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
-    lines += neglected(scene)
+    lines += neighbours(scene)
     if atoms.calc.layer:
         lines.append(verdict(atoms).finding('out_of_plane').words)
     if given >= needed:

@@ -34,11 +34,11 @@ def run(options: Namespace) -> None:
 
     from .. import units
     from ..files import write_columns
-    from ..planning.scene import neglected
     from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import MODELS, report, waves
     from .costs import refuse_costly
+    from .neighbours import neighbours
     from .results import results
 
     engine = _engine(options)
@@ -61,7 +61,7 @@ def run(options: Namespace) -> None:
         unstable = _unstable(cell)
         rest = [] if (found := scene.relaxation()) is None else [str(found)]
         text = '\n'.join([scene.title, *rest, '', report(records), *_amplitudes(cell, largest, loud=not unstable),
-                          *_decays(plan, cell, records), *unstable, '', *neglected(scene)])
+                          *_decays(plan, cell, records), *unstable, '', *neighbours(scene)])
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')

@@ -25,11 +25,11 @@ def run(options: Namespace) -> int:
 
     from .. import units
     from ..bands.bands import cut_off
-    from ..planning.scene import neglected
     from ..scenes.lattices import Oscillator
     from ..scenes.scene import read_scene
     from ..stability.verdicts import verdict
     from .costs import USABLE_FRACTION, costs, too_much
+    from .neighbours import neighbours
 
     scene = read_scene(options.scene)
     print(scene.title)
@@ -62,7 +62,7 @@ def run(options: Namespace) -> int:
         print(f'\n{holds} a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
     if patch is not None and 'Patch' not in verdicts:
         print(_large(patch, relaxation is None))
-    for line in neglected(scene):
+    for line in neighbours(scene):
         print(f'\n{line}')
     if expected:
         print('\nEstimated cost of each table:', *expected, sep='\n  ')

@@ -7,6 +7,9 @@ from argparse import ArgumentParser, Namespace
 from .arguments import add_scene
 
 HELP = 'spacing and foundation for a wanted cut-off, band edge or gap'
+TOLERABLE = 0.01
+"""Largest shift of a frequency by neighbours left out that a design may have, as a fraction: magnets are set to half a percent of
+the spacing, which moves a frequency by some percent."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -18,7 +21,7 @@ def run(options: Namespace) -> None:
     from ..scenes.plans import HERTZ, tables
     from ..scenes.scene import read_scene
 
-    scene = read_scene(options.scene)
+    scene = read_scene(options.scene).counted()
     plan = scene.wanted('design')
     k, designs = plan.solve(scene)
     present = scene.lattice.spacing_m * u.m
@@ -34,4 +37,18 @@ def run(options: Namespace) -> None:
     others = ', '.join(f'{design.spacing / u.m:.6g}' for design in designs if design is not best)
     if others:
         lines.append(f'# this spacing is the nearest to the present one; other spacings that meet the target: {others} m')
-    print('\n'.join([*lines, '', tables(scene, best, k)]))
+    print('\n'.join([*lines, *(f'# {line}' for line in _left_out(scene, plan, best, k)), '', tables(scene, best, k)]))
+
+
+def _left_out(scene, plan, best, k):
+    """What neighbours cost in the lattice that was found."""
+    from .. import units as u
+    from ..scenes.tolerances import varied
+    from .neighbours import neighbours
+
+    edge = plan.edge
+    points = None if edge is None else {edge.point: scene.special_points[edge.point]}
+    within = None if edge is None else {(edge.point, edge.branch): TOLERABLE}
+    cell = varied(scene, {'spacing': best.spacing / (scene.lattice.spacing_m * u.m)}).perfect_cell()
+    cell.calc.set(foundation=k)
+    return neighbours(scene, points, atoms=cell, within=within)

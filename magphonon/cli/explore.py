@@ -33,6 +33,7 @@ def run(options: Namespace) -> None:
     from ..plotting.explorer import POINTS, Explorer
     from ..scenes.scene import read_scene
     from ..stability.buckling import border_over_exponents, border_over_spacings
+    from .neighbours import neighbours
 
     file = Path(f'{default_folder(options)}.html' if options.page is None else options.page)
     _refuse_foreign(file)
@@ -51,7 +52,7 @@ def run(options: Namespace) -> None:
     with whole_file(file, 'wb') as out:
         out.write(page + _signature(page))
     options.written = file
-    print(f'{file} is written; open it in a browser' + f'\n{perfect}' * bool(perfect))
+    print('\n'.join([f'{file} is written; open it in a browser', *filter(None, [perfect]), *neighbours(scene)]))
 
 
 def _signature(page):

@@ -40,6 +40,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_cost
+    from .neighbours import neighbours
     from .results import results
 
     scene = read_scene(options.scene)
@@ -54,7 +55,7 @@ def run(options: Namespace) -> None:
         if patch is not None:
             report += _of_patch(folder, save, lattice, patch, scene, options.animate)
         drawn = any(folder.glob('*.png'))
-    print('\n'.join(report))
+    print('\n'.join([*report, *neighbours(scene)]))
     print(f'pictures and data are in {options.output}' if drawn else 'no pictures: modes are drawn of planar lattices that have '
           f'a number of shells, motion in the plane and at most {MOST_BRANCHES} branches')
 

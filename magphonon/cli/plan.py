@@ -25,6 +25,7 @@ def run(options: Namespace) -> None:
     from ..planning.scene import scene_plans
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
+    from .neighbours import neighbours
     from .results import results
 
     tolerance = positive('--tolerance', options.tolerance)
@@ -36,13 +37,16 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_costly(scene, 'bands', 'frf', 'burst')
     print(scene.title)
+    of_patches = [f'\nIn responses and bursts: {line}' for line in neighbours(scene) if scene.frf or scene.burst]
     if not options.answer:
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')
+        print(*of_patches, sep='')
         return
     options.output = options.output or default_folder(options)
     with results(options, scene) as folder:
         for wanted in scene_plans(scene, tolerance):
             print(f'\n{wanted.report()}')
             wanted.run(folder)
+    print(*of_patches, sep='')
     print(f'\ndata are in {options.output}')

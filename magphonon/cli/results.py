@@ -63,9 +63,10 @@ class Run(BaseModel, extra='forbid'):
 
 
 class Origin(BaseModel, extra='forbid'):
-    """The scene of a folder, and the SHA-256 of each of its tables."""
+    """The scene of a folder, how many shells of neighbours count in it, and the SHA-256 of each of its tables."""
 
     title: str
+    shells: int | str = ''
     tables: dict[str, str]
 
 
@@ -169,8 +170,9 @@ class _Run:
         if scene is None:
             return
         self.source = source_of(options.scene)
-        self.scene = Origin(title=scene.title, tables={key: _digest(json.dumps(value, sort_keys=True).encode()) for key, value
-                                                       in scene.model_dump(mode='json').items() if value is not None})
+        tables = {key: value for key, value in scene.model_dump(mode='json').items() if value is not None}
+        digests = {key: _digest(json.dumps(value, sort_keys=True).encode()) for key, value in tables.items()}
+        self.scene = Origin(title=scene.title, shells=scene.law.shells, tables=digests)
         for key, named in tomllib.loads(self.source.text).items():
             file = named.get('file', '') if key in ('law', 'lattice') else ''
             if file and Path(file).name == file:  # it stands beside the scene, and is copied with it

@@ -32,11 +32,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from pathlib import Path
 
-    from ..planning.scene import neglected
     from ..plotting.waves import plot_wave
     from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import report
+    from .neighbours import neighbours
     from .results import results
 
     scene = read_scene(options.scene)
@@ -48,7 +48,7 @@ def run(options: Namespace) -> None:
             wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
             save(plot_wave(wave).figure, f'{own}_{wave.motion}')
         write_ridges(folder / f'{own}_ridges.csv', {name: found})
-        text = '\n'.join([scene.title, *notes, '', report({name: found}), '', *neglected(scene)])
+        text = '\n'.join([scene.title, *notes, '', report({name: found}), '', *neighbours(scene, _asked(found))])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}')
@@ -80,6 +80,14 @@ def _analysed(options, scene):
     places = round(2 * np.pi / found[0].spectrum.bin_xi)
     return [f'{Path(options.table).name}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
             *scan.notes], found
+
+
+def _asked(found):
+    """The wavevectors of the ridges, if there are any."""
+    import numpy as np
+
+    q = [wave.wavevector * wave.ridge.xi[:, None] / (2 * np.pi) for wave in found if wave.ridge is not None]
+    return {'the ridges': np.concatenate(q)} if q else None
 
 
 def _particles(scene):

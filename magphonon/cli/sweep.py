@@ -129,6 +129,7 @@ def _lead(options, workers):
     from ..plotting.sweeps import plot_sweep
     from ..scenes.scene import read_scene
     from ..sweeps.dataset import sweep
+    from .neighbours import neighbours
     from .results import results
 
     scene, axes = read_scene(options.scene), [axis_of(text) for text in options.over]
@@ -149,7 +150,7 @@ def _lead(options, workers):
         journal.unlink()
     else:
         options.notes.append(f'{journal} of an earlier command stays; it is complete, and may be removed')
-    print(report)
+    print('\n'.join([report, *(f'\nAt the values of the scene itself: {line}' for line in neighbours(scene))]))
     print(f'pictures and data are in {options.output}')
 
 

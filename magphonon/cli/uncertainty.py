@@ -31,6 +31,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_costly
+    from .neighbours import neighbours
     from .results import results
 
     scene = read_scene(options.scene).counted()
@@ -45,6 +46,8 @@ def run(options: Namespace) -> None:
             lines += ['', OWN_SCATTER] if tolerances.scatter.std.any() else []
         if scene.frf is not None:
             lines += _response(folder, save, scene, tolerances)
+        if scene.bands is None or not tolerances.changes:
+            lines += neighbours(scene)
     print('\n'.join(lines))
     print(f'pictures and data are in {options.output}')
 
@@ -58,6 +61,7 @@ def _bands(folder, save, scene, tolerances):
     from ..files import write_columns
     from ..plotting.axes import point_name
     from ..plotting.response import plot_band_ribbons, plot_contributions
+    from .neighbours import neighbours
 
     atoms = scene.perfect_cell()
     path = path_of(atoms, scene.band_path())
@@ -81,7 +85,9 @@ def _bands(folder, save, scene, tolerances):
     for row, (name, branch) in enumerate(labels):
         shares = ''.join(f'{std[row] / unit:>{len(group) + 3}.2g}' for group, std in few.contributions.items())
         lines.append(f'  {f"{name}, branch {branch}":16}{few.values[row] / unit:12.6g}{few.std[row] / unit:10.3g}{shares}')
-    return lines + _monte_carlo(scene, path, tolerances, few, labels)
+    points = {name: path.special_points[name] for name, _ in labels}
+    within = {label: 1.96 * float(std / value) for label, std, value in zip(labels, few.std, few.values, strict=True)}
+    return [*lines, *_monte_carlo(scene, path, tolerances, few, labels), *neighbours(scene, points, within=within)]
 
 
 def _special_points(atoms, path, tolerances):

@@ -12,7 +12,6 @@ from .plan import (
 )
 from .scene import (
     Wanted as Wanted,
-    neglected as neglected,
     scene_plans as scene_plans,
 )
 from .waveform import (

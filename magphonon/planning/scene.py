@@ -12,17 +12,13 @@ import numpy as np
 
 from .. import units as u
 from ..files import write_columns
-from .plan import ALL, Plan, Settings, engine_costs, percent
+from .plan import ALL, Plan, Settings, engine_costs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from ..scenes.scene import Scene
-
-NEGLIGIBLE = 1e-3
-"""Largest relative change of the bands by neglected neighbours that is not mentioned: spacings and forces of real lattices are
-hardly known better."""
 
 
 @dataclass(frozen=True)
@@ -74,17 +70,12 @@ def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
         raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [bands], [frf] or [burst]')
     if scene.bands is not None:
         yield _bands(scene, tolerance)
-    left_out = ()
-    if not scene.single and (scene.frf is not None or scene.burst is not None):
-        left_out = ('These figures use nearest neighbours only, because a patch with further neighbours is not in equilibrium at '
-                    'its rim; including all neighbours would shift the bands by up to '
-                    f'{percent(_error_of_shells(scene, 1)[0])} of the highest frequency.',)
     if scene.frf is not None:
-        yield _peak(scene, tolerance, left_out)
+        yield _peak(scene, tolerance)
     if scene.burst is not None:
         cell, patch = scene.perfect_cell(), scene.patch_atoms()
         for k in range(len(scene.burst.carriers_Hz)):
-            yield _burst(scene, cell, patch, tolerance, k, left_out)
+            yield _burst(scene, cell, patch, tolerance, k)
 
 
 def _cell(scene, shells):
@@ -112,48 +103,6 @@ def _bands(scene, tolerance):
                   lambda file, settings: _write_bands(scene, file, edge, settings))
 
 
-def neglected(scene: Scene) -> list[str]:
-    """The effect on the bands of the neighbours that a scene leaves out: a list of one line, or empty if it is negligible.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.planning import neglected
-    >>> neglected(read_scene(ready_scene('neighbours')))  # nothing: it sums over all
-    []
-    """
-    from .bands import REACHES, neighbour_shells
-
-    if scene.single or scene.law.shells == ALL or scene.lattice.kind == 'file' or scene.laws_of_kinds:
-        return []
-    counted = 'Nearest neighbours only' if scene.law.shells == 1 else f'{scene.law.shells} shells of neighbours only'
-    shells = int(scene.law.shells)
-    if all(len(neighbour_shells(scene.perfect_cell(), reach)) <= shells for reach in REACHES):
-        return [f'{counted}: the table of forces ends before the next ones, so that their effect is not known.']
-    error, known = _error_of_shells(scene, scene.law.shells)
-    if error < NEGLIGIBLE:
-        return []
-    if not known:
-        return [f'{counted}, and the table of forces ends within the reach of the others: if the forces go on falling as they do '
-                f'at its end, all neighbours shift the bands by up to {percent(error)} of the highest frequency.']
-    return [f'{counted}: including all neighbours would shift the bands by up to {percent(error)} of the highest frequency; '
-            '"magphonon plan" shows the cost of including more.']
-
-
-def _error_of_shells(scene, shells):
-    """Error of the complete bands with so many neighbour shells, and whether the law is known as far as it was compared."""
-    from .bands import TABLE_ENDS, plan_bands
-
-    plan = plan_bands(scene.perfect_cell(), scene.lattice.path(None, 60), NEGLIGIBLE)
-    summed = [method for method in plan.methods if method.settings.model == 'complete' and method.settings.shells != ALL]
-    fewer = [method for method in summed if method.settings.shells <= shells] or summed[:1]
-    return fewer[-1].error, TABLE_ENDS not in plan.evidence
-
-
 def _write_bands(scene, file, edge, settings):
     from ..bands.bands import analytic_bands
     from ..bands.bloch import bloch_modes
@@ -170,14 +119,14 @@ def _write_bands(scene, file, edge, settings):
     write_columns(file.with_suffix('.csv'), names, [x, *frequencies.T])
 
 
-def _peak(scene, tolerance, left_out):
+def _peak(scene, tolerance):
     from .peak import plan_peak
 
     force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)
     notes = () if force else ('This is the small-amplitude response; set [plan] force_N for a finite force.',)
-    return Wanted('frf', plan, lambda file, settings: _write_response(scene, file, force, settings), notes + left_out)
+    return Wanted('frf', plan, lambda file, settings: _write_response(scene, file, force, settings), notes)
 
 
 def _write_response(scene, file, force, settings):
@@ -195,7 +144,7 @@ def _write_response(scene, file, force, settings):
                   [u.hertz(omega), amplitude, phase])
 
 
-def _burst(scene, cell, patch, tolerance, k, left_out):
+def _burst(scene, cell, patch, tolerance, k):
     from ..waves.wave_source import site
     from .waveform import plan_waveform
 
@@ -206,7 +155,7 @@ def _burst(scene, cell, patch, tolerance, k, left_out):
     found = replace(found, quantity=name)
     return Wanted(f'burst_{plan.names[k]}', found,
                   lambda file, settings: _write_waveform(scene, file, where.row, burst, settings),
-                  (*left_out, *_time_steps(found, len(patch), burst.duration)))
+                  _time_steps(found, len(patch), burst.duration))
 
 
 def _time_steps(plan, particles, duration):

@@ -1,0 +1,103 @@
+"""What the neighbours that a scene leaves out cost, in words: one piece for all commands, per branch at the points asked."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ase import Atoms
+    from numpy.typing import ArrayLike
+
+    from ..scenes.scene import Scene
+
+MOST_SHOWN = 6
+"""Number of shifts that are listed one by one, the largest ones."""
+
+
+def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
+               within: Mapping[tuple[str, int], float] | None = None) -> list[str]:
+    """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
+
+    Parameters
+    ----------
+    scene : Scene
+    points : dict, optional
+        The wavevectors asked, in fractions of the reciprocal vectors: one for each name, or several for a name of them all, of
+        which the largest shift is told.  By default the special points of the bands.
+    atoms : ase.Atoms, optional
+        The cell, where it is not that of the scene.
+    within : dict, optional
+        Half widths of the 95 % intervals stated beside it, as fractions of the frequencies, by point and branch from 1: shifts
+        that exceed them are named in a second line.
+    """
+    from ..scenes.scene import MOST_IN_A_CELL
+    from ..scenes.structures import FileLattice
+
+    if scene.single or scene.law.kind == 'saved':
+        return []
+    told = _counted(scene)
+    if scene.finite:
+        return [f'{told}.']
+    atoms = scene.perfect_cell() if atoms is None else atoms
+    if not atoms.calc.pairwise:
+        return ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']
+    if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:
+        return [f'{told}; what the others would change is not computed for so large a cell.']
+    return _shifts(scene, told, atoms, _points(scene) if points is None else points, within or {})
+
+
+def _counted(scene):
+    """Which neighbours count, in words."""
+    law, lattice = scene.law, scene.lattice
+    if lattice.cutoff is not None:
+        reach = f'Neighbours within {lattice.cutoff / 1e3:.4g} m count'
+        return reach if lattice.cutoff_m is not None else f'{reach} (shells = "{law.asked}")'
+    if law.shells == 'all':
+        return f'All neighbours count (shells = "{law.asked}")'
+    number = 'Nearest neighbours only' if law.shells == 1 else f'{law.shells} shells of neighbours'
+    asked = law.asked if isinstance(law.asked, int) else f'"{law.asked}"'
+    return f'{number} (shells = {asked})'
+
+
+def _points(scene):
+    path = scene.band_path() if scene.bands is not None else scene.lattice.path(None, 0)
+    named = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
+    return {name: path.special_points[name] for name in named}
+
+
+def _shifts(scene, told, atoms, points, within):
+    import numpy as np
+
+    from .. import units as u
+    from ..bands.neighbours import neighbour_shifts
+    from ..scenes.lattices import TOLERANCE
+
+    q = {name: np.reshape(np.asarray(several, dtype=float), (-1, 3)) for name, several in points.items()}
+    found = neighbour_shifts(atoms, np.concatenate(list(q.values())))
+    end = '' if found.known else ', if the forces go on falling as at the end of their table'
+    largest = abs(found.relative).max()
+    if largest <= TOLERANCE:
+        return [f'{told}: all others would shift no frequency at {", ".join(q)} by more than {100 * TOLERANCE:g} %{end}.']
+    branch, shifts, first = 'branch in the plane' if atoms.calc.layer else 'branch', [], 0
+    for name, several in q.items():
+        here = slice(first, first + len(several))
+        first += len(several)
+        worst = found.relative[here][abs(found.relative[here]).argmax(axis=0), range(found.relative.shape[1])]
+        for k, x in enumerate(worst):
+            to = f' to {u.hertz(found.every[here][0, k]):.4g} Hz' if len(several) == 1 else ''
+            shifts.append((x, f'{name}, {branch} {k + 1}', f'{"" if to else "up to "}{100 * x:+.2g} %{to}', (name, k + 1)))
+    least = sorted((abs(x) for x, *_ in shifts), reverse=True)[:MOST_SHOWN][-1]
+    shown = [f'{place} by {words}' for x, place, words, _ in shifts if abs(x) >= max(least, TOLERANCE)]
+    others = max((abs(x) for x, *_ in shifts if TOLERANCE < abs(x) < least), default=0.0)
+    lines = [f'{told}: all would shift {"; ".join(shown)}{f"; others by up to {100 * others:.2g} %" if others else ""}{end}.']
+    exceeding = [place for x, place, _, which in shifts if abs(x) > within.get(which, np.inf)]
+    if exceeding:
+        lines.append(f'NOT WITH {"NEAREST" if scene.law.shells == 1 else "SO FEW"} NEIGHBOURS: this is more than the 95 % interval '
+                     f'of {"; ".join(exceeding)}, which then does not hold for real magnets.')
+    if not found.known:
+        lines[-1] += ' Measure the force farther away, or give the shape of the magnets.'
+    elif isinstance(scene.law.asked, int):
+        lines[-1] += ' Leave law.shells out, or write shells = "auto", to count as many as matter.'
+    return lines
