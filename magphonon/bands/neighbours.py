@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from ase.dft.kpoints import parse_path_string
 
 from ..interactions.bond_laws import laws_of
 from ..interactions.pair_laws import InversePower, local_exponent
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
     from typing import Any
 
     from ase import Atoms
-    from ase.dft.kpoints import BandPath
     from numpy.typing import ArrayLike, NDArray
 
     from ..interactions.bond_laws import Laws
@@ -164,13 +161,6 @@ def enough_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> Enough:
     around = np.unique(np.concatenate([shell.lengths for shell in shells]))
     clear = n + 1 == len(shells) or bool(clear_shells(atoms, around, [n + 1]))
     return Enough(n + 1, float(ends[n] + gaps[n] / 2), float(errors[k]), clear)
-
-
-def asked_points(path: BandPath) -> NDArray[np.float64]:
-    """The special points of a path and those half-way between each two of them, shape (wavevectors, 3)."""
-    points, legs = path.special_points, parse_path_string(path.path)
-    between = [(points[a] + points[b]) / 2 for leg in legs for a, b in pairwise(leg)]
-    return np.array([*points.values(), *between])
 
 
 def whole_reach(atoms: Atoms, laws: Laws) -> float:

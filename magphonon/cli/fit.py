@@ -160,11 +160,28 @@ def _report(options, forces, fit, shared):
     if fit.scatter > 1:
         yield (f'The rows scatter {fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened by '
                'that: look for an outlier, or leave the column out.')
+    yield _neighbours(fit)
     for name, value, conflict, unit, symbol in zip(SHARED, fit.zeros, fit.conflicts, (u.N, u.mm, u.N, u.mm), ('N', 'mm') * 2,
                                                    strict=True):
         if conflict > CONFLICT:
             yield (f'The {name} comes out as {value / unit:.2g} {symbol}, {conflict:.1f} standard deviations from what was told: '
                    'it is larger, or the shape of the magnets is not as named.')
+
+
+def _neighbours(fit):
+    """How many the table knows, and what the nearest alone would cost in the lattice of most magnets."""
+    from .. import lattices
+    from ..bands.neighbours import neighbour_shifts
+    from ..interactions.fits import shells_within
+    from ..stiffness.calculator import MagneticRepulsion
+
+    reach = fit.law.r[-1] / fit.spacing
+    cell = lattices.triangular(fit.spacing, 1.0)
+    cell.calc = MagneticRepulsion(cell, fit.law)
+    shift = neighbour_shifts(cell, [[0.5, 0, 0]]).relative[0, 0]
+    return (f'The table reaches to {reach:.3g} spacings, {shells_within(reach)} shell(s) of neighbours. In a triangular lattice '
+            'without foundation all neighbours, if the force goes on falling as at its end, shift the shear wave at M by '
+            f'{100 * shift:+.2g} % against the nearest alone: measure to three spacings or more, or name the magnet.')
 
 
 def _fit_bands(options):
@@ -185,7 +202,7 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    text = band_report(found, len(points), fixed)
+    text = '\n'.join([band_report(found, len(points), fixed), '', *_left_out(found)])
     if options.output is not None:
         with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
             cells = {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}
@@ -209,6 +226,17 @@ def _prior(text):
         raise ValueError(f'--prior {text!r} is no parameter, value and standard uncertainty, as force_N=0.288+-0.01 or a=3.8+-10%'
                          ) from None
     return KEYS[one_of('the parameter of --prior', key, tuple(KEYS))], (value, value * sigma / 100 if percent else sigma)
+
+
+def _left_out(found):
+    """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
+    from ..design.least_squares import NORMAL
+    from .neighbours import neighbours
+
+    sigma = found.values()['bond stiffness'][1]
+    within = {('the ridges', k + 1): NORMAL * sigma / 2 for k in set(found.fits['complete'].branches)}
+    scene = found.fitted() if found.fits['complete'].follows else found.scene
+    return neighbours(scene, {'the ridges': found.points.q}, within=within)
 
 
 def band_report(found, points: int, fixed: list[str]) -> str:

@@ -94,8 +94,9 @@ def _shifts(scene, told, atoms, points, within):
     lines = [f'{told}: all would shift {"; ".join(shown)}{f"; others by up to {100 * others:.2g} %" if others else ""}{end}.']
     exceeding = [place for x, place, _, which in shifts if abs(x) > within.get(which, np.inf)]
     if exceeding:
-        lines.append(f'NOT WITH {"NEAREST" if scene.law.shells == 1 else "SO FEW"} NEIGHBOURS: this is more than the 95 % interval '
-                     f'of {"; ".join(exceeding)}, which then does not hold for real magnets.')
+        few = 'NEAREST' if scene.law.shells == 1 else 'SO FEW'
+        lines.append(f'NOT WITH {few} NEIGHBOURS: the shift is more than the 95 % interval or the tolerance of '
+                     f'{"; ".join(exceeding)}, which does not hold for real magnets.')
     if not found.known:
         lines[-1] += ' Measure the force farther away, or give the shape of the magnets.'
     elif isinstance(scene.law.asked, int):

@@ -72,6 +72,7 @@ class Neighbours(Table):
         shells: int | str = AUTO
 
     _asked: int | str = PrivateAttr(AUTO)  # what the scene says, where `shells` is the number that was chosen
+    _reach: float | None = PrivateAttr(None)  # and the distance in spacings behind which the next shell begins
 
     @model_validator(mode='after')
     def _as_asked(self):
@@ -87,9 +88,16 @@ class Neighbours(Table):
         """The value of the key `shells` in the scene."""
         return self._asked
 
-    def with_shells(self, shells: int | str) -> Self:
+    @property
+    def reach(self) -> float | None:
+        """A distance in spacings behind the last chosen shell; it is quicker to find neighbours by it than by their number."""
+        return self._reach
+
+    def with_shells(self, shells: int | str, reach: float | None = None) -> Self:
         """The same law with the neighbours that were chosen for it."""
-        return self.model_copy(update={'shells': shells})
+        law = self.model_copy(update={'shells': shells})
+        law._reach = reach
+        return law
 
 
 class Lattice(Table):

@@ -21,7 +21,8 @@ import ase.io
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from ..bands.neighbours import asked_points, enough_shells, whole_reach
+from .. import units as u
+from ..bands.neighbours import enough_shells, whole_reach
 from ..errors import PhysicsError
 from ..files import whole_file
 from ..lattices.bonds import bonds_within
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 
     from ..bands.neighbours import Enough
 
-PAIRS = 1e-4
+PAIRS = 3e-4
 """Largest relative change of a frequency by the neighbours that are left out where shells = 'all' has to be a number."""
 LONG_RANGE = 0.01
 """Largest relative error of a frequency by neighbours left out where a number of shells is wanted of a law of long range."""
@@ -114,17 +115,19 @@ class Scene(Table):
         law, lattice, others = self.law, self.lattice, self.laws_of_kinds
         if isinstance(law, SavedLaw):
             return {}
-        shells = law.shells
+        shells, reach = law.shells, None
         if self.single and shells == AUTO:
             shells = 1
         elif isinstance(lattice, FileLattice) and shells in (AUTO, ALL) and (lattice.finite or shells == AUTO):
             shells = self._choose_cutoff()
         elif shells == AUTO:
             enough = self.enough_shells(TOLERANCE)
-            shells = ALL if enough.error > TOLERANCE and not others and self._sums() else enough.shells
+            shells, reach = enough.shells, enough.cutoff / (lattice.spacing_m * u.m)
+            if enough.error > TOLERANCE and not others and self._sums():
+                shells, reach = ALL, None
         kinds = tuple(other.model_copy(update={'law': other.law.with_shells(shells)}) if other.law.shells == AUTO else other
                       for other in others if not isinstance(other.law, SavedLaw))
-        return {'law': law.with_shells(shells), 'laws_of_kinds': kinds if len(kinds) == len(others) else others}
+        return {'law': law.with_shells(shells, reach), 'laws_of_kinds': kinds if len(kinds) == len(others) else others}
 
     def _choose_cutoff(self) -> int:
         """Give the structure of a file the cutoff that it needs, unless it has one; the number of shells then does not matter."""
@@ -147,14 +150,12 @@ class Scene(Table):
         return True
 
     def enough_shells(self, tolerance: float) -> Enough:
-        """How many shells the frequencies of the perfect lattice need at its special points and between them, as
-        `magphonon.bands.enough_shells`.
-        """
+        """How many shells the perfect lattice needs at its special points, as `magphonon.bands.enough_shells`."""
         atoms = self.cell()
         with _units_told_by_keys():
             nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
             atoms.calc = MagneticRepulsion(atoms, self._law(atoms), bonds=nearest, **self._sites(atoms))
-        return enough_shells(atoms, asked_points(self.lattice.path(None, npoints=0)), tolerance)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+        return enough_shells(atoms, list(self.special_points.values()), tolerance)
 
     def counted(self) -> Scene:
         """The same scene with a number of shells, for what asks for the stiffness of each bond.
@@ -169,7 +170,8 @@ class Scene(Table):
             raise ValueError(f"law.shells = '{self.law.asked}': the force has so long a range that even {enough.shells} shells "
                              f'of neighbours leave frequencies {enough.error:.1%} off, and here each bond must be known; '
                              '"magphonon bands" takes the sum over all')
-        return self.model_copy(update={'law': self.law.with_shells(enough.shells)})
+        law = self.law.with_shells(enough.shells, enough.cutoff / (self.lattice.spacing_m * u.m))
+        return self.model_copy(update={'law': law})
 
     @property
     def single(self) -> bool:
@@ -225,9 +227,12 @@ class Scene(Table):
             except ValueError as error:
                 raise ValueError(f"law.shells = '{ALL}': {error}") from None
             return atoms
+        bonds, reach = self.lattice.bonds, getattr(self.law, 'reach', None)
+        if reach is not None:
+            bonds = bonds_within(atoms, reach * self.lattice.spacing_m * u.m)
         try:
             atoms.calc = MagneticRepulsion(atoms, self._law(atoms), shells=self.law.shells, cutoff=self.lattice.cutoff,
-                                           bonds=self.lattice.bonds, **self._sites(atoms))
+                                           bonds=bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):
                 sphere = f', law.diameter_m = {self.law.diameter_m!r}' if isinstance(self.law, HertzLaw) else ''

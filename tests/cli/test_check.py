@@ -5,12 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+from magphonon import InversePower, MagneticRepulsion, lattices
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
 from magphonon.response.normal_modes import natural_frequencies
-from magphonon.scenes.scene import read_scene, ready_scene
-from magphonon.stiffness.all_neighbours import AllNeighbours
+from magphonon.scenes.scene import ready_scene
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 
@@ -82,28 +81,6 @@ def test_a_guide_is_not_praised_for_what_it_does_not_do(tmp_path, capsys):
     said = capsys.readouterr().out
     assert 'needs a foundation of 4620 N/m' in said  # D_yy = 2 (a + 1) sin^2 5 deg + a - 2 = -0.46202 f/L0
     assert 'only because a constraint' not in said
-
-
-@pytest.mark.usefixtures('no_impacts')
-@pytest.mark.parametrize(('scene', 'told'), [('prototype', True), ('oscillator', False), ('steel', False), ('neighbours', False)])
-@pytest.mark.parametrize('command', ['check', 'bands'])
-def test_neighbours_left_out_are_named(command, scene, told, tmp_path, capsys):
-    """Not where there are none, as of balls in contact, of one oscillator, and where the scene counts all."""
-    if command == 'bands' and scene != 'prototype':
-        pytest.skip('the same words; bands take longer')
-    assert main([command, str(ready_scene(scene)), *(['-o', str(tmp_path / 'out')] if command == 'bands' else [])]) == FINE
-    line = re.search(r'Nearest neighbours only: including all neighbours would shift the bands by up to ([0-9.]+) %',
-                     capsys.readouterr().out)
-    assert bool(line) == told
-    if told:
-        cell = read_scene(ready_scene(scene)).atoms()
-        nearest, path = cell.calc, cell.cell.bandpath('GMKG', npoints=200, pbc=cell.pbc)
-        every = AllNeighbours(cell, nearest.laws, foundation=nearest.parameters.foundation)
-        squares = []
-        for cell.calc in (nearest, every):
-            squares.append(analytic_bands(cell, path).omega)
-        moved = abs(squares[1] - squares[0]).max() / squares[1].max()
-        assert float(line[1]) == pytest.approx(100 * moved, rel=0.02)  # two digits
 
 
 def test_unreadable_scene_is_a_mistake_and_no_verdict(tmp_path, capsys):

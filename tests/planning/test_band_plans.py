@@ -1,14 +1,11 @@
 """Plans for bands over lattices, laws and tolerances: no method is worse than told, by the exact sums over all neighbours."""
 
-import tomllib
-
 import numpy as np
 import pytest
 from ase import Atoms
 
 from magphonon import InversePower, MagneticRepulsion, Yukawa, read_scene, ready_scene
-from magphonon.planning import bands as planner, neglected, plan_bands, scene_plans
-from magphonon.scenes.scene import scene_of
+from magphonon.planning import bands as planner, plan_bands, scene_plans
 from workflows.situations import EDGES, Bands
 
 LAWS = {'2': InversePower(1.0, 2.0), '3': InversePower(1.0, 3.0), '4.58': InversePower(1.0, 4.58), 'Yukawa': Yukawa(1.0, 1.0)}
@@ -100,33 +97,9 @@ def test_some_of_so_many_shells_cannot_be_made():
         assert _made(cell, shells) == clear
 
 
-def test_five_shells_of_a_law_without_an_end_leave_out_what_is_known():
-    """They end within the nearest reach of a plan; that is no end of a table."""
-    scene = read_scene(ready_scene('disc'))
-    few, many = (neglected(scene.model_copy(update={'law': scene.law.model_copy(update={'shells': k})})) for k in (1, 5))
-    assert 'Nearest neighbours only: including all' in few[0]
-    assert '5 shells of neighbours only: including all' in many[0]
-
-
 def test_a_table_that_ends_at_the_nearest_neighbours_is_no_reason_to_fail():
     scene = read_scene(ready_scene('measured'))
-    assert neglected(scene) == ['Nearest neighbours only: the table of forces ends before the next ones, so that their effect is '
-                                'not known.']
     longer = scene.model_copy(update={'law': read_scene(ready_scene('rings')).law})
-    assert 'would shift the bands' in neglected(longer)[0]  # the control: the same law without an end
     with pytest.raises(ValueError, match=r'no model here gives bands .* the law is not known farther'):
         _ = next(scene_plans(scene, 1e-2)).plan.choice  # nothing is known of them that would bound the error
     assert 'not known' not in next(scene_plans(longer, 0.5)).plan.report()
-
-
-@pytest.mark.parametrize(('reach_mm', 'words'), [
-    (16.0, 'ends before the next ones'), (18.0, 'ends within the reach of the others')])
-def test_what_the_neighbours_beyond_a_table_do_is_told_as_a_guess(reach_mm, words):
-    """The second neighbours are 17.3 mm away; a table to 18 mm knows them, but not those that a plan compares with."""
-    tables = tomllib.loads(ready_scene('prototype').read_text())
-    r = np.linspace(0.008, reach_mm / 1e3, 30)
-    tables['law'] = {'kind': 'table', 'shells': 1, 'distances_m': r.tolist(),
-                     'forces_N': (1.6209e-10 * r**-4.5824).tolist()}
-    told = neglected(scene_of(tables))
-    assert len(told) == 1
-    assert words in told[0]

@@ -1,0 +1,145 @@
+"""What the commands say of neighbours that are left out, against bands with all of them."""
+
+import json
+import re
+import tomllib
+
+import pytest
+
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, read_scene, ready_scene, units as u
+from magphonon.bands import bloch_modes
+from magphonon.cli.main import main
+from magphonon.cli.neighbours import neighbours
+from magphonon.scenes.scene import scene_of
+
+SHIFT = re.compile(r'(\w+), branch (\d) by ([+-][\d.]+) % to ([\d.]+) Hz')
+
+
+def changed(name, **changes):
+    """The tables of a ready scene with some of them changed, None for none of it."""
+    tables = tomllib.loads(ready_scene(name).read_text())
+    for place, value in changes.items():
+        *path, key = place.split('__')
+        table = tables
+        for step in path:
+            table = table[step]
+        table.pop(key, None) if value is None else table.update({key: value})
+    return tables
+
+
+@pytest.mark.parametrize('name', ['prototype', 'kagome', 'honeycomb', 'chain', 'square'])
+def test_shifts_per_branch_are_those_of_all_neighbours(name):
+    scene = read_scene(name)
+    (line,) = neighbours(scene)
+    assert line.startswith('Nearest neighbours only (shells = 1): all would shift ')
+    cell = scene.perfect_cell()
+    every = cell.copy()
+    every.calc = AllNeighbours(cell, cell.calc.laws, foundation=cell.calc.foundation)
+    points = scene.special_points
+    shown = SHIFT.findall(line)
+    assert shown
+    for point, branch, percent, to in shown:
+        few, many = (u.hertz(bloch_modes(atoms, [points[point]])[0][0, int(branch) - 1]) for atoms in (cell, every))
+        assert float(percent) == pytest.approx(100 * (many / few - 1), abs=0.51 * 10 ** -('.' in percent))
+        assert float(to) == pytest.approx(many, rel=1e-3)
+
+
+@pytest.mark.parametrize(('name', 'changes', 'words'), [
+    ('oscillator', {}, None), ('steel', {}, r'all others would shift no frequency at G, M, K by more than 0.1 %\.$'),
+    ('neighbours', {}, r'^All neighbours count \(shells = "all"\)\.$'),
+    ('prototype', {'law__shells': None}, r'^\d+ shells of neighbours \(shells = "auto"\): all others would shift no frequency'),
+    ('wigner', {'law__shells': None}, r'^All neighbours count \(shells = "auto"\)\.$'),
+    ('prototype', {'law__shells': 5}, r'^5 shells of neighbours \(shells = 5\): all would shift M, .* Leave law.shells out'),
+    ('measured', {}, r'if the forces go on falling as at the end of their table\. Measure the force farther away'),
+])
+def test_what_is_said_of_how_many_count(name, changes, words):
+    told = neighbours(scene_of(changed(name, **changes)) if changes else read_scene(name))
+    assert len(told) == bool(words)
+    assert not words or re.search(words, told[0])
+
+
+def lattice_text(tmp_path, shells, **tables):
+    """A file of a scene of 8 mm discs, or its law of shells."""
+    text = {'title': 'x', 'lattice': {'kind': 'triangular', 'spacing_m': 0.008, 'mass_kg': 0.0008},
+            'law': {'kind': 'inverse_power', 'force_N': 0.6, 'a': 3.8} | ({} if shells is None else {'shells': shells}),
+            'foundation': {'stiffness_N_per_m': 20.0}} | tables
+    file = tmp_path / f'{shells}.toml'
+
+    def lines(name, table):
+        plain = {key: value for key, value in table.items() if not isinstance(value, dict)}
+        yield f'[{name}]\n' * bool(name) + '\n'.join(f'{key} = {json.dumps(value)}' for key, value in plain.items())
+        for key in table.keys() - plain.keys():
+            yield from lines(f'{name}.{key}'.strip('.'), table[key])
+
+    file.write_text('\n'.join(lines('', text)))
+    return str(file)
+
+
+def test_a_design_holds_for_all_neighbours_or_says_not(tmp_path, capsys):
+    """Of `labuser`: M, branch 1 wanted at 40 Hz, and the answer for nearest neighbours had 58 Hz."""
+    wanted = {'edge': {'point': 'M', 'branch': 1, 'frequency_Hz': 40.0}, 'cut_off_Hz': 10.0, 'spacings_m': [0.009, 0.015]}
+    found = {}
+    for shells in (None, 'all', 1):
+        assert main(['design', lattice_text(tmp_path, shells, design=wanted)]) == 0
+        text = capsys.readouterr().out
+        answer = tomllib.loads(text)
+        L, law, k = answer['lattice']['spacing_m'] * 1e3, answer['law'], answer['foundation']['stiffness_N_per_m'] / 1e3
+        assert law.get('shells') == (shells or 'auto')
+        cell = lattices.triangular(L, 0.8)
+        cell.calc = AllNeighbours(cell, InversePower(law['b_N_m_a'] * 1e3 ** law['a'], law['a']), foundation=k)
+        found[shells] = u.hertz(bloch_modes(cell, [[0.5, 0, 0]])[0][0, 0])
+        assert ('NOT WITH NEAREST NEIGHBOURS' in text) == (shells == 1)
+        if shells == 1:
+            assert float(SHIFT.search(text)[4]) == pytest.approx(found[1], rel=1e-3)
+    assert found[None] == pytest.approx(40, rel=2.5e-3)
+    assert found['all'] == pytest.approx(40, rel=6e-4)
+    assert found[1] > 50  # the control
+
+
+def test_an_interval_that_neighbours_leave_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr('magphonon.cli.uncertainty.SAMPLES', 60)
+    tables = {'uncertainty': {'spacing_percent': 1.0}, 'bands': {'path': 'GMKG', 'points': 20, 'supercell': [3, 3]}}
+    for shells in (1, None):
+        assert main(['uncertainty', lattice_text(tmp_path, shells, **tables), '-o', str(tmp_path / f'out_{shells}')]) == 0
+        text = capsys.readouterr().out
+        assert ('NOT WITH NEAREST NEIGHBOURS' in text and 'M, branch 1, which' in text) == (shells == 1)
+        assert 'K, branch 1' not in text.partition('NOT WITH')[2]  # moved by less than the interval
+        origin = json.loads((tmp_path / f'out_{shells}' / 'provenance.json').read_text())['scene']
+        assert (origin['shells'] == 1) == (shells == 1)
+        if shells is None:
+            assert f'{origin["shells"]} shells of neighbours (shells = "auto")' in text
+    value, std = map(float, next(line for line in text.splitlines() if line.startswith('  M, branch 1')).split()[3:5])
+    law, truths = InversePower(0.6 * 8**3.8, 3.8), []
+    for kind in (AllNeighbours, MagneticRepulsion):
+        cell = lattices.triangular(8.0, 0.8)
+        cell.calc = kind(cell, law, foundation=0.02)
+        truths.append(u.hertz(bloch_modes(cell, [[0.5, 0, 0]])[0][0, 0]))
+    assert abs(truths[0] - value) < 0.1 * std
+    assert abs(truths[1] - value) > 1.96 * std  # the control
+
+
+@pytest.mark.usefixtures('no_impacts')
+@pytest.mark.parametrize(('command', 'name', 'words'), [
+    ('check', 'prototype', 'M, branch 1 by +16 %'), ('modes', 'prototype', 'M, branch 1 by +16 %'),
+    ('explore', 'prototype', 'M, branch 1 by +16 %'), ('plan', 'vacancy', None), ('bands', 'chain', 'X, branch 1 by -0.91 %')])
+def test_every_command_says_it(command, name, words, tmp_path, capsys):
+    where = {'check': [], 'plan': [], 'explore': ['-o', str(tmp_path / 'x.html')]}.get(command, ['-o', str(tmp_path / 'out')])
+    file = tmp_path / 'my.toml'
+    file.write_text(ready_scene(name).read_text().replace('side_m = 0.3 ', 'side_m = 0.05 '))
+    main([command, str(file), *where])
+    text = capsys.readouterr().out
+    assert 'Nearest neighbours only (shells = 1): all would shift ' in text or words is None
+    assert words is None or words in text
+    assert 'of the highest frequency' not in text.partition('Nearest neighbours only')[2]
+
+
+def test_a_fit_of_ridges_says_it_for_the_ridges(capsys):
+    assert main(['fit', str(ready_scene('prototype').parent / 'prototype_ridges.csv'), '--bands', 'prototype']) == 0
+    text = capsys.readouterr().out
+    assert re.search(r'the ridges, branch 1 by up to \+\d+ %', text)
+
+
+def test_a_sweep_says_it_of_the_scene(tmp_path, capsys):
+    assert main(['sweep', 'prototype', '--over', 'lattice.spacing_m=0.009,0.01', '--ask', 'bands.M.1', '--executor', 'here',
+                 '-o', str(tmp_path)]) == 0
+    assert 'At the values of the scene itself: Nearest neighbours only (shells = 1): all would shift M' in capsys.readouterr().out
