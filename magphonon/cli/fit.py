@@ -202,7 +202,7 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    text = '\n'.join([band_report(found, len(points), fixed), '', *_left_out(found)])
+    text = '\n'.join([band_report(found, len(points), fixed), '', *_beyond(found)])
     if options.output is not None:
         with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
             cells = {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}
@@ -228,7 +228,7 @@ def _prior(text):
     return KEYS[one_of('the parameter of --prior', key, tuple(KEYS))], (value, value * sigma / 100 if percent else sigma)
 
 
-def _left_out(found):
+def _beyond(found):
     """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
     from ..design.least_squares import NORMAL
     from .neighbours import neighbours
