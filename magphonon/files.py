@@ -17,10 +17,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .results import Result
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
     from os import PathLike
     from typing import Any, ClassVar, Self
+
+    from xarray import Dataset
 
 MEGABYTE = 2**20
 
@@ -204,7 +208,7 @@ def _wrong_number(units, arrays, missing):
     return None
 
 
-class Saved:
+class Saved(Result):
     """A frozen dataclass of arrays, numbers and tuples of names that can be kept in a file.
 
     Parameters
@@ -217,18 +221,56 @@ class Saved:
         Fields in which NaN means that there is no value.  NaN in other fields and infinity in any field are errors.
     """
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
     _kind: ClassVar[str]
-    _units: ClassVar[Mapping[str, tuple[str, ...]]]
     _missing: ClassVar[Collection[str]]
 
-    def __init_subclass__(cls, kind, units, missing=()):
+    def __init_subclass__(cls, kind, units, missing=(), **options):
+        super().__init_subclass__(**options)
         cls._kind, cls._units, cls._missing = kind, units, missing
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write to a .npz file, whole or not at all; its entry `units` holds the unit and axes of each array, in JSON."""
+        save_arrays(path, self._arrays(), self._units, self._missing)
+
+    def _arrays(self) -> dict[str, Any]:
+        """What is saved, by name."""
         values = {field.name: getattr(self, field.name) for field in fields(type(self))}
-        save_arrays(path, {name: value for name, value in values.items() if value is not None}, self._units, self._missing)
+        return {name: value for name, value in values.items() if value is not None}
+
+    def to_xarray(self) -> Dataset:
+        """The same as an `xarray.Dataset`: each array with its unit in `attrs`, on the axes that `save` names.
+
+        An axis along which one array alone runs first, as `omega` along the frequencies, has its name and its values.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from magphonon.dynamics import Motion
+        >>> motion = Motion(np.arange(5.0), np.array([3, 4]), np.zeros((5, 2, 2)))
+        >>> motion.to_xarray().displacements.sel(times=2.0, particles=4).values
+        array([0., 0.])
+        """
+        from xarray import Dataset
+
+        lengths, called, arrays = {}, {}, {name: np.asarray(value) for name, value in self._arrays().items()}
+        for name, array in arrays.items():
+            axes = self._units[name][1:]
+            if len(axes) == 1 and array.ndim == 1:
+                called.setdefault(axes[0], name)
+        found = {}
+        for name, array in arrays.items():
+            unit, *axes = self._units[name]
+            if '...' in axes:
+                axes = [*axes[:-1], *(f'{name}_{k}' for k in range(len(axes) - 1, array.ndim))]
+            axes = [called.get(axis, f'{axis}_axis' if axis in arrays else axis) for axis in axes]
+            for k, length in enumerate(array.shape):
+                if axes[k] in axes[:k]:  # a matrix
+                    axes[k] = f'{axes[k]}_again'
+                if lengths.setdefault(axes[k], length) != length:  # two or three components
+                    axes[k] = f'{axes[k]}_{length}'
+            found[name] = (axes, array, {'units': unit} if unit else {})
+        hertz = {'frequencies_Hz': (found['omega'][0], self.frequencies_Hz, {'units': 'Hz'})} if 'omega' in found else {}  # pyright: ignore[reportAttributeAccessIssue]  what has an omega is InHertz
+        return Dataset(found, hertz)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

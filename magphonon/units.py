@@ -14,6 +14,8 @@ from __future__ import annotations
 from math import pi
 from typing import Any
 
+from .results import Result
+
 mm = g = ms = rad = A = 1.0
 m = kg = s = 1e3
 N = kg * m / s**2
@@ -36,7 +38,7 @@ def hertz(omega: Any) -> Any:
     return omega / (2 * pi) / Hz
 
 
-class InHertz:
+class InHertz(Result):
     """Base of all results with angular frequencies `omega`: the same frequencies in Hz."""
 
     omega: Any

@@ -194,7 +194,7 @@ def by_wavevector(lowest, cell, kpts, cost):
     from scipy import sparse
 
     calc = cell.calc
-    K = sparse.block_diag(model_stiffness(calc.bonds.vectors[:, :2], calc.laws), format='csr')
+    K = sparse.block_diag([sparse.coo_array(k) for k in model_stiffness(calc.bonds.vectors[:, :2], calc.laws)], format='csr')
     cost['eigensolves'] += len(kpts)
     return np.array([signed_root(np.sort(lowest(sparse_bloch(cell, q, K), cost))) for q in kpts])
 

@@ -192,7 +192,7 @@ def exponential(burst, cost):
     K, pattern, displaced = burst.problem()
     size, rate = len(pattern), np.sqrt(abs(K).sum(axis=1).max())
     omega = burst.drive.omega * np.array([1, 1 + 1 / burst.drive.cycles, 1 - 1 / burst.drive.cycles])
-    turn = sparse.block_diag([[[0, w], [-w, 0]] for w in omega])  # (sin, cos) of each
+    turn = sparse.block_diag([sparse.coo_array([[0, w], [-w, 0]]) for w in omega])  # (sin, cos) of each
     shares = sparse.csr_array(np.array([[0.5, 0, -0.25, 0, -0.25, 0]]) * FORCE / rate)
     eye, none = sparse.eye_array(size), None
     driven = sparse.block_array([[none, rate * eye, none], [-K / rate, none, pattern[:, None] * shares], [none, none, turn]])

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
 from itertools import permutations
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +17,7 @@ from ase.dft.kpoints import BandPath, parse_path_string
 
 from .. import units
 from ..errors import finite, positive
-from ..files import not_saved, save_arrays, saved_arrays
+from ..files import Saved, not_saved, saved_arrays
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import each_spring
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
     from typing import Any, Self
 
     from ase.spectrum.band_structure import BandStructure
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
+    from xarray import Dataset
 
 UNITS = {
     'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),
@@ -43,7 +46,7 @@ ROUND_OFF = 1e-9  # relative tolerance of the depth, so that a row exactly at th
 
 
 @dataclass(frozen=True)
-class Bands(units.InHertz):
+class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
     """Frequencies along a path through the Brillouin zone.
 
     Attributes
@@ -92,19 +95,44 @@ class Bands(units.InHertz):
         return np.select([share > 0.9, share < 0.1, share == share], ['longitudinal', 'transverse', 'mixed'], '')
 
     def to_ase(self) -> BandStructure:
-        """The same as an `ase.spectrum.band_structure.BandStructure`; its energies are frequencies in Hz."""
+        """The same as an `ase.spectrum.band_structure.BandStructure`, whose energies are frequencies in Hz, and drawn as such."""
         from ase.spectrum.band_structure import BandStructure
 
-        return BandStructure(self.path, self.frequencies_Hz[None])
+        class InHertz(BandStructure):
+            def plot(self, ax=None, **options):
+                low, high = self.energies.min(), self.energies.max()
+                room = 0.05 * (high - min(low, 0.0))
+                options = {'emin': low - room if low < 0 else 0.0, 'emax': high + room, 'ylabel': 'frequency (Hz)'} | options
+                return super().plot(ax, **options)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write to a .npz file, whole or not at all; its entry `units` tells unit and axes of each array, in JSON."""
+        return InHertz(self.path, self.frequencies_Hz[None])
+
+    def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
+        """Draw them in Hz as ASE draws bands; `plot_bands` draws them in the style of this package, several on the same axes."""
+        return self.to_ase().plot(ax, **options)
+
+    def _repr_png_(self) -> bytes:
+        from matplotlib.figure import Figure
+
+        figure, picture = Figure(figsize=(4.5, 3.2), layout='constrained'), BytesIO()
+        self.plot(figure.add_subplot())
+        figure.savefig(picture, dpi=120)
+        return picture.getvalue()
+
+    _repr_html_ = None  # a notebook would take it instead of the picture
+
+    def to_xarray(self) -> Dataset:
+        """As of all results, and the distance along the path: `to_xarray().frequencies_Hz.plot.line(x='path_rad_per_mm')`."""
+        distance = self.path.get_linear_kpoint_axis()[0]
+        return super().to_xarray().assign_coords(path_rad_per_mm=('wavevectors', distance, {'units': 'rad/mm'}))
+
+    def _arrays(self) -> dict[str, Any]:
         special = self.path.special_points
         arrays = {'cell': self.path.cell.array, 'kpts': self.path.kpts, 'path': self.path.path, 'omega': self.omega,
                   'names': np.array(list(special)), 'points': np.array(list(special.values())).reshape(-1, 3)}
         if self.vectors is not None:
             arrays['vectors'] = self.vectors
-        save_arrays(path, arrays, UNITS)
+        return arrays
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

@@ -17,6 +17,7 @@ from itertools import permutations, product
 
 import numpy as np
 from ase import Atoms
+from ase.spectrum.dosdata import GridDOSData
 from numpy.typing import ArrayLike, NDArray
 
 from .. import units
@@ -66,6 +67,10 @@ class DensityOfStates(units.InHertz, Saved, kind='densities of states', units={
     modes: float
     width: np.ndarray
     error: np.ndarray
+
+    def to_ase(self) -> GridDOSData:
+        """The same as an `ase.spectrum.dosdata.GridDOSData`: modes per Hz over frequencies in Hz."""
+        return GridDOSData(self.frequencies_Hz, self.per_Hz * self.modes, {'label': 'modes per Hz'})
 
     @property
     def per_Hz(self) -> NDArray[np.float64]:

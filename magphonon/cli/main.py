@@ -184,7 +184,7 @@ def _options(arguments):
         wrong = f'has no option {word!r}{meant}' if word.startswith('-') else f'takes no further argument {word!r}'
         parser.error(f'"magphonon {options.command}" {wrong}')
     options.words = arguments  # kept with the results
-    if getattr(options, 'output', None) in ('', []):  # argparse makes a list of '--'
+    if getattr(options, 'output', None) in ('', [], '--'):  # argparse made a list of '--' before Python 3.13
         parser.error("-o names no directory; '.' is the current one")
     return options
 

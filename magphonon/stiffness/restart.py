@@ -5,13 +5,14 @@ including rest positions, anchors and bonds::
 
     atoms = magphonon.restored(ase.io.read('relaxed.traj'))
 
-    row = ase.db.connect('lattices.db').get(id=1)
-    atoms = magphonon.restored(row.toatoms(), row.calculator_parameters)
+    atoms = magphonon.restored(ase.db.connect('lattices.db').get(1))
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from ase import Atoms
 
 from ..errors import one_of
 from .all_neighbours import AllNeighbours
@@ -20,23 +21,23 @@ from .calculator import MagneticRepulsion
 if TYPE_CHECKING:
     from typing import Any
 
-    from ase import Atoms
+    from ase.db.row import AtomsRow
 
     from ..interactions.bond_laws import Laws
 
 CALCULATORS = {calculator.__name__: calculator for calculator in (MagneticRepulsion, AllNeighbours)}
 
 
-def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, laws: Laws | None = None) -> Atoms:
+def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, laws: Laws | None = None) -> Atoms:
     """A copy of the atoms with the calculator that they had when they were written.
 
     Parameters
     ----------
-    atoms : ase.Atoms
-        As `ase.io.read` returns them from a .traj file, or a row of ase.db.
+    atoms : ase.Atoms or ase.db.row.AtomsRow
+        As `ase.io.read` returns them from a .traj file, or a row of ase.db: `db.get(1)`, not `db.get_atoms(1)`, which leaves the
+        calculator behind.
     parameters : dict, optional
-        Parameters of the calculator; by default those that ASE's reader left on `atoms.calc`.  Rows of ase.db keep them in
-        `row.calculator_parameters`.
+        Parameters of the calculator; by default those that ASE's reader left on `atoms.calc`.
     laws : PairLaw, or mapping from pairs of kinds to PairLaw, optional
         Replaces the one in the file; needed for a law that is not of this package.
 
@@ -53,11 +54,13 @@ def restored(atoms: Atoms, parameters: dict[str, Any] | None = None, laws: Laws 
     >>> bool(abs(again.get_potential_energy() - energy) < 1e-12)
     True
     """
+    if not isinstance(atoms, Atoms):
+        atoms, parameters = atoms.toatoms(), atoms.calculator_parameters if parameters is None else parameters
     calc: Any = atoms.calc
     found = getattr(calc, 'parameters', None) if parameters is None else parameters
     if not isinstance(found, dict) or 'calculator' not in found:
-        raise ValueError('these atoms were written without a calculator of magphonon; of a row of ase.db give '
-                         'row.calculator_parameters, of other files attach MagneticRepulsion(atoms, law, ...) again')
+        raise ValueError('these atoms were written without a calculator of magphonon; of an ase.db take the row, '
+                         'restored(db.get(1)), of other files attach MagneticRepulsion(atoms, law, ...) again')
     cls = CALCULATORS[one_of('the calculator', found['calculator'], tuple(CALCULATORS))]
     atoms = atoms.copy()
     atoms.calc = cls.fromdict(found, laws)

@@ -328,6 +328,22 @@ def test_ases_band_structure_holds_hertz():
     assert bands.frequencies_Hz[0, 0] == pytest.approx(1e3 * np.sqrt(0.02 / 0.7) / (2 * np.pi), rel=1e-12)
 
 
+@pytest.mark.parametrize('foundation', [0.02, 0.0])
+def test_ases_picture_of_bands_has_all_of_them_within_its_axes(foundation):
+    from matplotlib.figure import Figure
+
+    atoms = cell_of('square', foundation=foundation)  # without a foundation it buckles
+    bands = analytic_bands(atoms, 'GXMG')
+    ax = bands.plot(Figure().add_subplot())
+    low, high = ax.get_ylim()
+    assert low <= bands.frequencies_Hz.min() < bands.frequencies_Hz.max() <= high < 1.2 * bands.frequencies_Hz.max()
+    assert (low < 0) == (bands.omega.min() < 0)
+    assert ax.get_ylabel() == 'frequency (Hz)'
+    assert len(ax.lines) >= 2
+    assert bands._repr_png_().startswith(b'\x89PNG')
+    assert bands.to_ase().plot(Figure().add_subplot(), emax=50).get_ylim()[1] == 50
+
+
 @pytest.mark.parametrize('spacing', [1e-5, 1e-3, 1.0, 10.0, 1e5])
 @pytest.mark.parametrize(('name', 'points'), [('triangular', 'GMKG'), ('square', 'GXMG'), ('fcc', 'GXWKGL')])
 def test_paths_through_lattices_of_any_size(name, points, spacing):

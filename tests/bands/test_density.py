@@ -209,3 +209,13 @@ def test_bad_input_is_refused():
         lattice_density(cell('square'), [0.2, 0.1])
     with pytest.raises(ValueError, match='steps must be a whole number'):
         lattice_density(cell('square'), steps=0)
+
+
+def test_ases_density_holds_hertz_and_all_modes():
+    cell = lattice('honeycomb')
+    cell.calc = MagneticRepulsion(cell, LAWS['magnets'], foundation=0.2)
+    found = lattice_density(cell, steps=24)
+    theirs = found.to_ase()
+    f = theirs.get_energies()
+    assert f[[0, -1]] == pytest.approx(found.frequencies_Hz[[0, -1]])
+    assert np.trapezoid(theirs.get_weights(), f) == pytest.approx(4.0, rel=1e-2)  # modes of a cell

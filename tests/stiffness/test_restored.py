@@ -74,6 +74,7 @@ def test_a_database_keeps_every_bit(name, tmp_path):
     for atoms in structures:
         database.write(atoms)
     for atoms, row in zip(structures, database.select(), strict=True):
+        assert same(atoms, restored(row))
         assert same(atoms, restored(row.toatoms(), row.calculator_parameters))
         assert np.array_equal(MagneticRepulsion.fromdict(row.calculator_parameters).get_forces(row.toatoms()),
                               atoms.calc.get_forces(atoms))
