@@ -26,6 +26,7 @@ from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
 from .kernels_numpy import Kernel, Motion, largest
 from .memory_layout import aligned_zeros, arrange
+from .splittings import SPLITTINGS, Splitting
 
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
@@ -38,14 +39,14 @@ ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane t
 PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
 
 
-def refuse_long_step(atoms: Atoms, dt: float) -> None:
-    """Raise ValueError if `dt` (ms) exceeds the limit 2/omega_max about rest; other calculators are not checked."""
+def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> None:
+    """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; other calculators are not checked."""
     if not isinstance(atoms.calc, MagneticRepulsion):
         return
-    omega = frequency_bound(atoms, dt)
-    if omega * dt > 2:
-        raise ValueError(f'the time step of {dt:.9g} ms exceeds the stability limit 2/omega_max = {2 / omega:.9g} ms; '
-                         'a tenth of the limit is accurate; allow_unstable=True runs anyway')
+    omega = frequency_bound(atoms, dt * 2 / limit)
+    if omega * dt > limit:
+        raise ValueError(f'the time step of {dt:.9g} ms exceeds the stability limit {limit:g}/omega_max = {limit / omega:.9g} '
+                         'ms; a tenth of the limit is accurate; allow_unstable=True runs anyway')
 
 
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
@@ -165,11 +166,13 @@ class Blocks:
     drives : sequence of drives
     damping : ndarray, shape (particles,)
         gamma in 1/ms.
+    splitting : Splitting
     threads : int
         Number of threads of compiled blocks; the bits of the results do not depend on it.
     """
 
-    def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64], threads: int = 1) -> None:
+    def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64],
+                 splitting: Splitting = SPLITTINGS[2], threads: int = 1) -> None:
         calc: MagneticRepulsion = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
         masses = atoms.get_masses()
         self.atoms, self.calc, self.dt, self.threads = atoms, calc, dt, threads
@@ -185,7 +188,10 @@ class Blocks:
 
         self.layout = layout = arrange(calc.reference, calc.bonds, mobile, labels(calc.law, len(calc.bonds)))
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
-        self._motion = Motion(dt, layout.scatter(np.exp(-damping * dt / 2)), layout.scatter(mobile / masses),
+        self._splitting = splitting
+        rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
+        decay = np.exp((rate - damping) * dt / 2)
+        self._motion = Motion(dt, splitting, rate, layout.scatter(decay), layout.scatter(mobile / masses),
                               layout.scatter(calc.foundation) if isinstance(calc.foundation, np.ndarray) else calc.foundation,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
@@ -255,7 +261,8 @@ class Blocks:
 
     def advance(self, first: int, steps: int) -> None:
         """Move on by a block of `steps`, from the step number `first`; where that raises Diverged, nothing has moved."""
-        times = self.dt * np.arange(first, first + steps + 1)
+        kicks = (np.arange(first, first + steps)[:, None] + self._splitting.times).ravel()
+        times = self.dt * np.append(first, kicks)
         forces = self._external(times)
         while True:
             beyond, *extent = self._try(forces)

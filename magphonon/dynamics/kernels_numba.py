@@ -48,8 +48,9 @@ SAME_SHAPE = 1e-14
 NEAR = RANGES[2]
 """Largest increment |e| in a run whose bonds take a polynomial although others need the pieces."""
 OPTIONS = {'error_model': 'numpy', 'fastmath': {'contract'}, 'nogil': True, 'no_cfunc_wrapper': True}
-CARRY, PUSH, FORGET, MOBILITY, DECAY = range(5)
-"""Rows of what is known of each slot: `v <- carry v + push F`, for accelerations `v <- mobility F`."""
+FORGET, MOBILITY, DECAY, CARRY, PUSH = range(5)
+"""Rows of what is known of each slot: `v <- carry v + push F`, for accelerations `v <- mobility F`; with carry and push for each
+stage of a step."""
 KICK, COPY, GO_ON = range(3)
 """How some steps begin: with half a kick, by a copy of displacements and velocities, or where the last ones ended."""
 MAGNITUDE = 2**63 - 1
@@ -321,28 +322,28 @@ def correct(state, slots, outer, force, v, row, r, drift):
 
 
 @part
-def start(state, work, slots, kicked, s, e, dt):
+def start(state, work, slots, kicked, s, e, half, drift):
     """Copy displacements and velocities, with half a kick by the accelerations, and a drift, if `kicked`."""
     vectorise()
     for x in range(2):
         for i in range(s, e):
             work[2, x, i] = 0.0  # zero times what was there might be no number
             if kicked:
-                v = slots[DECAY, i] * state[1, x, i] + dt / 2 * state[2, x, i]
+                v = slots[DECAY, i] * state[1, x, i] + half * state[2, x, i]
                 work[1, x, i] = v
-                work[0, x, i] = state[0, x, i] + dt * v
+                work[0, x, i] = state[0, x, i] + drift * v
             else:
                 work[0, x, i], work[1, x, i] = state[0, x, i], state[1, x, i]
 
 
 @part
-def finish(work, slots, s, e, dt):
+def finish(work, slots, s, e, half, before):
     """Half a kick; the largest components of displacement and velocity then."""
     vectorise()
     far = fast = np.int64(0)
     for x in range(2):
         for i in range(s, e):
-            v = slots[DECAY, i] * (work[1, x, i] + dt / 2 * work[2, x, i])
+            v = slots[DECAY, i] * (before * work[1, x, i] + half * work[2, x, i])
             work[1, x, i] = v
             p, q = np.float64(work[0, x, i]).view(np.int64) & MAGNITUDE, np.float64(v).view(np.int64) & MAGNITUDE
             far, fast = p if p > far else far, q if q > fast else fast
@@ -353,10 +354,11 @@ def finish(work, slots, s, e, dt):
 
 
 @kept
-def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, outer, forces, dt,
-            begin, low, high, last, together, first, end):
-    """Steps `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
+def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, outer, forces, half,
+            before, drifts, begin, low, high, last, together, first, end):
+    """Kicks `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
 
+    The stages of a step take their turns, with the drift that follows each.
     Bonds of a run take the second law, which may be None, only where one of them is beyond the first: few are, near a source.
 
     Returns
@@ -376,7 +378,7 @@ def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near
                     continue
                 s, e, ends = runs[r, 0], runs[r, 1], n == last
                 if n < low:
-                    start(state, work, slots, begin == KICK, s, e, dt)
+                    start(state, work, slots, begin == KICK, s, e, half, drifts[0])
                     continue
                 for j in range(within[r], within[r + 1]):
                     i, k, kind = segments[j, 0], segments[j, 1], segments[j, 2]
@@ -385,11 +387,12 @@ def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near
                         if out:  # numba leaves out what follows a test for None alone
                             out = pull(work, b, bonds, wider, near, far, places, pad, kind, i, k)
                     wide |= out
-                v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY, dt)
+                stage = (n - 1) % (len(drifts) - 1)
+                v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY + 2 * stage, drifts[1 + stage])
                 move(work, b, places, pad, slots, outer.springs, outer.static, v, row, s, e, drift)
                 correct(work, slots, outer, forces[n - 1], v, row, r, drift)
-                if ends and dt > 0:
-                    x, y = finish(work, slots, s, e, dt)
+                if ends and half > 0:
+                    x, y = finish(work, slots, s, e, half, before)
                     if first <= r < end:
                         largest, fastest = max(largest, x), max(fastest, y)
     return wide, largest, fastest
@@ -466,8 +469,10 @@ class CompiledKernel(Kernel):
         strength = None if layout.each or layout.strength is None else _flat(layout.strength)
         R = [_flat(x) for x in order.R] if layout.offset is None or own else order.R
         bonds = Bonds((law.q, law.t), *R, g, unit, strength)
-        slots = aligned_zeros((5, layout.length))
-        slots[:] = self.carry, self.push, self.forget, m.mobility, m.decay
+        stages = [row for pair in zip(self.carry, self.push, strict=True) for row in pair]
+        slots = aligned_zeros((3 + len(stages), layout.length))
+        slots[:] = self.forget, m.mobility, m.decay, *stages
+        self._flow = self.half, self.before, np.append(self.first, self.drifts)
         springs, static = (np.atleast_1d(np.asarray(x, float)) for x in (m.foundation, 0.0 if m.static is None else m.static))
         outer = Outer(*(x if x.ndim == 1 else _flat(x) for x in (springs, static)),
                       *_by_run(m.driven, order, np.arange(len(m.driven))), *_by_run(m.guided, order, m.barred))
@@ -509,10 +514,11 @@ class CompiledKernel(Kernel):
         return PiecesOfAll(*numbers, start, c, child if (child >= 0).any() else None, centre, factors)
 
     def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], out: NDArray[np.float64]) -> Found:
-        steps, count, dt = len(forces), len(self._runs), self.motion.dt
+        steps, count = len(forces), len(self._runs)
         threads = max(1, min(self.threads, count // (2 * self._lag)))
         if threads == 1:
-            return advance(state, out, self._rooms[0], *self._given, forces, dt, KICK, 1, steps, steps, TOGETHER, 0, count)
+            return advance(state, out, self._rooms[0], *self._given, forces, *self._flow, KICK, 1, steps, steps, TOGETHER, 0,
+                           count)
         size = max(1, count // threads // (SHARE * self._lag))
         while len(self._rooms) < 1 + threads:
             self._rooms.append((aligned_zeros(self._room), aligned_zeros(state.shape)))
@@ -526,8 +532,8 @@ class CompiledKernel(Kernel):
 
             def share(room, first, end, state=state, target=target, low=low, high=high):
                 b, work = room
-                found = advance(state, work, b, *self._given, forces, dt, KICK if low == 1 else COPY, low, high, steps, TOGETHER,
-                                first, end)
+                found = advance(state, work, b, *self._given, forces, *self._flow, KICK if low == 1 else COPY, low, high, steps,
+                                TOGETHER, first, end)
                 s, e = self._runs[first, 0], self._runs[end - 1, 1]
                 target[..., s:e] = work[..., s:e]
                 return found
@@ -538,7 +544,8 @@ class CompiledKernel(Kernel):
 
     def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
         state[2] = 0
-        return advance(state, state, self._rooms[0], *self._given, force[None], 0.0, GO_ON, 1, 1, 1, 1, 0, len(self._runs))[0]
+        given = *self._given, force[None], 0.0, *self._flow[1:]  # with no half kick
+        return advance(state, state, self._rooms[0], *given, GO_ON, 1, 1, 1, 1, 0, len(self._runs))[0]
 
     def _shared(self, function, tasks):
         """Results of the tasks, the first of which is done by this thread."""

@@ -5,7 +5,8 @@ neighbouring halves merge, so that inside a block a step is, with the decay d = 
 
     v <- d^2 v + (1 + d^2) dt/2 F/m          u <- u + dt v
 
-for v half a step behind u; a block starts with `v <- d v + dt/2 a` and ends with `v <- d (v + dt/2 a)`.
+for v half a step behind u; a block starts with `v <- d v + dt/2 a` and ends with `v <- d (v + dt/2 a)`.  In a step of higher
+order (`splittings`) there are several such turns, each with a push and a drift of its own, whose damping is `rate`; d = 1.
 
 A state holds displacements u, velocities v and accelerations a of the slots of a `Layout`, shape (3, 2, slots).  The mobility
 1/m is zero for particles that are held, so that F may be anything there.
@@ -14,6 +15,7 @@ A state holds displacements u, velocities v and accelerations a of the slots of 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from ..stiffness.sites import Foundation
     from .bond_increments import Increments, Pieces
     from .memory_layout import Layout
+    from .splittings import Splitting
 
     Found = tuple[bool, float, float]
     """Whether any bond was beyond the reach of the law, and the largest components of displacement (mm) and velocity (mm/ms)."""
@@ -43,7 +46,10 @@ class Motion:
     dt : float
         Time step in ms.
     decay : ndarray, shape (slots,)
-        d = exp(-gamma dt/2).
+        d = exp(-gamma dt/2); 1 where drifts are damped.
+    splitting : Splitting
+    rate : float
+        gamma of the drifts in 1/ms.
     mobility : ndarray, shape (slots,)
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float or ndarray, shape (2, slots)
@@ -59,6 +65,8 @@ class Motion:
     """
 
     dt: float
+    splitting: Splitting
+    rate: float
     decay: np.ndarray
     mobility: np.ndarray
     foundation: Foundation
@@ -90,8 +98,11 @@ class Kernel:
     def __init__(self, layout: Layout, increments: Increments, motion: Motion,
                  coefficients: NDArray[np.float64] | list[Pieces] | None, reach: float, threads: int = 1) -> None:
         self.layout, self.increments, self.motion, self.reach, self.threads = layout, increments, motion, reach, threads
-        d, h = motion.decay, motion.dt / 2
-        self.carry, self.push = d**2, (1 + d**2) * h * motion.mobility
+        d, b, (drifts, damped) = motion.decay, motion.splitting.kicks, motion.splitting.flow(motion.dt, motion.rate)
+        self.half, self.before, self.drifts = b[0] * motion.dt, damped[-1], np.roll(drifts, -1)  # the one that follows each kick
+        self.first, merged = drifts[0], (*b[1:-1], b[-1] + b[0])
+        self.carry = [factor * d**2 for factor in damped]
+        self.push = [(1 + d**2) * (kick * motion.dt / 2) * motion.mobility for kick in merged]
         self.forget = np.zeros_like(d)
         self._prepare(coefficients)
 
@@ -110,35 +121,36 @@ class Kernel:
         Parameters
         ----------
         state, out : ndarray, shape (3, 2, slots)
-        forces : ndarray, shape (steps, driven, 2)
-            External forces at the end of each step.
+        forces : ndarray, shape (steps * stages, driven, 2)
+            External forces at all kicks but the first.
         """
         u, v, a = out
-        (u0, v0, a0), d, dt = state, self.motion.decay, self.motion.dt
-        v[:] = d * v0 + dt / 2 * a0
-        u[:] = u0 + dt * v
-        beyond = self._steps(u, v, forces[:-1], self.carry, self.push, dt)
+        (u0, v0, a0), d = state, self.motion.decay
+        v[:] = d * v0 + self.half * a0
+        u[:] = u0 + self.first * v
+        beyond = self._turns(u, v, forces[:-1], self.carry, self.push, self.drifts)
         beyond |= self.accelerate(out, forces[-1])
-        v += dt / 2 * a
+        v *= self.before
+        v += self.half * a
         v *= d
         return beyond, largest(u), largest(v)
 
     def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
-        """Fill in the accelerations: what a step that takes no time would leave as velocities.
+        """Fill in the accelerations: what a kick of one, after which nothing drifts, would leave as velocities.
 
         Returns whether any bond is beyond the reach of the law.
         """
         u, _, a = state
         a[:] = 0
-        return self._steps(u, a, force[None], self.forget, self.motion.mobility, 0.0)
+        return self._turns(u, a, force[None], [self.forget], [self.motion.mobility], [0.0])
 
     @np.errstate(over='ignore', invalid='ignore')
-    def _steps(self, u, v, forces, carry, push, dt):
+    def _turns(self, u, v, forces, carries, pushes, drifts):
         np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
         m, k = self.motion, np.asarray(self.motion.foundation)
         whole = not k.ndim
         self.forces.strain = 0.0
-        for force in forces:
+        for force, carry, push, dt in zip(forces, cycle(carries), cycle(pushes), cycle(drifts), strict=False):
             for s, e in self.forces.fill(self.f, u):
                 us, vs, fs, t = u[:, s:e], v[:, s:e], self.f[:, s:e], self.scratch[:, : e - s]
                 fs -= np.multiply(k if whole else k[:, s:e], us, out=t)

@@ -1,4 +1,4 @@
-"""Velocity Verlet with external forces and linear damping, on ASE's own.
+"""Velocity Verlet with external forces and linear damping, on ASE's own; and splittings of higher order.
 
 With the damping gamma and the external force f(t), the equation of motion `m u'' = F(u) - m gamma u' + f(t)` is split
 symmetrically around ASE's step, which makes it second order in dt and leaves its limit omega dt < 2 untouched:
@@ -33,6 +33,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
 from .engine import Blocks, can_compile, refusal, refuse_long_step
+from .splittings import SPLITTINGS
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 ENOUGH = 20_000  # number of particles from which on another thread pays
@@ -69,6 +70,9 @@ class DrivenVerlet(VelocityVerlet):
         gamma in 1/ms.
     engine : {'auto', 'ase', 'numpy', 'compiled'}
         'auto' takes blocks where it can, and compiles when a run is long enough to earn that back.
+    order : {2, 4, 6}
+        Of the error in the time step.  A step of order 4 or 6 takes 6 or 11 evaluations of the forces, and fewer in all where the
+        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number.
     allow_unstable : bool
         Run even if the time step is over the limit of stability.
     logfile : path or file, optional
@@ -99,13 +103,14 @@ class DrivenVerlet(VelocityVerlet):
     """
 
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
-                 allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None, loginterval: int = 1,
+                 order: int = 2, allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None, loginterval: int = 1,
                  threads: int | None = None, **kwargs: Any) -> None:
         self.threads = threads_for(len(atoms)) if threads is None else whole('threads', threads)
         self.asked_engine = one_of('engine', engine, ENGINES)
+        self.splitting = SPLITTINGS[one_of('order', order, tuple(SPLITTINGS))]
         self._drives = tuple(drives)
         self._sum_of_drives = Drives(self._drives, len(atoms))
-        self._damping = _damping_of(damping, len(atoms))
+        self._damping = _damping_of(damping, len(atoms), self.splitting)
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
         refuse_held_drives(self._drives, atoms)
@@ -113,7 +118,7 @@ class DrivenVerlet(VelocityVerlet):
         if engine == 'compiled' and find_spec('numba') is None:
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
         if not allow_unstable:
-            refuse_long_step(atoms, positive('timestep', timestep, 'ms'))
+            refuse_long_step(atoms, positive('timestep', timestep, 'ms'), self.splitting.limit)
         super().__init__(atoms, positive('timestep', timestep, 'ms'), loginterval=loginterval, **kwargs)
         if logfile:
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
@@ -130,7 +135,7 @@ class DrivenVerlet(VelocityVerlet):
 
     @damping.setter
     def damping(self, damping: ArrayLike) -> None:
-        self._damping = _damping_of(damping, len(self.atoms))
+        self._damping = _damping_of(damping, len(self.atoms), self.splitting)
 
     @property
     def drives(self) -> tuple[Any, ...]:
@@ -169,9 +174,11 @@ class DrivenVerlet(VelocityVerlet):
 
     def step(self, forces: Any = None) -> NDArray[np.float64]:
         t, t_next = self.nsteps * self.dt, (self.nsteps + 1) * self.dt
-        self._decay()
-        self._kick(t)
         try:
+            if self.splitting.stages > 1:
+                return self._in_stages(t, forces)
+            self._decay()
+            self._kick(t)
             forces = super().step(forces)
         except ValueError as error:
             self._inspect(t_next)  # the calculator's words for particles that coincide or left for infinity
@@ -180,14 +187,27 @@ class DrivenVerlet(VelocityVerlet):
         self._decay()
         return forces
 
+    def _in_stages(self, t, forces):
+        atoms, dt, masses = self.atoms, self.dt, self.atoms.get_masses()[:, None]
+        drifts, damped = self.splitting.flow(dt, self.damping.max())
+        forces = atoms.get_forces(md=True) if forces is None else forces
+        for k, kick in enumerate(self.splitting.kicks):
+            atoms.set_momenta(atoms.get_momenta() + kick * dt * forces)
+            self._kick(t + dt * (0.0 if k == 0 else self.splitting.times[k - 1]), 2 * kick)
+            if k < len(drifts):
+                atoms.set_positions(atoms.get_positions() + drifts[k] * atoms.get_momenta() / masses)
+                atoms.set_momenta(damped[k] * atoms.get_momenta())
+                forces = atoms.get_forces(md=True)
+        return forces
+
     def _decay(self):
         if self.damping.any():
             self.atoms.set_momenta(np.exp(-self.damping * self.dt / 2)[:, None] * self.atoms.get_momenta())
 
-    def _kick(self, t):
+    def _kick(self, t, share=1.0):
         if self._sum_of_drives:
             momenta = self.atoms.get_momenta()
-            momenta[self._sum_of_drives.particles] += self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
+            momenta[self._sum_of_drives.particles] += share * self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
@@ -255,11 +275,11 @@ class DrivenVerlet(VelocityVerlet):
                                  'of drives and records is the number of steps times the time step; set it back, or go on with a '
                                  'new DrivenVerlet(atoms, ...), whose time begins at zero')
             if not self.allow_unstable:
-                refuse_long_step(self.atoms, self.dt)
+                refuse_long_step(self.atoms, self.dt, self.splitting.limit)
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         blocks = cages = None
         if self.engine != 'ase':
-            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.threads)
+            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads)
             blocks.use(self.engine)
             if self._blocks is not None and self._blocks.current:
                 blocks.adopt(self._blocks)
@@ -329,12 +349,14 @@ def threads_for(particles: int) -> int:
     return max(1, min(int(allowed or 1), particles // ENOUGH))
 
 
-def _damping_of(damping, count):
+def _damping_of(damping, count, splitting):
     """The damping of each of `count` particles, as an array that nobody else can change."""
     damping = finite('damping', damping)
     if damping.shape not in ((), (count,)) or (damping < 0).any():
         raise ValueError(f'damping must be zero or positive, one number or one for each of the {count} particles, '
                          f'not {damping}')
+    if splitting.stages > 1 and np.ptp(damping):
+        raise ValueError('steps of order 4 and 6 need one damping for all particles, not one for each; use order=2')
     return np.broadcast_to(damping.copy(), count)
 
 

@@ -1,0 +1,63 @@
+"""Methods that split a time step h into kicks, `v <- v + b_k h F/m`, and drifts, `u <- u + a_k h v`, in turns.
+
+Velocity Verlet is the one of order 2.  Those of order 4 and 6 are the Runge-Kutta-Nystroem splittings SRKN_6^b and SRKN_11^b of
+Blanes and Moan (J. Comput. Appl. Math. 142, 313 (2002), Tables 2 and 3), which begin and end with a kick.  They use that the
+forces depend on the displacements alone; a force that depends on the time is that at the time of its kick, and damping belongs to
+the drift, whose flow is then exact: `u <- u + (1 - e^{-gamma a h})/gamma v`, `v <- e^{-gamma a h} v`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Splitting:
+    """One method.
+
+    Attributes
+    ----------
+    kicks, drifts : tuple of float
+        b_0 to b_s and a_1 to a_s, palindromes whose sums are one.
+    limit : float
+        Largest omega h of an oscillator for which the method is stable.
+    """
+
+    kicks: tuple[float, ...]
+    drifts: tuple[float, ...]
+    limit: float
+
+    @property
+    def stages(self) -> int:
+        """Evaluations of the forces in a step: the last kick of a step and the first of the next share theirs."""
+        return len(self.drifts)
+
+    @property
+    def times(self) -> np.ndarray:
+        """When the kicks after the first are, in steps, shape (stages,)."""
+        return np.append(np.cumsum(self.drifts)[:-1], 1.0)
+
+    def flow(self, dt: float, gamma: float) -> tuple[np.ndarray, np.ndarray]:
+        """What each drift does to velocities: the distance for each, ms, and the factor that damping leaves; shape (stages,)."""
+        h = dt * np.array(self.drifts)
+        return (-np.expm1(-gamma * h) / gamma if gamma else h), np.exp(-gamma * h)
+
+
+def _both_ways(first, middle):
+    """The numbers of a palindrome that begins with `first`; its middle, one number or two alike, makes the sum one."""
+    rest = 1 - 2 * sum(first)
+    return (*first, *([rest] if middle == 1 else [rest / 2] * 2), *first[::-1])
+
+
+SPLITTINGS = {
+    2: Splitting((0.5, 0.5), (1.0,), 2.0),
+    4: Splitting(_both_ways((0.0829844064174052, 0.396309801498368, -0.0390563049223486), 1),
+                 _both_ways((0.245298957184271, 0.604872665711080), 2), 3.1634),
+    6: Splitting(_both_ways((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
+                             -0.0115113874206879), 2),
+                 _both_ways((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 1),
+                 3.1414),
+}
+"""By their order."""
