@@ -141,37 +141,6 @@ class Energy:
         return (self.law.dphi(r) * (length(R + self._bonds(u - about)) - r)).sum(axis=-1) / 2
 
 
-class SiteEnergy:
-    """Energy of particles each of which is its own, by a double loop over pairs and their images, analytic in the positions.
-
-        E = sum_pairs s_i s_j [phi_ij(|r|) - phi_ij(|R|)] + sum_i,x k_ix (x_i - a_i)^2 / 2 - sum_i,x h_ix x_i
-
-    Parameters
-    ----------
-    perfect : ase.Atoms
-        Whose neighbours within `reach` repel each other; its tags are the kinds.
-    laws : dict
-        From sets of kinds to laws.
-    strengths : ndarray, shape (particles,)
-    springs, anchors, load : ndarray, shape (particles, dim)
-    """
-
-    def __init__(self, perfect, laws, reach, strengths, springs, anchors, load=0.0):
-        self.perfect, self.strengths, self.springs, self.anchors, self.load = perfect, strengths, springs, anchors, load
-        kinds, self.dim = perfect.get_tags(), springs.shape[1]
-        self.pairs = [(i, j, np.array(cell) @ perfect.cell.array, laws[frozenset((kinds[i], kinds[j]))])
-                      for i, j, cell, _ in neighbour_vectors(perfect, reach)]  # each twice, from both ends
-
-    def __call__(self, x):
-        """Of positions x, complex or real, shape (..., particles * dim)."""
-        x = x.reshape(*x.shape[:-1], -1, self.dim)
-        total = (self.springs * (x - self.anchors) ** 2 / 2 - self.load * x).sum(axis=(-2, -1))
-        for i, j, jump, law in self.pairs:
-            distance = length(x[..., j, :] + jump[: self.dim] - x[..., i, :])
-            total = total + self.strengths[i] * self.strengths[j] * law.phi(distance) / 2
-        return total
-
-
 def displaced(name, seed=3, amplitude=0.3):
     """A small supercell and displacements of 3 % of the spacing from its rest positions, in the plane if it is planar."""
     cell = lattice(name)
@@ -252,8 +221,8 @@ class Pairs:
         Laws, kinds and strengths of `OwnLaws`, in place of the one `law`.
     """
 
-    def __init__(self, perfect, law, reach, model='complete', own=None, images=4):
-        self.dim = 3 if perfect.pbc.all() else 2
+    def __init__(self, perfect, law, reach, model='complete', own=None, images=4, dim=None):
+        self.dim = dim or (3 if perfect.pbc.all() else 2)
         found = list(neighbour_vectors(perfect, reach, images))
         self.i, self.j = np.array([p[:2] for p in found]).T
         self.cell = np.array([p[2] for p in found])
