@@ -15,6 +15,10 @@ JUDGED = 20_000
 grows with the third power of the side: sparse factorisations in the plane fill up as N log N and take N^(3/2) operations."""
 
 
+SEEN = 1e-3
+"""Relative change of a frequency by leaning pillars that is mentioned: real lattices are hardly known better."""
+
+
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
 
@@ -62,13 +66,32 @@ def run(options: Namespace) -> int:
         print(f'\n{holds} a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
     if patch is not None and 'Patch' not in verdicts:
         print(_large(patch, relaxation is None))
-    for line in neighbours(scene):
+    for line in (*neighbours(scene), *_leaning(scene)):
         print(f'\n{line}')
     if expected:
         print('\nEstimated cost of each table:', *expected, sep='\n  ')
     for fault in faults:
         print(f'TOO COSTLY: {fault}.')
     return 0 if all(judged.fine for judged in verdicts.values()) and not faults else 1
+
+
+def _leaning(scene):
+    """What leaning pillars, which the scene leaves out, would do to the lowest branch, if anything."""
+    from .. import units
+    from ..bands.bloch import bloch_modes
+
+    leant = scene.with_lean(True)
+    if scene.single or leant is scene or scene.foundation.leans:
+        return []
+    points = {'Gamma' if name == 'G' else name: q for name, q in scene.special_points.items()}
+    try:
+        here, there = (units.hertz(bloch_modes(one.perfect_cell(), [*points.values()])[0][:, 0]) for one in (scene, leant))
+    except ValueError:  # no lattice of which leaning is known
+        return []
+    shifts = [f'at {name} from {a:.6g} to {b:.6g} Hz' for name, a, b in zip(points, here, there, strict=True)
+              if abs(b - a) > SEEN * abs(a)]
+    return shifts and [f'Pillars lean, and the magnets with them: this would shift the lowest branch {", ".join(shifts)}; '
+                       'lean = true in [foundation.pillar] takes it in.']
 
 
 def _large(patch, perfect):

@@ -40,7 +40,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     told = _counted(scene)
     if scene.finite:
         return [f'{told}.']
-    atoms = scene.perfect_cell() if atoms is None else atoms
+    atoms = scene.with_lean(False).perfect_cell() if atoms is None else atoms
     if not atoms.calc.pairwise:
         return ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']
     if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:

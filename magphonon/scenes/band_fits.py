@@ -150,6 +150,9 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; take a lattice of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
         raise ValueError('foundation.out_of_plane: a fit takes waves in the plane; leave this table out')
+    if scene.foundation and scene.foundation.leans:
+        raise ValueError('foundation.pillar.lean: a fit takes upright magnets, whose foundation it finds softer by what leaning '
+                         'takes of it; leave lean out')
     springs = scene.foundation.changes if scene.foundation and scene.foundation.stiffness else {}
     names = ('foundation',) if len(springs) == 1 else ('foundation_x', 'foundation_y')[: len(springs)]
     return ('force', *SHAPES.get(scene.law.kind, ())[:1], *names)

@@ -59,6 +59,8 @@ def check(scene: Scene) -> None:
     if isinstance(scene.law.shells, int) and scene.law.shells > MOST_SHELLS:
         raise ValueError(f"law.shells must be at most {MOST_SHELLS}, not {scene.law.shells}; for a force of longer range "
                          f"use '{ALL}', the sum over all neighbours")
+    if scene.foundation is not None and scene.foundation.leans:
+        _lean(scene)
     calc: Any = scene.perfect_cell().calc
     if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
         _scale(scene, calc)
@@ -121,6 +123,18 @@ def _pillar(scene: Scene) -> None:
     if scene.foundation.moving_mass and (scene.uncertainty or scene.design):
         raise ValueError('foundation.pillar.density_kg_per_m3: [uncertainty] and [design] treat pillars as massless; '
                          'take it out, and add 33/140 of the mass of a pillar to lattice.mass_kg')
+
+
+def _lean(scene: Scene) -> None:
+    tables = 'defects', 'disorder', 'laws_of_kinds', 'uncertainty', 'design'
+    beside = [f'[{name}]' for name in tables if getattr(scene, name)]
+    beside += ['[foundation.out_of_plane]'] if scene.foundation.out_of_plane is not None else []
+    if beside:
+        raise ValueError(f'foundation.pillar.lean: magnets that lean are known in the plane of a perfect lattice alone; take '
+                         f'{", ".join(beside)} or lean out')
+    if scene.single or isinstance(scene.lattice, FileLattice) or scene.lattice.cell().pbc.all():
+        raise ValueError(f'foundation.pillar.lean: kind = "{scene.lattice.kind}" is no perfect lattice of magnets on a plane; '
+                         'take lean out')
 
 
 def _two_springs(scene: Scene) -> None:

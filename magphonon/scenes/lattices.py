@@ -183,6 +183,8 @@ class Pillar(Table):
     height_m: Length = Field(description='the height in m')
     density_kg_per_m3: Annotated[Positive, within(1e-3, 1e6, 'kg/m3')] | None = Field(
         None, description='the density in kg/m3; with it 33/140 of the mass of a pillar moves with its particle')
+    lean: Flag = Field(False, description='whether the magnets turn with the tips of their pillars, which softens them a little; '
+                       'height_m is then that of the magnets', examples=[True])
 
     @property
     def stiffness_N_per_m(self) -> float:
@@ -251,6 +253,16 @@ class Foundation(Table):
     def law(self, in_plane: PairLaw) -> Law:
         """The pair law of the particles, `in_plane` at equal height."""
         return UprightMagnets(in_plane) if self.out_of_plane and self.out_of_plane.upright_magnets else in_plane
+
+    @property
+    def leans(self) -> bool:
+        """Whether the magnets lean with their pillars."""
+        return self.pillar is not None and self.pillar.lean
+
+    @property
+    def height(self) -> float:
+        """That of the pillars in mm; infinite for other springs, which do not turn."""
+        return self.pillar.height_m * u.m if self.pillar else np.inf
 
     @property
     def moving_mass(self) -> float:

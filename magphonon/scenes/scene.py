@@ -30,8 +30,10 @@ from ..lattices.patches import surrounded
 from ..response.frf import Place
 from ..stiffness.all_neighbours import AllNeighbours, nearest_distance
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.leaning import leaning
 from ..stiffness.relaxation import Relaxation, relaxed
 from ..stiffness.rest import freedom
+from ..stiffness.sites import of_sites
 from .consistency import check
 from .fields import Table, Text, listed, reason
 from .lattices import ALL, AUTO, TOLERANCE, AnyLattice, Foundation, Oscillator, Patch, Supercell
@@ -214,7 +216,19 @@ class Scene(Table):
         AllNeighbours.
         """
         atoms = self._standing()
+        if self.foundation and self.foundation.leans:
+            try:
+                atoms.calc = leaning(atoms.calc, self.foundation.height)
+            except ValueError as error:
+                raise ValueError(f'foundation.pillar.lean: {error}') from None
         return self.lattice.settled(atoms) if isinstance(self.lattice, FileLattice) else atoms
+
+    def with_lean(self, lean: bool) -> Scene:
+        """The same scene whose pillars lean with their magnets, or do not; unchanged without pillars."""
+        if self.foundation is None or self.foundation.pillar is None:
+            return self
+        pillar = self.foundation.pillar.model_copy(update={'lean': lean})
+        return self.model_copy(update={'foundation': self.foundation.model_copy(update={'pillar': pillar})})
 
     @_units_told_by_keys()
     def _standing(self) -> Atoms:
@@ -300,13 +314,16 @@ class Scene(Table):
             patch.calc = calc.on(patch)
             patch.calc.set(model=model)
             return patch
+        sites = self._sites(patch)
+        if self.foundation and self.foundation.leans:
+            sites['foundation'] = of_sites(calc.foundation, slice(1))  # each site has the same
         if self.law.shells == 1 and self.lattice.cutoff is None:
-            patch.calc = MagneticRepulsion(patch, calc.laws, model=model, **self._sites(patch))
+            patch.calc = MagneticRepulsion(patch, calc.laws, model=model, **sites)
             return patch
         patch = surrounded(patch, whole, calc.bonds)
         free, bonds = freedom(patch)[0], bonds_within(patch, calc.bonds.cutoff or 1.000001 * calc.bonds.lengths.max())
         patch.calc = MagneticRepulsion(patch, calc.laws, model=model, bonds=bonds.among(free[bonds.i] | free[bonds.j]),
-                                       **self._sites(patch))
+                                       **sites)
         return patch
 
     def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:

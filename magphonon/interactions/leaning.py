@@ -1,0 +1,91 @@
+"""Magnets on pillars that lean: a cantilever bent by u at its tip turns there by 3u/(2H), and the magnet with it.
+
+With the slopes t_i = s u_i, s = 3/(2H), of two dipoles whose energy is phi upright, to second order
+
+    U = phi [1 - (t_i^2 + t_j^2)/2 + t_i.(I - 3 nn) t_j]         c = s^2 phi = s^2 f L/3
+      = phi + c u_i.(I - 3 nn) u_j - c (u_i^2 + u_j^2)/2
+
+per bond of the direction n: in-plane dipoles m s u are what charges m s leave behind as they move by u, so that the bonds are
+those of charges besides, b/r^2 with b = c L^3, and beyond them each end of a bond takes -3 c nn from its foundation:
+
+    c u_i.(I - 3nn) u_j = (u_i - u_j).c (3nn - I) (u_i - u_j)/2 - [u_i.c (3nn - I) u_i + u_j.c (3nn - I) u_j]/2
+
+That the height of a leaning magnet falls does not matter: it is of second order in u, and the energy has no slope in it.  Magnets
+are taken for point dipoles that repel with the force of the law at the distance of nearest neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .pair_laws import GaussianMixture, InversePower, PairLaw
+
+if TYPE_CHECKING:
+    from typing import Any
+
+
+@dataclass(frozen=True)
+class LeaningMagnets:
+    """The law of upright magnets and that of the charges which leaning adds to it.
+
+    Attributes
+    ----------
+    upright : PairLaw
+    charges : InversePower
+        Of the force b r^-2.
+    """
+
+    upright: PairLaw
+    charges: InversePower
+
+    def phi(self, r: Any) -> Any:
+        """Energy in mJ."""
+        return self.upright.phi(r) + self.charges.phi(r)
+
+    def dphi(self, r: Any) -> Any:
+        """Its first derivative in N."""
+        return self.upright.dphi(r) + self.charges.dphi(r)
+
+    def d2phi(self, r: Any) -> Any:
+        """Its second derivative in N/mm."""
+        return self.upright.d2phi(r) + self.charges.d2phi(r)
+
+
+class LeaningMixture(LeaningMagnets):
+    """The same of a law that is a mixture of Gaussians, as which all neighbours can be summed."""
+
+    upright: GaussianMixture
+
+    def gaussians(self, t: Any) -> Any:
+        """Density rho of the Gaussians `exp(-t r^2)`."""
+        return self.upright.gaussians(t) + self.charges.gaussians(t)
+
+    def gaussian_moment(self, t: Any) -> Any:
+        """Integral of `t rho` from zero."""
+        return self.upright.gaussian_moment(t) + self.charges.gaussian_moment(t)
+
+    @property
+    def decay(self) -> float:
+        """That of charges, 1, or of a law of longer range."""
+        return min(self.upright.decay, self.charges.decay)
+
+    @property
+    def screening(self) -> float:
+        """Zero."""
+        return 0.0
+
+
+def leaning_law(upright: PairLaw, spacing: float, height: float) -> LeaningMagnets:
+    """The law of magnets at `spacing` (mm) from their nearest neighbours on pillars of the `height` (mm).
+
+    Examples
+    --------
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions.leaning import leaning_law
+    >>> law = leaning_law(InversePower.dipoles(1e4), 10.0, 150.0)
+    >>> float(law.charges.dphi(10.0) / law.upright.dphi(10.0)).__round__(9)  # (3/300)^2 10^2/3
+    0.003333333
+    """
+    charges = InversePower((1.5 / height) ** 2 * -float(upright.dphi(spacing)) * spacing**4 / 3, 2.0)
+    return (LeaningMixture if isinstance(upright, GaussianMixture) else LeaningMagnets)(upright, charges)

@@ -1,0 +1,75 @@
+"""A lattice whose magnets lean with their pillars: `magphonon.interactions.leaning` along its bonds and at its sites."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..interactions.leaning import leaning_law
+from .all_neighbours import AllNeighbours
+from .calculator import MagneticRepulsion
+from .ewald import lattice_sum
+from .repulsion import Repulsion
+from .sites import each_spring
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+EQUAL = 1e-9  # relative difference of what leaning takes from the springs of two sites that is round-off
+
+
+def leaning(calc: Any, height: float) -> Repulsion:
+    """The calculator of a perfect planar lattice of upright magnets, if they lean with pillars of this height.
+
+    Parameters
+    ----------
+    calc : MagneticRepulsion or AllNeighbours
+        With one law for all bonds, and in the plane.
+    height : float
+        Of the pillars, from their feet to the magnets, in mm.
+
+    Raises
+    ------
+    ValueError
+        If the sites differ in what leaning takes from their springs, or it is not the same along x and y (kagome), or more than
+        they have.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.stiffness.leaning import leaning
+    >>> cell = lattices.triangular(10.0, 0.7)
+    >>> calc = MagneticRepulsion(cell, InversePower.dipoles(2e4), foundation=0.02)
+    >>> round(calc.foundation - leaning(calc, 150.0).foundation, 6)  # 9 c: three times c for each of six bonds, half along x
+    0.001885
+    """
+    law = leaning_law(calc.laws, calc.bonds.lengths.min(), height)
+    springs = each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) - _taken(calc, law.charges)
+    if springs.min() < 0:
+        raise ValueError(f'pillars of {height:g} mm lean so much that the magnets would turn over ({springs.min():.3g} N/mm are '
+                         'left of the foundation); take a stiffer pillar')
+    if isinstance(calc, AllNeighbours):
+        return AllNeighbours(calc.reference, law, foundation=springs, strengths=calc.strengths, split=calc.split)
+    return MagneticRepulsion(calc.reference, law, foundation=springs, bonds=calc.bonds, strengths=calc.strengths,
+                             model=calc.model)
+
+
+def _taken(calc, charges) -> NDArray[np.float64]:
+    """What leaning takes from the spring of each site, sum of 3 c nn over its bonds, along x and y: shape (1, 2), N/mm."""
+    if isinstance(calc, AllNeighbours):
+        if len(calc.reference) > 1 or not hasattr(calc.laws, 'gaussians'):
+            raise ValueError('the sum over all neighbours of leaning magnets is known for one magnet in a cell and laws in '
+                             'closed form; choose a number of shells')
+        return np.full((1, 2), 1.5 * charges.b * lattice_sum(calc.reference, 3.0))
+    R, i, j = calc.bond_vectors, calc.bonds.i, calc.bonds.j
+    T = 3 * charges.b * np.linalg.norm(R, axis=1)[:, None, None] ** -5 * R[:, :, None] * R[:, None, :]
+    sites = np.zeros((len(calc.reference), 2, 2))
+    np.add.at(sites, i, T)
+    np.add.at(sites, j, T)
+    if abs(sites - sites[0] * np.eye(2)).max() > EQUAL * abs(sites).max():
+        raise ValueError('leaning changes the springs of this lattice site by site or along oblique axes, which foundations here '
+                         'do not have; take lean = true out')
+    return np.diagonal(sites[0])[None]
