@@ -13,10 +13,12 @@ from magphonon import __version__
 from magphonon.files import whole_file
 
 from .chapters import CHAPTERS, CLAIMS, PAPER, PARTS
-from .rows import DPI
+from .neighbours import AS_BUILT, EFFECTS, PLACES
+from .rows import DPI, number
 
 SOURCES = Path(__file__).parent
 HEAD = ('quantity', 'here', 'reference', 'difference', 'allowed', 'verdict')
+BUILT_HEAD = ('of the prototype (Hz)', *EFFECTS.values())
 CLAIM_HEAD = ('the paper claims', 'here', 'reference', 'without D*', 'verdict', 'source of the reference')
 SCREEN = 120
 """Pixels of a screen for an inch of a picture, so that all have letters of one size."""
@@ -83,8 +85,19 @@ def page(path, outcomes, provenance):
     sources = path.resolve().parent if path.resolve().is_relative_to(SOURCES.parent) else None
     return engine.get_template('report_page.html').render(
         version=__version__, paper=PAPER, provenance=provenance, counted=counted(outcomes), head=HEAD, claim_head=CLAIM_HEAD,
-        claims=claims, parts=parts, outcomes=outcomes, figures=figures, folder=path.parent,
+        claims=claims, built_head=BUILT_HEAD, built=as_built(outcomes.get('neighbours')),
+        parts=parts, outcomes=outcomes, figures=figures, folder=path.parent,
         sources=sources and Path(os.path.relpath(SOURCES, sources)).as_posix())
+
+
+def as_built(outcome):
+    """Rows of texts: the paper's model, and each effect that it leaves out with the change that it makes."""
+    found = {row.quantity: row.here for row in outcome.checks} if outcome is not None else {}
+    table = []
+    for name, *_ in PLACES if AS_BUILT.format('K', 'all') in found else ():
+        paper, *others = (found[AS_BUILT.format(name, effect)] for effect in EFFECTS)
+        table.append((name, number(paper, 4), *(f'{number(one, 4)} ({round(100 * (one / paper - 1), 1) + 0.0:+.1f} %)' for one in others)))
+    return table
 
 
 def typeset(text):
