@@ -96,7 +96,9 @@ def as_built(outcome):
     table = []
     for name, *_ in PLACES if AS_BUILT.format('K', 'all') in found else ():
         paper, *others = (found[AS_BUILT.format(name, effect)] for effect in EFFECTS)
-        table.append((name, number(paper, 4), *(f'{number(one, 4)} ({round(100 * (one / paper - 1), 1) + 0.0:+.1f} %)' for one in others)))
+        percent = [round(100 * (one / paper - 1), 1) + 0.0 for one in others]  # 0.0 makes -0.0 positive
+        table.append((name, number(paper, 4),
+                      *(f'{number(one, 4)} ({share:+.1f} %)' for one, share in zip(others, percent, strict=True))))
     return table
 
 
