@@ -6,12 +6,15 @@ same with nearest neighbours alone.
 """
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from magphonon import read_scene
+from magphonon.design import frequency_spread
 from magphonon.scenes import fit_bands
+from magphonon.scenes.tolerances import varied
 from magphonon.waves import Scan, read_ridges, scan_waves, write_ridges
 
 from . import bench_lattice as bench
@@ -30,7 +33,7 @@ def main(out):
     return Outcome([row for path in PATHS for row in path()])
 
 
-def judged(path, quantities, intervals, truths, control, least=LEAST):
+def judged(path, quantities, intervals, truths, control, least=LEAST, control_truths=None):
     """Rows of one path: the first specimen's values, the share of all intervals that hold the truth, and that of the control.
 
     Parameters
@@ -42,12 +45,13 @@ def judged(path, quantities, intervals, truths, control, least=LEAST):
         Ends of the intervals of 95 % that the command states.
     truths : array_like, shape (specimens, quantities)
     control : array_like, shape (specimens, quantities, 2)
-        What it states with nearest neighbours alone.
+        What it states with nearest neighbours alone, of the same lattices or of others with the truths `control_truths`.
     """
     intervals, truths, control = (np.asarray(one, float) for one in (intervals, truths, control))
+    others = truths if control_truths is None else np.asarray(control_truths, float)
     rows = [Check(f'{path}: {name}, within its interval', (low + high) / 2, truth, (high - low) / 2 / abs(truth))
             for name, (low, high), truth in zip(quantities, intervals[0], truths[0], strict=True)]
-    shares = [np.mean((ends[..., 0] <= truths) & (truths <= ends[..., 1])) for ends in (intervals, control)]
+    shares = [np.mean((ends[..., 0] <= true) & (true <= ends[..., 1])) for ends, true in ((intervals, truths), (control, others))]
     count = truths.size
     return [*rows, Check(f'{path}: share of {count} intervals of 95 % that hold the truth', shares[0], 1, 1 - least),
             Check(f'control: {path}, nearest neighbours: share of {count} intervals', shares[1], 1, 1 - least, control=True)]
@@ -103,5 +107,47 @@ def ridges_of_a_row_source():
     return judged('ridges of a row', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found[SHELLS], truths, found[1])
 
 
-PATHS = (ridges_of_a_row_source,)
+def designed():
+    """`design` and `uncertainty` before anything is built: a spacing for M, branch 1, and what 60 lattices built so will have.
+
+    The magnets are known by their datasheet; strength, spacing, mass and pillars of each lattice are drawn with the tolerances.
+    """
+    tolerances = {'remanence': 0.01, 'spacing': 0.003, 'mass': 0.005, 'stiffness': 0.03}
+    law = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 8e-3, 0.33)
+    rng, M, wanted = np.random.default_rng(2), np.array([0.5, 0, 0]), 40.0
+    drawn = 1 + rng.standard_normal((60, len(tolerances))) * list(tolerances.values())
+    found, truths, at_wanted = {}, {}, {}
+    for shells in ('"auto"', '1'):
+        text = (f'title = "bench"\n[lattice]\nkind = "triangular"\nspacing_m = {SPACING}\nmass_kg = 8e-4\n'
+                f'[law]\nkind = "magnets"\nremanence_T = 1.32\nshells = {shells}\n'
+                '[law.disc]\ndiameter_m = 5e-3\nheight_m = 5e-3\n'
+                '[foundation]\nstiffness_N_per_m = 5.0\n'
+                f'[design]\nspacings_m = [0.008, 0.016]\n[design.edge]\npoint = "M"\nbranch = 1\nfrequency_Hz = {wanted}\n'
+                '[uncertainty]\n' + ''.join(f'{name}_percent = {100 * sigma}\n' for name, sigma in tolerances.items()))
+        with tempfile.TemporaryDirectory() as folder:
+            (file := Path(folder, 'bench.toml')).write_text(text, encoding='utf-8')
+            scene = read_scene(file)
+        _, (design,) = scene.design.solve(scene)
+        scene = varied(scene, {'spacing': design.spacing / (1e3 * SPACING)}).counted()
+        spread = frequency_spread(scene.perfect_cell(), [M], scene.uncertainty.tolerances(scene))
+        ends = (spread.values + 1.96 * spread.std * np.array([[-1], [1]])).T / (2 * np.pi) * 1e3
+        found[shells] = np.broadcast_to(ends, (len(drawn), *ends.shape))
+        truths[shells] = [_at_M(law, strength, design.spacing / 1e3 * spacing, 8e-4 * mass, 5.0 * spring)
+                          for strength, spacing, mass, spring in drawn]
+        at_wanted[shells] = _at_M(law, 1, design.spacing / 1e3, 8e-4, 5.0)[0]
+    rows = judged('design', ('M, branch 1 (Hz)', 'M, branch 2 (Hz)'), found['"auto"'], truths['"auto"'], found['1'], least=0.88,
+                  control_truths=truths['1'])
+    return [Check('design: M, branch 1 as wanted (Hz)', at_wanted['"auto"'], wanted, 2e-3), *rows,
+            Check('control: design, nearest neighbours: M, branch 1 as wanted (Hz)', at_wanted['1'], wanted, 2e-3, control=True)]
+
+
+def _at_M(law, remanence, spacing, mass, spring):
+    """Frequencies in Hz of the laboratory's perfect lattice of magnets of a relative remanence, summed to 20 spacings."""
+    vectors = bench.triangular(spacing)
+    law = replace(law, force=remanence**2 * law.force, slope=remanence**2 * law.slope)
+    M = np.pi * np.linalg.inv(vectors)[:, 0]
+    return bench.bloch(law, vectors, 20.5 * spacing, M, mass, (spring, spring))[0] / (2 * np.pi)
+
+
+PATHS = (ridges_of_a_row_source, designed)
 """One function for each path; it returns rows, see `judged`."""

@@ -232,17 +232,27 @@ def _omega(atoms, D):
     return signed_root(np.linalg.eigvalsh(shapes.T @ D @ shapes))
 
 
+def with_all(atoms: Atoms) -> tuple[Atoms | None, bool]:
+    """The atoms of a plane with AllNeighbours, None where their law has no tail, and whether the law is known so far."""
+    calc: Any = atoms.calc
+    if isinstance(calc.laws, Mapping):
+        return None, True
+    law, known = _planar(calc.laws), True
+    if not is_known(law, TAIL * nearest_distance(atoms)):
+        law, known = _continued(law, calc.bonds.lengths.min()), False
+    tail = tail_of(law, atoms)
+    if tail is None or tail.decay <= 0:
+        return None, known
+    every = atoms.copy()
+    every.calc = AllNeighbours(calc.reference, law, foundation=calc.foundation, strengths=calc.strengths)
+    return every, known
+
+
 def _every(atoms, q):
     """Frequencies with all neighbours, and whether the law is known as far as it has to be."""
-    calc, known = atoms.calc, True
-    if not isinstance(calc.laws, Mapping):
-        law = _planar(calc.laws)
-        if not is_known(law, TAIL * nearest_distance(atoms)):
-            law, known = _continued(law, calc.bonds.lengths.min()), False
-        tail = tail_of(law, atoms)
-        if tail is not None and tail.decay > 0:
-            sums = AllNeighbours(calc.reference, law, foundation=calc.foundation, strengths=calc.strengths)
-            return _omega(atoms, sums.bloch_matrix(q)), known
+    calc, (sums, known) = atoms.calc, with_all(atoms)
+    if sums is not None:
+        return _omega(atoms, sums.calc.bloch_matrix(q)), known
     first, *others = neighbour_shells(atoms, REACHES[int(atoms.pbc.sum())][-1])
     known = known and is_known(calc.laws, REACHES[int(atoms.pbc.sum())][-1] * first.lengths.max())
     return _omega(atoms, sum((_bloch(atoms, shell, q) for shell in others), _bloch(atoms, first, q, calc.foundation))), known

@@ -189,7 +189,7 @@ def _stability(scene, atoms, bands, phonon):
     if abs(phonon.force_constants).max() <= LEAST_WRITTEN_N_per_mm:
         lines.append('phonopy_params.yaml is not written: its 15 decimals are too few for force constants of '
                      f'{abs(phonon.force_constants).max():.0e} N/mm')
-    lines += neighbours(scene)
+    lines += neighbours(scene, speeds=True)
     if atoms.calc.layer:
         lines.append(verdict(atoms).finding('out_of_plane').words)
     if given >= needed:

@@ -17,7 +17,7 @@ MOST_SHOWN = 6
 
 
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
-               within: Mapping[tuple[str, int], float] | None = None) -> list[str]:
+               within: Mapping[tuple[str, int], float] | None = None, speeds: bool = False) -> list[str]:
     """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
 
     Parameters
@@ -31,6 +31,8 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     within : dict, optional
         Half widths of the 95 % intervals stated beside it, as fractions of the frequencies, by point and branch from 1: shifts
         that exceed them are named in a second line.
+    speeds : bool
+        Tell the shift of the speeds of long waves along x, too: they need many more neighbours than a frequency.
     """
     from ..scenes.scene import MOST_IN_A_CELL
     from ..scenes.structures import FileLattice
@@ -45,7 +47,8 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
         return ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']
     if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:
         return [f'{told}; what the others would change is not computed for so large a cell.']
-    return _shifts(scene, told, atoms, _points(scene) if points is None else points, within or {})
+    told = _shifts(scene, told, atoms, _points(scene) if points is None else points, within or {})
+    return told + (_speeds(atoms) if speeds and not atoms.constraints else [])
 
 
 def _counted(scene):
@@ -102,3 +105,22 @@ def _shifts(scene, told, atoms, points, within):
     elif isinstance(scene.law.asked, int):
         lines[-1] += ' Leave law.shells out, or write shells = "auto", to count as many as matter.'
     return lines
+
+
+def _speeds(atoms):
+    import numpy as np
+
+    from ..bands.bands import sound_speeds
+    from ..bands.neighbours import with_all
+    from ..scenes.lattices import TOLERANCE
+
+    every, known = with_all(atoms) if not atoms.calc.layer else (None, False)
+    if every is None or not known:
+        return []
+    few, all_ = sound_speeds(atoms), sound_speeds(every)
+    shifts = (all_ - few) / np.where(few == 0, np.nan, abs(few))
+    if not (abs(shifts) > TOLERANCE).any():
+        return []
+    told = ', '.join(f'that of branch {k + 1} by {100 * x:+.2g} % to {c:.4g} m/s'
+                     for k, (x, c) in enumerate(zip(shifts, all_, strict=True)) if np.isfinite(c))
+    return [f'Long waves feel neighbours much farther away: all would shift the speeds above, {told or "without bound"}.']

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, read_scene, ready_scene, units as u
+from magphonon import AllNeighbours, InversePower, MagneticRepulsion, lattices, read_scene, ready_scene, sound_speeds, units as u
 from magphonon.bands import bloch_modes
 from magphonon.cli.main import main
 from magphonon.cli.neighbours import neighbours
@@ -42,6 +42,21 @@ def test_shifts_per_branch_are_those_of_all_neighbours(name):
         few, many = (u.hertz(bloch_modes(atoms, [points[point]])[0][0, int(branch) - 1]) for atoms in (cell, every))
         assert float(percent) == pytest.approx(100 * (many / few - 1), abs=0.51 * 10 ** -('.' in percent))
         assert float(to) == pytest.approx(many, rel=1e-3)
+
+
+@pytest.mark.parametrize('shells', [1, None])
+def test_speeds_feel_neighbours_much_farther_away(shells):
+    scene = scene_of(changed('prototype', law__shells=shells))
+    first, second = neighbours(scene, speeds=True)
+    assert ('all others would shift no frequency' in first) == (shells is None)
+    cell = scene.perfect_cell()
+    few = sound_speeds(cell)
+    cell.calc = AllNeighbours(cell, cell.calc.laws)
+    many = sound_speeds(cell)
+    found = re.findall(r'by ([+-][\d.]+) % to ([\d.]+) m/s', second)
+    assert [float(c) for _, c in found] == pytest.approx(many, rel=1e-3)
+    assert [float(x) for x, _ in found] == pytest.approx(100 * (many / few - 1), rel=0.05)
+    assert many[0] / few[0] > 1.01  # although the frequencies are right to 0.1 %
 
 
 @pytest.mark.parametrize(('name', 'changes', 'words'), [
