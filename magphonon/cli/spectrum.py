@@ -1,7 +1,8 @@
-"""`magphonon spectrum SCAN SCENE`: a measured scan of a row of points, its map and ridges over the bands of a scene.
+"""`magphonon spectrum SCAN SCENE`: a measured scan of a row or of the plane, its map and ridges over the bands of a scene.
 
-The scan is a table of text or a universal file.  Its points may have any numbers, and some may be missing or dead; the
-names of the columns give units and components.  Of the scene only the lattice, its law and its foundation are needed.
+The scan is a table of text or a universal file; points that cover the plane are recognised.  They may have any numbers, and some
+may be missing or dead; the names of the columns give units and components.  Of the scene only the lattice, its law and its
+foundation are needed.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_pictures, add_scene, drawing
 
-HELP = 'map and ridges of a measured scan of a row, over the bands of a scene'
+HELP = 'map and ridges of a measured scan of a row or of the plane, over the bands of a scene'
 RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*.pdf'
 
 
@@ -24,7 +25,10 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'particles, numbered as in the row.csv that "magphonon burst" writes')
     parser.add_argument('--source', choices=('row', 'point'),
                         help='how the waves were driven: fronts along R1, or waves along the measured row (default: as [burst] '
-                             'says, else point)')
+                             'says, else point; of the plane, noise if the motion lasts)')
+    parser.add_argument('--at', metavar='HZ', type=float,
+                        help='of points that cover the plane: also the motion at this frequency, over the wavevectors with the '
+                             'contours of the bands, and over the points')
     add_output(parser)
     add_pictures(parser)
 
@@ -32,62 +36,91 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from pathlib import Path
 
-    from ..plotting.waves import plot_wave
+    import numpy as np
+
     from ..scenes.scene import read_scene
-    from ..waves.ridge_tables import write_ridges
-    from ..waves.wave_analysis import report
+    from ..waves.fields import is_field
+    from ..waves.scan_tables import read_places, read_scan
     from .neighbours import neighbours
     from .results import results
 
     scene = read_scene(options.scene)
+    own = f'spectrum_{Path(options.table).stem}'  # distinct from results of `burst` and of other scans
     with results(options, scene, options.table) as folder, drawing(options, folder, scene.title) as save:
-        notes, found = _analysed(options, scene)
-        name = Path(options.table).stem
-        own = f'spectrum_{name}'  # distinct from results of `burst` and of other scans
-        for wave in found:
-            wave.spectrum.save(folder / f'{own}_{wave.motion}.npz')
-            save(plot_wave(wave).figure, f'{own}_{wave.motion}')
-        write_ridges(folder / f'{own}_ridges.csv', {name: found})
-        text = '\n'.join([scene.title, *notes, '', report({name: found}), '', *neighbours(scene, _asked(found))])
+        scan = read_scan(options.table)  # its messages name the table
+        if options.geometry is not None:
+            scan = scan.placed(read_places(options.geometry))
+        cell = scene.perfect_cell()
+        plane = scan.places is not None and is_field(np.asarray(scan.places), cell)
+        try:
+            if options.at is not None and not plane:
+                raise ValueError('--at takes points that cover the plane, and these are one row or a few')
+            text, asked = (_field if plane else _row)(options, scene, cell, scan, folder, save)
+        except ValueError as error:
+            raise ValueError(f'{options.table}: {error}') from None
+        text = '\n'.join([scene.title, text, '', *neighbours(scene, asked)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
     print(text)
     print(f'\npictures and data are in {options.output}')
-    if any(wave.ridge is not None for wave in found):
+    if asked:
         print(f'"magphonon fit {Path(options.output) / own}_ridges.csv --bands {options.scene}" fits the lattice to the ridges')
 
 
-def _analysed(options, scene):
+def _row(options, scene, cell, scan, folder, save):
+    """What a row of points shows, in words, and the wavevectors of its ridges."""
     from pathlib import Path
 
     import numpy as np
 
+    from ..plotting.waves import plot_wave
+    from ..waves.ridge_tables import write_ridges
     from ..waves.rows import row_of
-    from ..waves.scan_tables import read_places, read_scan
-    from ..waves.wave_analysis import scan_waves
+    from ..waves.wave_analysis import report, scan_waves
 
-    cell, row = scene.perfect_cell(), None
+    row, name = None, Path(options.table).stem
     source = options.source or (scene.burst.source if scene.burst else 'point')
-    scan = read_scan(options.table)  # its messages name the table
-    if options.geometry is not None:
-        scan = scan.placed(read_places(options.geometry))
-    try:
-        if scan.places is None:
-            scan = scan.placed(_particles(scene))
-            row = row_of(np.asarray(scan.places), cell)  # upwards, away from the source
-        found = scan_waves(scan, cell, source, row)
-    except ValueError as error:
-        raise ValueError(f'{options.table}: {error}') from None
+    if scan.places is None:
+        scan = scan.placed(_particles(scene))
+        row = row_of(np.asarray(scan.places), cell)  # upwards, away from the source
+    found = scan_waves(scan, cell, source, row)
+    for wave in found:
+        wave.spectrum.save(folder / f'spectrum_{name}_{wave.motion}.npz')
+        save(plot_wave(wave).figure, f'spectrum_{name}_{wave.motion}')
+    write_ridges(folder / f'spectrum_{name}_ridges.csv', {name: found})
     places = round(2 * np.pi / found[0].spectrum.bin_xi)
-    return [f'{Path(options.table).name}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
-            *scan.notes], found
+    notes = [f'{Path(options.table).name}: {len(scan.names)} points on {places} places of the row, {len(scan.times)} frames',
+             *scan.notes]
+    q = [wave.wavevector * wave.ridge.xi[:, None] / (2 * np.pi) for wave in found if wave.ridge is not None]
+    return '\n'.join([*notes, '', report({name: found})]), {'the ridges': np.concatenate(q)} if q else None
 
 
-def _asked(found):
-    """The wavevectors of the ridges, if there are any."""
+def _field(options, scene, cell, scan, folder, save):
+    """What points of the plane show, in words, and the wavevectors of its ridges."""
+    from pathlib import Path
+
     import numpy as np
 
-    q = [wave.wavevector * wave.ridge.xi[:, None] / (2 * np.pi) for wave in found if wave.ridge is not None]
-    return {'the ridges': np.concatenate(q)} if q else None
+    from .. import units
+    from ..bands.bands import band_path
+    from ..plotting.fields import plot_field, plot_field_at
+    from ..waves.fields import field_at, field_map, field_of, field_report, field_ridges
+    from ..waves.ridge_tables import write_points
+
+    name, path = Path(options.table).stem, scene.band_path() if scene.bands else band_path(cell)
+    field = field_of(scan, cell)
+    found = field_map(field, cell, path)
+    found.save(folder / f'spectrum_{name}_field.npz')
+    try:
+        points, text = (points := field_ridges(field, cell, path, name, options.source)), field_report(points, cell)
+        write_points(folder / f'spectrum_{name}_ridges.csv', points)
+    except ValueError as error:
+        points, text = None, f'no ridges: {error}'
+    save(plot_field(found, path, cell, points), f'spectrum_{name}_field')
+    if options.at is not None:
+        omega = 2 * np.pi * options.at * units.Hz
+        save(plot_field_at(field, cell, omega, field_at(field, cell, omega)), f'spectrum_{name}_at_{options.at:g}_Hz')
+    notes = [f'{Path(options.table).name}: {len(scan.times)} frames', *scan.notes, *field.notes]
+    return '\n'.join([*notes, '', text]), {'the ridges': points.q} if points else None
 
 
 def _particles(scene):

@@ -1,6 +1,14 @@
+from .fields import (
+    Field as Field,
+    field_at as field_at,
+    field_map as field_map,
+    field_of as field_of,
+    field_ridges as field_ridges,
+)
 from .ridge_tables import (
     RidgePoints as RidgePoints,
     read_ridges as read_ridges,
+    write_points as write_points,
     write_ridges as write_ridges,
 )
 from .scan_tables import (

@@ -27,6 +27,7 @@ HEADER = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_f
           'q1', 'q2', 'q3', 'bin_Hz', 'bin_xi_rad', 'source')
 LAYOUT = f'a table of ridge points, as "magphonon spectrum" and "magphonon burst" write it, has {", ".join(HEADER)}'
 SOURCES = 'row', 'point'  # of a wave
+FIELD = 'field'  # in place of a source, where all directions of the plane are resolved
 APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of
 gravity lies up to half a line from its own."""
@@ -141,6 +142,16 @@ def write_ridges(path: str | PathLike[str], records: Mapping[str, Sequence[Wave]
                               sep=',', file=file)
 
 
+def write_points(path: str | PathLike[str], points: RidgePoints) -> None:
+    """The same table of points that come from a field, whose wavevectors lie on no line."""
+    records = [name.removesuffix(f', {motion}') for name, motion in zip(points.names, points.motions, strict=True)]
+    columns = (points.xi, points.sigma_xi, points.frequencies_Hz, units.hertz(points.sigma_omega), points.power / units.m**2)
+    with whole_file(path) as file:
+        print(*HEADER, sep=',', file=file)
+        for k, point, q, resolved in zip(points.ridge, np.transpose(columns).tolist(), points.q.tolist(), points.bin_xi, strict=True):
+            print(records[k], points.motions[k], *point, '', *q, 0.0, resolved, points.sources[k], sep=',', file=file)
+
+
 def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
     r"""Read tables of ridge points, as `write_ridges` writes them or from any other analysis.
 
@@ -207,4 +218,4 @@ def _refuse_impossible(table):
     for name in ('q1', 'q2', 'q3'):
         table.refuse(name, abs(table.get(name, 0.0)) > MOST_q,
                      f'be a fraction of the reciprocal vectors, of a size up to {MOST_q:g}')
-    table.refuse('source', ~np.isin(table.get('source', 'row'), (*SOURCES, '')), 'be row or point')
+    table.refuse('source', ~np.isin(table.get('source', 'row'), (*SOURCES, FIELD, '')), 'be row, point or field')

@@ -149,7 +149,7 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
     row = np.zeros((len(u), there[-1] + 1))
     row[:, there] = u
     frames, points = row.shape
-    in_time, in_space = _hann(frames), _hann(points)
+    in_time, in_space = hann(frames), hann(points)
     _refuse_aliasing(in_space[0], there)
     over_time, moment = (np.fft.rfft(row * window[:, None], PAD * frames, axis=0) for window in in_time)
     G = _over_space(over_time, in_space[0])
@@ -199,13 +199,13 @@ def without_drift(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
     >>> bool(abs(without_drift(0.2 + 0.01 * t)).max() < 1e-12)
     True
     """
-    weight = _hann(len(displacements))[0]
+    weight = hann(len(displacements))[0]
     t = np.arange(len(displacements)) - (len(displacements) - 1) / 2  # weights are even in t: constant and slope do not mix
     offset, slope = (weight * t**k @ displacements / (weight @ t ** (2 * k)) for k in (0, 1))
     return displacements - offset - t[:, None] * slope
 
 
-def _hann(n):
+def hann(n):
     """Hann window of n samples, and its derivative by the sample number."""
     phase = 2 * np.pi * (np.arange(n) + 0.5) / n
     return (1 - np.cos(phase)) / 2, np.pi / n * np.sin(phase)
@@ -215,7 +215,7 @@ def _hann_halves(n):
     """Hann windows of the first and of the second half of n samples, and their derivatives."""
     half = (n + 1) // 2
     rest = np.zeros(n - half)
-    window, derivative = _hann(half)
+    window, derivative = hann(half)
     return [(np.r_[window, rest], np.r_[derivative, rest]), (np.r_[rest, window], np.r_[rest, derivative])]
 
 

@@ -1,0 +1,478 @@
+"""Waves in the plane: the motion of any points of a field, resolved by wavevector, frequency and branch.
+
+With windows h over the points and g over time, the motion u_j of the point on the site R_j has the transform
+
+    G(k, omega) = sum_j h_j e^{i k.R_j} sum_t g_t u_j(t) e^{-i omega t}
+
+of which each branch takes its part, e^{*}.G with its polarisation e(k): on lines of symmetry that is across or along, whatever the
+law.  The points need no grid, and a direct sum is quick enough (see docs/reference/files.md).  The record is cut into segments whose
+powers are added (Welch 1967), so that noise alone, of the base or thermal, shows bands too; both directions of a wave, k and -k, count.
+
+A cell of the map collects what is near it, so that it knows the centre of gravity of its power (Auger and Flandrin 1995):
+
+    omega_centre = omega - Im(sum G_g' G^*)/sum |G|^2        k_centre = k + Im(sum G_h' G^*)/sum |G|^2
+
+A point there lies on its branch if that is straight within the lobe of the windows.  How far a curved one is off is computed from the
+bands of the scene, and subtracted; half of that is part of the uncertainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from ase.dft.kpoints import parse_path_string
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.special import stdtrit
+
+from .. import units
+from ..bands.bloch import bloch_modes
+from ..bands.zone import first_zone
+from ..files import Saved
+from .ridge_tables import FIELD, RidgePoints
+from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, NORMAL, hann, without_drift
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ase import Atoms
+    from ase.dft.kpoints import BandPath
+    from numpy.typing import NDArray
+
+    from .scans import Scan
+
+PAD = 2  # zero padding in time
+MARGIN = 1.3  # highest frequency of a map, in those of the bands
+ROWS = 3  # width in spacings from which points are no row
+TURNED, STRETCHED = np.radians(2.0), 0.03  # of the measured lattice against that of the scene; as for rows
+ASTRAY = 0.3  # distance of a point from its site, in spacings, from which it belongs to none
+MOST_APART = 50  # spacings between neighbouring points from which their unit is wrong
+APART = 2.0  # distance of ridge points along the path in bins, at which the windows share no noise
+NEAR = 1.0  # distance in bins of the centre of gravity of a cell's power from which that power belongs to another wave
+BENT = 0.25
+"""Shift of a point by the curvature of its branch, in frequency bins, from which the record does not resolve it: near Gamma and where
+branches meet."""
+DOUBT = 0.5  # share of this shift that is uncertainty: the bands of the scene and the powers within the lobe are known about so well
+PURE = 0.98  # share of a branch in the one component that was measured, from which that component shows this branch alone
+FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
+LOBE_bins, GRID = 2.5, 9  # how far the lobe of the windows reaches, and samples across it
+MOTIONS = 'transverse', 'longitudinal'  # of the lower and the higher branch, see BRANCHES
+NORMAL_MEDIAN = 0.455  # median of the square of a normal variable
+
+
+@dataclass(frozen=True)
+class Field:
+    """Motion of points of a lattice, one particle to the cell, over the plane.
+
+    Attributes
+    ----------
+    sites : ndarray, shape (points, 2)
+        In mm, from any origin.
+    motions : ndarray, shape (frames, points, 2)
+        In mm; zero along an axis that was not measured.
+    measured : tuple of bool
+        Which axes, x and y, were.
+    dt : float
+        In ms.
+    frames : int
+        Of one segment.
+    spacing : float
+        In mm.
+    across : float
+        Least width of the field in spacings.
+    notes : tuple of str
+        What was found about the points, in words.
+    """
+
+    sites: np.ndarray
+    motions: np.ndarray
+    measured: tuple[bool, bool]
+    dt: float
+    frames: int
+    spacing: float
+    across: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def bin_k(self) -> float:
+        """Resolution in rad/mm."""
+        return 2 * np.pi / (self.across * self.spacing)
+
+    @property
+    def bin_omega(self) -> float:
+        """Resolution in rad/ms."""
+        return 2 * np.pi / (self.frames * self.dt)
+
+    def window(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """A Hann window over the distance from the hull of the points, shape (points,), and its gradient, shape (points, 2)."""
+        faces = ConvexHull(self.sites).equations
+        depths = self.spacing / 2 - self.sites @ faces[:, :2].T - faces[:, 2]
+        depth, phase = depths.min(axis=1).max(), np.pi * depths.min(axis=1) / depths.min(axis=1).max()
+        return (1 - np.cos(phase)) / 2, -(np.pi / (2 * depth) * np.sin(phase))[:, None] * faces[depths.argmin(axis=1), :2]
+
+    def transforms(self, top: float) -> Iterator[tuple[NDArray[np.float64], list[NDArray[np.complex128]]]]:
+        """Of each segment its angular frequencies up to `top`, and the motions over these with a Hann window and its derivative.
+
+        Divided by half the sum of the window: a wave of the amplitude A has the peak A.
+        """
+        window, slope = hann(self.frames)
+        omega = 2 * np.pi * np.fft.rfftfreq(PAD * self.frames, self.dt)
+        kept = omega <= top
+        for first in range(0, len(self.motions) - self.frames + 1, self.frames // 2):
+            u = without_drift(self.motions[first : first + self.frames].reshape(self.frames, -1))
+            yield omega[kept], [2 / window.sum() * np.fft.rfft(u * g[:, None], PAD * self.frames, axis=0)[kept].reshape(
+                -1, *self.motions.shape[1:]) for g in (window, slope / self.dt)]
+
+
+@dataclass(frozen=True)
+class FieldMap(units.InHertz, Saved, kind='field maps', units={
+    'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'frequencies'),
+    'power': ('mm^2', 'branches', 'wavevectors', 'frequencies'),
+}):
+    """Power of each branch over wavevector and frequency.
+
+    Attributes
+    ----------
+    q : ndarray, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors.
+    omega : ndarray, shape (frequencies,)
+        In rad/ms.
+    power : ndarray, shape (branches, wavevectors, frequencies)
+        In mm^2, the mean over all segments and both directions: a plane wave of amplitude A all the time has the peak A^2/2.
+    """
+
+    q: np.ndarray
+    omega: np.ndarray
+    power: np.ndarray
+
+
+def is_field(places: NDArray[np.float64], cell: Atoms) -> bool:
+    """Whether points, shape (points, 2) in mm, cover the plane of a lattice; else they are one row of it, or a few."""
+    away = places - places.mean(axis=0)
+    return bool(cell.pbc[:2].all()) and np.ptp(away @ np.linalg.svd(away, full_matrices=False)[2][1]) > ROWS * _spacing(cell)
+
+
+def field_of(scan: Scan, cell: Atoms) -> Field:
+    """The points of a scan on the sites of a lattice, and its record in segments that resolve as much as the points do.
+
+    Parameters
+    ----------
+    scan : Scan
+        With places, in the frame of the cell, from any origin.
+    cell : ase.Atoms
+        One particle with its MagneticRepulsion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.waves import Scan, field_of
+    >>> cell = read_scene(ready_scene('prototype')).atoms()
+    >>> places = np.array([(i, j) for i in range(12) for j in range(12)]) @ cell.cell.array[:2, :2] + [3, 4]
+    >>> u = np.random.default_rng(0).normal(size=(2, 400, 144))
+    >>> field = field_of(Scan(np.arange(400.0), tuple(map(str, range(144))), places, {'x': u[0], 'y': u[1]}), cell)
+    >>> round(field.across, 1), field.frames < 200
+    (11.4, True)
+    """
+    if len(cell) > 1:
+        raise ValueError(f'a field is read on a lattice of one particle to the cell, and this one has {len(cell)}; scan a row of it')
+    if not {'x', 'y'} & scan.motions.keys():
+        raise ValueError('the record holds no motion along x or y, in the plane; name its columns u_x_m and u_y_m')
+    sites, notes = _sites(np.asarray(scan.places), cell)
+    faces, spacing = ConvexHull(sites).equations[:, :2], _spacing(cell)
+    across = float(np.ptp(sites @ faces.T, axis=0).min() / spacing + 1)
+    if across < FEWEST:
+        raise ValueError(f'the points are {across:.2g} spacings wide at their narrowest, and a map of the plane needs {FEWEST}; '
+                         'measure more rows, or give one row alone')
+    top = bloch_modes(cell, _zone(12))[0].max()
+    frames, wanted = len(scan.times), int(np.ceil(across * 2 * np.pi / top / scan.dt))
+    if frames < max(wanted, FEWEST):
+        raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; to resolve as much in frequency as its points do in '
+                         f'wavenumber takes {scan.dt * max(wanted, FEWEST) / units.s:.3g} s')
+    own = Field(sites, np.stack([scan.motions.get(axis, np.zeros((frames, len(sites)))) for axis in 'xy'], axis=2),
+                ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), spacing, across)
+    _refuse_ghosts(own, cell)
+    half = np.pi / scan.dt
+    notes += [f'{len(sites)} points, {across:.1f} spacings across: wavenumbers to 2 pi/{across:.1f} per spacing; '
+              f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s: frequencies to '
+              f'{units.hertz(own.bin_omega):.3g} Hz']
+    if half < top:
+        notes.append(f'sampled at {units.hertz(2 * half):.4g} Hz: the bands of the scene reach {units.hertz(top):.4g} Hz, and waves above '
+                     f'{units.hertz(half):.4g} Hz appear at wrong frequencies, unless the instrument has taken them out')
+    return replace(own, notes=tuple(notes))
+
+
+def _sites(places, cell):
+    """The lattice sites of measured points, shape (points, 2) in mm, and what the points say about the lattice."""
+    vectors, spacing = cell.cell.array[:2, :2], _spacing(cell)
+    apart = np.median(cKDTree(places).query(places, 2)[0][:, 1]) / spacing
+    if not 1 / MOST_APART < apart < MOST_APART:
+        raise ValueError(f'the points are {apart:.2g} spacings of the lattice apart; check the unit of the positions, and the spacing '
+                         'of the scene')
+    from_middle = np.linalg.norm(places - places.mean(axis=0), axis=1)
+    order, own = np.argsort(from_middle), vectors.copy()
+    origin = places[order[0]]
+    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # outwards: a small turn then adds up nowhere
+        near = order[:count]
+        n = np.rint((places[near] - origin) @ np.linalg.inv(own))
+        if np.linalg.matrix_rank(n - n.mean(axis=0)) == 2:
+            (*own, origin), *_ = np.linalg.lstsq(np.c_[n, np.ones(count)], places[near])
+            own = np.array(own)
+    n = np.rint((places - origin) @ np.linalg.inv(own))
+    off = np.linalg.norm(places - n @ own - origin, axis=1)
+    k = int(off.argmax())
+    if off[k] > ASTRAY * spacing:
+        raise ValueError(f'the point at ({places[k, 0]:.4g} mm, {places[k, 1]:.4g} mm) is {off[k]:.3g} mm off the nearest site of the '
+                         'lattice; leave out what is no particle, and check spacing and frame of the scene (R1 lies along x)')
+    if len(np.unique(n, axis=0)) < len(n):
+        raise ValueError('two points stand on one site of the lattice; keep one record of each particle')
+    A = np.linalg.solve(vectors, own)  # places in rows
+    turn, stretch = np.arctan2(A[0, 1] - A[1, 0], A[0, 0] + A[1, 1]), np.sqrt(abs(np.linalg.det(A)))
+    if abs(turn) > TURNED or abs(stretch - 1) > STRETCHED:
+        raise ValueError(f'the points stand on a lattice turned by {np.degrees(turn):.3g} degrees against that of the scene, with '
+                         f'{stretch:.4g} times its spacing; give the positions in its frame, whose R1 lies along x, and its spacing')
+    return n @ vectors, [f'the points say that the spacing is {stretch * spacing:.4g} mm (scene: {spacing:.4g} mm); they are '
+                         f'{np.sqrt(np.mean(off**2)):.2g} mm off their sites (root mean square)']
+
+
+def _refuse_ghosts(field, cell):
+    """Raise ValueError if waves of two wavevectors look alike at these points."""
+    steps = int(2 * field.across)
+    q = _zone(steps)
+    k = _k(q, cell)
+    h, _ = field.window()
+    ghosts = abs(h @ np.exp(1j * field.sites @ k.T)) / h.sum()
+    away = np.linalg.norm(_k(q - np.rint(q), cell), axis=1)  # within the cell of reciprocal vectors about zero
+    ghosts[away < LOBE_bins * field.bin_k] = 0
+    if ghosts.max() > GHOST:
+        at = q[ghosts.argmax()] - np.rint(q[ghosts.argmax()])
+        raise ValueError(f'{len(h)} points stand so far apart that waves look alike whose wavevectors differ by ({at[0]:.2g}, '
+                         f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the amplitude, '
+                         f'allowed {100 * GHOST:.0f} %); measure particles between them, most of all neighbours')
+
+
+def _zone(steps):
+    n = np.arange(steps) / steps
+    return np.stack([*np.meshgrid(n, n, indexing='ij'), np.zeros((steps, steps))], axis=-1).reshape(-1, 3)
+
+
+def _k(q, cell):
+    return 2 * np.pi * (q @ cell.cell.reciprocal().array)[..., :2]
+
+
+def _spacing(cell):
+    return float(cell.cell.lengths()[:2].min())
+
+
+def _collected(field, cell, q, top, centres=False):
+    """Of each segment the power of each branch and, if wanted, its moments: shape (1 or 4, wavevectors, branches, frequencies)."""
+    shapes = np.real(bloch_modes(cell, q, vectors=True)[1])[:, :, 0, :2]  # one particle: an even D(k), and real polarisations
+    h, slope = field.window()
+    waves = np.exp(1j * field.sites @ _k(q, cell).T) / h.sum()
+
+    def over(motions, weight, sign):
+        G = np.tensordot((waves if sign > 0 else waves.conj()) * weight[:, None], motions, (0, 1))
+        return np.einsum('kfx,kmx->kmf', G, shapes)
+
+    for omega, (u, u_slope) in field.transforms(top):
+        sums = 0.0
+        for sign in (1, -1):
+            G = over(u, h, sign)
+            parts = [abs(G) ** 2]
+            if centres:
+                parts += [-(over(u_slope, h, sign) * G.conj()).imag,
+                          *(sign * (over(u, along, sign) * G.conj()).imag for along in slope.T)]
+            sums = sums + np.stack(parts) / 2
+        yield omega, sums
+
+
+def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
+    """Power of each branch along a path through the zone.
+
+    Parameters
+    ----------
+    field : Field
+    cell : ase.Atoms
+        With its MagneticRepulsion.
+    path : ase.dft.kpoints.BandPath
+    """
+    total, omega, count = 0.0, np.zeros(0), 0
+    for omega, (power,) in _collected(field, cell, path.kpts, _top(field, cell)):
+        total, count = total + power, count + 1
+    return FieldMap(path.kpts, omega, np.swapaxes(total, 0, 1) / count)
+
+
+def _top(field, cell):
+    return min(MARGIN * bloch_modes(cell, _zone(12))[0].max(), np.pi / field.dt)
+
+
+def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field') -> RidgePoints:
+    """Points of the bands along a path: at wavevectors that share no noise, the strongest frequency of each branch.
+
+    What a branch moves there must be its own: more than the other branch at that frequency, above the background, and with the
+    centre of gravity within a bin, for power that leaks from afar has its centre there.  The uncertainty adds up that between the
+    segments (the jackknife), what neighbouring points scatter more than that about a smooth curve, and half of what the
+    curvature of the branch shifts.
+
+    Parameters
+    ----------
+    field : Field
+    cell : ase.Atoms
+        With its MagneticRepulsion; its bands tell the curvature.
+    path : ase.dft.kpoints.BandPath
+    name : str
+        Of the record.
+    """
+    q, leg, legs = _apart(path, cell, field.bin_k)
+    (omega, *_), parts = zip(*_collected(field, cell, q, _top(field, cell), centres=True), strict=True)
+    parts = np.stack(parts)
+    power, *moments = total = parts.sum(axis=0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        d_omega, *d_k = moments / power
+    expected, shapes = bloch_modes(cell, q, vectors=True)
+    lines = slice(FIRST * PAD, None)
+    seen = np.zeros(power.shape, bool)
+    background = np.median(power[..., lines], axis=-1, keepdims=True) / np.log(2)
+    seen[..., lines] = ((power > LEAST_CONTRAST * background) & (abs(d_omega) < field.bin_omega)
+                        & (np.hypot(*d_k) < NEAR * field.bin_k)
+                        & (np.hypot(*(_k(q, cell).T[:, :, None, None] + d_k)) > field.bin_k))[..., lines]  # else all moves as one
+    if all(field.measured):
+        seen &= power == power.max(axis=1, keepdims=True)
+    else:
+        seen &= (abs(shapes[:, :, 0, int(field.measured[1])]) > PURE)[..., None]
+    seen &= (expected < FOLDED * np.pi / field.dt)[..., None]
+    peak = np.where(seen, power, 0).argmax(axis=-1)[..., None]
+    bent = _bent(field, cell, q, omega[peak[..., 0]])
+    found = seen.any(axis=-1) & (abs(bent) < BENT * field.bin_omega)
+    branch, at = np.nonzero(found.T)
+    own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))
+
+    def centred(sums):
+        """Frequencies and wavevectors of the centres of gravity, and how far they lie above the branches of the scene."""
+        centre = start[0] + sums[..., 1, :] / sums[..., 0, :]
+        k = start[1] + np.moveaxis(sums[..., 2:, :] / sums[..., :1, :], -2, -1)
+        at_k = np.concatenate([k, 0 * k[..., :1]], axis=-1) @ cell.cell.array.T / (2 * np.pi)
+        bands = bloch_modes(cell, at_k)[0].reshape(*k.shape[:-1], -1)
+        return centre, at_k, centre - np.take_along_axis(bands, np.broadcast_to(branch, centre.shape)[..., None], axis=-1)[..., 0]
+
+    whole = own.sum(axis=0)
+    centre, q, off = centred(whole)
+    bent = bent[at, branch]
+    variance = (len(own) - 1) * centred(whole - own)[2].var(axis=0)  # the jackknife
+    variance += _scatter(off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2
+    ridge = len(legs) * branch + leg[at]
+    each = np.unique(ridge)
+    motions = tuple(MOTIONS[k // len(legs)] for k in each)
+    k = np.linalg.norm(_k(q, cell), axis=1) * field.spacing
+    return RidgePoints(tuple(f'{name} {legs[k % len(legs)]}, {motion}' for k, motion in zip(each, motions, strict=True)), motions,
+                       np.searchsorted(each, ridge), q, k, 0 * k, centre - bent, np.sqrt(variance), whole[0] / len(own), 0 * k,
+                       (FIELD,) * len(each))
+
+
+def _apart(path, cell, bin_k):
+    """Wavevectors along a path that share no noise, shape (wavevectors, 3), the leg of each, and the names of the legs."""
+    q, leg, legs = [], [], []
+    for names in parse_path_string(path.path):
+        for one, other in pairwise(names):
+            first, last = path.special_points[one], path.special_points[other]
+            count = int(np.linalg.norm(_k(last - first, cell)) / (APART * bin_k))
+            q.append(first + (np.arange(count)[:, None] + 0.5) / max(count, 1) * (last - first))
+            leg += count * [len(legs)]
+            legs.append(f'{one}-{other}')
+    return np.concatenate(q), np.array(leg, int), legs
+
+
+def _bent(field, cell, q, omega):
+    """How far above its branch the centre of gravity of a cell lies, shape (wavevectors, branches): white power, bands of the scene."""
+    beside = LOBE_bins * field.bin_k * np.linspace(-1, 1, GRID)
+    offset = np.stack(np.meshgrid(beside, beside), axis=-1).reshape(-1, 2)
+    h, _ = field.window()
+    lobe = abs(np.exp(1j * offset @ field.sites.T) @ h) ** 2
+    in_fractions = offset @ cell.cell.array[:2, :2].T / (2 * np.pi)
+    there = q[:, None] + np.pad(in_fractions, ((0, 0), (0, 1)))
+    bands, shapes = bloch_modes(cell, there.reshape(-1, 3), vectors=True)
+    bands, shapes = bands.reshape(*there.shape[:2], -1), shapes.reshape(*there.shape[:2], *shapes.shape[1:])[:, :, :, 0]
+    own = bloch_modes(cell, q, vectors=True)[1][:, :, 0]
+    away = (bands[:, None] - omega[:, :, None, None]) / field.bin_omega  # wavevectors, branches, offsets, branches there
+    with np.errstate(divide='ignore', invalid='ignore'):
+        line = np.where(abs(away) < 2, np.sinc(away) / (1 - away**2), 0) ** 2  # of a Hann window
+        weight = abs(np.einsum('kmx,konx->kmon', own.conj(), shapes)) ** 2 * lobe[:, None] * np.nan_to_num(line, posinf=0.25)
+        weight /= weight.sum(axis=(2, 3), keepdims=True)
+    centre = q[:, None] + np.pad(weight.sum(axis=3) @ in_fractions, ((0, 0), (0, 0), (0, 1)))
+    at_centre = np.einsum('kmm->km', bloch_modes(cell, np.nan_to_num(centre).reshape(-1, 3))[0].reshape(*omega.shape, -1))
+    return (weight * bands[:, None]).sum(axis=(2, 3)) - at_centre
+
+
+def _scatter(off, variance, branch, leg, at):
+    """What points scatter about a smooth curve beyond their variances, by the second differences of each three neighbours.
+
+    The same pattern in all segments, as uniform noise of the base makes, shows only here.
+    """
+    three = np.arange(max(len(off) - 2, 0))[:, None] + np.arange(3)
+    three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
+    if not len(three):
+        raise ValueError('no three neighbouring points of a branch rise above the background; record longer, drive harder or more '
+                         'evenly, or measure more particles')
+    weights = np.array([1, -2, 1])
+    squares, known = (off[three] @ weights) ** 2, variance[three] @ weights**2
+    common = max(np.median(squares) / NORMAL_MEDIAN - np.median(known), 0) / 6 * (stdtrit(len(three), 0.975) / NORMAL) ** 2
+    own = np.zeros(len(off))
+    own[three[:, 1]] = (squares - known) / 6
+    return np.maximum(common, own)
+
+
+def field_report(points: RidgePoints, cell: Atoms) -> str:
+    """Distances of the ridge points of a field from the bands of both models, as a table in words."""
+    branch = np.array([MOTIONS.index(motion) for motion in points.motions])
+    off = {model: units.hertz(points.omega - bloch_modes(cell, points.q, model)[0][np.arange(len(points)), branch[points.ridge]])
+           for model in ('complete', 'conventional')}
+    sigma = units.hertz(points.sigma_omega)
+    rows = [('ridge', 'points', 'D0 + D*', 'D0 only', 'sigma')]
+    for k, name in enumerate(points.names):
+        own = points.ridge == k
+        rows.append((name, str(own.sum()), *(f'{np.sqrt(np.mean(one[own] ** 2)):.2f}' for one in off.values()),
+                     f'{np.median(sigma[own]):.2f}'))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return '\n'.join(['RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz', '', *(
+        '  '.join(f'{cell:{"<" if k < 1 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows)])
+
+
+def field_at(field: Field, cell: Atoms, omega: float,
+             steps: int = 61) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
+    """The motion at one frequency: over wavevectors (isofrequency contour) and over the points (operational shape).
+
+    Parameters
+    ----------
+    field : Field
+    cell : ase.Atoms
+    omega : float
+        In rad/ms.
+    steps : int
+        Of the map along each axis.
+
+    Returns
+    -------
+    k : ndarray, shape (steps,)
+        Both components of the wavevectors, in rad/mm, over the first zone.
+    power : ndarray, shape (steps, steps)
+        At (k_y, k_x), of both components of the motion, in mm^2.
+    shape : ndarray of complex, shape (points, 2)
+        In mm: the motion that most of the power of all segments has in common, of zero phase where it is largest.
+    """
+    half = np.pi / field.dt
+    if not 0 < omega < half:
+        raise ValueError(f'{units.hertz(omega):.4g} Hz is not between 0 and half the sampling rate, {units.hertz(half):.4g} Hz')
+    k = np.linspace(-1, 1, steps) * np.linalg.norm(first_zone(cell.cell.array), axis=1).max()
+    h, _ = field.window()
+    to_k = np.exp(1j * np.stack(np.meshgrid(k, k), axis=-1).reshape(-1, 2) @ field.sites.T) * (h / h.sum())
+    frames = len(field.motions) // 2  # longer than segments: one frequency is wanted as sharply as the record has it
+    wave = hann(frames)[0] * np.exp(-1j * omega * field.dt * np.arange(frames))
+    motions = np.array([np.tensordot(2 * wave / abs(wave).sum(), field.motions[first : first + frames], 1)
+                        for first in (0, frames // 2, frames)])  # segments, points, 2
+    power = np.mean([np.sum(abs(to_k @ u) ** 2, axis=1) for u in motions], axis=0)
+    _, sizes, shapes = np.linalg.svd(motions.reshape(len(motions), -1), full_matrices=False)
+    shape = sizes[0] / np.sqrt(len(motions)) * shapes[0].reshape(-1, 2)
+    largest = shape.ravel()[abs(shape).argmax()]
+    return k, power.reshape(steps, steps), shape * abs(largest) / largest
