@@ -11,7 +11,7 @@ from ..bands.bloch import bloch_modes
 from ..bands.zone import first_zone
 from .axes import COLOURS, PREFIXES, label_frequencies, legend_of_set, letter_panels, panels, prefix_power
 from .bands import label_path
-from .waves import FLOOR_dB, LINES, POWER
+from .waves import LINES, POWER, FLOOR_dB
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -42,7 +42,8 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
             ax.plot(x, bands[model][:, branch], line, color=colour, label=model)
         if points is not None:
             own = np.array([motion == name for motion in points.motions])[points.ridge]
-            nearest = np.array([np.linalg.norm((path.kpts - q) @ cell.cell.reciprocal().array, axis=1).argmin() for q in points.q])
+            away = (path.kpts - points.q[:, None]) @ cell.cell.reciprocal().array
+            nearest = np.linalg.norm(away, axis=2).argmin(axis=1)
             ax.errorbar(x[nearest[own]], points.frequencies_Hz[own], 1.96 * units.hertz(points.sigma_omega[own]), fmt='o',
                         color=COLOURS[3], markerfacecolor='white', linewidth=0.9, label='ridge, 95 %')
         label_path(ax, path)
@@ -56,7 +57,7 @@ def plot_field(found: FieldMap, path: BandPath, cell: Atoms, points: RidgePoints
 
 def plot_field_at(field: Field, cell: Atoms, omega: float, at: tuple[NDArray[np.float64], NDArray[np.float64],
                                                                     NDArray[np.complex128]]) -> Figure:
-    """The motion at one frequency: its power over the wavevectors with the contours of both models, and its shape over the points."""
+    """The motion at one frequency: over the wavevectors with the contours of both models, and over the points."""
     k, power, shape = at
     figure, axes = panels(1, 2, height=3.1)
     zone, plane = axes[0]

@@ -4,27 +4,27 @@ With windows h over the points and g over time, the motion u_j of the point on t
 
     G(k, omega) = sum_j h_j e^{i k.R_j} sum_t g_t u_j(t) e^{-i omega t}
 
-of which each branch takes its part, e^{*}.G with its polarisation e(k): on lines of symmetry that is across or along, whatever the
-law.  The points need no grid, and a direct sum is quick enough (see docs/reference/files.md).  The record is cut into segments whose
-powers are added (Welch 1967), so that noise alone, of the base or thermal, shows bands too; both directions of a wave, k and -k, count.
+of which each branch takes its part, e.G with its polarisation e(k): across or along on lines of symmetry, whatever the law.
+The points need no grid: a direct sum over a thousand of them takes a second.  The record is cut into segments whose powers are
+added (Welch 1967), so that noise alone, of the base or thermal, shows bands too.  Both directions of a wave count, k and -k.
 
 A cell of the map collects what is near it, so that it knows the centre of gravity of its power (Auger and Flandrin 1995):
 
     omega_centre = omega - Im(sum G_g' G^*)/sum |G|^2        k_centre = k + Im(sum G_h' G^*)/sum |G|^2
 
-A point there lies on its branch if that is straight within the lobe of the windows.  How far a curved one is off is computed from the
-bands of the scene, and subtracted; half of that is part of the uncertainty.
+A point there lies on its branch if that is straight within the lobe of the windows.  How far a curved one is off is computed from
+the bands of the scene, and subtracted; half of that is part of the uncertainty.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ase.dft.kpoints import parse_path_string
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 from scipy.special import stdtrit
 
 from .. import units
@@ -52,9 +52,9 @@ MOST_APART = 50  # spacings between neighbouring points from which their unit is
 APART = 2.0  # distance of ridge points along the path in bins, at which the windows share no noise
 NEAR = 1.0  # distance in bins of the centre of gravity of a cell's power from which that power belongs to another wave
 BENT = 0.25
-"""Shift of a point by the curvature of its branch, in frequency bins, from which the record does not resolve it: near Gamma and where
-branches meet."""
-DOUBT = 0.5  # share of this shift that is uncertainty: the bands of the scene and the powers within the lobe are known about so well
+"""Shift of a point by the curvature of its branch, in frequency bins, from which the record does not resolve it: near Gamma and
+where branches meet."""
+DOUBT = 0.5  # share of this shift that is uncertain: so well are the bands of the scene and the powers within the lobe known
 PURE = 0.98  # share of a branch in the one component that was measured, from which that component shows this branch alone
 FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
 LOBE_bins, GRID = 2.5, 9  # how far the lobe of the windows reaches, and samples across it
@@ -118,7 +118,7 @@ class Field:
         Divided by half the sum of the window: a wave of the amplitude A has the peak A.
         """
         window, slope = hann(self.frames)
-        omega = 2 * np.pi * np.fft.rfftfreq(PAD * self.frames, self.dt)
+        omega: Any = 2 * np.pi * np.fft.rfftfreq(PAD * self.frames, self.dt)
         kept = omega <= top
         for first in range(0, len(self.motions) - self.frames + 1, self.frames // 2):
             u = without_drift(self.motions[first : first + self.frames].reshape(self.frames, -1))
@@ -177,7 +177,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     (11.4, True)
     """
     if len(cell) > 1:
-        raise ValueError(f'a field is read on a lattice of one particle to the cell, and this one has {len(cell)}; scan a row of it')
+        raise ValueError(f'a field is read on a lattice of one particle to the cell, not of {len(cell)}; scan a row of it')
     if not {'x', 'y'} & scan.motions.keys():
         raise ValueError('the record holds no motion along x or y, in the plane; name its columns u_x_m and u_y_m')
     sites, notes = _sites(np.asarray(scan.places), cell)
@@ -189,18 +189,18 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     top = bloch_modes(cell, _zone(12))[0].max()
     frames, wanted = len(scan.times), int(np.ceil(across * 2 * np.pi / top / scan.dt))
     if frames < max(wanted, FEWEST):
-        raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; to resolve as much in frequency as its points do in '
-                         f'wavenumber takes {scan.dt * max(wanted, FEWEST) / units.s:.3g} s')
+        raise ValueError(f'the record lasts {scan.dt * frames / units.s:.3g} s; to resolve as much in frequency as its points do '
+                         f'in wavenumber takes {scan.dt * max(wanted, FEWEST) / units.s:.3g} s')
     own = Field(sites, np.stack([scan.motions.get(axis, np.zeros((frames, len(sites)))) for axis in 'xy'], axis=2),
                 ('x' in scan.motions, 'y' in scan.motions), scan.dt, max(min(wanted, frames // 2), FEWEST), spacing, across)
     _refuse_ghosts(own, cell)
-    half = np.pi / scan.dt
+    half = np.pi / own.dt
     notes += [f'{len(sites)} points, {across:.1f} spacings across: wavenumbers to 2 pi/{across:.1f} per spacing; '
-              f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s: frequencies to '
-              f'{units.hertz(own.bin_omega):.3g} Hz']
+              f'{(frames - own.frames) // (own.frames // 2) + 1} segments of {own.frames * own.dt / units.s:.3g} s: frequencies '
+              f'to {units.hertz(own.bin_omega):.3g} Hz']
     if half < top:
-        notes.append(f'sampled at {units.hertz(2 * half):.4g} Hz: the bands of the scene reach {units.hertz(top):.4g} Hz, and waves above '
-                     f'{units.hertz(half):.4g} Hz appear at wrong frequencies, unless the instrument has taken them out')
+        notes.append(f'sampled at {units.hertz(2 * half):.4g} Hz: the bands of the scene reach {units.hertz(top):.4g} Hz, and '
+                     f'waves above {units.hertz(half):.4g} Hz appear at wrong frequencies, unless the instrument has a filter')
     return replace(own, notes=tuple(notes))
 
 
@@ -209,12 +209,12 @@ def _sites(places, cell):
     vectors, spacing = cell.cell.array[:2, :2], _spacing(cell)
     apart = np.median(cKDTree(places).query(places, 2)[0][:, 1]) / spacing
     if not 1 / MOST_APART < apart < MOST_APART:
-        raise ValueError(f'the points are {apart:.2g} spacings of the lattice apart; check the unit of the positions, and the spacing '
-                         'of the scene')
+        raise ValueError(f'the points are {apart:.2g} spacings of the lattice apart; check the unit of the positions, and the '
+                         'spacing of the scene')
     from_middle = np.linalg.norm(places - places.mean(axis=0), axis=1)
     order, own = np.argsort(from_middle), vectors.copy()
     origin = places[order[0]]
-    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # outwards: a small turn then adds up nowhere
+    for count in (*(2 ** np.arange(3, int(np.log2(len(places))) + 1)), len(places)):  # so that no small turn adds up
         near = order[:count]
         n = np.rint((places[near] - origin) @ np.linalg.inv(own))
         if np.linalg.matrix_rank(n - n.mean(axis=0)) == 2:
@@ -224,15 +224,15 @@ def _sites(places, cell):
     off = np.linalg.norm(places - n @ own - origin, axis=1)
     k = int(off.argmax())
     if off[k] > ASTRAY * spacing:
-        raise ValueError(f'the point at ({places[k, 0]:.4g} mm, {places[k, 1]:.4g} mm) is {off[k]:.3g} mm off the nearest site of the '
-                         'lattice; leave out what is no particle, and check spacing and frame of the scene (R1 lies along x)')
+        raise ValueError(f'the point at ({places[k, 0]:.4g}, {places[k, 1]:.4g}) mm is {off[k]:.3g} mm off the nearest site of '
+                         'the lattice; leave out what is no particle, and check spacing and frame of the scene (R1 lies along x)')
     if len(np.unique(n, axis=0)) < len(n):
         raise ValueError('two points stand on one site of the lattice; keep one record of each particle')
     A = np.linalg.solve(vectors, own)  # places in rows
     turn, stretch = np.arctan2(A[0, 1] - A[1, 0], A[0, 0] + A[1, 1]), np.sqrt(abs(np.linalg.det(A)))
     if abs(turn) > TURNED or abs(stretch - 1) > STRETCHED:
-        raise ValueError(f'the points stand on a lattice turned by {np.degrees(turn):.3g} degrees against that of the scene, with '
-                         f'{stretch:.4g} times its spacing; give the positions in its frame, whose R1 lies along x, and its spacing')
+        raise ValueError(f'the points stand on a lattice turned by {np.degrees(turn):.3g} degrees against that of the scene, '
+                         f'with {stretch:.4g} times its spacing; give positions in its frame (R1 lies along x), and its spacing')
     return n @ vectors, [f'the points say that the spacing is {stretch * spacing:.4g} mm (scene: {spacing:.4g} mm); they are '
                          f'{np.sqrt(np.mean(off**2)):.2g} mm off their sites (root mean square)']
 
@@ -249,13 +249,19 @@ def _refuse_ghosts(field, cell):
     if ghosts.max() > GHOST:
         at = q[ghosts.argmax()] - np.rint(q[ghosts.argmax()])
         raise ValueError(f'{len(h)} points stand so far apart that waves look alike whose wavevectors differ by ({at[0]:.2g}, '
-                         f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the amplitude, '
-                         f'allowed {100 * GHOST:.0f} %); measure particles between them, most of all neighbours')
+                         f'{at[1]:.2g}) of the reciprocal vectors (aliasing; the ghost has {100 * ghosts.max():.0f} % of the '
+                         f'amplitude, allowed {100 * GHOST:.0f} %); measure particles between them, most of all neighbours')
 
 
 def _zone(steps):
     n = np.arange(steps) / steps
     return np.stack([*np.meshgrid(n, n, indexing='ij'), np.zeros((steps, steps))], axis=-1).reshape(-1, 3)
+
+
+def _polarisations(cell, q):
+    """Real, as D(k) of one particle is; shape (..., branches, 2)."""
+    shapes: Any = bloch_modes(cell, q.reshape(-1, 3), vectors=True)[1]
+    return shapes.real[:, :, 0, :2].reshape(*q.shape[:-1], -1, 2)
 
 
 def _k(q, cell):
@@ -266,9 +272,9 @@ def _spacing(cell):
     return float(cell.cell.lengths()[:2].min())
 
 
-def _collected(field, cell, q, top, centres=False):
-    """Of each segment the power of each branch and, if wanted, its moments: shape (1 or 4, wavevectors, branches, frequencies)."""
-    shapes = np.real(bloch_modes(cell, q, vectors=True)[1])[:, :, 0, :2]  # one particle: an even D(k), and real polarisations
+def _collected(field, cell, q, centres=False):
+    """Of each segment the power of each branch, and its moments: shape (1 or 4, wavevectors, branches, frequencies)."""
+    shapes = _polarisations(cell, q)
     h, slope = field.window()
     waves = np.exp(1j * field.sites @ _k(q, cell).T) / h.sum()
 
@@ -276,7 +282,7 @@ def _collected(field, cell, q, top, centres=False):
         G = np.tensordot((waves if sign > 0 else waves.conj()) * weight[:, None], motions, (0, 1))
         return np.einsum('kfx,kmx->kmf', G, shapes)
 
-    for omega, (u, u_slope) in field.transforms(top):
+    for omega, (u, u_slope) in field.transforms(MARGIN * bloch_modes(cell, _zone(12))[0].max()):
         sums = 0.0
         for sign in (1, -1):
             G = over(u, h, sign)
@@ -298,14 +304,8 @@ def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
         With its MagneticRepulsion.
     path : ase.dft.kpoints.BandPath
     """
-    total, omega, count = 0.0, np.zeros(0), 0
-    for omega, (power,) in _collected(field, cell, path.kpts, _top(field, cell)):
-        total, count = total + power, count + 1
-    return FieldMap(path.kpts, omega, np.swapaxes(total, 0, 1) / count)
-
-
-def _top(field, cell):
-    return min(MARGIN * bloch_modes(cell, _zone(12))[0].max(), np.pi / field.dt)
+    (omega, *_), powers = zip(*_collected(field, cell, path.kpts), strict=True)
+    return FieldMap(path.kpts, omega, np.swapaxes(np.mean(powers, axis=0)[0], 0, 1))
 
 
 def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field') -> RidgePoints:
@@ -326,12 +326,12 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field')
         Of the record.
     """
     q, leg, legs = _apart(path, cell, field.bin_k)
-    (omega, *_), parts = zip(*_collected(field, cell, q, _top(field, cell), centres=True), strict=True)
-    parts = np.stack(parts)
-    power, *moments = total = parts.sum(axis=0)
+    (omega, *_), parts = zip(*_collected(field, cell, q, centres=True), strict=True)
+    parts = np.stack(parts)  # segments, power and its moments, wavevectors, branches, frequencies
+    power, *moments = parts.sum(axis=0)
     with np.errstate(divide='ignore', invalid='ignore'):
         d_omega, *d_k = moments / power
-    expected, shapes = bloch_modes(cell, q, vectors=True)
+    expected, shapes = bloch_modes(cell, q)[0], _polarisations(cell, q)
     lines = slice(FIRST * PAD, None)
     seen = np.zeros(power.shape, bool)
     background = np.median(power[..., lines], axis=-1, keepdims=True) / np.log(2)
@@ -341,7 +341,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field')
     if all(field.measured):
         seen &= power == power.max(axis=1, keepdims=True)
     else:
-        seen &= (abs(shapes[:, :, 0, int(field.measured[1])]) > PURE)[..., None]
+        seen &= (abs(shapes[:, :, int(field.measured[1])]) > PURE)[..., None]
     seen &= (expected < FOLDED * np.pi / field.dt)[..., None]
     peak = np.where(seen, power, 0).argmax(axis=-1)[..., None]
     bent = _bent(field, cell, q, omega[peak[..., 0]])
@@ -385,20 +385,19 @@ def _apart(path, cell, bin_k):
 
 
 def _bent(field, cell, q, omega):
-    """How far above its branch the centre of gravity of a cell lies, shape (wavevectors, branches): white power, bands of the scene."""
+    """How far above its branch the centre of gravity of a cell lies, shape (wavevectors, branches), for white power."""
     beside = LOBE_bins * field.bin_k * np.linspace(-1, 1, GRID)
     offset = np.stack(np.meshgrid(beside, beside), axis=-1).reshape(-1, 2)
     h, _ = field.window()
     lobe = abs(np.exp(1j * offset @ field.sites.T) @ h) ** 2
     in_fractions = offset @ cell.cell.array[:2, :2].T / (2 * np.pi)
     there = q[:, None] + np.pad(in_fractions, ((0, 0), (0, 1)))
-    bands, shapes = bloch_modes(cell, there.reshape(-1, 3), vectors=True)
-    bands, shapes = bands.reshape(*there.shape[:2], -1), shapes.reshape(*there.shape[:2], *shapes.shape[1:])[:, :, :, 0]
-    own = bloch_modes(cell, q, vectors=True)[1][:, :, 0]
+    bands, shapes = bloch_modes(cell, there.reshape(-1, 3))[0].reshape(*there.shape[:2], -1), _polarisations(cell, there)
     away = (bands[:, None] - omega[:, :, None, None]) / field.bin_omega  # wavevectors, branches, offsets, branches there
     with np.errstate(divide='ignore', invalid='ignore'):
         line = np.where(abs(away) < 2, np.sinc(away) / (1 - away**2), 0) ** 2  # of a Hann window
-        weight = abs(np.einsum('kmx,konx->kmon', own.conj(), shapes)) ** 2 * lobe[:, None] * np.nan_to_num(line, posinf=0.25)
+        share = np.einsum('kmx,konx->kmon', _polarisations(cell, q), shapes) ** 2
+        weight = share * lobe[:, None] * np.nan_to_num(line, posinf=0.25)
         weight /= weight.sum(axis=(2, 3), keepdims=True)
     centre = q[:, None] + np.pad(weight.sum(axis=3) @ in_fractions, ((0, 0), (0, 0), (0, 1)))
     at_centre = np.einsum('kmm->km', bloch_modes(cell, np.nan_to_num(centre).reshape(-1, 3))[0].reshape(*omega.shape, -1))
@@ -413,8 +412,8 @@ def _scatter(off, variance, branch, leg, at):
     three = np.arange(max(len(off) - 2, 0))[:, None] + np.arange(3)
     three = three[(np.ptp(branch[three], axis=1) == 0) & (np.ptp(leg[three], axis=1) == 0) & (np.ptp(at[three], axis=1) == 2)]
     if not len(three):
-        raise ValueError('no three neighbouring points of a branch rise above the background; record longer, drive harder or more '
-                         'evenly, or measure more particles')
+        raise ValueError('no three neighbouring points of a branch rise above the background; record longer, drive harder, '
+                         'or measure more particles')
     weights = np.array([1, -2, 1])
     squares, known = (off[three] @ weights) ** 2, variance[three] @ weights**2
     common = max(np.median(squares) / NORMAL_MEDIAN - np.median(known), 0) / 6 * (stdtrit(len(three), 0.975) / NORMAL) ** 2
@@ -429,14 +428,15 @@ def field_report(points: RidgePoints, cell: Atoms) -> str:
     off = {model: units.hertz(points.omega - bloch_modes(cell, points.q, model)[0][np.arange(len(points)), branch[points.ridge]])
            for model in ('complete', 'conventional')}
     sigma = units.hertz(points.sigma_omega)
-    rows = [('ridge', 'points', 'D0 + D*', 'D0 only', 'sigma')]
+    rows: list[tuple[str, ...]] = [('ridge', 'points', 'D0 + D*', 'D0 only', 'sigma')]
     for k, name in enumerate(points.names):
         own = points.ridge == k
         rows.append((name, str(own.sum()), *(f'{np.sqrt(np.mean(one[own] ** 2)):.2f}' for one in off.values()),
                      f'{np.median(sigma[own]):.2f}'))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return '\n'.join(['RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz', '', *(
-        '  '.join(f'{cell:{"<" if k < 1 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows)])
+    return '\n'.join(['RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz.',
+                      'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much.', '', *(
+                          '  '.join(f'{cell:{"<" if k < 1 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows)])
 
 
 def field_at(field: Field, cell: Atoms, omega: float,
