@@ -32,7 +32,7 @@ from ..bands.bloch import bloch_modes
 from ..bands.zone import first_zone
 from ..files import Saved
 from .ridge_tables import FIELD, RidgePoints
-from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, NORMAL, hann, without_drift
+from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, LEAST_POWER, NORMAL, hann, without_drift
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,6 +56,8 @@ BENT = 0.25
 where branches meet."""
 DOUBT = 0.5  # share of this shift that is uncertain: so well are the bands of the scene and the powers within the lobe known
 PURE = 0.98  # share of a branch in the one component that was measured, from which that component shows this branch alone
+OTHER = 1.25  # factor between a frequency and the bands of both models of the scene beyond which it is another branch
+LASTS = 0.6  # share of the segments with power from which it is noise, not a burst
 FOLDED = 0.8  # share of half the sampling rate up to which a branch may be expected and its waves are not folded
 LOBE_bins, GRID = 2.5, 9  # how far the lobe of the windows reaches, and samples across it
 MOTIONS = 'transverse', 'longitudinal'  # of the lower and the higher branch, see BRANCHES
@@ -308,11 +310,12 @@ def field_map(field: Field, cell: Atoms, path: BandPath) -> FieldMap:
     return FieldMap(path.kpts, omega, np.swapaxes(np.mean(powers, axis=0)[0], 0, 1))
 
 
-def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field') -> RidgePoints:
+def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field', source: str | None = None) -> RidgePoints:
     """Points of the bands along a path: at wavevectors that share no noise, the strongest frequency of each branch.
 
-    What a branch moves there must be its own: more than the other branch at that frequency, above the background, and with the
-    centre of gravity within a bin, for power that leaks from afar has its centre there.  The uncertainty adds up that between the
+    What a branch moves there must be its own: more than the other branch at that frequency, above the background, within 20 dB of
+    the strongest point, within a quarter of the bands of the scene in either model, and with the centre of gravity within a bin,
+    for power that leaks from afar has its centre there.  The uncertainty adds up that between the
     segments (the jackknife), what neighbouring points scatter more than that about a smooth curve, and half of what the
     curvature of the branch shifts.
 
@@ -324,6 +327,8 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field')
     path : ase.dft.kpoints.BandPath
     name : str
         Of the record.
+    source : {'row', 'point', 'field'}, optional
+        What sent the waves, 'field' for noise; by default noise if it goes on for the whole record, else a point.
     """
     q, leg, legs = _apart(path, cell, field.bin_k)
     (omega, *_), parts = zip(*_collected(field, cell, q, centres=True), strict=True)
@@ -342,10 +347,13 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field')
         seen &= power == power.max(axis=1, keepdims=True)
     else:
         seen &= (abs(shapes[:, :, int(field.measured[1])]) > PURE)[..., None]
-    seen &= (expected < FOLDED * np.pi / field.dt)[..., None]
+    models = np.stack([expected, bloch_modes(cell, q, 'conventional')[0]])
+    low, high = models.min(axis=0) / OTHER, models.max(axis=0) * OTHER
+    seen &= (omega > low[..., None]) & (omega < np.minimum(high, FOLDED * np.pi / field.dt)[..., None])
     peak = np.where(seen, power, 0).argmax(axis=-1)[..., None]
+    height = np.where(seen, power, 0).max(axis=-1)
     bent = _bent(field, cell, q, omega[peak[..., 0]])
-    found = seen.any(axis=-1) & (abs(bent) < BENT * field.bin_omega)
+    found = (height > LEAST_POWER * height.max(axis=0)) & (abs(bent) < BENT * field.bin_omega)
     branch, at = np.nonzero(found.T)
     own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))
 
@@ -357,10 +365,14 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field')
         bands = bloch_modes(cell, at_k)[0].reshape(*k.shape[:-1], -1)
         return centre, at_k, centre - np.take_along_axis(bands, np.broadcast_to(branch, centre.shape)[..., None], axis=-1)[..., 0]
 
+    each_segment = parts[:, 0].sum(axis=(1, 2, 3))
+    lasts = len(parts) >= FEWEST and each_segment.sum() ** 2 > LASTS * len(parts) * each_segment @ each_segment
+    source = source or (FIELD if lasts else 'point')
     whole = own.sum(axis=0)
     centre, q, off = centred(whole)
     bent = bent[at, branch]
-    variance = (len(own) - 1) * centred(whole - own)[2].var(axis=0)  # the jackknife
+    freedom = np.maximum(whole[0] ** 2 / (own[:, 0] ** 2).sum(axis=0), 1)  # so many segments share the power
+    variance = (len(own) - 1) * centred(whole - own)[2].var(axis=0) * (stdtrit(freedom, 0.975) / NORMAL) ** 2  # the jackknife
     variance += _scatter(off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2
     ridge = len(legs) * branch + leg[at]
     each = np.unique(ridge)
@@ -368,7 +380,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field')
     k = np.linalg.norm(_k(q, cell), axis=1) * field.spacing
     return RidgePoints(tuple(f'{name} {legs[k % len(legs)]}, {motion}' for k, motion in zip(each, motions, strict=True)), motions,
                        np.searchsorted(each, ridge), q, k, 0 * k, centre - bent, np.sqrt(variance), whole[0] / len(own), 0 * k,
-                       (FIELD,) * len(each))
+                       (source,) * len(each), np.full(len(k), field.bin_k * field.spacing))
 
 
 def _apart(path, cell, bin_k):
@@ -428,13 +440,16 @@ def field_report(points: RidgePoints, cell: Atoms) -> str:
     off = {model: units.hertz(points.omega - bloch_modes(cell, points.q, model)[0][np.arange(len(points)), branch[points.ridge]])
            for model in ('complete', 'conventional')}
     sigma = units.hertz(points.sigma_omega)
+    waves = {'row': 'a row', 'point': 'a point (if it was a row, say --source row: the uncertainty of a fit is then less)',
+             FIELD: 'noise'}[points.sources[0]]
     rows: list[tuple[str, ...]] = [('ridge', 'points', 'D0 + D*', 'D0 only', 'sigma')]
     for k, name in enumerate(points.names):
         own = points.ridge == k
         rows.append((name, str(own.sum()), *(f'{np.sqrt(np.mean(one[own] ** 2)):.2f}' for one in off.values()),
                      f'{np.median(sigma[own]):.2f}'))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return '\n'.join(['RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz.',
+    return '\n'.join([f'Waves of {waves}.',
+                      'RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz.',
                       'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much.', '', *(
                           '  '.join(f'{cell:{"<" if k < 1 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows)])
 

@@ -148,8 +148,8 @@ def write_points(path: str | PathLike[str], points: RidgePoints) -> None:
     columns = (points.xi, points.sigma_xi, points.frequencies_Hz, units.hertz(points.sigma_omega), points.power / units.m**2)
     with whole_file(path) as file:
         print(*HEADER, sep=',', file=file)
-        for k, point, q, resolved in zip(points.ridge, np.transpose(columns).tolist(), points.q.tolist(), points.bin_xi, strict=True):
-            print(records[k], points.motions[k], *point, '', *q, 0.0, resolved, points.sources[k], sep=',', file=file)
+        for k, point, q in zip(points.ridge, np.transpose(columns).tolist(), points.q.tolist(), strict=True):
+            print(records[k], points.motions[k], *point, '', *q, 0.0, points.bin_xi[0], points.sources[k], sep=',', file=file)
 
 
 def read_ridges(*paths: str | PathLike[str]) -> RidgePoints:
