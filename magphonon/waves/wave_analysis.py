@@ -237,9 +237,16 @@ class Wave:
 
     @property
     def agrees_with(self) -> tuple[tuple[str, str], ...]:
-        """Model and name of the branches that agree with the ridge within its uncertainties, the nearest first."""
+        """Model and name of the branches that agree with the ridge within its uncertainties, the nearest first.
+
+        Longitudinal waves hardly feel D*, and a force that is 10 % off moves both of their branches past the ridge: if it agrees
+        with one of the two, it agrees with the other too, unless that is more than a bin away.
+        """
         misfits = self.misfits
-        return tuple(sorted((name for name in misfits if misfits[name].agrees), key=lambda name: misfits[name].bins))
+        on = {name for name in misfits if misfits[name].agrees}
+        if any(name == 'longitudinal' for _, name in on):
+            on |= {name for name in misfits if name[1] == 'longitudinal' and misfits[name].bins <= RESOLVED}
+        return tuple(sorted(on, key=lambda name: misfits[name].bins))
 
 
 def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
