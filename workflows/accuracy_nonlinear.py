@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from magphonon import DrivenVerlet, MagneticRepulsion, lattices, read_scene, ready_scene, units
 from magphonon.dynamics.engine import highest_frequency
+from magphonon.dynamics.splittings import SPLITTINGS
 from magphonon.stiffness.matrices import condense
 
 from .accuracy import Candidate, Chart, cheapest, measure, panels_of
@@ -20,17 +21,15 @@ WIDTH = 1.5                      # of the plucked shape, in spacings
 END = 60 * units.ms              # nine periods of the highest frequency
 TARGET = 1e-6
 GOOD = 0.01                      # error at which the linear answer is called no longer good enough
-ENGINES = {'ase': "ASE's VelocityVerlet", 'numpy': 'Verlet, NumPy blocks', 'compiled': 'Verlet, compiled'}
-
-# A splitting method is its coefficients: moves and kicks in turn, a move first, as shares of the time step.
-_cube = 1 / (2 - 2 ** (1 / 3))
-_move, _kick = (0.0, 0.245298957184271, 0.604872665711080), (0.0829844064174052, 0.396309801498368, -0.0390563049223486)
-SPLITTINGS = {
-    'Yoshida, 3 forces': ((_cube / 2, (1 - _cube) / 2, (1 - _cube) / 2, _cube / 2), (_cube, 1 - 2 * _cube, _cube)),
-    # Blanes and Moan 2002, SRKN6b: the first force is the last one of the step before
-    'Blanes-Moan, 6 forces': ((*_move, 1 / 2 - sum(_move), 1 / 2 - sum(_move), *_move[:0:-1], 0.0),
-                              (*_kick, 1 - 2 * sum(_kick), *_kick[::-1])),
+FAST = 'compiled' if find_spec('numba') else 'numpy'
+METHODS = {
+    "ASE's VelocityVerlet": ('ase', 2, (0.4, 0.1)),
+    'Verlet, NumPy blocks': ('numpy', 2, (0.4, 0.1, 0.025)),
+    'Verlet, compiled': (FAST, 2, (0.4, 0.1, 0.025, 0.00625, 0.0009)),
+    'order 4, compiled': (FAST, 4, (0.2, 0.1, 0.05, 0.025)),
+    'order 6, compiled': (FAST, 6, (0.14, 0.07, 0.035)),
 }
+"""Engine, order, and time steps for each force, as shares of the limit of Verlet: equal shares cost the same."""
 
 
 @dataclass(frozen=True)
@@ -106,50 +105,24 @@ def patch_of(n):
 def candidates(pluck, panel):
     """Every method at several steps or tolerances."""
     runs = {}
-    for engine, name in ENGINES.items():
-        if engine == 'compiled' and not find_spec('numba'):
-            continue
-        shares = {'ase': (0.4, 0.1), 'numpy': (0.4, 0.1, 0.025), 'compiled': (0.4, 0.1, 0.025, 0.00625, 0.0009)}[engine]
-        runs |= {(name, f'dt = {s:g} of the limit'): partial(verlet, pluck, s, engine) for s in shares}
-    for name in SPLITTINGS:
-        runs |= {(name, f'dt = {s:g} of the limit'): partial(splitting, pluck, s, name) for s in (0.2, 0.1, 0.05, 0.025)}
+    for name, (engine, order, shares) in METHODS.items():
+        runs |= {(name, f'dt = {s:g} of the limit for each force'): partial(stepped, pluck, s, engine, order) for s in shares}
     runs |= {('DOP853', f'rtol = {r:.0e}'): partial(dop853, pluck, r) for r in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)}
     runs['linear answer, by modes', ''] = partial(linear_answer, pluck)
     return [Candidate(*name, run, panel) for name, run in runs.items()]
 
 
-def verlet(pluck, share, engine, cost):
-    """Velocity Verlet with a time step of `share` of its limit."""
-    steps = int(np.ceil(END / (share * pluck.limit)))
-    cost['force evaluations'] = steps
+def stepped(pluck, share, engine, order, cost):
+    """Steps of the package, each as long as its forces times `share` of the limit of Verlet."""
+    stages = SPLITTINGS[order].stages
+    steps = int(np.ceil(END / (stages * share * pluck.limit)))
+    cost['force evaluations'] = steps * stages
     atoms = pluck.patch.copy()
     atoms.calc = pluck.patch.calc
     atoms.positions[:, :2] += pluck.start
-    dyn = DrivenVerlet(atoms, END / steps, engine=engine)
+    dyn = DrivenVerlet(atoms, END / steps, engine=engine, order=order)
     dyn.run(steps)
     return dyn.displacements[pluck.free]
-
-
-def splitting(pluck, share, name, cost):
-    """A splitting method; its time step counts per force, so that equal shares cost the same."""
-    (first, *moves), kicks = SPLITTINGS[name]
-    steps = int(np.ceil(END / (len(kicks) * share * pluck.limit)))
-    h, a = END / steps, pluck.acceleration
-    u, v = pluck.start[pluck.free], 0.0
-    force = a(u) if first == 0 else None
-    for _ in range(steps):
-        if first == 0:  # no move before the first kick: its force is known
-            v = v + kicks[0] * h * force
-        else:
-            u = u + first * h * v
-            v = v + kicks[0] * h * a(u)
-        for move, kick in zip(moves, kicks[1:], strict=False):
-            u = u + move * h * v
-            force = a(u)
-            v = v + kick * h * force
-        u = u + moves[-1] * h * v
-    cost['force evaluations'] = steps * (len(kicks) - (first == 0)) + (first == 0)
-    return u
 
 
 def dop853(pluck, rtol, cost):
@@ -185,9 +158,10 @@ def checks(table, amplitudes, linear):
 
     slope = np.polyfit(np.log(amplitudes[:3]), np.log(linear[:3]), 1)[0]
     return [
-        Check('nonlinear: order of Verlet in blocks', order(ENGINES['numpy']), 2, 0.05),  # next term: (w dt)^2, 3e-3
-        *(Check(f'nonlinear: order of {name}', order(name), 4, 0.1) for name in SPLITTINGS),
-        Check('control: fourth order by Verlet', order(ENGINES['numpy']), 4, 0.1, control=True),
+        Check('nonlinear: order of Verlet in blocks', order('Verlet, NumPy blocks'), 2, 0.05),  # next term: (w dt)^2, 3e-3
+        Check('nonlinear: order of steps of order 4', order('order 4, compiled'), 4, 0.1),
+        Check('nonlinear: order of steps of order 6', order('order 6, compiled'), 6, 0.3),  # next term larger, as steps are long
+        Check('control: fourth order by Verlet', order('Verlet, NumPy blocks'), 4, 0.1, control=True),
         Check('nonlinear: error of the linear answer grows with this power of the amplitude', slope, 1, 0.05),
         Check(f'control: the linear answer at {amplitudes[-1]:g} L0, error', linear[-1], 0, GOOD, control=True),
     ]
@@ -195,7 +169,7 @@ def checks(table, amplitudes, linear):
 
 def reading(panels, enough):
     """What the chart says."""
-    words, names = [], list(ENGINES.values())
+    words, names = [], [name for name, (_, order, _) in METHODS.items() if order == 2]
     for panel, table in panels.items():
         steps = [m for m in table if not m.method.startswith('linear')]
         best = cheapest(steps, TARGET)
@@ -204,6 +178,6 @@ def reading(panels, enough):
         beside = f', {verlet.method} in {verlet.seconds:.2g} s' if verlet else ', Verlet at no step charted'
         words.append(f'{panel}: {best.method} reaches {TARGET:.0e} in {best.seconds:.2g} s{beside}; the linear answer is off by '
                      f'{linear.error:.1g}.')
-    rough = cheapest([m for m in table if m.method in (*names, *SPLITTINGS)], 1e-3)
+    rough = cheapest([m for m in table if m.method in METHODS], 1e-3)
     return (' '.join(words) + f' For an error of 1e-3, {rough.method} is cheapest. '
             f'The linear answer is good to {GOOD:.0%} up to {enough:.1g} L0.')
