@@ -267,7 +267,7 @@ def compare(question, kind, seeds):
 
 
 def apart(found, exact):
-    return abs(found - exact).max() / abs(exact).max()
+    return abs(found - exact).max() / (abs(exact).max() or 1.0)  # waves between walls may have no velocity at all
 
 
 @pytest.mark.parametrize('kind', KINDS)
