@@ -139,7 +139,7 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
         raise ValueError('the shells of neighbours of this cell cannot be told apart, so no method has a number of them; give '
                          'its vectors and positions with more digits')
     continuum = _continuum(atoms, shells[-1].lengths.mean(), q)
-    near = _within_half(shells)
+    near = max(1, sum(shell.lengths.mean() <= shells[-1].lengths.mean() / 2 for shell in shells))  # within half the distance
     # the two references; they are the same where a measured table knows only the nearest
     beyond = [(near, _continuum(atoms, shells[near - 1].lengths.mean(), q)), (len(shells), continuum)]
     errors = _errors(atoms, q, edge, shells, counts, beyond)
@@ -163,11 +163,6 @@ def _plan_within(atoms, path, tolerance, edge, q, reach, spent):
     what = (f'Bands {path.path}', 'the highest frequency') if edge is None else (edge.name, 'itself')
     cost = bloch_cost(bonds[-1], len(q), size, calc.dim, 'complete') + len(errors) * len(q) * EIGENSOLVE * size**3
     return Plan(*what, tolerance, tuple(methods), evidence, spent + cost)
-
-
-def _within_half(shells):
-    """Number of shells within half the distance of the farthest, at least one."""
-    return max(1, sum(shell.lengths.mean() <= shells[-1].lengths.mean() / 2 for shell in shells))
 
 
 def _errors(atoms, q, edge, shells, counts, continua):

@@ -54,10 +54,6 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
         The lowest ones only, which a large structure finds without being diagonalised, and counts lest one be missed; all of them
         if not given.
 
-    Returns
-    -------
-    Modes
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
@@ -104,10 +100,6 @@ def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
         At rest, with MagneticRepulsion.
     omega : float
         In rad/ms; negative for modes that grow faster than this rate.
-
-    Returns
-    -------
-    int
 
     Examples
     --------
@@ -176,10 +168,6 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     atoms : ase.Atoms or LinearSystem
         The structure of the modes.  In periodic directions distances are those of the images nearest to the particle that moves
         most.
-
-    Returns
-    -------
-    Extent
 
     Examples
     --------

@@ -225,10 +225,6 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     tolerance : float
         Largest error of a displacement, as a share of the largest one in the answer.
 
-    Returns
-    -------
-    Transient
-
     Examples
     --------
     >>> import numpy as np

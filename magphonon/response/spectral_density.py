@@ -129,10 +129,6 @@ def spectral_function(atoms: Atoms | LinearSystem, cell: Atoms, q: ArrayLike, om
         In fractions of the reciprocal vectors of `cell`, as `path.kpts` of a path through its zone.
     omega, moments
         As for `density_of_states`.
-
-    Returns
-    -------
-    SpectralFunction
     """
     system, count = LinearSystem.of(atoms).moving(), _even(moments)
     q = finite('q', q)

@@ -59,10 +59,6 @@ def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLik
         In N.
     dt : float
         In ms.
-
-    Returns
-    -------
-    FrequencyResponse
     """
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:

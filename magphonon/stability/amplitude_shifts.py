@@ -210,10 +210,6 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
         Gives c_1 of the mode in g^1/2 mm as a function of the frequency W in rad/ms: a constant, or `F/(gamma W)` at the peak of
         a response.
 
-    Returns
-    -------
-    Vibration
-
     Raises
     ------
     FarFromLinear

@@ -87,10 +87,6 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
         Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.  By default 48
         for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  Minima between them
         are found too, see `softest_wave`.
-
-    Returns
-    -------
-    Softest
     """
     if masses is not None:
         root: Any = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1])))
@@ -369,10 +365,6 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> Support
     magnets : bool
         Magnets normal to the plane, or a central energy.
 
-    Returns
-    -------
-    SupportNeeded
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene, units as u
@@ -422,10 +414,6 @@ def border_over_spacings(atoms: Atoms, scales: ArrayLike) -> Border:
     scales : array_like, shape (values,)
         Multiples of the present spacing, ascending.
 
-    Returns
-    -------
-    Border
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices
@@ -451,10 +439,6 @@ def border_over_exponents(atoms: Atoms, exponents: ArrayLike) -> Border:
         One cell with its MagneticRepulsion by `InversePower`, in balance by its symmetry.
     exponents : array_like, shape (values,)
         Ascending.
-
-    Returns
-    -------
-    Border
 
     Examples
     --------

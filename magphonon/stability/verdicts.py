@@ -183,10 +183,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
     distance : float, optional
         Their displacement in mm; by default that of `finite_displacements`.
 
-    Returns
-    -------
-    Verdict
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, lattices, verdict
