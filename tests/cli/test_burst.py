@@ -1,5 +1,6 @@
 """The commands burst and spectrum: what they write, that a table read again gives the same ridge, and how they fail."""
 
+import argparse
 import csv
 import io
 import re
@@ -291,3 +292,8 @@ def test_terminated_burst_leaves_nothing(scene_file, tmp_path):
     out, status, words = struck(signal.SIGTERM, scene_file, tmp_path)
     assert (status, words) == (143, 'magphonon: terminated\n')
     assert not list(out.iterdir())
+
+
+def test_lammps_without_files_runs_in_a_folder_of_its_own():
+    options = argparse.Namespace(engine='lammps', ranks=None, files=None, threads=None, animation=False)
+    assert burst._engine(options)('burst', 'complete')['directory'] is None

@@ -10,7 +10,7 @@ from ase.constraints import FixAtoms, FixedLine
 from motion import L0, LAW, MASS
 
 from magphonon import Diverged, DrivenVerlet, InversePower, MagneticRepulsion, Tabulated, foundation_needed, lattices, verdict
-from magphonon.stability import escape_speeds
+from magphonon.stability import escape_speeds, escapes
 
 
 def prototype():
@@ -106,3 +106,18 @@ def test_what_has_many_bonds_or_a_law_that_ends_near_is_not_judged():
     r = np.linspace(0.7, 4, 100) * L0  # on the way through the gap two neighbours are at 0.58
     cell.calc = MagneticRepulsion(cell, Tabulated(r, -LAW.dphi(r)), foundation=0.0196757)
     assert escape_speeds(cell) is None
+
+
+@pytest.mark.parametrize('spacing', [0.2, 20.0])
+@pytest.mark.parametrize(('angle', 'judged'), [(66, False), (70, True)])
+def test_unbonded_neighbours_count_only_where_they_rest_well_apart(spacing, angle, judged):
+    """Two without a bond rest at 1.09 or 1.15 spacings: only from the latter may they come as near as bonded ones."""
+    angle = np.deg2rad(angle)
+    cell = Atoms('Nd', cell=spacing * np.array([[1, 0, 0], [np.cos(angle), np.sin(angle), 0], [0, 0, 2]]), pbc=(1, 1, 0),
+                 masses=[1e-3 * spacing**3])
+    atoms = cell.repeat((4, 4, 1))
+    atoms.calc = MagneticRepulsion(atoms, InversePower(spacing**4, 4.0), foundation=1.0, cutoff=1.02 * spacing)
+    with np.errstate(divide='ignore'):  # straight ways may lead through a particle
+        places = escapes._places(atoms)
+    nearer = [place for place in places if place.distance == pytest.approx(spacing)]
+    assert bool(nearer) == judged
