@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .costs import Cost
 
 HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, and which are local'
-RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif'
+RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
 LOWEST = 60  # number of the lowest modes of a larger patch
@@ -35,6 +35,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_pictures(parser)
     parser.add_argument('--animate', metavar='MODE', type=int,
                         help='write a film of this mode of the patch, by its number in modes.csv')
+    parser.add_argument('--compare', metavar='TABLE',
+                        help='compare measured shapes, a table with the columns mode,frequency_Hz,x_mm,y_mm,u_x,u_y, with the '
+                        'modes of the patch')
 
 
 def run(options: Namespace) -> None:
@@ -46,14 +49,15 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_cost(scene, cost(scene))
     lattice, patch, report = lattice_and_patch(scene)
-    if patch is None and options.animate is not None:
-        raise ValueError(f'--animate {options.animate}: the scene has no patch whose modes could be filmed; add a table [patch]')
+    for option in ('animate', 'compare'):
+        if patch is None and (given := getattr(options, option)) is not None:
+            raise ValueError(f'--{option} {given}: the scene has no patch whose modes it could take; add a table [patch]')
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         report = [scene.title, *report]
         if lattice is not None:
             report += _of_lattice(save, scene, lattice)
         if patch is not None:
-            report += _of_patch(folder, save, lattice, patch, scene, options.animate)
+            report += _of_patch(folder, save, lattice, patch, scene, options)
         drawn = any(folder.glob('*.png'))
     print('\n'.join([*report, *neighbours(scene)]))
     print(f'pictures and data are in {options.output}' if drawn else 'no pictures: modes are drawn of planar lattices that have '
@@ -110,7 +114,7 @@ def _of_lattice(save, scene, atoms):
     return report
 
 
-def _of_patch(folder, save, lattice, patch, scene, filmed):
+def _of_patch(folder, save, lattice, patch, scene, options):
     import numpy as np
 
     from ..bands.density import band_ranges
@@ -119,7 +123,7 @@ def _of_patch(folder, save, lattice, patch, scene, filmed):
 
     system, defects = LinearSystem.of(patch).moving(), scene.defect_places()
     ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
-    found, every = _modes(system, ranges)
+    (found, every), filmed = _modes(system, ranges), options.animate
     if filmed is not None and not 1 <= filmed <= len(found.omega):
         raise ValueError(f'--animate must be the number of a mode, 1 to {len(found.omega)}, not {filmed}')
     extent = extents(found, system)
@@ -145,6 +149,8 @@ def _of_patch(folder, save, lattice, patch, scene, filmed):
         report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g}{uncertain} Hz, {extent.participation[k]:.3g} particles '
                       f'take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
     report += told
+    if options.compare is not None:
+        report += _compared(folder, save, system, found, options.compare)
     if filmed is not None:
         report.append(_film(folder, system, found, filmed, about))
     return report
@@ -191,6 +197,34 @@ def _spread(scene, system, found):
         return {'std_Hz': first}, told
     about = np.sqrt(np.mean((drawn - found.frequencies_Hz) ** 2, axis=0))  # scatter shifts the mean, too, to second order
     return {'std_Hz': np.fmax(first, about), 'first_order_std_Hz': first, 'drawn_std_Hz': about}, told
+
+
+def _compared(folder, save, system, found, table):
+    """Table, picture and lines of the report of measured shapes beside the computed ones."""
+    import numpy as np
+
+    from .. import units
+    from ..files import write_columns
+    from ..plotting.modes import plot_comparison
+    from ..response.measured_shapes import compared
+
+    comparison = compared(table, system.atoms, found)
+    f = found.frequencies_Hz
+    write_columns(folder / 'mac.csv', ['mode', 'frequency_Hz', *(f'mac_{k + 1}' for k in range(len(comparison.names)))],
+                  [np.arange(len(f)) + 1, f, *comparison.mac])
+    save(plot_comparison(comparison, found).figure, 'mac')
+    lines = ['', 'measured shapes (MAC of 1 is the same shape; columns of mac.csv in this order):']
+    for name, omega, mac, least in zip(comparison.names, comparison.omega, comparison.mac, comparison.least, strict=True):
+        best, measured = int(mac.argmax()), units.hertz(omega)
+        known = not np.isnan(measured)
+        what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
+        off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
+        if mac[best] > least:
+            lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}')
+        else:
+            lines.append(f'{what}no mode alike; the nearest is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC {mac[best]:.3f}, '
+                         f'and a match needs {least:.3f} with so many measured directions')
+    return lines
 
 
 def _write_table(file, extent, spread):

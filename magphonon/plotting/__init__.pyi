@@ -26,6 +26,7 @@ from .fits import (
     plot_fit as plot_fit,
 )
 from .modes import (
+    plot_comparison as plot_comparison,
     plot_extents as plot_extents,
     plot_mode as plot_mode,
     plot_shape as plot_shape,

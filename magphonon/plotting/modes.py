@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ..bands.bands import Bands
-    from ..response.normal_modes import Extent
+    from ..response.measured_shapes import Comparison
+    from ..response.normal_modes import Extent, Modes
 
 ARROW = 0.42  # longest arrow of a mode shape of a lattice in bond lengths
 # Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
@@ -142,6 +143,31 @@ def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tupl
     ax.set(ylabel='particles that take part', yscale='log', ylim=(0.8, 1.5 * extent.participation.max()))
     if own:
         legend_above(ax)
+    return ax
+
+
+def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = None) -> Axes:
+    """MAC of measured shapes, in rows, with the computed ones most like them, in columns; matches are framed.
+
+    Parameters
+    ----------
+    found : Comparison
+    computed : Modes
+    ax : matplotlib.axes.Axes, optional
+    """
+    ax = new_axes() if ax is None else ax
+    best = np.argsort(found.mac, axis=1)[:, -2:]
+    shown = np.unique(best)
+    picture = ax.imshow(found.mac[:, shown], cmap='Greys', vmin=0, vmax=1, aspect='auto')
+    for row, column in zip(*np.nonzero(found.mac[:, shown] > found.least[:, None]), strict=True):
+        ax.plot(column, row, 's', markersize=9, markerfacecolor='none', color=COLOURS[1])
+    frequencies = units.hertz(found.omega)
+    measured = [name if np.isnan(f) else f'{name}: {f:.4g} Hz' for name, f in zip(found.names, frequencies, strict=True)]
+    ax.set_xticks(range(len(shown)), [f'{k + 1}: {f:.4g} Hz' for k, f in zip(shown, computed.frequencies_Hz[shown], strict=True)],
+                  rotation=90)
+    ax.set_yticks(range(len(measured)), measured)
+    ax.set(xlabel='computed mode', ylabel='measured mode')
+    ax.figure.colorbar(picture, ax=ax, label='MAC')
     return ax
 
 

@@ -6,6 +6,10 @@ from .frf import (
     receptance as receptance,
     series_response as series_response,
 )
+from .measured_shapes import (
+    Comparison as Comparison,
+    compared as compared,
+)
 from .normal_modes import (
     Extent as Extent,
     Modes as Modes,

@@ -1,0 +1,121 @@
+"""Measured mode shapes against computed ones, by the modal assurance criterion (Allemang and Brown, IMAC 1982, p. 110).
+
+    MAC = |a*.b|^2 / (|a|^2 |b|^2)      over the places and directions that were measured
+
+It is 1 for equal shapes, of any amplitude and phase.  Of whole orthogonal shapes only one can have more than a half with a
+measured one.  Few measured directions are alike by chance: of n real numbers at random the MAC has the distribution
+Beta(1/2, (n - 1)/2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import betaincinv
+
+from .. import units as u
+from ..tables import FREQUENCY, LENGTH, PURE, SPEED, TEXT, read_table
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from .normal_modes import Modes
+
+ANY = PURE | LENGTH | SPEED  # of amplitudes, whose unit does not matter
+COLUMNS = {'mode': TEXT, 'frequency': FREQUENCY, 'x': LENGTH, 'y': LENGTH} | {
+    f'{name}{part}': ANY for name in ('u_x', 'u_y') for part in ('', '_im')}
+LAYOUT = ('a table of measured shapes has the columns mode,x_m,y_m and u_x or u_y or both, a row for each mode and magnet, and '
+          'where known frequency_Hz and the imaginary parts u_x_im, u_y_im')
+NEAR = 0.25  # of the spacing: the farthest that a measured point may be from its magnet
+ALIKE = 0.5
+"""MAC above which no other of the computed shapes can be as much like a measured one, if all of it was measured."""
+CHANCE = 0.01
+"""Probability with which the best of all computed shapes may have the MAC of a match by chance."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Measured shapes and all computed ones.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the measured shapes.
+    omega : ndarray, shape (measured,)
+        Their angular frequencies in rad/ms; NaN where not known.
+    mac : ndarray, shape (measured, modes)
+        Modal assurance criterion with each computed mode.
+    least : ndarray, shape (measured,)
+        The MAC that a match needs: more than `ALIKE`, and than chance gives with so few measured directions; 1 with one.
+    """
+
+    names: tuple[str, ...]
+    omega: NDArray[np.float64]
+    mac: NDArray[np.float64]
+    least: NDArray[np.float64]
+
+
+def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Comparison:
+    r"""Compare a table of measured shapes with the modes of a structure.
+
+    Parameters
+    ----------
+    path : path-like
+        A row for each mode and measured magnet, with its place at rest; amplitudes in any unit.
+    atoms : ase.Atoms
+        The structure, in the frame of the measured places.
+    found : Modes
+        Of it.
+
+    Raises
+    ------
+    ValueError
+        For a place farther than a quarter of the spacing from every magnet, or one that a mode has twice.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices, modes
+    >>> from magphonon.response import compared
+    >>> patch = lattices.hexagon(lattices.triangular(10.0, 1.0), 20.0)
+    >>> patch.calc = MagneticRepulsion(patch, InversePower(1e4, 4.0), foundation=1.0)
+    >>> found = modes(patch)
+    >>> rows = [f'1,{x},{y},{ux},{uy}' for (x, y, _), (ux, uy) in zip(patch.positions, found.shapes[3])]
+    >>> file = tempfile.mkdtemp() + '/shapes.csv'
+    >>> with open(file, 'w') as table:
+    ...     _ = table.write('\n'.join(['mode,x_mm,y_mm,u_x,u_y', *rows]))
+    >>> compared(file, patch, found).mac[0].argmax()
+    np.int64(3)
+    """
+    table = read_table(path, COLUMNS, ['mode', 'x', 'y'], others=False, layout=LAYOUT)
+    axes = [k for k, name in enumerate(('u_x', 'u_y')) if name in table]
+    if not axes:
+        raise ValueError(f'{path} has neither u_x nor u_y; {LAYOUT}')
+    away = np.linalg.norm(atoms.positions[:, None, :2] - np.stack([table['x'], table['y']], axis=1), axis=2)
+    particle, spacing = away.argmin(axis=0), atoms.calc.bonds.lengths.min()  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+    for row in np.flatnonzero(away.min(axis=0) > NEAR * spacing)[:1]:
+        raise ValueError(f'line {table.lines[row]} of {path}: the nearest magnet is {away[:, row].min() / u.mm:.3g} mm away from '
+                         f'{table.header["x"]}, {table.header["y"]}; places are those of the scene, at rest')
+    shape = np.stack([table[name] + 1j * table.get(f'{name}_im', 0.0) for name in ('u_x', 'u_y') if name in table], axis=1)
+    names = tuple(dict.fromkeys(map(str, table['mode'])))
+    mac, omega, least = np.empty((len(names), len(found.omega))), np.full(len(names), np.nan), np.ones(len(names))
+    for k, name in enumerate(names):
+        rows = np.flatnonzero(table['mode'] == name)
+        at, a = particle[rows], shape[rows].ravel()
+        if len(np.unique(at)) < len(at):
+            raise ValueError(f'{path}: the mode {name} has one magnet twice; give each magnet one row')
+        if not a.any():
+            raise ValueError(f'{path}: nothing moves in the mode {name}; leave it out')
+        b = found.shapes[:, at][..., axes].reshape(len(found.omega), -1)
+        square = (b**2).sum(axis=1)
+        mac[k] = np.minimum(abs(b @ a) ** 2 / np.where(square > 0, square, np.inf) / (abs(a) ** 2).sum(), 1)  # of round-off
+        omega[k] = table['frequency'][rows[0]] if 'frequency' in table else np.nan
+        if len(a) > 1:
+            by_chance = betaincinv(0.5, (len(a) - 1) / 2, (1 - CHANCE) ** (1 / len(found.omega)))
+            least[k] = max(ALIKE, by_chance)
+    return Comparison(names, omega, mac, least)
