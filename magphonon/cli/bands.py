@@ -27,17 +27,18 @@ def run(options: Namespace) -> None:
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
     from ..scenes.scene import read_scene
-    from .costs import refuse_costly
+    from .costs import bands_cost, refuse_cost
     from .results import results
 
     scene = read_scene(options.scene)
-    refuse_costly(scene, 'bands')
+    refuse_cost(scene, bands_cost(scene))
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         atoms, path = scene.perfect_cell(), scene.band_path()
         try:
             phonon = finite_displacements(atoms, scene.supercell())
         except ValueError as error:
-            raise ValueError(f'bands.supercell = {list(scene.bands.supercell)}: {error}') from None
+            given = scene.wanted('bands').supercell or scene.supercell()
+            raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         _save(folder, bands, phonon)

@@ -86,7 +86,7 @@ def duration(seconds: float) -> str:
 
 def bands_cost(scene: Scene) -> Cost:
     """Cost of `magphonon bands`."""
-    points, particles, bonds = scene.bands.points, len(scene.cell()), len(scene.perfect_cell().calc.bonds)
+    points, particles, bonds = scene.wanted('bands').points, len(scene.cell()), len(scene.perfect_cell().calc.bonds)
     pairs = (particles * np.prod(scene.supercell(), dtype=float)) ** 2
     memory = {'bands.points': PICTURES_bytes + points * (POINT_bytes + MATRIX_bytes * particles**2 + PHASE_bytes * bonds),
               'bands.supercell': PAIR_bytes * pairs}
@@ -112,10 +112,11 @@ def uncertainty_cost(scene: Scene) -> Cost:
     """Cost of `magphonon uncertainty`."""
     memory, seconds, files = {'title': PICTURES_bytes}, PICTURES_s, 0
     parameters = len(scene.uncertainty.model_fields_set)
-    if scene.bands is not None:
+    plan = scene.bands if scene.frf is not None or scene.single or scene.finite else scene.wanted('bands')
+    if plan is not None:
         bonds = len(scene.perfect_cell().calc.bonds)
-        memory['bands.points'] = scene.bands.points * len(scene.cell()) ** 2 * (MATRIX_bytes + PHASE_bytes * bonds * parameters)
-        seconds, files = seconds + DRAWN_s + POINT_s * len(scene.cell()) * scene.bands.points, files + 4
+        memory['bands.points'] = plan.points * len(scene.cell()) ** 2 * (MATRIX_bytes + PHASE_bytes * bonds * parameters)
+        seconds, files = seconds + DRAWN_s + POINT_s * len(scene.cell()) * plan.points, files + 4
     if scene.frf is not None:
         particles = particles_of(scene)
         memory['frf.points'] = 72.0 * scene.frf.points * particles * (2 + parameters) + FACTOR_bytes * particles
@@ -196,7 +197,7 @@ def too_much(scene: Scene, cost: Cost, free: float) -> str:
     """The message for a cost that is too high: the key, its value and what to do."""
     value = scene
     for key in cost.key.split('.'):
-        value = getattr(value, key)
+        value = scene.supercell() if key == 'supercell' else scene.wanted('bands') if key == 'bands' else getattr(value, key)
     return (f'{cost.key} = {list(value) if isinstance(value, tuple) else value!r} makes [{cost.table}] need '
             f'{amount(cost.bytes)} of memory, more than {USABLE_FRACTION:.0%} of the {free / GIGABYTE:.3g} GB that are free; '
             'lower it')

@@ -37,16 +37,17 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene).counted()
     refuse_costly(scene, 'uncertainty')
     tolerances = scene.wanted('uncertainty').tolerances(scene)
-    if scene.bands is None and scene.frf is None:
-        raise ValueError(f'the scene {scene.title!r} has neither [bands] nor [frf], to which tolerances could propagate; add one')
+    bands = scene.bands is not None or scene.frf is None
+    if bands and (scene.single or scene.finite):
+        raise ValueError(f'the scene {scene.title!r} has no [frf], to which tolerances could propagate; add one')
     lines = [scene.title]
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
-        if scene.bands is not None:
+        if bands:
             lines += _bands(folder, save, scene, tolerances) if tolerances.changes else []
             lines += ['', OWN_SCATTER] if tolerances.scatter.std.any() else []
         if scene.frf is not None:
             lines += _response(folder, save, scene, tolerances)
-        if scene.bands is None or not tolerances.changes:
+        if not (bands and tolerances.changes):
             lines += neighbours(scene)
     print('\n'.join(lines))
     print(f'pictures and data are in {options.output}')

@@ -230,9 +230,11 @@ def _kinds(scene: Scene) -> None:
 
 
 def _bands(scene: Scene) -> None:
-    kind, wanted, periodic = scene.lattice.kind, list(scene.bands.supercell), int(scene.lattice.cell().pbc.sum())
-    if len(wanted) != periodic:
-        raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {wanted}')
+    kind, wanted, periodic = scene.lattice.kind, scene.bands.supercell, int(scene.lattice.cell().pbc.sum())
+    if wanted is not None and len(wanted) != periodic:
+        raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
+    if scene.bands.path is None:
+        return
     known = scene.special_points
     if len(scene.bands.path) > MOST_LEGS:
         raise ValueError(f'bands.path must join at most {MOST_LEGS} points, not {len(scene.bands.path)}')

@@ -57,9 +57,10 @@ HERTZ = 2 * np.pi * u.Hz  # one hertz in rad/ms
 class BandPlan(Table):
     """The path of the bands, and phonopy's supercell."""
 
-    path: Text = Field(description="the special points in order, such as 'GMKG'")
-    points: AtLeastTwo = Field(description='the number of wavevectors along the path')
-    supercell: Counts = Field(description="phonopy's supercell, one number for each periodic direction")
+    path: Text | None = Field(None, description="the special points in order, such as 'GMKG'; by default those of ASE")
+    points: AtLeastTwo = Field(200, description='the number of wavevectors along the path')
+    supercell: Counts | None = Field(None, description="phonopy's supercell, one number for each periodic direction; by "
+                                                       'default the smallest in which no bond spans half of it')
 
 
 class Pick(Table):

@@ -22,6 +22,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from .. import units as u
+from ..bands.force_constants import enough_cells
 from ..bands.neighbours import enough_shells, whole_reach
 from ..errors import PhysicsError
 from ..files import whole_file
@@ -346,8 +347,10 @@ class Scene(Table):
         return atoms, source, answer
 
     def wanted(self, name: str) -> Any:
-        """One of the tables of computations, such as 'bands'."""
+        """One of the tables of computations, such as 'bands'; a lattice without [bands] has those on ASE's path."""
         table = getattr(self, name)
+        if name == 'bands' and table is None and not (self.single or self.finite):
+            return BandPlan()
         if table is None:
             have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
             example = 'prototype' if 'prototype' in have else have[0]
@@ -362,6 +365,8 @@ class Scene(Table):
     def supercell(self) -> tuple[int, ...]:
         """Phonopy's supercell in three dimensions."""
         wanted = self.wanted('bands').supercell
+        if wanted is None:
+            return tuple(map(int, enough_cells(self.perfect_cell().calc)))
         return wanted + (1,) * (3 - len(wanted))
 
 

@@ -120,7 +120,6 @@ def _point_and_branch(scene: Scene, point: str, branch: str) -> None:
 
 def _branch_below(scene: Scene, branch: str) -> None:
     _refuse_no_bands(scene)
-    scene.wanted('bands')
     _branch(scene, branch, 1)
 
 

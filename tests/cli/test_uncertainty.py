@@ -161,4 +161,4 @@ def test_scene_without_anything_to_propagate_to_is_refused(tmp_path, capsys):
     text = ready_scene('oscillator').read_text()
     text = text.partition('[frf]')[0] + text[text.index('[uncertainty]'):]
     assert main(['uncertainty', scene_file(tmp_path, text), '-o', str(tmp_path / 'out')]) == 2
-    assert 'neither [bands] nor [frf]' in capsys.readouterr().err
+    assert 'has no [frf], to which tolerances could propagate' in capsys.readouterr().err

@@ -189,14 +189,17 @@ def test_lattices_of_every_size(spacing, scene_file):
     assert_allclose(numerical.omega, expected.omega, atol=1e-8 * expected.omega.max())  # phonopy's promise
 
 
-def test_scene_without_bands_is_one_until_they_are_wanted(scene_file):
-    scene = read_scene(scene_file({'bands': None}))
-    assert scene.atoms().get_forces() == pytest.approx(0)
-    with pytest.raises(ValueError, match=r'has no table \[bands\]; add one, as in "magphonon scene prototype"'):
-        scene.band_path()
+@pytest.mark.parametrize('table', [None, {}])
+@pytest.mark.parametrize(('shells', 'cells'), [(1, (3, 3, 1)), (2, (5, 5, 1)), (3, (5, 5, 1)), (4, (7, 7, 1))])
+def test_a_scene_without_bands_has_those_of_ases_path(scene_file, table, shells, cells):
+    """A supercell of n cells is 0.87 n spacings wide, and its bonds 1, 1.73, 2 and 2.65: twice as wide is the least."""
+    scene = read_scene(scene_file({'bands': table, 'law.shells': shells}))
+    path = scene.band_path()
+    assert (path.path, len(path.kpts)) == ('GMKG', 200)
+    assert scene.supercell() == cells
 
 
-@pytest.mark.parametrize('table', ['bands', 'patch', 'burst', 'frf', 'uncertainty'])
+@pytest.mark.parametrize('table', ['patch', 'burst', 'frf', 'uncertainty'])
 def test_missing_table_is_shown_in_a_scene_that_has_it(table):
     wanting = read_scene(ready_scene('prototype')).model_copy(update={table: None})
     with pytest.raises(ValueError, match=r'add one, as in') as caught:
