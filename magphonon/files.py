@@ -262,7 +262,7 @@ class Saved(Result):
             unit, *axes = self._units[name]
             if '...' in axes:
                 axes = [*axes[:-1], *(f'{name}_{k}' for k in range(len(axes) - 1, array.ndim))]
-            axes = [called.get(axis, f'{axis}_axis' if axis in arrays else axis) for axis in axes]
+            axes = [called.get(axis, f'{axis}_axis' if axis in self._units else axis) for axis in axes]
             for k, length in enumerate(array.shape):
                 if axes[k] in axes[:k]:  # a matrix
                     axes[k] = f'{axes[k]}_again'
