@@ -5,6 +5,8 @@ intervals contain them; say how well you know each.  A length or force without a
 With `--bands SCENE` the tables are of ridge points, as `magphonon spectrum` writes them or from any other analysis: force,
 exponent and foundation of the scene are fitted to them with D* and without, and the evidence for D* is stated.  The source of the
 waves stands in the table; the intervals allow for the shift that it gives all ridges of a branch.
+With `--frf SCENE` the files are of measured transfer functions, tables or universal files: force, exponent, foundation and
+damping of the patch or the structure of the scene are fitted to them, with D* and without.
 
 docs/coverage.md says how often its 95 % intervals contain the true value.
 """
@@ -17,7 +19,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from .arguments import add_pictures, drawing
 
 HELP = 'the force between two particles from a measured table, or the lattice from measured ridges'
-RESULTS = 'fit.*', 'law.toml', 'band_fit.*'
+RESULTS = 'fit.*', 'law.toml', 'band_fit.*', 'frf_fit.*'
 OF_FORCES = 'spacing', 'contact', 'magnet', 'distance_sigma', 'zero_sigma', 'hysteresis_sigma', 'backlash_sigma', 'gain_sigma'
 
 
@@ -49,11 +51,13 @@ def add_arguments(parser: ArgumentParser) -> None:
                              'one or more tables of ridges, as the spectrum_SCAN_ridges.csv that "magphonon spectrum" writes')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
+    parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
+                        'frequency_Hz and re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg, or universal files .uff')
     parser.add_argument('--fix', metavar='NAMES',
-                        help='with --bands: parameters that are known from the scene, as --fix a,foundation')
+                        help='with --bands or --frf: parameters that are known from the scene, as --fix a,foundation')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
-                        help='with --bands: what is known of a parameter from elsewhere, in SI, as force_N=0.288+-0.01 or '
-                             'a=3.8+-10%%; may be given several times')
+                        help='with --bands or --frf: what is known of a parameter from elsewhere, in SI, as '
+                             'force_N=0.288+-0.01 or a=3.8+-10%%; may be given several times')
     parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
                         help='with --bands: leave out a ridge, as --without "60Hz, longitudinal"; by how much the fit misses it '
                              'widens the intervals')
@@ -75,6 +79,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    if options.frf is not None:
+        _fit_frf(options)
+        return
     if options.scene is not None:
         for name in OF_FORCES:
             if getattr(options, name) is not None:
@@ -186,7 +193,7 @@ def _neighbours(fit):
 
 def _fit_bands(options):
     from ..plotting.fits import plot_band_fits
-    from ..scenes.band_fits import fit_bands
+    from ..scenes.band_fits import KEYS, fit_bands
     from ..scenes.scene import read_scene
     from ..stiffness.bond import MODELS
     from ..waves.ridge_tables import read_ridges
@@ -197,7 +204,7 @@ def _fit_bands(options):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
                          'writes them; no lattice fits both: keep the lines of one model')
     fixed = [name.strip() for name in options.fix.split(',')] if options.fix else []
-    priors = dict(_prior(text) for text in options.priors)
+    priors = dict(_prior(text, KEYS) for text in options.priors)
     try:
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
@@ -213,10 +220,9 @@ def _fit_bands(options):
         print(f'\nthe picture and this text are in {options.output}')
 
 
-def _prior(text):
+def _prior(text, keys):
     """Name, value and standard uncertainty of a parameter from words such as 'force_N=0.288+-0.01' or 'a=3.8+-10%'."""
     from ..errors import one_of
-    from ..scenes.band_fits import KEYS
 
     match = re.fullmatch(r'\s*(\w+)\s*=\s*([-+.\deE]*[\d.])\s*(?:\+-|\+/-|±)\s*([-+.\deE]*[\d.])\s*(%?)\s*', text)
     try:
@@ -225,7 +231,7 @@ def _prior(text):
     except (AttributeError, ValueError):
         raise ValueError(f'--prior {text!r} is no parameter, value and standard uncertainty, as force_N=0.288+-0.01 or a=3.8+-10%'
                          ) from None
-    return KEYS[one_of('the parameter of --prior', key, tuple(KEYS))], (value, value * sigma / 100 if percent else sigma)
+    return keys[one_of('the parameter of --prior', key, tuple(keys))], (value, value * sigma / 100 if percent else sigma)
 
 
 def _beyond(found):
@@ -426,3 +432,76 @@ def _causes(found):
     return (f'{shells} at mass and spacing of the scene, and at the ridge "{_worst(found)}", from which most of it comes: is its '
             'motion or its source another than the table says? Ridges that are taken out until the rest agrees make a confident '
             'and wrong answer; --without leaves one out and widens the intervals by what is missed.')
+
+
+def _fit_frf(options):
+    from ..plotting.response import plot_transfer
+    from ..response.transfer_functions import read_transfer
+    from ..scenes.frf_fits import GAIN, KEYS, fit_frf
+    from ..scenes.scene import read_scene
+    from ..scenes.sources import source_of
+    from .results import results
+
+    for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
+        if getattr(options, name):
+            option = 'bands' if name == 'scene' else name.replace('_', '-')
+            raise ValueError(f'--{option} belongs to other fits; leave it or --frf out')
+    if len(options.files) == 1 and options.files[0].endswith('.toml'):  # fit --frf f.uff SCENE
+        options.files, options.frf = [options.frf], options.files[0]
+    options.scene = source_of(options.frf)
+    scene = read_scene(options.scene)
+    functions = [one for file in options.files for one in read_transfer(file)]
+    fixed = [name.strip() for name in options.fix.split(',')] if options.fix else []
+    gain = GAIN if options.gain_sigma is None else options.gain_sigma
+    found = fit_frf(scene, functions, fixed, dict(_prior(text, KEYS) for text in options.priors), gain)
+    text = frf_report(found, fixed)
+    if options.output is not None:
+        with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
+            save(plot_transfer(found.functions, {model: found.curves(model) for model in found.fits}), 'frf_fit')
+            (folder / 'frf_fit.txt').write_text(text + '\n', encoding='utf-8')
+    print(text)
+    if options.output is not None:
+        print(f'\nthe picture and this text are in {options.output}')
+
+
+def frf_report(found, fixed: list[str]) -> str:
+    """The parameters in both models with their intervals, what the lattice cannot follow, and which model does."""
+    from ..scenes.frf_fits import CLEARLY, UNITS
+
+    fits, values = found.fits, {model: found.values(model) for model in found.fits}
+    points = sum(len(one.omega) for one in found.functions)
+    known = ', '.join(['spacing', *(['mass'] if 'mass' not in fits['complete'].names else []), *fixed])
+    rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits))]
+    rows += [(f'{name} ({UNITS[name]})' if UNITS[name] else name, *(
+        f'({values[model][name][0]:.4g})' if not fits[model].follows else _interval(*values[model][name]) for model in fits))
+        for name in values['complete']]
+    stated = any(one.sigma is not None for one in found.functions)
+    rows.append(('residual in the noise' if stated else 'residual (% of the peak)',
+                 *(f'{fit.misfit:.4g}' if stated else f'{100 * fit.noise:.3g}' for fit in fits.values())))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [found.scene.title, '', f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '',
+             *('  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows), '',
+             'Intervals of 95 %, and in brackets values of a model that does not follow the data; force and bond stiffness '
+             '-df/dr are those at the spacing.']
+    better = fits['complete' if found.ratio >= 1 else 'conventional']
+    if not better.follows:
+        lines.append(f'The lattice is not this model: its sites would have to scatter by {100 * better.site_scatter:.0f} %, so '
+                     'that no interval is given. Check mass, spacing, shells, places and directions of points, units.')
+    elif better.site_scatter:
+        share = f'{100 * better.site_scatter:.2g} %'
+        lines.append(f'The residual of the {better.model} model is {better.misfit:.3g} times the noise: the lattice is not quite '
+                     f'this model. Magnets whose strengths scatter by {share} from one to the next, springs by twice and places '
+                     'by half of that, do so; the intervals are widened by what such scatter does.' if stated else
+                     'No uncertainties are stated (a column sigma_...): the whole residual is counted as noise, and once more as '
+                     f'scatter from magnet to magnet, of {share}.')
+        if 'damping' in better.names:
+            bias = 100 * better.bias[better.names.index('damping')]
+            lines.append(f'Scatter broadens peaks: {bias:.2g} % of damping are taken off, half of it is in the interval.')
+    ratio = max(found.ratio, 1 / found.ratio)
+    clear = ratio > CLEARLY or (stated and not better.site_scatter and abs(
+        fits['conventional'].square - fits['complete'].square) > 9)
+    worse = 'conventional' if found.ratio >= 1 else 'complete'
+    lines.append(f'The residual of the {worse} model is {ratio:.3g} times as large: ' + (
+        f'the data speak for {"D0 + D*" if found.ratio >= 1 else "D0 alone"}.' if clear and better.follows else
+        'this cannot decide between the models.'))
+    return '\n'.join(lines)

@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 HELP = 'frequency response of the oscillator or of a patch'
-RESULTS = 'frf.*', 'frf_*.npz'
+RESULTS = 'frf.*', 'frf_*.npz', 'frf_measured.*'
 SHOWN_PEAKS = 12  # number of peaks shown on the terminal, the highest ones; the table holds the whole curve
 MOST_TICKS = 100  # largest number of natural frequencies in the range of the response that are drawn; more would merge into a bar
 MOST_COUNTED = 10_000
@@ -17,6 +17,12 @@ faster than the number."""
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, ' with [frf]')
+    parser.add_argument('--measured', metavar='FILE', help='draw measured transfer functions over the computed ones, at the '
+                        'points and drives that the file names: a table (frequency_Hz, amplitude_m_per_N, phase_deg or re_..., '
+                        'im_...), a '
+                        'universal file .uff, or raw records (time_s, drive_N, answer_m)')
+    parser.add_argument('--estimator', choices=('H1', 'H2'), default='H1', help='with raw records: H1 where the answer is noisy '
+                        '(default), H2 where the drive is')
     add_output(parser)
     add_pictures(parser)
 
@@ -26,8 +32,10 @@ def run(options: Namespace) -> None:
 
     from .. import units
     from ..files import write_columns
-    from ..plotting.response import plot_response
+    from ..plotting.response import plot_response, plot_transfer
     from ..response.frf import receptance
+    from ..response.transfer_functions import read_transfer
+    from ..scenes.frf_fits import in_place, responses_of
     from ..scenes.scene import read_scene
     from ..stiffness.rest import LinearSystem
     from .costs import refuse_costly
@@ -36,24 +44,46 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf')
     plan, axes, lines = scene.wanted('frf'), None, [scene.title]
+    pushed = plan.base_deg is None
+    unit = units.m / units.N if pushed else 1.0
+    measured = [] if options.measured is None else in_place(scene, read_transfer(options.measured, options.estimator))
     if (relaxation := scene.relaxation()) is not None:
         lines.append(str(relaxation))
-    with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
+    tables = [] if options.measured is None else [options.measured]
+    with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
         names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
         for model, style in (('complete', '-'), ('conventional', '--')):
-            atoms, source, answer = scene.shaken(model)
+            atoms, source, answer = scene.shaken(model, bench=True)
             system = LinearSystem.of(atoms)
             result = receptance(system, source, answer, plan.omega, plan.damping)
             result.save(folder / f'frf_{model}.npz')
-            names += [f'{model}_amplitude_m_per_N', f'{model}_phase_deg']
-            columns += [abs(result.response) / (units.m / units.N), np.degrees(np.angle(result.response))]
+            names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
+            columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]
             natural, told = _natural(system, plan.omega)
             axes = plot_response(result, natural, axes=axes, label=model, linestyle=style)
-            lines += ['', model, *told, *(_scattered(scene, system, plan.omega) if len(natural) else []), *_peaks(result)]
+            lines += ['', model, *told, *(_scattered(scene, system, plan.omega) if len(natural) else []), *_peaks(result, unit)]
         write_columns(folder / 'frf.csv', names, columns)
         save(axes[0].figure, 'frf')
+        if measured:
+            curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
+            save(plot_transfer(measured, curves), 'frf_measured')
+            lines += ['', *_compared(measured, curves)]
     print('\n'.join(lines))
     print(f'picture and data are in {options.output}')
+
+
+def _compared(functions, curves):
+    """How far the computed responses are from each measured one."""
+    import numpy as np
+
+    lines = ['root mean square distance from what was measured, in shares of its peak:']
+    for k, one in enumerate(functions):
+        peak = abs(one.response).max()
+        off = {model: np.sqrt(np.mean(abs(one.response - own[k]) ** 2)) / peak for model, own in curves.items()}
+        lines.append('  ' + ', '.join(f'{model} {share:.3g}' for model, share in off.items()) + f'  ({one.name})')
+        if one.coherence is not None:
+            lines.append(f'  its coherence is {np.median(one.coherence):.3f} in the median, {one.coherence.min():.3f} at least')
+    return [*lines, '"magphonon fit --frf" finds the lattice that follows it.']
 
 
 def _natural(system, omega):
@@ -100,16 +130,16 @@ def _scattered(scene, system, omega):
     return [f'  the lowest of them with the scatter of each site, to first order: {shown} Hz']
 
 
-def _peaks(result):
+def _peaks(result, unit):
     import numpy as np
 
     from .. import units
 
-    f, amplitude = units.hertz(result.omega), abs(result.response) / (units.m / units.N)
+    f, amplitude = units.hertz(result.omega), abs(result.response) / unit
     turns = np.flatnonzero(np.diff(amplitude))  # without equal values that follow each other
     rises = np.diff(amplitude)[turns] > 0
     peaks = turns[1:][rises[:-1] & ~rises[1:]]
     highest = np.sort(peaks[np.argsort(amplitude[peaks])[-SHOWN_PEAKS:]])
     return [f'  {len(peaks)} peak{"s" * (len(peaks) != 1)} from {f[0]:g} to {f[-1]:g} Hz, in steps of {f[1] - f[0]:.3g} Hz'
             + (f'; the {SHOWN_PEAKS} highest:' if len(peaks) > SHOWN_PEAKS else ':' if len(peaks) else ''),
-            *(f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g} m/N' for k in highest)]
+            *(f'  {f[k]:14.6g} Hz {amplitude[k]:14.6g}{" m/N" * (unit != 1)}' for k in highest)]

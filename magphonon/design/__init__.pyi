@@ -27,6 +27,11 @@ from .sensitivities import (
     screening_change as screening_change,
     spacing_change as spacing_change,
 )
+from .transfer_fits import (
+    Built as Built,
+    TransferFit as TransferFit,
+    fit_transfer as fit_transfer,
+)
 from .uncertainty import (
     ResponseSpread as ResponseSpread,
     Spread as Spread,

@@ -19,11 +19,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import sparse
 
 from .. import units
 from ..bands.bloch import bloch_modes
 from ..response.frf import resolvents
-from ..stiffness.bond import model_stiffness
+from ..stiffness.bond import model_stiffness, stiffness_change
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED, LinearSystem
 
@@ -169,7 +170,10 @@ def frequency_sensitivities(atoms: Atoms, q: ArrayLike, changes: Collection[Chan
     highest = abs(omega).max()
     system = LinearSystem.of(atoms)
     calc, masses = system.calc, system.masses
-    _refuse_moving(system, changes)
+    for change, moves in zip(changes, _pushes(system, changes)[1], strict=True):
+        if moves:
+            raise ValueError(f'{change} moves the rest of the cell, and derivatives at fixed positions would be wrong; take '
+                             'differences of relaxed cells')
     W = np.empty((len(changes), *omega.shape, omega.shape[1]), dtype=complex)
     for p, change in enumerate(changes):
         dD = bloch_matrix(calc.bonds, _stiffness_change(calc, change, model), q, change.foundation)
@@ -207,10 +211,9 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
         `du/d ln p` in mm.
     """
     system = LinearSystem.of(atoms)
-    calc, n = system.calc, len(system)
-    _refuse_moving(system, changes)
+    n, to_space = len(system), sparse.kron(sparse.eye_array(len(system)), sparse.eye_array(3, system.dim), format='csr')
     M, gamma = np.repeat(system.masses, 3), np.repeat(np.broadcast_to(damping, n), 3)
-    dH = [_hessian_change(calc, change) for change in changes]
+    dH = [to_space @ H @ to_space.T for H in hessian_changes(system, changes)]
     F = np.asarray(force, dtype=complex).reshape(3 * n)
     u = np.empty((len(omega), n, 3), dtype=complex)
     slopes = np.empty((len(changes), len(omega), n, 3), dtype=complex)
@@ -224,35 +227,52 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
     return u, slopes
 
 
-def _refuse_moving(system, changes):
-    """Refuse changes that would move the rest: the derivatives are those at fixed positions.
+def hessian_changes(system: LinearSystem, changes: Collection[Change]) -> list[sparse.csr_array]:
+    """Derivatives of the Hessian by parameters, each with the motion of the rest that the parameter causes.
 
-    What a dead load holds stays where it is, as its load is taken to follow.
+    A parameter that pushes particles by g moves the rest by `H^-1 g`, of the complete model as all statics, and each bond there
+    has another stiffness.  What a dead load holds stays where it is, as its load is taken to follow.
+
+    Parameters
+    ----------
+    system : LinearSystem
+    changes : sequence of Change
+
+    Returns
+    -------
+    list of scipy.sparse.csr_array, shape (particles * dim, particles * dim)
+        `dH/d ln p` in N/mm.
     """
+    calc, P, found = system.calc, system.free, []
+    C, R = calc.bonds.incidence, calc.bond_vectors
+    pushes, moved = _pushes(system, changes)
+    for change, push, moves in zip(changes, pushes, moved, strict=True):
+        dK = _stiffness_change(calc, change, calc.model)
+        if moves:
+            statics = sparse.csc_array(P.T @ calc.rest_hessian() @ P)
+            motion = (P @ sparse.linalg.spsolve(statics, P.T @ push.ravel())).reshape(push.shape)
+            dK = dK + stiffness_change(R, C @ motion, calc.interaction, calc.model)
+        found.append(hessian(calc.bonds, dK, change.foundation))
+    return found
+
+
+def _pushes(system, changes):
+    """Force on each particle by each change, shape (changes, particles, dim), and whether it moves the rest."""
     calc, P = system.calc, system.free
     C, R = calc.bonds.incidence, calc.bond_vectors
     r = np.linalg.norm(R, axis=1)
     springs = -calc.slack[:, : calc.dim]
+    pushes, moved = [], []
     for change in changes:
         pull = np.zeros(len(r)) if change.law is None else -change.law.dphi(r)
-        push = C.T @ ((pull / r)[:, None] * R) + change.foundation * springs
-        left = np.linalg.norm((P @ (P.T @ push.ravel())).reshape(push.shape), axis=1) * ~calc.load.any(axis=1)
+        push = (C.T @ ((pull / r)[:, None] * R) + change.foundation * springs) * ~calc.load.any(axis=1)[:, None]
         largest = max(abs(pull).max(), abs(change.foundation * springs).max())
-        for k in np.flatnonzero(left > SHIFTING * largest)[:1]:
-            raise ValueError('a parameter whose sensitivity is asked for moves the rest of the structure (it pushes particle '
-                             f'{k}), and derivatives at fixed positions would be wrong; take differences of relaxed structures')
+        pushes.append(push)
+        moved.append(bool(abs(P.T @ push.ravel()).max(initial=0.0) > SHIFTING * largest))
+    return pushes, moved
 
 
 def _stiffness_change(calc, change, model):
     if change.law is None:
         return np.zeros((len(calc.bonds), calc.dim, calc.dim))
     return model_stiffness(calc.bond_vectors, change.law, model)
-
-
-def _hessian_change(calc, change):
-    """In the three components of ASE; those along z stay empty for planar particles."""
-    from scipy import sparse
-
-    H = hessian(calc.bonds, _stiffness_change(calc, change, calc.model), change.foundation)
-    to_space = sparse.kron(sparse.eye_array(calc.bonds.particles), sparse.eye_array(3, calc.dim), format='csr')
-    return sparse.csr_array(to_space @ H @ to_space.T)

@@ -36,6 +36,7 @@ from .response import (
     plot_contributions as plot_contributions,
     plot_response as plot_response,
     plot_response_ribbon as plot_response_ribbon,
+    plot_transfer as plot_transfer,
     response_axes as response_axes,
 )
 from .structures import (

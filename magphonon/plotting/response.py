@@ -11,15 +11,17 @@ from .axes import COLOURS, label_frequencies, legend_above, new_axes, new_figure
 from .bands import plot_bands
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from typing import Any
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
 
     from ..bands.bands import Bands
     from ..design.uncertainty import Spread
     from ..response.frf import FrequencyResponse
+    from ..response.transfer_functions import TransferFunction
 
 PRINTED = {'youngs_modulus': "Young's modulus", 'a': 'exponent $a$', 'b': 'strength $b$'}
 """Names of parameters that say more than their keys."""
@@ -27,6 +29,7 @@ HALF_WIDTH = 2  # half width of a ribbon in standard deviations; it contains 95 
 RIBBON = rf'$\pm{HALF_WIDTH}\sigma$'
 HATCHES = ('', '////', '....', 'xxxx', '----')  # hatches by which bars can be distinguished in grey
 NATURAL = 'natural frequencies'
+MOST_ROWS = 4  # number of transfer functions that are drawn
 MOST_BARS = 8  # largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom
 
 
@@ -97,10 +100,10 @@ def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None
     return ax
 
 
-def response_axes() -> NDArray[np.object_]:
+def response_axes(ylabel: str = 'displacement per force (m/N)') -> NDArray[np.object_]:
     """Two axes of a figure of its own, for amplitude and phase."""
     axes = new_figure(height=3.4).subplots(2, sharex=True, height_ratios=(2, 1))
-    axes[0].set(yscale='log', ylabel='displacement per force (m/N)')
+    axes[0].set(yscale='log', ylabel=ylabel)
     axes[1].set(ylabel='phase (deg)', ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
     for ax in axes:
         ax.set_prop_cycle(color=COLOURS)
@@ -134,9 +137,11 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     >>> up = np.array([0, 1.0, 0])
     >>> axes = plot_response(receptance(patch, Place(18, up), Place(12, up), np.linspace(0.5, 2, 40), damping=0.1))
     """
-    axes = response_axes() if axes is None else axes
+    shaken = response.per_bench
+    axes = response_axes(*['displacement per that of the bench'] * shaken) if axes is None else axes
     f, natural = (np.asarray(w) / (2 * np.pi) / units.Hz for w in (response.omega, natural))
-    (curve,) = axes[0].plot(f, abs(response.response) / (units.m / units.N), label=label, **line)
+    unit = 1.0 if shaken else units.m / units.N
+    (curve,) = axes[0].plot(f, abs(response.response) / unit, label=label, **line)
     look = {'color': curve.get_color(), 'linestyle': curve.get_linestyle()}
     axes[1].plot(f, np.degrees(np.angle(response.response)), **look)
     inside = natural[(natural >= f[0]) & (natural <= f[-1])]
@@ -152,3 +157,39 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
         handles = axes[0].get_legend_handles_labels()[0]
         legend_above(axes[0], handles=sorted(handles, key=lambda handle: handle.get_label() == NATURAL))  # the curves first
     return axes
+
+
+def plot_transfer(functions: Sequence[TransferFunction], curves: Mapping[str, Sequence[NDArray[np.complex128]]]) -> Figure:
+    """Measured transfer functions over those computed in both models: amplitude and phase, a row for each of the first ones.
+
+    Parameters
+    ----------
+    functions : sequence of TransferFunction
+    curves : dict of sequence of ndarray of complex
+        By model: the computed responses at the frequencies of each.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.plotting import plot_transfer
+    >>> from magphonon.response import TransferFunction
+    >>> w = np.linspace(0.1, 1, 50)
+    >>> h = 1 / (0.3 - w**2 + 0.02j * w)
+    >>> figure = plot_transfer([TransferFunction('a', w, 1.05 * h)], {'complete': [h], 'conventional': [0.9 * h]})
+    """
+    shown = functions[:MOST_ROWS]
+    figure = new_figure(height=0.6 + 1.5 * len(shown))
+    axes = figure.subplots(len(shown), 2, sharex=True, squeeze=False)
+    for k, (row, one) in enumerate(zip(axes, shown, strict=True)):
+        f, unit = units.hertz(one.omega), 1.0 if one.shaken else units.m / units.N
+        for ax, part in zip(row, (lambda h, unit=unit: abs(h) / unit, lambda h: np.degrees(np.angle(h))), strict=True):
+            ax.plot(f, part(one.response), '.', color='0.35', markersize=2.5, label='measured')
+            for (model, own), line, colour in zip(curves.items(), ('-', '--'), COLOURS, strict=False):
+                ax.plot(f, part(own[k]), line, color=colour, linewidth=0.9, label=model)
+        row[0].set(yscale='log', ylabel='per bench' if one.shaken else 'm/N')
+        row[1].set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel='phase (deg)')
+        row[0].text(0.02, 0.04, f'{k + 1}', transform=row[0].transAxes, fontsize='small')
+    for ax in axes[-1]:
+        label_frequencies(ax.xaxis)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc='outside upper center', ncols=3)
+    return figure

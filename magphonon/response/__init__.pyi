@@ -1,6 +1,7 @@
 from .frf import (
     FrequencyResponse as FrequencyResponse,
     Place as Place,
+    Transmissibility as Transmissibility,
     frequency_response as frequency_response,
     harmonic_response as harmonic_response,
     receptance as receptance,
@@ -35,4 +36,9 @@ from .stepped import (
     replicas as replicas,
     steady_amplitudes as steady_amplitudes,
     stepped_response as stepped_response,
+)
+from .transfer_functions import (
+    TransferFunction as TransferFunction,
+    estimated as estimated,
+    read_transfer as read_transfer,
 )

@@ -93,6 +93,7 @@ class FrequencyResponse(units.InHertz, Saved, kind='frequency responses', units=
     omega: np.ndarray
     response: np.ndarray
     transient: float = 0.0
+    per_bench = False  # no field
 
     @property
     def peak(self) -> Any:
@@ -243,20 +244,34 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     return FrequencyResponse(omega, u)
 
 
-def receptance(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: ArrayLike, damping: float) -> FrequencyResponse:
+@dataclass(frozen=True)
+class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
+    'omega': ('rad/ms', 'frequencies'), 'response': ('', 'frequencies', '...'), 'transient': ('',),
+}):
+    """Displacement per displacement of a shaken bench, both as seen from the floor."""
+
+    per_bench = True
+
+
+def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64], answer: Place, omega: ArrayLike,
+               damping: float) -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one, each along its own direction.
 
     Parameters
     ----------
     atoms, omega, damping
         As for `frequency_response`.
-    source, answer : Place
-        Where the force acts, and where its effect is seen.
+    source : Place or ndarray, shape (3,)
+        Where the force acts; or the direction d in which the whole bench is shaken by u_b, walls and feet of pillars with it.
+        Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`, with held particles at rest and
+        damping by what moves with the bench; seen from the floor, the answer is w plus that of the bench.
+    answer : Place
+        Where the effect is seen.
 
     Returns
     -------
     FrequencyResponse
-        Its `response` has the shape (frequencies,).
+        Its `response` has the shape (frequencies,).  Of a shaken bench it is a Transmissibility.
 
     Examples
     --------
@@ -272,13 +287,23 @@ def receptance(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega:
     True
     """
     system, omega = LinearSystem.of(atoms), np.atleast_1d(omega)
+    if not isinstance(source, Place):
+        found = frequency_response(system, base_force(system, source), omega, damping, np.array([answer.particle]))
+        return Transmissibility(omega, answer.direction @ source + omega**2 * (found.response[:, 0] @ answer.direction))
     found = frequency_response(system, source.force(len(system)), omega, damping, np.array([answer.particle]))
     return FrequencyResponse(omega, found.response[:, 0] @ answer.direction)
 
 
+def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Masses along a direction in which the bench is shaken, in g, within what constraints leave free; shape (particles, 3)."""
+    force, P, dim = np.zeros((len(system), 3)), system.free, system.dim
+    force[:, :dim] = (P @ (P.T @ np.outer(system.masses, direction[:dim]).ravel())).reshape(-1, dim)
+    return force
+
+
 def _by_modes(system, s, omega, gamma, particles):
     """Displacements, and at each frequency the round-off that they may have: that of K, which its modes spread everywhere."""
-    squares, vectors = np.linalg.eigh(system.K.toarray())
+    squares, vectors = system.spectrum
     refuse_growing(squares[0], squares[-1])
     dynamic = squares - omega[:, None] ** 2 + 1j * gamma * omega[:, None]
     for w in omega[abs(dynamic).min(axis=1) <= ROUND_OFF * squares[-1]]:

@@ -2,6 +2,10 @@ from .band_fits import (
     BandFits as BandFits,
     fit_bands as fit_bands,
 )
+from .frf_fits import (
+    FrfFits as FrfFits,
+    fit_frf as fit_frf,
+)
 from .keys import (
     Key as Key,
     scene_keys as scene_keys,

@@ -113,8 +113,8 @@ class BandFits:
         A parameter with an uncertainty of more than a half is not determined, and its value means little.
         """
         fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
-        L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), _changes(scene)
-        found = {name: (_value(scene, name), sigma) for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
+        L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), changes_of(scene)
+        found = {name: (value_of(scene, name), sigma) for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
         slopes = [0.0 if changes[name].law is None else changes[name].law.d2phi(L) / law.d2phi(L) for name in fit.names]
         found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
         return found
@@ -134,7 +134,7 @@ class BandFits:
             In rad/ms; `sigma` is a fraction of omega, infinite where the points do not determine it.
         """
         fit, scene = self.fits[one_of('model', model, MODELS)], self.fitted(model)
-        changes = _changes(scene)
+        changes = changes_of(scene)
         omega, slopes = frequency_sensitivities(scene.perfect_cell(), q, [changes[name] for name in fit.names], model)
         relative = np.divide(slopes, abs(omega), out=np.zeros_like(slopes), where=slopes != 0)
         return omega, np.apply_along_axis(fit.sigma_along, 0, relative)
@@ -142,10 +142,15 @@ class BandFits:
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
     """The parameters of a scene that bands depend on and a fit may vary; mass and spacing are known."""
-    one_of('law.kind', scene.law.kind, tuple(STRENGTHS))
     if isinstance(scene.lattice, FileLattice) or scene.single:
         raise ValueError(f'lattice.kind = {scene.lattice.kind!r}: a fit takes a lattice that the scene describes by kind '
                          'and spacing')
+    return parameters_in(scene)
+
+
+def parameters_in(scene: Scene) -> tuple[str, ...]:
+    """The same of any scene, finite structures and the oscillator too."""
+    one_of('law.kind', scene.law.kind, tuple(STRENGTHS))
     if scene.laws_of_kinds:
         raise ValueError('laws_of_kinds: a fit varies one law for all pairs; take a lattice of one kind')
     if scene.foundation and scene.foundation.out_of_plane:
@@ -208,17 +213,17 @@ def fit_bands(scene: Scene, points: RidgePoints, fixed: Sequence[str] = (),
     names = tuple(name for name in have if name not in fixed)
     if not names:
         raise ValueError('all parameters are fixed; leave one of them free')
-    scene = _of_remanence(scene)
+    scene = of_remanence(scene)
     own, left_out = _divided(points, without)
     _refuse_two_springs(own, [name for name in names if name not in priors])
-    relative = {name: _prior(scene, name, *priors[name], fixed) for name in priors}
+    relative = {name: relative_prior(name, value_of(scene, name), *priors[name], fixed) for name in priors}
     cell = scene.perfect_cell()
 
     def build(factors):
         there, atoms = with_factors(scene, factors), cell.copy()
         springs = there.foundation.springs(there.foundation.stiffness) if there.foundation else 0.0
         atoms.calc = MagneticRepulsion(atoms, there.law.potential(), bonds=cell.calc.bonds, foundation=springs)
-        return atoms, _changes(there)
+        return atoms, changes_of(there)
 
     fits = {}
     for model in MODELS:
@@ -244,17 +249,17 @@ def _refuse_two_springs(points, free):
                          'foundation.stiffness_y_N_per_m out, or drive a row of sources')
 
 
-def _prior(scene, name, value, sigma, fixed):
-    """Factor and relative uncertainty of what is known of a parameter."""
+def relative_prior(name: str, present: float, value: float, sigma: float, fixed: Sequence[str]) -> tuple[float, float]:
+    """Factor of the present value and relative uncertainty of what is known of a parameter."""
     if name in fixed:
         raise ValueError(f'{name} is fixed and has a prior; keep one of them')
     if not 0 < sigma <= LARGEST_TOLERANCE * value:
         raise ValueError(f'the prior of {name}, {value:g} +- {sigma:g}, must be positive and known to '
                          f'{100 * LARGEST_TOLERANCE:.0f} % or better; what is known less well needs no prior')
-    return value / _value(scene, name), sigma / value
+    return value / present, sigma / value
 
 
-def _value(scene, name):
+def value_of(scene: Scene, name: str) -> float:
     """A parameter of the scene in SI."""
     if name in SPRINGS:
         return float(np.max(scene.foundation.changes[SPRINGS[name]]) / (u.N / u.m))
@@ -262,7 +267,7 @@ def _value(scene, name):
                  else getattr(scene.law, PLACES[name][-1]))
 
 
-def _of_remanence(scene):
+def of_remanence(scene: Scene) -> Scene:
     """The same scene, with magnets of a number of teslas where it named their grade: a fit changes it."""
     if scene.law.kind != 'magnets' or not scene.law.grade:
         return scene
@@ -270,7 +275,7 @@ def _of_remanence(scene):
     return scene.model_copy(update={'law': scene.law.model_copy(update=strength)})
 
 
-def _changes(scene):
+def changes_of(scene: Scene) -> dict[str, Change]:
     """What each parameter changes: the shape of the law at the same force at the spacing."""
     law, L = scene.law.potential(), scene.lattice.spacing_m * u.m
     changes = {'force': Change(law=force_change(law))}

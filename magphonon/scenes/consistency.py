@@ -248,7 +248,9 @@ def _bands(scene: Scene) -> None:
 
 
 def _frf(scene: Scene) -> None:
-    for name in ('force', 'response'):
+    if scene.frf.base_deg is not None and scene.frf.force is not None:
+        raise ValueError('frf has both base_deg and [frf.force]; shake the bench or push a particle')
+    for name in ('response',) if scene.frf.base_deg is not None else ('force', 'response'):
         given = getattr(scene.frf, name) is not None
         if given and scene.single:
             raise ValueError(f'frf.{name}: the oscillator is driven and measured along its guide; take [frf.{name}] out')

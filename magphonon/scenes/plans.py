@@ -88,6 +88,9 @@ class FrfPlan(Table):
     to_Hz: Frequency = Field(description='the highest frequency in Hz')
     points: AtLeastTwo = Field(description='the number of frequencies')
     damping_per_s: Rate = Field(description='the damping force per momentum in 1/s, which is the width of a peak in rad/s')
+    base_deg: Angle | None = Field(None, description='the direction in degrees from the x axis in which the whole bench '
+                                   'is shaken, in place of [frf.force]; the response is then per displacement of the bench, seen '
+                                   'from the floor', examples=[90.0])
     force: Pick | None = None
     response: Pick | None = None
 

@@ -327,24 +327,30 @@ class Scene(Table):
                                        **sites)
         return patch
 
-    def shaken(self, model: str = 'complete') -> tuple[Atoms, Place, Place]:
+    def shaken(self, model: str = 'complete', bench: bool = False) -> tuple[Atoms, Any, Place]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
-        As `magphonon.response.frf.receptance` takes them.
+        As `magphonon.response.frf.receptance` takes them; with `frf.base_deg` the direction of the bench in place of the force,
+        for who can shake a `bench`.
         """
         plan = self.wanted('frf')
+        if plan.base_deg is not None and not bench:
+            raise ValueError('frf.base_deg: a shaken bench is for "magphonon frf" and "magphonon fit --frf"; give [frf.force] '
+                             'here')
         if self.single:
             atoms, free = self.perfect_cell(), Place(Oscillator.free, np.array([0.0, 1.0, 0.0]))
             atoms.calc.set(model=model)
-            return atoms, free, free
-        atoms, picked = self.patch_atoms(model), []
-        for name in ('force', 'response'):
-            try:
-                picked.append(getattr(plan, name).of(atoms))
-            except ValueError as error:
-                raise ValueError(f'frf.{name}{error}') from None
-        source, answer = picked
-        return atoms, source, answer
+            picked: dict[str, Any] = {'force': free, 'response': free}
+        else:
+            atoms, picked = self.patch_atoms(model), {}
+            for name in ('force', 'response'):
+                try:
+                    picked[name] = pick.of(atoms) if (pick := getattr(plan, name)) is not None else None
+                except ValueError as error:
+                    raise ValueError(f'frf.{name}{error}') from None
+        if plan.base_deg is not None:
+            picked['force'] = np.array([np.cos(plan.base_deg * u.deg), np.sin(plan.base_deg * u.deg), 0.0])
+        return atoms, picked['force'], picked['response']
 
     def wanted(self, name: str) -> Any:
         """One of the tables of computations, such as 'bands'; a lattice without [bands] has those on ASE's path."""

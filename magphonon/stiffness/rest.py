@@ -252,6 +252,12 @@ class LinearSystem:
         """Matrix of squared frequencies, `S^T H S`, in rad^2/ms^2, shape (free, free)."""
         return sparse.csr_array(self.shapes.T @ self.hessian @ self.shapes)
 
+    @cached_property
+    def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Eigenvalues of K, ascending, and its eigenvectors in columns; of small structures, since it takes directions^3."""
+        squares, vectors = np.linalg.eigh(self.K.toarray())
+        return squares, vectors
+
     def bloch(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Matrices of squared frequencies K(q) in rad^2/ms^2, shape (wavevectors, free, free); q of shape (wavevectors, 3)."""
         calc: Any = self.atoms.calc

@@ -9,6 +9,7 @@ import numpy as np
 from .. import units as u
 from ..files import MEGABYTE, refuse_endless, refuse_overflow, whole_file
 from ..tables import LENGTH, SPEED, TEXT, TIME, Table, read_table
+from ..universal import universal_sets
 from .scans import Samples, Scan, assembled
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]
 
     A label of the ordinate such as mm/s tells its unit; without one lengths are those of dataset 164, and in m without it.
     """
-    sets = _sets(path)
+    sets = universal_sets(path)
     metre = next((one['length'] for one in sets if one['type'] == 164), 1.0)  # so many units of the file are one metre
     places = {}
     for nodes in (one for one in sets if one['type'] in (15, 2411)):
@@ -193,23 +194,6 @@ def read_universal(path: str | PathLike[str]) -> tuple[dict[str, Samples], bool]
     _refuse_unlike(path, found)
     return {name: Samples(next(iter(point.values()))[0], {axis: values for axis, (_, values) in point.items()}, places.get(name))
             for name, point in found.items()}, kinds == {'velocity'}
-
-
-def _sets(path):
-    """The datasets of a universal file, as dicts of pyuff."""
-    try:
-        import pyuff
-    except ImportError:
-        raise ValueError(f"{path} is a universal file, which pyuff reads; install it with pip install 'magphonon[vibrometer]', "
-                         'or export the scan as CSV') from None
-    try:
-        sets = pyuff.UFF(str(path)).read_sets()
-    except OSError:
-        raise
-    except Exception as error:  # pyuff fails on other files in many ways
-        raise ValueError(f'{path} is no universal file that pyuff reads ({type(error).__name__}: {error}); export it again, '
-                         'or as CSV') from None
-    return [sets] if isinstance(sets, dict) else list(sets)
 
 
 def _refuse_unlike(path, found):

@@ -1,0 +1,280 @@
+"""Measured transfer functions: tables of text, universal files (dataset 58), and raw records of a drive and its answer.
+
+Whatever was measured, displacement, velocity or acceleration, a TransferFunction is a displacement per force, or per displacement
+of a shaken bench: H of a velocity is divided by i w, H of an acceleration by -w^2.  `order` remembers it, as noise is even there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import units as u
+from ..errors import one_of
+from ..tables import FREQUENCY, LENGTH, PURE, TIME, read_table
+from ..universal import universal_sets
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from .frf import Place
+
+MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
+           for order, per in enumerate(('', '_per_s', '_per_s2'))}
+"""Units of what was measured: to mm and ms, and how often it is differentiated."""
+PER_FORCE = {f'{name}_per_N': factor / u.N for name, (factor, _) in MOTIONS.items()}
+ORDERS = {f'{name}_per_N': order for name, (_, order) in MOTIONS.items()}
+ENDINGS = '.uff', '.unv', '.uf', '.u58', '.bunv'
+ESTIMATORS = 'H1', 'H2'
+LAYOUT = ('transfer functions have the columns frequency_Hz, then re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg (or mm, '
+          'um, m_per_s, m_per_s2; re,im or amplitude,phase_deg alone for a shaken bench), and, where wanted, sigma_m_per_N, '
+          'x_m,y_m,direction_deg of the point and drive_x_m,drive_y_m,drive_deg; records have time_s, drive_N and answer_m, '
+          'answer_m_per_s or answer_m_per_s2, and record for several hits')
+RESPONSE_FUNCTION, FREQUENCY_AXIS = 4, 18  # of dataset 58
+QUANTITIES = {8: 0, 11: 1, 12: 2}  # ordinates of dataset 58: displacement, velocity, acceleration
+FORCES = 9, 13  # force of reaction, and of excitation
+INDEPENDENT = 18 / 19
+"""Independent averages of many segments that overlap by a half, over their number: under a Hann window neighbours share (1/6)^2
+of their spectrum (Welch 1967)."""
+SEGMENTS = 8  # parts, half of each in the next one, of a continuous record
+
+
+@dataclass(frozen=True, eq=False)
+class TransferFunction:
+    """One measured transfer function.
+
+    Attributes
+    ----------
+    name : str
+        Of the file and the point.
+    omega : ndarray, shape (frequencies,)
+        In rad/ms.
+    response : ndarray of complex, shape (frequencies,)
+        In mm/N, or of a shaken bench per displacement of the bench.
+    sigma : float or ndarray, shape (frequencies,), optional
+        Standard uncertainty of real and imaginary part, in the unit of the response.
+    order : {0, 1, 2}
+        Displacement, velocity or acceleration was measured.
+    answer, drive : Place, ndarray or None
+        Where it is seen and driven: a Place of a structure; or as it was read, x and y in mm and the direction in rad, shape
+        (3,).  None: as the scene says.  The drive of a fit may be the direction in which the bench is shaken, shape (3,).
+    shaken : bool
+        Whether it is a response to the motion of the bench.
+    coherence : ndarray, shape (frequencies,), optional
+    """
+
+    name: str
+    omega: np.ndarray
+    response: np.ndarray
+    sigma: Any = None
+    order: int = 0
+    answer: Place | np.ndarray | None = None
+    drive: Place | np.ndarray | None = None
+    shaken: bool = False
+    coherence: np.ndarray | None = None
+
+
+def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[TransferFunction]:
+    r"""Read transfer functions from a table of text or a universal file, or estimate one from raw records in a table.
+
+    Parameters
+    ----------
+    path : path-like
+        The columns of a table are told by its error messages and on the page "Files".  A universal file holds functions of the
+        type 4 in dataset 58, the places of its nodes in dataset 15 or 2411.
+    estimator : {'H1', 'H2'}
+        Of raw records, see `estimated`.
+
+    Raises
+    ------
+    ValueError
+        The message names the file, the column or the node, and the mend.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from magphonon.response import read_transfer
+    >>> file = tempfile.mkdtemp() + '/f.csv'
+    >>> with open(file, 'w') as table:
+    ...     _ = table.write('frequency_Hz,amplitude_mm_per_N,phase_deg\n20,0.5,-90\n21,0.25,-120\n')
+    >>> [one] = read_transfer(file)
+    >>> one.response.round(3)
+    array([ 0.   -0.5j  , -0.125-0.217j])
+    """
+    one_of('the estimator', estimator, ESTIMATORS)
+    functions = _universal(path) if str(path).lower().endswith(ENDINGS) else _table(path, estimator)
+    kept = []
+    for one in functions:
+        order = np.argsort(one.omega)
+        omega = one.omega[order]
+        if len(omega) < 2 or (np.diff(omega) == 0).any():
+            raise ValueError(f'{one.name}: a transfer function has two frequencies or more, each once; name different points in '
+                             'x_m, y_m and direction_deg, or keep one measurement')
+        inside = order[omega > 0]  # no acceleration tells a displacement at zero
+        rate = (1j * one.omega[inside]) ** one.order
+        sigma = None if one.sigma is None else np.broadcast_to(one.sigma, one.omega.shape)[inside] / abs(rate)
+        if sigma is not None and not (sigma > 0).all():
+            raise ValueError(f'{one.name}: sigma must be positive; leave the column out where it is not known')
+        kept.append(replace(one, omega=one.omega[inside], response=one.response[inside] / rate, sigma=sigma,
+                            coherence=None if one.coherence is None else one.coherence[inside]))
+    return kept
+
+
+def estimated(drive: ArrayLike, answer: ArrayLike, dt: float, estimator: str = 'H1',
+              segment: int | None = None) -> tuple[NDArray[Any], NDArray[np.complex128], NDArray[Any], NDArray[Any]]:
+    """A transfer function and its coherence from records of a drive and its answer, by spectra of `scipy.signal`.
+
+    H1 = S_xy/S_xx is not biased by noise of the answer, H2 = S_yy/S_yx not by that of the drive; with both, the truth lies
+    between them.
+
+    Parameters
+    ----------
+    drive, answer : array_like, shape (frames,) or (records, frames)
+        Several records are hits or shots, each of which has died down at its end; one record goes on and is divided into
+        segments under a Hann window.
+    dt : float
+        Time between frames in ms.
+    estimator : {'H1', 'H2'}
+    segment : int, optional
+        Frames of a segment of one record.  It must be several times 1/gamma long, or peaks are blurred; by default there are 8
+        of them that overlap by a half.
+
+    Returns
+    -------
+    omega : ndarray, shape (frequencies,)
+        In rad/ms.
+    H : ndarray of complex, shape (frequencies,)
+    coherence : ndarray, shape (frequencies,)
+        Share of the answer that follows the drive; 1 for a single record.
+    sigma : ndarray, shape (frequencies,)
+        Standard uncertainty of real and imaginary part, `|H| sqrt((1 - c)/(2 n c))` after n averages (Bendat and Piersol, Random
+        Data, Sec. 9.2); NaN for a single record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.response import estimated
+    >>> x = np.random.default_rng(0).standard_normal(2**14)
+    >>> omega, H, coherence, sigma = estimated(x, 2 * x, 1.0, segment=256)
+    >>> bool(abs(H - 2).max() < 1e-9)
+    True
+    """
+    from scipy.signal import csd
+
+    x, y = np.atleast_2d(drive), np.atleast_2d(answer)
+    if x.shape != y.shape or x.shape[1] < 16:
+        raise ValueError(f'drive and answer are records of one length, 16 frames or more, not {x.shape} and {y.shape}')
+    settings: dict[str, Any]
+    if len(x) > 1:
+        settings, averages = {'nperseg': x.shape[1], 'window': 'boxcar', 'detrend': False}, len(x)
+    else:
+        segment = segment or 2 * x.shape[1] // (SEGMENTS + 1)
+        settings = {'nperseg': segment}
+        averages = (2 * x.shape[1] // segment - 1) * INDEPENDENT
+    spectra = [np.mean(csd(a, b, 1 / dt, **settings)[1], axis=0) for a, b in ((x, x), (x, y), (y, y))]
+    f = csd(x, x, 1 / dt, **settings)[0]
+    xx, xy, yy = spectra[0].real, spectra[1], spectra[2].real
+    with np.errstate(divide='ignore', invalid='ignore'):
+        H = xy / xx if one_of('the estimator', estimator, ESTIMATORS) == 'H1' else yy / xy.conj()
+        coherence = abs(xy) ** 2 / (xx * yy)
+        share = np.sqrt(np.maximum(1 - coherence, 0) / (2 * averages * coherence))
+        sigma = abs(H) * share if averages > 1 else np.full(len(f), np.nan)
+    return 2 * np.pi * f, H, coherence, sigma
+
+
+def _table(path, estimator):
+    values = PER_FORCE | PURE
+    columns = {'frequency': FREQUENCY, 'time': TIME, 'drive': {'N': u.N}, 'record': PURE, 'phase': {'deg': u.deg, 'rad': 1.0},
+               'answer': {name: factor for name, (factor, _) in MOTIONS.items()},
+               'direction': {'deg': u.deg}, 'x': LENGTH, 'y': LENGTH, 'drive_x': LENGTH, 'drive_y': LENGTH,
+               **dict.fromkeys(('re', 'im', 'amplitude', 'sigma'), values)}
+    columns['drive'] = columns['drive'] | {'deg': u.deg}  # of its direction, where drive_x stands
+    table = read_table(path, columns, [], layout=LAYOUT)
+    if 'time' in table and 'drive' in table and 'answer' in table:
+        return _from_records(table, estimator)
+    parts = [name for name in ('re', 'im', 'amplitude') if name in table]
+    if 'frequency' not in table or parts not in (['re', 'im'], ['amplitude']) or (parts == ['amplitude']) != ('phase' in table):
+        raise ValueError(f'{path} holds neither transfer functions nor records; {LAYOUT}')
+    endings = {table.header[name].partition('_')[2] for name in (*parts, *(['sigma'] if 'sigma' in table else []))}
+    if len(endings) > 1:
+        raise ValueError(f'{path}: {", ".join(table.header[name] for name in parts)} and sigma must have one unit')
+    (ending,) = endings
+    if 'amplitude' in table:
+        h = table['amplitude'] * np.exp(1j * table['phase'])
+    else:
+        h = table['re'] + 1j * table['im']
+    places = [np.stack([table.get(name, 0.0) for name in names], axis=1) if any(name in table for name in names) else None
+              for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive'))]
+    keys = np.concatenate([np.zeros((len(table), 1)), *(place for place in places if place is not None)], axis=1)
+    found = []
+    for key in dict.fromkeys(map(tuple, keys.tolist())):
+        rows = np.flatnonzero((keys == key).all(axis=1))
+        answer, drive = (None if place is None else place[rows[0]] for place in places)
+        name = f'{path}' if answer is None else f'{path}, ({answer[0]:g}, {answer[1]:g}) mm, {answer[2] / u.deg:.4g} degrees'
+        found.append(TransferFunction(name, table['frequency'][rows], h[rows], table['sigma'][rows] if 'sigma' in table else None,
+                                      ORDERS.get(ending, 0), answer, drive, shaken=not ending))
+    return found
+
+
+def _from_records(table, estimator):
+    """One transfer function from the records of a table, one of each hit."""
+    split = [np.flatnonzero(table.get('record', 0.0) == one) for one in np.unique(table.get('record', 0.0))]
+    frames = min(map(len, split))
+    t = table['time'][split[0]][:frames]
+    dt = float(np.median(np.diff(t))) if frames > 1 else 0.0
+    if not dt > 0 or abs(np.diff(t) - dt).max() > 0.01 * dt:
+        raise ValueError(f'{table.path}: the times of a record must rise in equal steps; resample it')
+    drive, answer = (np.array([table[name][rows[:frames]] for rows in split]) for name in ('drive', 'answer'))
+    omega, H, coherence, sigma = estimated(drive, answer, dt, estimator)
+    order = MOTIONS[table.header['answer'].partition('_')[2]][1]
+    good = np.isfinite(H) & (omega > 0)
+    place = np.array([table[name][0] for name in ('x', 'y', 'direction')]) if 'direction' in table else None
+    known = np.isfinite(sigma[good]).all() and (sigma[good] > 0).all()
+    return [TransferFunction(str(table.path), omega[good], H[good], sigma[good] if known else None, order, place,
+                             coherence=coherence[good])]
+
+
+def _universal(path):
+    sets = universal_sets(path)
+    units = next((one for one in sets if one['type'] == 164), {})
+    metre, newton = units.get('length', 1.0), units.get('force', 1.0)  # so many units of the file are one metre, one newton
+    places = {}
+    for nodes in (one for one in sets if one['type'] in (15, 2411)):
+        places |= {int(n): (x * u.m / metre, y * u.m / metre)
+                   for n, x, y in zip(*(np.atleast_1d(nodes[name]).tolist() for name in ('node_nums', 'x', 'y')), strict=True)}
+    found = []
+    for one in sets:
+        if one['type'] != 58 or one['func_type'] != RESPONSE_FUNCTION:
+            continue
+        what, per = one['ordinate_spec_data_type'], one['orddenom_spec_data_type']
+        shaken = what == per and what in QUANTITIES
+        known = one['abscissa_spec_data_type'] in (0, FREQUENCY_AXIS) and what in QUANTITIES
+        if not known or not (shaken or per in (0, *FORCES)):
+            raise ValueError(f'{path}: the function of node {one["rsp_node"]} is no displacement, velocity or acceleration per '
+                             f'force, nor per the same of the bench (types {what} and {per}); export it as one of these')
+        order = 0 if shaken else QUANTITIES[what]
+        unit = 1.0 if shaken else u.m * u.s**-order / metre / (u.N / newton)
+        ends = [_end(path, one, end, places) for end in ('rsp', 'ref')]
+        name = f'{path}, node {one["rsp_node"]}, direction {one["rsp_dir"]}'
+        omega, data = 2 * np.pi * u.Hz * np.asarray(one['x'], float), np.asarray(one['data'], complex)
+        found.append(TransferFunction(name, omega, unit * data, None, order, *ends, shaken=shaken))
+    if not found:
+        types = sorted({one['func_type'] for one in sets if one['type'] == 58})
+        raise ValueError(f'{path} holds no transfer functions (type 4 of dataset 58), but functions of the types {types}; export '
+                         'these, or the raw records as a table')
+    return found
+
+
+def _end(path, one, end, places):
+    """Place and direction of one end of a function: x, y and the angle; None where the file has no nodes."""
+    node, direction = int(one[f'{end}_node']), int(one[f'{end}_dir'])
+    if node not in places:
+        return None
+    if abs(direction) not in (1, 2):
+        raise ValueError(f'{path}: node {node} is measured or driven in the direction {direction}; only x and y (1, 2) lie in '
+                         'the plane')
+    return np.array([*places[node], {1: 0.0, 2: np.pi / 2}[abs(direction)] + np.pi * (direction < 0)])

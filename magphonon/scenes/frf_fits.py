@@ -1,0 +1,189 @@
+"""The law, the foundation and the damping of a scene from measured transfer functions, in both models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units as u
+from ..design.transfer_fits import Built, TransferFit, fit_transfer, transfer_model
+from ..errors import not_negative, one_of
+from ..response.frf import Place
+from ..stiffness.rest import LinearSystem
+from . import band_fits
+from .plans import Pick
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+    from ..response.transfer_functions import TransferFunction
+    from .scene import Scene
+
+UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
+KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
+GAIN = 0.01
+"""Relative standard uncertainty of the calibration of an instrument, force and motion together, where nothing else is said."""
+CLEARLY = 1.5
+"""Ratio of the residuals of the two models from which on one of them is ruled out, where sites scatter: of 40 lattices of a
+laboratory without static forces none spoke for them so clearly."""
+
+
+@dataclass(frozen=True)
+class FrfFits:
+    """A scene fitted to transfer functions with D* and without.
+
+    Attributes
+    ----------
+    scene : Scene
+        Where the fit started; what is not fitted is known from it.
+    functions : list of TransferFunction
+    fits : dict of TransferFit
+        By model, 'complete' and 'conventional'.
+    priors : dict
+        What was known of parameters from elsewhere: value in SI and standard uncertainty.
+    """
+
+    scene: Scene
+    functions: list[TransferFunction]
+    fits: dict[str, TransferFit]
+    priors: dict[str, tuple[float, float]]
+
+    @property
+    def ratio(self) -> float:
+        """Residual without D* over that with it; above 1 the complete model follows the data better."""
+        fits = self.fits
+        return float(np.sqrt(fits['conventional'].square / fits['complete'].square))
+
+    def fitted(self, model: str = 'complete') -> Scene:
+        """The scene with the parameters of the fit; the gain is that of the instrument and stays out."""
+        fit = self.fits[one_of('model', model, band_fits.MODELS)]
+        return _with(self.scene, dict(zip(fit.names, fit.factors.tolist(), strict=True)))
+
+    def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
+        """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr."""
+        fit, scene = self.fits[one_of('model', model, band_fits.MODELS)], self.fitted(model)
+        L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), band_fits.changes_of(scene)
+        gain = dict(zip(fit.names, fit.factors.tolist(), strict=True)).get('gain', 1.0)
+        found = {name: (gain if name == 'gain' else _value(scene, name), sigma)
+                 for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
+        shapes = {name: change.law for name, change in changes.items() if change.law is not None}
+        slopes = [shapes[name].d2phi(L) / law.d2phi(L) if name in shapes else 0.0 for name in fit.names]
+        if any(slopes):
+            found['bond stiffness'] = float(law.d2phi(L) / (u.N / u.m)), fit.sigma_along(np.array(slopes))
+        return found
+
+    def curves(self, model: str = 'complete') -> list[NDArray[np.complex128]]:
+        """The fitted response of each function, with the gain."""
+        fit = self.fits[one_of('model', model, band_fits.MODELS)]
+        factors = dict(zip(fit.names, fit.factors.tolist(), strict=True))
+        return responses_of(self.scene, model, self.functions, factors)
+
+
+def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence[str] = (),
+            priors: Mapping[str, tuple[float, float]] | None = None, gain_sigma: float = GAIN) -> FrfFits:
+    """Force, exponent, foundation and damping of a patch or a finite structure from transfer functions, with D* and without.
+
+    Parameters
+    ----------
+    scene : Scene
+        With [frf], whose damping is where the fit starts; its force and response are those of functions that do not name theirs.
+    functions : sequence of TransferFunction
+        As `read_transfer` gives them.
+    fixed : sequence of str
+        Parameters that are known exactly: 'force', 'a' (or 'screening_length'), 'foundation' (or 'foundation_x' and
+        'foundation_y'), 'damping'.
+    priors : dict, optional
+        Parameters that are known from elsewhere: value in SI and standard uncertainty.  'mass', of all particles alike, is
+        fitted only with one.
+    gain_sigma : float
+        Relative standard uncertainty of the calibration; with zero it counts as exact.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene
+    >>> from magphonon.response import TransferFunction, receptance
+    >>> from magphonon.scenes import fit_frf
+    >>> from magphonon.scenes.plans import FrfPlan
+    >>> scene = read_scene('prototype')
+    >>> scene = scene.model_copy(update={'patch': scene.patch.model_copy(update={'side_m': 0.05})})
+    >>> there = {'at_m': [0.0, 0.02], 'direction_deg': 90.0}
+    >>> plan = {'from_Hz': 20.0, 'to_Hz': 160.0, 'points': 90, 'damping_per_s': 20.0, 'force': there, 'response': there}
+    >>> scene = scene.model_copy(update={'frf': FrfPlan(**plan)})
+    >>> h = receptance(*scene.shaken(), scene.frf.omega, scene.frf.damping)
+    >>> fits = fit_frf(scene, [TransferFunction('point', h.omega, 1.1 * h.response, 0.01)], gain_sigma=0.2)
+    >>> round(fits.values()['gain'][0], 3)
+    1.1
+    """
+    have, priors = (*band_fits.parameters_in(scene), 'damping'), dict(priors or {})
+    scene = band_fits.of_remanence(scene.counted())
+    for name in fixed:
+        one_of('the fixed parameter', name, have)
+    for name in priors:
+        one_of('the parameter of a prior', name, (*have, 'mass'))
+    names = tuple(name for name in have if name not in fixed) + ('mass',) * ('mass' in priors)
+    relative = {name: band_fits.relative_prior(name, _value(scene, name), *priors[name], fixed) for name in priors}
+    if not_negative('gain_sigma', gain_sigma):
+        names, relative = (*names, 'gain'), relative | {'gain': (1.0, gain_sigma)}
+    own = in_place(scene, functions)
+    fits = {model: fit_transfer(lambda factors, model=model: _built(scene, model, factors), names, own, model, relative)
+            for model in band_fits.MODELS}
+    return FrfFits(scene, own, fits, priors)
+
+
+def responses_of(scene: Scene, model: str, functions: Sequence[TransferFunction],
+                 factors: Mapping[str, float] | None = None) -> list[NDArray[np.complex128]]:
+    """The response of a scene, with `factors` of its parameters, at the frequencies of each function that is `in_place`."""
+    factors = dict(factors or {})
+    h = transfer_model(_built(scene, model, factors), functions)[0] * factors.get('gain', 1.0)
+    return np.split(h, np.cumsum([len(one.omega) for one in functions])[:-1])
+
+
+def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[TransferFunction]:
+    """The functions with the particles of the scene where they are seen and driven."""
+    atoms, source, answer = scene.shaken(bench=True)
+    found = []
+    for one in functions:
+        given = {name: place if place is None or isinstance(place, Place) else _place(atoms, place, f'{one.name}, {name}')
+                 for name, place in (('answer', one.answer), ('drive', None if one.shaken else one.drive))}
+        if one.shaken == isinstance(source, Place) and given['drive'] is None:
+            what, have, give = (('the motion of the bench', '[frf.force]', 'frf.base_deg') if one.shaken else
+                                ('a force', 'frf.base_deg', '[frf.force]'))
+            raise ValueError(f'{one.name} is a response to {what}, and the scene has {have}; give {give} instead')
+        if scene.single:
+            given['answer'] = answer
+        found.append(replace(one, answer=given['answer'] or answer, drive=source if given['drive'] is None else given['drive']))
+    return found
+
+
+def _place(atoms: Atoms, place: NDArray[np.float64], name: str) -> Place:
+    x, y, angle = place
+    try:
+        return Pick.model_validate({'at_m': [float(x / u.m), float(y / u.m)], 'direction_deg': float(angle / u.deg)}).of(atoms)
+    except ValueError as error:
+        raise ValueError(f'{name}{error}') from None
+
+
+def _built(scene, model, factors):
+    """The lattice of the scene with factors of its parameters."""
+    there = _with(scene, {name: factor for name, factor in factors.items() if name not in ('mass', 'gain')})
+    atoms, *_ = there.shaken(model, bench=True)
+    atoms.set_masses(atoms.get_masses() * factors.get('mass', 1.0))
+    return Built(LinearSystem.of(atoms), there.frf.damping, band_fits.changes_of(there))
+
+
+def _with(scene, factors):
+    lattice = {name: factor for name, factor in factors.items() if name not in ('damping', 'gain')}
+    frf = scene.frf.model_copy(update={'damping_per_s': scene.frf.damping_per_s * factors.get('damping', 1.0)})
+    return band_fits.with_factors(scene, lattice).model_copy(update={'frf': frf})
+
+
+def _value(scene, name) -> float:
+    """A parameter of the scene in SI."""
+    if name == 'damping':
+        return float(scene.frf.damping_per_s)
+    return scene.lattice.mass_kg if name == 'mass' else band_fits.value_of(scene, name)

@@ -1,0 +1,306 @@
+"""Lattices from transfer functions: the Cramer-Rao bound, lattices that are not the model, files, and a shaken bench."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from magphonon import DrivenVerlet, Harmonic, Recorder, read_scene, units as u
+from magphonon.cli.main import main
+from magphonon.design.sensitivities import hessian_changes
+from magphonon.response import Place, TransferFunction, estimated, lock_in, read_transfer, receptance
+from magphonon.response.frf import base_force
+from magphonon.scenes import fit_frf
+from magphonon.scenes.frf_fits import in_place, responses_of
+from magphonon.stiffness import LinearSystem
+
+HEXAGON = '''title = "hexagon"
+[lattice]
+kind = "triangular"
+spacing_m = 0.01
+mass_kg = 0.0007
+[law]
+kind = "inverse_power"
+force_N = 0.2369
+a = 4.5824
+shells = 1
+[foundation]
+stiffness_N_per_m = 19.6757
+[patch]
+kind = "hexagon"
+side_m = 0.06
+[frf]
+from_Hz = 20.0
+to_Hz = 160.0
+points = 70
+damping_per_s = 4.0
+[frf.force]
+at_m = [0.0, 0.0]
+direction_deg = 40.0
+[frf.response]
+at_m = [0.01, 0.0]
+direction_deg = 0.0
+'''
+RECEIVERS = [(0.01, 0.0), (-0.015, 0.00866), (0.005, -0.02598)]  # m, each along x and y
+SHARE = 0.01  # noise of real and imaginary part, of the largest response
+TRUTH = {'force': 0.2369, 'a': 4.5824, 'foundation': 19.6757, 'damping': 4.0}
+NAMES = tuple(TRUTH)
+
+
+def scene_of(folder, *changes, name='hexagon.toml'):
+    text = HEXAGON
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / name).write_text(text)
+    return read_scene(folder / name)
+
+
+def dense(force=0.2369, a=4.5824, foundation=19.6757, damping=4.0, mass=7e-4):
+    """Responses of the hexagon in m/N, shape (6, 70), by loops over pairs and dense matrices in SI: nothing of the package."""
+    n = [(i, j) for i in range(-6, 7) for j in range(-6, 7) if abs(i + j) <= 6]
+    x = 0.01 * np.array([(i + j / 2, j * np.sqrt(3) / 2) for i, j in n])
+    free = [k for k, (i, j) in enumerate(n) if max(abs(i), abs(j), abs(i + j)) < 6]
+    assert (len(n), len(free)) == (127, 91)
+    H = np.kron(np.eye(127), foundation * np.eye(2))
+    for p in range(127):
+        for q in range(127):
+            r = np.linalg.norm(x[p] - x[q])
+            if 0 < r < 0.0101:
+                d = (x[p] - x[q]) / r
+                f = force * (0.01 / r) ** a
+                K = a * f / r * np.outer(d, d) - f / r * (np.eye(2) - np.outer(d, d))
+                H[2 * p : 2 * p + 2, 2 * p : 2 * p + 2] += K
+                H[2 * p : 2 * p + 2, 2 * q : 2 * q + 2] -= K
+    rows = np.ravel([[2 * k, 2 * k + 1] for k in free])
+    H, push = H[np.ix_(rows, rows)], np.zeros(182)
+    at = {k: 2 * m for m, k in enumerate(free)}
+    centre = at[int(np.linalg.norm(x, axis=1).argmin())]
+    push[centre : centre + 2] = np.cos(np.deg2rad(40)), np.sin(np.deg2rad(40))
+    seen = [at[int(np.linalg.norm(x - place, axis=1).argmin())] + axis for place in RECEIVERS for axis in (0, 1)]
+    w = 2 * np.pi * np.linspace(20, 160, 70)
+    return np.array([np.linalg.solve(H + (1j * one * damping - one**2) * mass * np.eye(182), push)[seen] for one in w]).T
+
+
+@pytest.fixture(scope='module')
+def exact():
+    return dense()
+
+
+def measured(h, rng, share=SHARE, sigma=True):
+    """TransferFunctions of these responses with noise."""
+    noise = share * abs(h).max()
+    h = h + noise * (rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape))
+    omega = 2 * np.pi * np.linspace(20, 160, h.shape[1]) * u.Hz
+    places = [np.array([x * u.m, y * u.m, axis * np.pi / 2]) for x, y in RECEIVERS for axis in (0, 1)]
+    return [TransferFunction(f'{k}', omega, row * u.m / u.N, noise * u.m / u.N if sigma else None, 0, place)
+            for k, (row, place) in enumerate(zip(h, places, strict=True))]
+
+
+def bound(share=SHARE):
+    """Cramer-Rao's relative standard deviations of force, a, foundation, damping, and of the bond stiffness; by differences."""
+    step, slopes = 1e-5, []
+    for name, value in TRUTH.items():
+        up, down = (dense(**{name: value * (1 + sign * step)}) for sign in (1, -1))
+        slopes.append(((up - down) / (2 * step)).ravel())
+    J = np.array(slopes) / (share * abs(dense()).max())
+    C = np.linalg.inv((J @ J.conj().T).real)
+    along = np.array([1, 1, 0, 0])  # a f/L
+    return np.sqrt(np.append(np.diag(C), along @ C @ along))
+
+
+@pytest.mark.slow
+def test_a_fit_reaches_the_bound_and_rejects_d0_alone(tmp_path, exact):
+    """Started 8 % off, which is farther than the peaks are wide."""
+    scene = scene_of(tmp_path, ('force_N = 0.2369', 'force_N = 0.22'), ('19.6757', '21.2'), ('= 4.0\n', '= 6.0\n'))
+    fits = fit_frf(scene, measured(exact, np.random.default_rng(1)), gain_sigma=0.0)
+    fit, values = fits.fits['complete'], fits.values()
+    sigmas = bound()
+    assert_allclose([values[name][1] for name in (*NAMES, 'bond stiffness')], sigmas, rtol=0.03)  # at the fit, not at the truth
+    off = [np.log(values[name][0] / TRUTH[name]) / sigma for name, sigma in zip(NAMES, sigmas, strict=False)]
+    assert np.abs(off).max() < 3.5  # once in 500 draws of four
+    assert fit.site_scatter == 0
+    assert 0.8 < fit.misfit < 1.2
+    assert fits.fits['conventional'].misfit > 5  # the control
+    assert not fits.fits['conventional'].follows
+    assert fits.ratio > 5
+
+
+@pytest.mark.slow
+def test_gain_mass_and_what_is_fixed(tmp_path, exact):
+    scene = scene_of(tmp_path)
+    functions = measured(dense(mass=7.14e-4), np.random.default_rng(2))
+    functions = [replace(one, response=1.03 * one.response) for one in functions]
+    fits = fit_frf(scene, functions, ['foundation'], {'mass': (7e-4, 3e-5)}, gain_sigma=0.05)
+    values = fits.values()
+    assert fits.fits['complete'].names == ('force', 'a', 'damping', 'mass', 'gain')
+    assert_allclose([values['gain'][0], values['mass'][0]], [1.03, 7.14e-4], rtol=5e-3)
+    value, sigma = fit_frf(scene, functions, gain_sigma=0.0).values()['force']  # the control: a gain that nobody allows for
+    assert abs(np.log(value / TRUTH['force'])) > 20 * sigma
+
+
+def test_slopes_where_a_parameter_moves_the_rest(tmp_path):
+    """Two shells in a patch with a vacancy: differences of structures that have come to rest again."""
+    shells = 'shells = 1', 'shells = 2'
+    vacancy = '[frf.force]', '[defects]\nvacancies_m = [[0.02, 0.0]]\n[frf.force]'
+    scene = scene_of(tmp_path, shells, vacancy, ('side_m = 0.06', 'side_m = 0.04'), ('points = 70', 'points = 5'),
+                     ('= 4.0\n', '= 40.0\n'))
+    omega = scene.frf.omega
+    own = in_place(scene, [TransferFunction('one', omega, 0j * omega)])
+    from magphonon.design.transfer_fits import transfer_model
+    from magphonon.scenes.frf_fits import _built
+    built = _built(scene, 'complete', {})
+    slopes = transfer_model(built, own, NAMES)[1]
+    for name, slope in zip(NAMES, slopes, strict=True):
+        up, down = (responses_of(scene, 'complete', own, {name: np.exp(sign * 1e-4)})[0] for sign in (1, -1))
+        assert_allclose(slope, (up - down) / 2e-4, rtol=0, atol=1e-5 * abs(slope).max(), err_msg=name)
+    still = hessian_changes(built.system, [built.changes['force']])[0]
+    from magphonon.design.sensitivities import _stiffness_change
+    from magphonon.stiffness.matrices import hessian
+    fixed = hessian(built.system.calc.bonds, _stiffness_change(built.system.calc, built.changes['force'], 'complete'), 0.0)
+    assert abs(still - fixed).max() > 1e-2 * abs(fixed).max()  # the control: positions that stay
+
+
+def test_a_shaken_bench_in_time_steps(tmp_path):
+    """All particles pushed by -m a in the frame of the bench; and by moving walls and anchors in that of the floor."""
+    scene = scene_of(tmp_path, ('[frf.force]\nat_m = [0.0, 0.0]\ndirection_deg = 40.0\n', ''),
+                     ('points', 'base_deg = 40.0\npoints'), ('side_m = 0.06', 'side_m = 0.03'), ('= 4.0\n', '= 60.0\n'))
+    atoms, direction, answer = scene.shaken(bench=True)
+    omega, damping = 2 * np.pi * 35 * u.Hz, scene.frf.damping
+    expected = receptance(atoms, direction, answer, [omega], damping).response[0]
+    force = base_force(LinearSystem.of(atoms), direction)
+    moving = np.flatnonzero(force.any(axis=1))
+    acceleration = 1e-4  # mm/ms^2: 0.2 % of the linear range
+    dyn = DrivenVerlet(atoms, 0.05, [Harmonic(moving, direction, acceleration * atoms.get_masses()[moving], omega, np.pi / 2)],
+                       damping)
+    record = Recorder(dyn, [answer.particle])
+    dyn.run(round(500 / 0.05))  # the free vibration has died to e^-15
+    dt = 0.05 * record.interval
+    last = round(4 * 2 * np.pi / omega / dt)
+    w = lock_in(record.displacements[-last:, 0, 0], dt, omega, record.times[-last])
+    bench = acceleration / omega**2  # u_b = bench cos: -m u_b'' = m acceleration cos
+    assert_allclose(w / bench + direction[0], expected, rtol=2e-3)  # (omega dt)^2/24 at a resonance
+    assert abs(direction[0] - expected) > 0.3 * abs(expected)  # the control: it does not move as the bench alone
+
+
+def test_files(tmp_path, exact):
+    """A table in mobility and one in accelerance, amplitude and phase, say the same as the universal file."""
+    pyuff = pytest.importorskip('pyuff')
+    f = np.linspace(20, 160, 70)
+    w, h = 2 * np.pi * f, exact[0]
+    (tmp_path / 're.csv').write_text('frequency_Hz,re_mm_per_s_per_N,im_mm_per_s_per_N\n' + '\n'.join(
+        f'{a!r},{z.real!r},{z.imag!r}' for a, z in zip(f.tolist(), (1e3j * w * h).tolist(), strict=True)))
+    z = -(w**2) * h
+    (tmp_path / 'amplitude.csv').write_text('frequency_Hz;amplitude_m_per_s2_per_N;phase_deg\n' + '\n'.join(
+        f'{a!r};{b!r};{c!r}' for a, b, c in zip(f.tolist(), abs(z).tolist(), np.degrees(np.angle(z)).tolist(), strict=True)))
+    common = {'binary': 0, 'id1': 'x', 'rsp_node': 7, 'rsp_dir': -2, 'ref_node': 1, 'ref_dir': 1, 'orddenom_spec_data_type': 13,
+              'ordinate_spec_data_type': 12, 'abscissa_spec_data_type': 18}
+    one = pyuff.prepare_58(func_type=4, x=f, data=z, abscissa_inc=f[1] - f[0], **common)
+    nodes = pyuff.prepare_15(node_nums=[1, 7], def_cs=[0, 0], disp_cs=[0, 0], color=[0, 0], x=[0.0, 0.01], y=[0.0, 0.0],
+                             z=[0.0, 0.0])
+    pyuff.UFF(str(tmp_path / 'f.uff')).write_sets([nodes, one], 'overwrite')
+    for name, order in (('re.csv', 1), ('amplitude.csv', 2), ('f.uff', 2)):
+        (found,) = read_transfer(tmp_path / name)
+        assert_allclose(found.response, h * u.m / u.N, rtol=1e-4)  # single precision of the universal file in text
+        assert found.order == order
+    assert_allclose(found.answer, [10.0, 0.0, np.pi / 2 + np.pi])
+    for text, told in (('frequency_Hz,re_m_per_N\n1,2\n', 'holds neither transfer functions nor records'),
+                       ('frequency_Hz,re_m_per_N,im_mm_per_N\n1,2,3\n', 'must have one unit'),
+                       ('frequency_Hz,re_m_per_N,im_m_per_N\n1,2,3\n1,2,3\n', 'each once')):
+        (tmp_path / 'bad.csv').write_text(text)
+        with pytest.raises(ValueError, match=told):
+            read_transfer(tmp_path / 'bad.csv')
+
+
+@pytest.mark.parametrize('hits', [1, 40])
+def test_records(hits, tmp_path):
+    """An oscillator of 1 kg at 10 Hz, damped, driven by noise or by hits: H1, its coherence and its uncertainty."""
+    rng, dt, n = np.random.default_rng(0), 2e-3, 2**16 // hits
+    t = dt * np.arange(n)
+    w0, gamma = 2 * np.pi * 10, 8.0
+    free = np.sqrt(w0**2 - gamma**2 / 4)
+    kernel = np.exp(-gamma * t / 2) * np.sin(free * t) / free * dt
+    x = rng.standard_normal((hits, n)) if hits == 1 else np.exp(-((t - 0.02) ** 2) / 2 / 0.006**2) * rng.uniform(1, 2, (hits, 1))
+    y = np.array([np.convolve(one, kernel)[:n] for one in x])
+    y += 0.1 * y.std() * rng.standard_normal(y.shape)
+    omega, H, coherence, sigma = estimated(x, y, 1e3 * dt, segment=4096 if hits == 1 else None)
+    near = (omega * 1e3 > 0.7 * w0) & (omega * 1e3 < 1.4 * w0)
+    w = omega[near] * 1e3
+    z = (H[near] - 1 / (w0**2 - w**2 + 1j * w * gamma)) / sigma[near]
+    scatter = np.sqrt(np.mean(abs(z) ** 2) / 2)
+    assert 0.6 < scatter < 1.6  # one if the uncertainty holds
+    assert (coherence[near] > 0.5).all()
+    swapped = estimated(x, y, 1e3 * dt, 'H2', segment=4096 if hits == 1 else None)[1]
+    assert (abs(swapped[near]) >= abs(H[near])).all()  # H2/H1 = 1/coherence
+    rows = [f'{k},{a!r},{b!r},{c!r}' for k in range(hits)
+            for a, b, c in zip(t.tolist(), x[k].tolist(), y[k].tolist(), strict=True)]
+    (tmp_path / 'raw.csv').write_text('record,time_s,drive_N,answer_m\n' + '\n'.join(rows))
+    (found,) = read_transfer(tmp_path / 'raw.csv')
+    assert found.coherence is not None
+
+
+@pytest.mark.slow
+def test_commands(tmp_path, exact, capsys):
+    scene_of(tmp_path)
+    rows = ['frequency_Hz,re_m_per_N,im_m_per_N,sigma_m_per_N,x_m,y_m,direction_deg']
+    for one, (k, axis) in zip(measured(exact, np.random.default_rng(3)), [(k, axis) for k in range(3) for axis in (0, 90)],
+                              strict=True):
+        x, y = RECEIVERS[k]
+        rows += [f'{f!r},{h.real!r},{h.imag!r},{float(one.sigma) * u.N / u.m!r},{x},{y},{axis}' for f, h in zip(
+            u.hertz(one.omega).tolist(), (one.response * u.N / u.m).tolist(), strict=True)]
+    (tmp_path / 'f.csv').write_text('\n'.join(rows))
+    scene, table, out = (str(tmp_path / name) for name in ('hexagon.toml', 'f.csv', 'out'))
+    assert main(['fit', table, '--frf', scene, '-o', out]) == 0
+    told = capsys.readouterr().out
+    assert 'the data speak for D0 + D*' in told
+    assert '6 transfer functions, 420 points' in told
+    assert {'frf_fit.png', 'frf_fit.txt'} <= {file.name for file in (tmp_path / 'out').iterdir()}
+    assert main(['frf', scene, '--measured', table, '-o', str(tmp_path / 'frf')]) == 0
+    told = capsys.readouterr().out
+    shares = [line.split() for line in told.splitlines() if 'f.csv, (' in line]
+    assert all(float(words[1].strip(',')) < 0.03 < 0.1 < float(words[3]) for words in shares)
+    assert (tmp_path / 'frf' / 'frf_measured.png').exists()
+    assert main(['fit', table, '--frf', scene, '--magnet', 'disc']) != 0
+    assert '--magnet belongs to other fits' in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_sixty_fits_scatter_as_the_bound(tmp_path, exact):
+    scene, sigmas, rng = scene_of(tmp_path), bound()[:4], np.random.default_rng(4)
+    off = []
+    for _ in range(60):
+        values = fit_frf(scene, measured(exact, rng), gain_sigma=0.0).values()
+        off.append([np.log(values[name][0] / TRUTH[name]) for name in NAMES])
+    off = np.array(off) / sigmas
+    print('bound (%)', 100 * sigmas, 'scatter over it', off.std(axis=0), 'mean in its error', off.mean(axis=0) * np.sqrt(60))
+    assert ((off.std(axis=0) > 0.75) & (off.std(axis=0) < 1.27)).all()  # of 60 draws, 3 standard errors
+    assert (abs(off.mean(axis=0)) * np.sqrt(60) < 3.5).all()
+
+
+def test_sdypy_finds_the_same_poles(tmp_path):
+    """A small patch by sdypy-EMA's least-squares complex frequency method."""
+    ema = pytest.importorskip('sdypy.EMA')
+    scene = scene_of(tmp_path, ('side_m = 0.06', 'side_m = 0.02'), ('points = 70', 'points = 2000'),
+                     ('from_Hz = 20.0', 'from_Hz = 1.0'))
+    atoms, source, answer = scene.shaken()
+    h = receptance(atoms, source, answer, scene.frf.omega, scene.frf.damping)
+    model = ema.Model(h.response[None], u.hertz(h.omega), lower=20, upper=160, pol_order_high=30)
+    model.get_poles(show_progress=False)
+    from magphonon.response import natural_frequencies
+    ours = u.hertz(natural_frequencies(atoms))
+    theirs = np.array([abs(p) for p in np.ravel(model.all_poles[-1]) if p.imag > 0]) / (2 * np.pi)
+    for f in ours[(ours > 30) & (ours < 150)]:
+        assert abs(theirs / f - 1).min() < 1e-3
+
+
+def test_the_place_of_a_measurement(tmp_path):
+    scene = scene_of(tmp_path)
+    omega = np.array([0.1, 0.2])
+    outside = TransferFunction('f.csv', omega, omega + 0j, None, 0, np.array([500.0, 0.0, 0.0]))
+    with pytest.raises(ValueError, match=r'f\.csv, answer\.at_m = \[0\.5, 0\.0\] is outside the patch'):
+        in_place(scene, [outside])
+    shaken = TransferFunction('f.csv', omega, omega + 0j, shaken=True)
+    with pytest.raises(ValueError, match='is a response to the motion of the bench, and the scene has'):
+        in_place(scene, [shaken])
+    assert isinstance(in_place(scene, [TransferFunction('f', omega, omega + 0j)])[0].drive, Place)
