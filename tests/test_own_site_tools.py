@@ -72,7 +72,7 @@ def swinging(atoms):
 
 
 def fully_said(atoms):
-    said = verdict(atoms, timestep=0.1)
+    said = verdict(atoms)
     return np.array([said.case.force, said.buckling.spring, said.buckling.needed, said.timestep_limit, said.supports.wave,
                      said.supports.central, said.buckling.spacing or 0.0, *said.displacements])
 

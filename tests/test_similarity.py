@@ -78,7 +78,7 @@ def answers(seed, L, s, m):
     run = atoms.copy()
     run.calc = atoms.calc
     DrivenVerlet(run, dt, [drive], damping=gamma, engine='numpy').run(100)
-    told = verdict(atoms, timestep=dt)
+    told = verdict(atoms)
     return {
         'places': (atoms.positions - atoms.calc.anchors, (1, 0, 0)),
         'shift': (rest.shift, (1, 0, 0)),

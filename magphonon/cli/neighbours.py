@@ -41,7 +41,8 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
         return []
     told = _counted(scene)
     if scene.finite:
-        return [f'{told}.']
+        chosen = scene.lattice.cutoff_m is None and not isinstance(scene.law.asked, int)
+        return [f'{told}.' + ('' if chosen else ' Leave law.shells and lattice.cutoff_m out to count all pairs.')]
     atoms = scene.with_lean(False).perfect_cell() if atoms is None else atoms
     if not atoms.calc.pairwise:
         return ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']

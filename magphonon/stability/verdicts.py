@@ -97,9 +97,9 @@ class Verdict:
     """What the checks find about a structure; `str(verdict)` tells all of it in words and SI units.
 
     Each check has an attribute of its name, the value that it found, and is made when this is first asked for: `residual` (N),
-    `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit`, `timestep` (ms), `away` (mm),
-    `contact`, `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `density`
-    (g/mm^3).  It is None where the question does not arise, or was not judged.
+    `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
+    `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `density` (g/mm^3).  It is
+    None where the question does not arise, or was not judged.
     """
 
     case: Case
@@ -157,7 +157,7 @@ class Verdict:
     __repr__ = __str__
 
 
-def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = None, supercell: Sequence[int] | None = None,
+def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
             distance: float | None = None) -> Verdict:
     """Judge a structure before it runs.
 
@@ -176,8 +176,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
         With their MagneticRepulsion, or a cell with AllNeighbours.
     drives : sequence of drives
         Drives of the run; `Constant` ones may balance static forces, in addition to the dead load of the calculator.
-    timestep : float, optional
-        In ms.
     supercell : three ints, optional
         Supercell for phonopy's finite displacements.
     distance : float, optional
@@ -197,7 +195,6 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), timestep: float | None = N
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
     run = {'layer': layer, 'supercell': supercell,
-           'timestep': timestep if timestep is None else positive('timestep', timestep, 'ms'),
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
@@ -227,7 +224,7 @@ class Case:
         As `Verdict.away` and `Verdict.contact`.
     layer : ase.Atoms or None
         The flat layer with its motion out of the plane.
-    timestep, supercell, distance
+    supercell, distance
         As for `verdict`.
     """
 
@@ -237,7 +234,6 @@ class Case:
     away: float = 0.0
     closest: float = 1.0
     layer: Atoms | None = None
-    timestep: float | None = None
     supercell: Sequence[int] | None = None
     distance: float | None = None
 
@@ -450,17 +446,6 @@ def timestep_limit(case: Case) -> Finding:
         return Finding(np.inf)
     return Finding(2 / highest, f'Time steps up to {2 / highest / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
                    f'of {u.hertz(highest):.4g} Hz); a tenth of that is accurate.')
-
-
-@check
-def timestep(case: Case) -> Finding:
-    """The time step to be judged, ms."""
-    dt = case.timestep
-    limit = np.inf if dt is None else timestep_limit(case).value
-    if dt is None or dt <= limit:
-        return Finding(dt)
-    return Finding(dt, f'The time step of {dt / u.s:.4g} s exceeds the stability limit 2/omega_max = {limit / u.s:.4g} s: the '
-                   'run would diverge. Use a tenth of the limit.', fault=True)
 
 
 @check
