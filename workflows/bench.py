@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from magphonon import read_scene
-from magphonon.design import frequency_spread
+from magphonon.design import frequency_spread, mode_scatter
 from magphonon.scenes import fit_bands
 from magphonon.scenes.tolerances import varied
 from magphonon.waves import Scan, read_ridges, scan_waves, write_ridges
@@ -149,5 +149,33 @@ def _at_M(law, remanence, spacing, mass, spring):
     return bench.bloch(law, vectors, 20.5 * spacing, M, mass, (spring, spring))[0] / (2 * np.pi)
 
 
-PATHS = (ridges_of_a_row_source, designed)
+def photographed():
+    """`modes` of a photo of the magnets at rest, turned, in pixels, 30 um uncertain: the lowest frequencies of the patch."""
+    law, rng, count = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3), 6
+    places, marks = bench.sites(bench.triangular(SPACING), 0.11, 0.1), np.array([[-0.08, -0.08], [0.08, -0.07]])
+    found, truths = {REACH: [], 1.2 * SPACING: []}, []
+    for _ in range(4):
+        lab, turn = bench.built(places, law, REACH, rng), 2e4 * np.exp(1j * rng.uniform(0, 6))
+        truths.append(bench.modes(lab)[0][:count] / (2 * np.pi))
+        at, seen = ([turn * (x @ [1, 1j]) for x in (lab.rest + 3e-5 * rng.standard_normal(lab.rest.shape), marks)])
+        points = [[z.real, -z.imag] for z in seen]
+        rows = [f'{z.real!r},{-z.imag!r},{int(held)}' for z, held in zip(at.tolist(), lab.held, strict=True)]
+        for cutoff, intervals in found.items():
+            text = (f'title = "bench"\n[lattice]\nkind = "file"\nfile = "photo.csv"\nmass_kg = 8e-4\ncutoff_m = {cutoff}\n'
+                    f'positions = "rest"\npoints_px = {np.array(points).tolist()}\npoints_m = {marks.tolist()}\n'
+                    '[law]\nkind = "magnets"\nremanence_T = 1.32\nshells = 1\n[law.disc]\ndiameter_m = 5e-3\nheight_m = 5e-3\n'
+                    '[foundation]\nstiffness_N_per_m = 20.0\nstiffness_y_N_per_m = 22.0\n'
+                    '[uncertainty]\neach_strength_percent = 2.5\neach_stiffness_percent = 5.0\neach_mass_percent = 0.5\n'
+                    'each_position_m = 3e-5\n')
+            with tempfile.TemporaryDirectory() as folder:
+                Path(folder, 'photo.csv').write_text('\n'.join(['x_px,y_px,held', *rows]), encoding='utf-8')
+                (file := Path(folder, 'photo.toml')).write_text(text, encoding='utf-8')
+                scene = read_scene(file)
+            omega, std = mode_scatter(scene.atoms(), scene.uncertainty.tolerances(scene).scatter, count)
+            intervals.append((omega + 1.96 * std * np.array([[-1], [1]])).T / (2 * np.pi) * 1e3)
+    near, every = found[1.2 * SPACING], found[REACH]
+    return judged('photo', [f'frequency of mode {k + 1} (Hz)' for k in range(count)], every, truths, near)
+
+
+PATHS = (ridges_of_a_row_source, designed, photographed)
 """One function for each path; it returns rows, see `judged`."""
