@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 
 OUT = Path(__file__).parents[1] / 'docs' / 'licences.md'
 EXTRAS = {'': 'itself'} | {name: f'`[{name}]`' for name in ('browser', 'fast', 'dask', 'docs', 'magnets', 'mpi', 'peers',
-                                                            'release', 'sweep', 'test', 'vibrometer')}
+                                                            'release', 'sweep', 'test', 'tools', 'vibrometer')}
 HEAD = """# Licences of what magphonon uses
 
 magphonon is under the MIT licence and contains no code of other packages; it imports them, unmodified, as they are installed.
