@@ -1,8 +1,9 @@
-"""The scripts in README and on the page about phonopy run as they stand there and find what they say."""
+"""The scripts in README and on the pages for users of other tools run as they stand there and find what they say."""
 
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 README = Path(__file__).parents[1] / 'README.md'
+COMING_FROM = README.parent / 'docs' / 'reference' / 'coming_from.md'
 TEXT = '\n'.join(page.read_text(encoding='utf-8') for page in (README, README.parent / 'docs' / 'reference' / 'phonopy.md'))
 
 # The script states the pillars' 19.67572... N/m to six digits, at most 2.6e-6 off; a frequency goes as the root of a stiffness.
@@ -21,6 +23,14 @@ def script_with(word):
     blocks = re.findall(r'```python\n(.*?)```', TEXT, re.S)
     [script] = [code for code in blocks if word in code]
     return compile(script, str(README), 'exec')
+
+
+def started(tool):
+    """The names that the script for users of a tool leaves behind."""
+    section = COMING_FROM.read_text(encoding='utf-8').partition(f'\n## {tool}\n')[2].partition('\n## ')[0]
+    [script] = re.findall(r'```python\n(.*?)```', section, re.S)
+    exec(compile(script, str(COMING_FROM), 'exec'), names := {})
+    return names
 
 
 @pytest.fixture(scope='module')
@@ -63,14 +73,52 @@ def test_conventional_fails_them(session):
     assert longitudinal > 1.03 * 149.476338113
 
 
+def test_first_sentences_and_last_ones_say_what_the_script_finds(session):
+    [true, blind] = [at_m(session[0], model)[0] for model in ('complete', 'conventional')]
+    text = ' '.join(README.read_text(encoding='utf-8').split())
+    assert f'{blind / true - 1:.0%}'.replace('%', ' %') + f' too high: at {blind:.0f} Hz instead of {true:.0f}.' in text
+    assert f'shear waves at {true:.2f} Hz with D\\* and {blind:.2f} Hz without' in text
+
+
+def test_who_comes_from_phonopy_finds_its_bands():
+    names = started('phonopy')
+    assert names['difference'] < 1e-6  # phonopy's displacements are good to 1e-9 of 150 Hz
+    assert names['mesh'].frequencies.max() > 149
+
+
+def test_who_comes_from_ase_finds_the_perfect_lattice():
+    assert started('ASE')['off'] < 1e-6  # forces below 1e-9 N on springs of 0.02 N/mm
+
+
+def test_who_comes_from_comsol_finds_what_only_prestress_shows(capsys):
+    names = started('COMSOL')
+    f, L = 1.6209e-10 * 0.01**-4.5824, 0.01
+    assert f'needs {4 * f / L:.2f} N/m' in capsys.readouterr().out  # rows that slide past each other
+    # a third of 4 f/L is left at X with D*, all of 6 f/L at Gamma without
+    expected = np.sqrt(np.array([2, 6]) * f / L / 7.07e-4) / (2 * np.pi)
+    np.testing.assert_allclose([names[bands].frequencies_Hz.min() for bands in ('bands', 'blind')], expected, rtol=1e-9)
+    cell, half = names['cell'], names['needed'] / 2
+    cell.calc.set(foundation=half)
+    assert names['analytic_bands'](cell, 'GXMG').omega.min() < 0  # it buckles,
+    assert names['analytic_bands'](cell, 'GXMG', model='conventional').omega.min() > 0  # and looks stable, as README says
+
+
+def test_who_comes_from_matlab_finds_the_bands_by_hand(tmp_path, monkeypatch):
+    from scipy.io import loadmat
+
+    monkeypatch.chdir(tmp_path)
+    np.testing.assert_allclose(started('MATLAB')['by_hand'], [58.2326897819, 149.476338113], rtol=ROUNDED)
+    assert loadmat('prototype.mat')['K'].shape == (2, 2)
+
+
 def test_time_steps_follow_the_exact_transient(capsys):
-    names = {}
-    exec(script_with('propagate'), names)
+    names, page = started('LAMMPS'), COMING_FROM.read_text(encoding='utf-8')
     # velocity Verlet moves every frequency by (w dt)^2/24, 1e-6 at 40 Hz and 5e-6 at 100 Hz; 100 rad of phase accumulate
     assert names['off'] < 5e-4
     assert f"off by {names['off']:.1e}" in capsys.readouterr().out
-    assert f'# {names["off"]:.1e}' in README.read_text(encoding='utf-8')
-    assert f'{names["linear"].products} products' in README.read_text(encoding='utf-8')
+    assert f'# {names["off"]:.1e}' in page
+    assert f'{names["linear"].products} products' in page
+    assert f'patch of {len(names["patch"])} magnets' in ' '.join(page.split())
 
 
 @pytest.fixture(scope='module')
@@ -79,6 +127,8 @@ def shell(tmp_path_factory):
     blocks = re.findall(r'^```(\w*)\n(.*?)^```', TEXT, re.S | re.M)
     lines = [line for language, block in blocks if not language for line in block.splitlines()]
     folder = tmp_path_factory.mktemp('shell')
+    for table, name in (('synthetic_force.csv', 'forces.csv'), ('prototype_ridges.csv', 'ridges.csv')):  # the reader's own
+        shutil.copy(README.parent / 'data' / table, folder / name)
     environment = os.environ | {'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}', 'MPLBACKEND': 'Agg'}
     for tool, place in (('magphonon', folder), ('phonopy', folder / 'prototype-bands')):
         for line in [line for line in lines if line.startswith(tool)]:
@@ -130,7 +180,7 @@ def test_a_type_checker_finds_nothing_in_the_programs_and_finds_mistakes_in_them
     pytest.importorskip('pyright')
     mistakes = {'keyword': ('foundation=', 'fundation='), 'name': ('analytic_bands,', 'analytical_bands,'),
                 'attribute': ('linear.displacements)', 'linear.displacement)'), 'type': ('a=4.5824)', "a='4.5824')")}
-    programs = re.findall(r'```python\n(.*?)```', TEXT, re.S)
+    programs = re.findall(r'```python\n(.*?)```', TEXT + COMING_FROM.read_text(encoding='utf-8'), re.S)
     for k, program in enumerate(programs):
         (tmp_path / f'program_{k}.py').write_text(program, encoding='utf-8')
         for name, (right, wrong) in mistakes.items():
