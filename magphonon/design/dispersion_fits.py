@@ -38,8 +38,9 @@ if TYPE_CHECKING:
 FOLLOWS = 1.5
 """Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
 have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""
-PASSES = 4
-"""Repetitions with the uncertainties and branches of the fit before; they settle with the second."""
+PASSES, ROBUST = 5, 2
+"""Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first few mind outliers less
+where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
 """Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
 each parameter up to which these go, and how many of the assignments found are fitted."""
@@ -175,9 +176,10 @@ def _settled(cell, names, points, model, priors, branches_in, start):
     wanted, surely = np.log([factor for factor, _ in priors.values()]), np.array([sigma for _, sigma in priors.values()])
 
     x, before = start, None
-    for _ in range(PASSES):
+    for k in range(PASSES):
         atoms, _ = cell(*x)
-        seen = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(atoms, points, model)))
+        least = np.maximum(_oblique(atoms, points, model), points.shift * points.from_points * (k < ROBUST))
+        seen = replace(points, sigma_xi=np.maximum(points.sigma_xi, least))
         branches = branches_in(atoms, seen)
         modes = _followed(atoms, seen, np.array(branches)[points.ridge], model)
         sigma, slope = _uncertainty(atoms, seen, modes, model)
@@ -194,8 +196,9 @@ def _settled(cell, names, points, model, priors, branches_in, start):
             return -np.vstack([white @ (2 * abs(omega[n, modes]) * slopes / scale).T, np.eye(len(x))[known] / surely[:, None]])
 
         found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
+                              loss='cauchy' if k < ROBUST and points.from_points.any() else 'linear',
                               xtol=1e-12, ftol=1e-12, gtol=1e-12)
-        x, settled = found.x, before is not None and np.array_equal(modes, before)
+        x, settled = found.x, k > ROBUST and np.array_equal(modes, before)
         before = modes
         if settled:
             break
@@ -218,8 +221,9 @@ def _oblique(atoms, points, model):
             xi, own, other = points.xi[here, None], along.phases(points.omega[here]), oblique.phases(points.omega[here])
             own = np.take_along_axis(own, np.where(np.isnan(own), np.inf, abs(own - xi)).argmin(axis=1)[:, None], axis=1)
             near = abs(other - xi) < LOBE_bins * points.bins[here, None]
-            far[here] = np.nanmax(np.where(near, abs(other - own), 0), axis=1, initial=0)
-    return np.nan_to_num(far)
+            apart = np.nan_to_num(abs(other - own), nan=np.pi)  # where no wave along the row has this frequency
+            far[here] = np.where(near, apart, 0).max(axis=1, initial=0)
+    return far
 
 
 def _followed(atoms, points, modes, model):
