@@ -39,8 +39,8 @@ FOLLOWS = 1.5
 """Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
 have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""
 PASSES, ROBUST = 5, 2
-"""Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first few mind outliers less
-where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
+"""Repetitions with the uncertainties and branches of the fit before; they settle with the second.  The first two mind outliers
+less where a point source sent the waves: which points are of oblique waves is seen when the bands are nearly right."""
 SCOUTS, SCOUTED, TRIED = 7, 3.0, 6
 """Where the points do not fit: logarithm to base 2 of the number of places at which other branches are looked for, the factor on
 each parameter up to which these go, and how many of the assignments found are fitted."""
