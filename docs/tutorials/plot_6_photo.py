@@ -1,0 +1,129 @@
+"""
+Vibrations of a patch from its photo
+====================================
+
+No patch is perfect: feet are drilled a tenth of a millimetre off, magnets and pillars differ.  A photo shows where the magnets
+stand, and that is enough for the local modes, with an interval for what it does not show.  Here the patch is simulated, so that
+the truth is known.
+"""
+
+# %%
+# A patch and its photo
+# ---------------------
+# The rim is held, and one magnet is missing.  ``scattered`` draws the feet, the strengths and the pillars; ``relaxed`` lets the
+# magnets go to where all forces balance.
+
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from magphonon import InversePower, MagneticRepulsion, lattices, modes, read_scene, relaxed, units as u
+from magphonon.plotting.axes import COLOURS
+from magphonon.stiffness import Scatter, scattered
+
+law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
+patch = lattices.hexagon(lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g), side=50 * u.mm)
+del patch[len(patch) // 2]
+patch.calc = MagneticRepulsion(patch, law, foundation=60 * u.N / u.m, cutoff=45 * u.mm)
+feet = scattered(patch, Scatter(position=0.1 * u.mm, strength=0.025, stiffness=0.05), seed=1)
+true = relaxed(feet).atoms
+truth = modes(true)
+
+# %%
+# The camera is turned by 20 degrees; a pixel is 0.04 mm, and y runs downwards in a photo.  Two marks on the frame, far apart,
+# are at known places.  What we note of each magnet is its pixel and whether it is held.
+
+
+def pixels(places):
+    """Where places in mm appear in the photo."""
+    z = np.exp(1j * np.radians(20)) * (places[:, :2] @ [1, 1j]) / 0.04
+    return np.stack([z.real, -z.imag], axis=1) + 2000
+
+
+seen = pixels(true.positions) + 0.5 * np.random.default_rng(2).normal(size=(len(true), 2))  # half a pixel of noise
+marks = np.array([[-60.0, -50.0], [60.0, -50.0]])
+held = np.isin(np.arange(len(true)), true.constraints[0].index)
+folder = Path(tempfile.mkdtemp())
+rows = [f'{x:.1f},{y:.1f},{h:d}' for (x, y), h in zip(seen, held, strict=True)]
+(folder / 'photo.csv').write_text('\n'.join(['x_px,y_px,held', *rows]), encoding='utf-8')
+print('\n'.join(['x_px,y_px,held', *rows[:3]]))
+
+# %%
+# The scene
+# ---------
+# ``positions = "rest"`` says that the magnets stand there.  ``[uncertainty]`` says what each of them may differ by.  The shell
+# says the same by ``magphonon modes photo.toml``.
+
+text = f"""title = "From a photo"
+[lattice]
+kind = "file"
+file = "photo.csv"
+mass_kg = 7.07e-4
+cutoff_m = 0.045
+positions = "rest"
+points_px = {pixels(marks).round(1).tolist()}
+points_m = {(marks / u.m).tolist()}
+
+[law]
+kind = "inverse_power"
+b_N_m_a = 1.6209e-10
+a = 4.5824
+shells = 1
+
+[foundation]
+stiffness_N_per_m = 60
+
+[uncertainty]
+each_strength_percent = 2.5
+each_stiffness_percent = 5
+each_position_m = 2e-5
+"""
+(folder / 'photo.toml').write_text(text, encoding='utf-8')
+scene = read_scene(folder / 'photo.toml')
+found = modes(scene.atoms())
+
+# %%
+# How well?
+# ---------
+# To first order in what each magnet may differ by, ``mode_scatter`` gives the standard deviations, which ``magphonon modes``
+# prints beside the frequencies.
+
+from magphonon.design import mode_scatter
+
+std = u.hertz(mode_scatter(scene.atoms(), scene.uncertainty.tolerances(scene).scatter, found).std)
+for k in range(4):
+    print(f'mode {k + 1}: {found.frequencies_Hz[k]:.2f} +- {std[k]:.2f} Hz, truth {truth.frequencies_Hz[k]:.2f} Hz')
+
+# %%
+# Read as the photo of the feet, the magnets would move to rest a second time, and the lowest modes, beside the hole, would be
+# wrong by more than that:
+
+(folder / 'feet.toml').write_text(text.replace('"rest"', '"anchors"'), encoding='utf-8')
+twice = modes(read_scene(folder / 'feet.toml').atoms())
+
+figure, ax = plt.subplots(figsize=(6, 3), layout='constrained')
+first, count = truth.frequencies_Hz[:20], np.arange(1, 21)
+ax.errorbar(count, 100 * (found.frequencies_Hz[:20] / first - 1), 100 * 1.96 * std[:20] / first, fmt='o', color=COLOURS[0],
+            label='positions at rest, 95 %')
+ax.plot(count, 100 * (twice.frequencies_Hz[:20] / first - 1), 's', color=COLOURS[1], fillstyle='none', label='read as feet')
+ax.axhline(0, color='0.5', linewidth=0.8)
+ax.set(xlabel='mode', ylabel='off the truth (%)', xticks=count[::3])
+ax.legend(frameon=False)
+
+# %%
+# Measured shapes
+# ---------------
+# A vibrometer has measured the three lowest modes at half of the magnets, along x.  ``magphonon modes photo.toml --compare
+# shapes.csv`` tells which modes they are; a match needs a MAC above a half, and above chance.
+
+from magphonon.response import compared
+
+points = np.flatnonzero(~held)[::2]
+lines = [f'{k + 1},{truth.frequencies_Hz[k]},{x},{y},{truth.shapes[k, i, 0]}' for k in range(3) for i in points
+         for x, y in [true.positions[i, :2]]]
+(folder / 'shapes.csv').write_text('\n'.join(['mode,frequency_Hz,x_mm,y_mm,u_x', *lines]), encoding='utf-8')
+comparison = compared(folder / 'shapes.csv', scene.atoms(), found)
+for name, mac, least in zip(comparison.names, comparison.mac, comparison.least, strict=True):
+    print(f'measured mode {name}: mode {mac.argmax() + 1}, MAC {mac.max():.2f} (a match needs {least:.2f})')
