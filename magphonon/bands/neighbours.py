@@ -149,7 +149,7 @@ def enough_shells(atoms: Atoms, q: ArrayLike, tolerance: float) -> Enough:
         if len(tried) > most:  # about evenly spaced over the logarithm of the distance
             wanted = np.geomspace(ends[0], ends[-1], most)
             tried = np.unique(tried[np.minimum(np.searchsorted(ends[tried], wanted), len(tried) - 1)])
-        parts = [sum(_bloch(atoms, shells[k], q, 0.0 if k else atoms.calc.foundation) for k in range(first, last + 1))
+        parts: Any = [sum(_bloch(atoms, shells[k], q, 0.0 if k else atoms.calc.foundation) for k in range(first, last + 1))
                  for first, last in zip(np.append(0, tried[:-1] + 1), tried, strict=True)]
         omega = _omega(atoms, np.cumsum(parts, axis=0))
         errors = (abs(omega - every) / np.maximum(abs(every), LOW * abs(every).max())).max(axis=(1, 2))
@@ -168,7 +168,7 @@ def whole_reach(atoms: Atoms, laws: Laws) -> float:
     is periodic, all as far as the law is known or becomes its tail.
     """
     nearest = nearest_distance(atoms)
-    extent = 1.01 * np.linalg.norm(np.ptp(atoms.positions, axis=0))
+    extent = 1.01 * float(np.linalg.norm(np.ptp(atoms.positions, axis=0)))
     every = not atoms.pbc.any() and len(atoms) ** 2 / 2 < MOST_BONDS
     r = distances_within(atoms, extent if every else TAIL * nearest)
     r = r[: np.searchsorted([not is_known(laws, x) for x in r[:: max(1, len(r) // 512)]], True) * max(1, len(r) // 512)]
@@ -207,7 +207,7 @@ def is_known(laws: Laws, r: float) -> bool:
     return True
 
 
-def _planar(law):
+def _planar(law: Any) -> Any:
     """The law of the distance, of upright magnets that in their plane."""
     return law.central(2) if hasattr(law, 'central') else law
 

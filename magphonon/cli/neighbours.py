@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from typing import Any
 
     from ase import Atoms
     from numpy.typing import ArrayLike
@@ -41,7 +42,8 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
         return []
     told = _counted(scene)
     if scene.finite:
-        chosen = scene.lattice.cutoff_m is None and not isinstance(scene.law.asked, int)
+        lattice: Any = scene.lattice
+        chosen = lattice.cutoff_m is None and not isinstance(scene.law.asked, int)
         return [f'{told}.' + ('' if chosen else ' Leave law.shells and lattice.cutoff_m out to count all pairs.')]
     atoms = scene.with_lean(False).perfect_cell() if atoms is None else atoms
     if not atoms.calc.pairwise:

@@ -109,7 +109,8 @@ class Scene(Table):
                     table.__dict__['law'] = table.law.placed(self.lattice.spacing_m)  # it is read-only for everybody else
                 except ValueError as error:
                     raise ValueError(f'law{error}') from None
-        self.__dict__.update(self._chosen())
+        for name, chosen in self._chosen().items():
+            self.__dict__[name] = chosen  # pyright: ignore[reportIndexIssue]  it is read-only for everybody else
         check(self)
         return self
 
@@ -166,7 +167,7 @@ class Scene(Table):
         Of shells = 'all' they are so many that the others change each frequency at the special points by less than `PAIRS`, or as
         many as can be counted; `magphonon.bands.neighbour_shifts` tells the rest.
         """
-        if self.law.shells != ALL:
+        if isinstance(self.law, SavedLaw) or self.law.shells != ALL:
             return self
         enough = self.enough_shells(PAIRS)
         if enough.error > LONG_RANGE:
@@ -175,6 +176,9 @@ class Scene(Table):
                              '"magphonon bands" takes the sum over all')
         law = self.law.with_shells(enough.shells, enough.cutoff / (self.lattice.spacing_m * u.m))
         return self.model_copy(update={'law': law})
+
+    def __eq__(self, other: object) -> bool:  # the name of its file does not matter
+        return isinstance(other, Scene) and vars(self) == vars(other)
 
     @property
     def single(self) -> bool:
