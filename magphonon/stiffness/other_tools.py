@@ -43,6 +43,9 @@ class _Rescaled(Calculator):
         super().__init__()
         self.unscaled, self.scale = calc, scale
 
+    def __repr__(self) -> str:
+        return f'{self.unscaled!r} for other tools, energies times {self.scale:.7g}'
+
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         super().calculate(atoms, properties, system_changes)
         calc, here = fitted(self.unscaled, self.atoms)  # pyright: ignore[reportArgumentType]  which ASE has just set
