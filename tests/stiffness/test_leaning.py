@@ -141,6 +141,8 @@ def test_check_says_what_leaning_does(capsys, tmp_path):
     assert 'the lowest branch at Gamma from 26.5507 to 26.0668 Hz, at M from 58.2327 to 57.9649 Hz' in told['mine']
     assert 'Pillars lean' not in told['lean'] + told['thick']
     assert 'cut-off frequency of 26.0668 Hz' in told['lean']
+    assert main(['explore', str(tmp_path / 'lean.toml'), '-o', str(tmp_path / 'page.html')]) == 2
+    assert 'the sliders of the explorer do not know; take lean out' in capsys.readouterr().err
 
 
 def test_other_laws_keep_their_range():
