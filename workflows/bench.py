@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from magphonon import read_scene
+from magphonon.bands import band_path
 from magphonon.design import frequency_spread, mode_scatter
 from magphonon.scenes import fit_bands
 from magphonon.scenes.tolerances import varied
-from magphonon.waves import Scan, read_ridges, scan_waves, write_ridges
+from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
 
 from . import bench_lattice as bench
 from .rows import Check, Outcome
@@ -193,5 +194,35 @@ def photographed():
     return judged('photo', [f'frequency of mode {k + 1} (Hz)' for k in range(count)], every, truths, near)
 
 
-PATHS = (partial(ridges, 'row'), partial(ridges, 'point'), designed, photographed)
+def noise_of_the_plane():
+    """`spectrum` of all magnets while noise alone moves them, and `fit --bands`."""
+    law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 7e-3, REACH + 5e-3), np.random.default_rng(6)
+    vectors, names, frames = bench.triangular(SPACING), ('force', 'a', 'bond stiffness'), 4000
+    found, truths = {1: [], SHELLS: []}, []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(2):
+            lab = bench.built(bench.sites(vectors, 0.22, 0.22), law, REACH, rng)
+            omega, shapes = bench.modes(lab)
+            w = 2 * np.pi * np.fft.rfftfreq(frames, 1e-3)
+            modal = rng.normal(size=(len(omega), len(w), 2)).view(complex)[..., 0] * (w < 2 * np.pi * 250)
+            modal = np.fft.irfft(modal / (omega[:, None] ** 2 + 1j * lab.damping * w - w**2), frames)[:, : frames // 2]
+            u = bench.measured(np.einsum('nxm,mt->tnx', shapes, modal, optimize=True)[:, ~lab.held], 1000.0, rng)
+            u *= 1e-3 / abs(u).max()
+            scan = Scan(np.arange(len(u)) * 1.0, tuple(map(str, range(u.shape[1]))), 1e3 * lab.rest[~lab.held],
+                        {'x': u[..., 0], 'y': u[..., 1]})
+            spacing = np.linalg.norm(bench.mean_vectors(lab, vectors, 5 * SPACING)[0])
+            f, slope = (float(value) * lab.strengths[~lab.held].mean() ** 2 for value in law(spacing))  # 0.3 % are told here
+            truths.append([f, -slope * spacing / f, -slope])
+            for shells, fits in found.items():
+                (file := Path(folder, 'bench.toml')).write_text(scene_text(shells), encoding='utf-8')
+                scene = read_scene(file)
+                cell = scene.perfect_cell()
+                points = field_ridges(field_of(scan, cell), cell, band_path(cell, 'GMKG'))
+                write_points(Path(folder, 'ridges.csv'), points)
+                values = fit_bands(scene, read_ridges(Path(folder, 'ridges.csv'))).values()
+                fits.append([values[name][0] * np.exp(np.array([-1.96, 1.96]) * values[name][1]) for name in names])
+    return judged('noise of the plane', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found[SHELLS], truths, found[1])
+
+
+PATHS = (partial(ridges, 'row'), partial(ridges, 'point'), designed, photographed, noise_of_the_plane)
 """One function for each path; it returns rows, see `judged`."""

@@ -113,3 +113,39 @@ print(f'evidence for D*: {fits.evidence:.0f} sigma')
 # %%
 # One branch alone often does not tell force and exponent apart: their uncertainties are then larger than a half, and the command
 # calls them not determined.
+
+# %%
+# A record of the plane
+# ---------------------
+# Who measures all magnets, by a camera or point after point, gives them to the same command; each row of
+# the table then has a time, a place and a displacement::
+#
+#     time_ms, x_mm, y_mm, u_x_um, u_y_um
+#     magphonon spectrum plane.csv scene.toml --at 40
+#     magphonon fit scene-spectrum/spectrum_plane_ridges.csv --bands scene.toml
+#
+# The motion may be a burst or noise alone: shake the base, or let it hum, and record for some seconds.  Welch's average over segments
+# then shows the bands along the path of ``[bands]``, ``GMKG`` say, and their ridges.  Below it is a wave of 60 Hz over 16 x 16
+# sites, some of them missing, in a map over the wavevectors at that frequency.  Its crest lies at the wavevector of the wave.
+
+from magphonon.waves import field_at, field_of
+
+rng = np.random.default_rng(2)
+n = np.array([(i, j) for i in range(16) for j in range(16)])[rng.random(256) > 0.1]
+sites, t = n @ cell.cell.array[:2, :2], np.arange(0, 500.0)
+u_y = 1e-3 * np.cos(2 * np.pi * 0.06 * t[:, None] - sites @ [0.1, 0.05]) + 1e-4 * rng.normal(size=(len(t), len(sites)))
+field = field_of(Scan(t, tuple(map(str, range(len(n)))), sites, {'x': 0 * u_y, 'y': u_y}), cell)
+print('\n'.join(field.notes))
+k, power, shape = field_at(field, cell, 2 * np.pi * 0.06)
+row, column = np.unravel_index(power.argmax(), power.shape)
+print(f'crest at ({k[column]:.2f}, {k[row]:.2f}) rad/mm, resolution {field.bin_k:.2f}')
+
+# %%
+# Molecular dynamics in place of a camera: a trajectory of ASE that ``DrivenVerlet`` has written is read by dynasor, which takes
+# millimetres for Angstrom and milliseconds for femtoseconds, so that its rad/fs are rad/ms::
+#
+#     trajectory = dynasor.Trajectory('motion.traj', trajectory_format='ase', length_unit='Angstrom', time_unit='fs')
+#     omega, density = dynasor.compute_spectral_energy_density(trajectory, rest, cell, k, dt=2.0)
+#
+# Thermal motion of 64 magnets for one second peaks within its bin of 1 Hz at the bands with D*, and four bins or more from those
+# without (``tests/waves/test_dynasor.py``).

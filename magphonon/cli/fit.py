@@ -301,8 +301,8 @@ def _allowed(found):
     """What the intervals contain of shifts that all ridges of a branch share."""
     from ..waves.ridge_tables import SHIFT_bins
 
-    points = found.points.from_points
-    kinds = [(kind, some.sum()) for kind, some in (('row', ~points), ('point', points)) if some.any()]
+    sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
+    kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
     told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
     lines = [f'They allow for a shift that all ridges of a branch share: {told}.']
     strayed = found.fits['complete'].strayed

@@ -35,7 +35,7 @@ def law():
 def specimen(seed, width=0.24, height=0.24):
     """A patch, its modes, and the lattice vectors of its inner part."""
     lab = bench.built(bench.sites(VECTORS, width, height), law(), REACH, np.random.default_rng(seed))
-    return lab, bench.modes(lab), bench.mean_vectors(lab, VECTORS, 6 * SPACING)
+    return lab, bench.modes(lab), bench.mean_vectors(lab, VECTORS, 5 * SPACING)
 
 
 def moved(lab, modes, kind, seconds, rng, rate=1000.0):
@@ -103,7 +103,7 @@ def holds(scan, lab, vectors, scene, source, folder):
     fits = fit_bands(scene, read_ridges(folder / 'ridges.csv'))
     found = {name: value * np.exp(1.96 * sigma * np.array([-1, 1])) for name, (value, sigma) in fits.values().items()}
     spacing = np.linalg.norm(vectors[0])
-    f, slope = (float(value) for value in lab.law(spacing))
+    f, slope = (float(value) * lab.strengths[~lab.held].mean() ** 2 for value in lab.law(spacing))
     inside = [found[name][0] <= value <= found[name][1]
               for name, value in zip(NAMES, (f, -slope * spacing / f, -slope), strict=True)]
     return [*inside, found['foundation'][0] <= 22 and found['foundation'][1] >= 20], fits.evidence
