@@ -210,7 +210,7 @@ def noise_of_the_plane():
             u *= 1e-3 / abs(u).max()
             scan = Scan(np.arange(len(u)) * 1.0, tuple(map(str, range(u.shape[1]))), 1e3 * lab.rest[~lab.held],
                         {'x': u[..., 0], 'y': u[..., 1]})
-            spacing = np.linalg.norm(bench.mean_vectors(lab, vectors, 5 * SPACING)[0])
+            spacing = np.linalg.norm(bench.mean_vectors(lab, vectors, 3 * SPACING)[0])
             f, slope = (float(value) * lab.strengths[~lab.held].mean() ** 2 for value in law(spacing))  # 0.3 % are told here
             truths.append([f, -slope * spacing / f, -slope])
             for shells, fits in found.items():

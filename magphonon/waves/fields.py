@@ -55,6 +55,9 @@ BENT = 0.25
 """Shift of a point by the curvature of its branch, in frequency bins, from which the record does not resolve it: near Gamma and
 where branches meet."""
 DOUBT = 0.5  # share of this shift that is uncertain: so well are the bands of the scene and the powers within the lobe known
+UNEVEN = 0.005
+"""Share of a frequency by which a specimen is uneven: its rim lacks neighbours and widens the lattice by some 0.2 %, so that
+what a window sees is neither the middle nor the mean."""
 PURE = 0.98  # share of a branch in the one component that was measured, from which that component shows this branch alone
 OTHER = 1.25  # factor between a frequency and the bands of both models of the scene beyond which it is another branch
 LASTS = 0.6  # share of the segments with power from which it is noise, not a burst
@@ -316,8 +319,8 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     What a branch moves there must be its own: more than the other branch at that frequency, above the background, within 20 dB of
     the strongest point, within a quarter of the bands of the scene in either model, and with the centre of gravity within a bin,
     for power that leaks from afar has its centre there.  The uncertainty adds up that between the
-    segments (the jackknife), what neighbouring points scatter more than that about a smooth curve, and half of what the
-    curvature of the branch shifts.
+    segments (the jackknife), what neighbouring points scatter more than that about a smooth curve, half of what the
+    curvature of the branch shifts, and half a percent for the unevenness of a specimen.
 
     Parameters
     ----------
@@ -373,7 +376,7 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     bent = bent[at, branch]
     freedom = np.maximum(whole[0] ** 2 / (own[:, 0] ** 2).sum(axis=0), 1)  # so many segments share the power
     variance = (len(own) - 1) * centred(whole - own)[2].var(axis=0) * (stdtrit(freedom, 0.975) / NORMAL) ** 2  # the jackknife
-    variance += _scatter(off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2
+    variance += _scatter(off - bent, variance, branch, leg[at], at) + (DOUBT * bent) ** 2 + (UNEVEN * centre) ** 2
     ridge = len(legs) * branch + leg[at]
     each = np.unique(ridge)
     motions = tuple(MOTIONS[k // len(legs)] for k in each)

@@ -35,7 +35,7 @@ def law():
 def specimen(seed, width=0.24, height=0.24):
     """A patch, its modes, and the lattice vectors of its inner part."""
     lab = bench.built(bench.sites(VECTORS, width, height), law(), REACH, np.random.default_rng(seed))
-    return lab, bench.modes(lab), bench.mean_vectors(lab, VECTORS, 5 * SPACING)
+    return lab, bench.modes(lab), bench.mean_vectors(lab, VECTORS, 3 * SPACING)
 
 
 def moved(lab, modes, kind, seconds, rng, rate=1000.0):
