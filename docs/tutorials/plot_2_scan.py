@@ -125,8 +125,8 @@ print(f'evidence for D*: {fits.evidence:.0f} sigma')
 #     magphonon fit scene-spectrum/spectrum_plane_ridges.csv --bands scene.toml
 #
 # The motion may be a burst or noise alone: shake the base, or let it hum, and record for some seconds.  The mean over
-# segments then shows the bands along the path of ``[bands]``, ``GMKG`` say, and their ridges.  Below it is a wave of 60 Hz over 256
-# sites, some missing, in a map over the wavevectors at that frequency.  Its crest lies at the wavevector of the wave.
+# segments then shows the bands along the path of ``[bands]``, ``GMKG`` say, and their ridges.  Below it is a wave of 60 Hz over
+# 256 sites, some missing, in a map over the wavevectors at that frequency.  Its crest lies at the wavevector of the wave.
 
 from magphonon.waves import field_at, field_of
 
