@@ -198,7 +198,7 @@ def noise_of_the_plane():
     """`spectrum` of all magnets while noise alone moves them, and `fit --bands`."""
     law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 7e-3, REACH + 5e-3), np.random.default_rng(6)
     vectors, names, frames = bench.triangular(SPACING), ('force', 'a', 'bond stiffness'), 4000
-    found, truths = {1: [], SHELLS: []}, []
+    found, truths = {1: [], 9: []}, []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(2):
             lab = bench.built(bench.sites(vectors, 0.22, 0.22), law, REACH, rng)
@@ -221,7 +221,7 @@ def noise_of_the_plane():
                 write_points(Path(folder, 'ridges.csv'), points)
                 values = fit_bands(scene, read_ridges(Path(folder, 'ridges.csv'))).values()
                 fits.append([values[name][0] * np.exp(np.array([-1.96, 1.96]) * values[name][1]) for name in names])
-    return judged('noise of the plane', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found[SHELLS], truths, found[1])
+    return judged('noise of the plane', ('force (N)', 'exponent', 'bond stiffness (N/m)'), found[9], truths, found[1])
 
 
 PATHS = (partial(ridges, 'row'), partial(ridges, 'point'), designed, photographed, noise_of_the_plane)
