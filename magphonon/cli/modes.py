@@ -139,7 +139,7 @@ def _of_patch(folder, save, lattice, patch, scene, options):
     _draw(save, system, found, extent, ranges, drawn, about)
     report = ['', f'modes of the patch: {"all" if every else "the lowest and those between the bands,"} {len(found.omega)}, from '
               f'{found.frequencies_Hz[0]:.6g} to {found.frequencies_Hz[-1]:.6g} Hz']
-    if scene.finite and scene.lattice.positions == 'rest' and found.omega[0] < 0:
+    if scene.finite and scene.lattice.positions == 'rest' and found.omega[0] < -OUTSIDE * abs(found.omega).max():
         report.append('UNSTABLE: what stands in the photo would not stand with this law and foundation; check them, and cutoff_m')
     if len(ranges):
         report.append(f'  {len(local)} of them lie outside the bands of the lattice' + (', the most local ones:' * bool(local)))
