@@ -179,7 +179,7 @@ def field_of(scan: Scan, cell: Atoms) -> Field:
     >>> u = np.random.default_rng(0).normal(size=(2, 400, 144))
     >>> field = field_of(Scan(np.arange(400.0), tuple(map(str, range(144))), places, {'x': u[0], 'y': u[1]}), cell)
     >>> round(field.across, 1), field.frames < 200
-    (11.4, True)
+    (10.5, True)
     """
     if len(cell) > 1:
         raise ValueError(f'a field is read on a lattice of one particle to the cell, not of {len(cell)}; scan a row of it')
