@@ -1,0 +1,64 @@
+"""What archives, indexes and journals are told is what pyproject.toml, LICENSE and the package say; the paper keeps its form."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import magphonon
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['project']
+yaml = pytest.importorskip('yaml')  # comes with phonopy
+
+
+def told(name):
+    text = (ROOT / name).read_text(encoding='utf-8')
+    return json.loads(text) if name.endswith('json') else yaml.safe_load(text)
+
+
+def test_one_version_licence_description_and_author():
+    cff, zenodo, codemeta, recipe = map(told, ('CITATION.cff', '.zenodo.json', 'codemeta.json', 'recipe.yaml'))
+    [developers] = {author['name'] for author in PROJECT['authors']}
+    assert {cff['version'], zenodo['version'], codemeta['version'], recipe['context']['version']} == {magphonon.__version__}
+    assert {cff['license'], zenodo['license'], codemeta['license'].rpartition('/')[2],
+            recipe['about']['license']} == {PROJECT['license']}
+    assert {codemeta['name'], recipe['package']['name']} == {PROJECT['name']}
+    assert {zenodo['description'], codemeta['description'], recipe['about']['summary']} == {PROJECT['description']}
+    assert cff['title'] == zenodo['title']
+    for authors in (cff['authors'], zenodo['creators'], codemeta['author']):
+        assert [author['name'] for author in authors] == [developers]
+    assert developers in (ROOT / 'LICENSE').read_text(encoding='utf-8')
+    assert zenodo['keywords'] == codemeta['keywords'] == PROJECT['keywords']
+    assert codemeta['runtimePlatform'] == f'Python {PROJECT["requires-python"]}'
+
+
+def test_conda_installs_what_pip_installs():
+    wanted = [re.sub(r'^matplotlib>', 'matplotlib-base>', line) for line in PROJECT['dependencies']]  # without Qt
+    runs = [line.replace(' ', '') for line in told('recipe.yaml')['requirements']['run']]
+    assert sorted(runs) == sorted([f'python{PROJECT["requires-python"]}', *wanted])
+
+
+def test_paper_has_the_form_of_the_journal():
+    """The Journal of Open Source Software asks for these sections, and for 750 to 1750 words."""
+    _, head, text = (ROOT / 'paper/paper.md').read_text(encoding='utf-8').split('---\n', 2)
+    assert {'title', 'tags', 'authors', 'affiliations', 'date', 'bibliography'} <= yaml.safe_load(head).keys()
+    assert re.findall(r'^# (.*)$', text, re.M) == [
+        'Summary', 'Statement of need', 'State of the field', 'Software design', 'Research impact statement',
+        'AI usage disclosure', 'Acknowledgements', 'References']
+    assert 750 <= len(text.split()) <= 1750
+    known = re.findall(r'^@\w+\{(\w+),', (ROOT / 'paper/paper.bib').read_text(encoding='utf-8'), re.M)
+    assert set(re.findall(r'@(\w+)[;\]]', text)) == set(known)
+    assert all((ROOT / 'paper' / picture).is_file() for picture in re.findall(r'\]\((.*?)\)', text))
+
+
+def test_paper_states_what_the_package_finds():
+    cell = magphonon.read_scene('prototype').atoms()
+    true, blind = (magphonon.analytic_bands(cell, 'M', m).frequencies_Hz.min() for m in ('complete', 'conventional'))
+    text = ' '.join((ROOT / 'paper/paper.md').read_text(encoding='utf-8').split())
+    assert f'at {blind:.1f} Hz instead of {true:.1f} Hz: the static forces lower it by {100 * (1 - true / blind):.0f} %' in text
+    square = magphonon.read_scene('square').atoms()
+    needed = magphonon.foundation_needed(square)[0] / (magphonon.units.N / magphonon.units.m)
+    assert f'$4f/L = {needed:.1f}$ N/m' in text
