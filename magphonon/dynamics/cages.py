@@ -20,7 +20,7 @@ from ase import Atoms
 from numpy.typing import NDArray
 
 from ..errors import PhysicsError
-from ..lattices.bonds import Bonds, bonds_within
+from ..lattices.bonds import Bonds, bonds_within, lengths_of
 from ..stiffness.rest import freedom
 
 CONTACT = 0.1  # ratio of a bond to its rest length below which its particles have collided
@@ -136,9 +136,9 @@ class Cages:
 
     def _look_at_bonds(self, u, time):
         bonds, R = self.calc.bonds, self.calc.bond_vectors
-        r0 = np.linalg.norm(R, axis=1)
+        r0 = lengths_of(R)
         bond = R + u[bonds.j] - u[bonds.i]
-        r = np.linalg.norm(bond, axis=1)
+        r = lengths_of(bond)
         if self.calc.parameters.model == 'conventional':
             r = np.einsum('bx,bx->b', bond, R) / r0
         for b in np.flatnonzero((r < CONTACT * r0) | (r > BROKEN_BOND * r0))[:1]:
@@ -158,7 +158,7 @@ class Cages:
                 return
             pairs = np.concatenate([self._pairs_of[s:e] for s, e in zip(self._first[far], self._first[far + 1], strict=True)])
             i, j = self._i[pairs], self._j[pairs]
-            distance = np.linalg.norm(self._vectors[pairs] + step[j] - step[i], axis=1)
+            distance = lengths_of(self._vectors[pairs] + step[j] - step[i])
         for b in np.flatnonzero(distance < self.nearest)[:1]:
             raise Diverged(i[b], time, f'is {distance[b]:g} mm from {j[b]}, with which it has no bond, nearer than the '
                                        f'{self.nearest:g} mm at which bonded particles rest: the bonds do not hold any more')
@@ -178,7 +178,7 @@ class Cages:
             return
         other = self.mobile[near.i] | self.mobile[near.j]
         self._i, self._j, self._vectors = near.i[other], near.j[other], near.vectors[other, : self.calc.dim]
-        self._distance = np.linalg.norm(self._vectors, axis=1)
+        self._distance = lengths_of(self._vectors)
         self._margin = np.full(len(u), (SURVEYED - 1) / 2 * self.nearest)
         for ends in (self._i, self._j):
             np.minimum.at(self._margin, ends, (self._distance - self.nearest) / 2)

@@ -19,6 +19,7 @@ from scipy import sparse
 from ..interactions.bond_laws import labels, taken
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
+from ..stiffness.matrices import hermitian_eigenvalues
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
 from ..stiffness.sites import out_of_plane
 from .bond_increments import RANGES, Increments, Pieces, pieces
@@ -101,7 +102,7 @@ def _particle_bound(system):
     mobile[system.free.nonzero()[0] // calc.dim] = True
     bonds, K = calc.bonds, calc.rest_stiffness(calc.model)
     k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
-    norm = abs(np.linalg.eigvalsh(K)).max(axis=1)
+    norm = abs(hermitian_eigenvalues(K)).max(axis=1)
     squares = k / masses
     for i, j in ((bonds.i, bonds.j), (bonds.j, bonds.i)):
         squares += np.bincount(i, norm * (1 / masses[i] + 1 / np.sqrt(masses[i] * masses[j])), len(masses))

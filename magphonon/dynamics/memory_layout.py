@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..lattices.bonds import lengths_of
+
 if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
@@ -164,7 +166,7 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
 
 def _sites_found(atoms, i, j, R):
     """Places on a parallelogram where each bond leads from a place to one a whole number of rows and columns farther, or None."""
-    X, r = atoms.positions[:, :2], np.linalg.norm(R, axis=1)
+    X, r = atoms.positions[:, :2], lengths_of(R)
     first = R[r.argmin()]
     across = abs(first[0] * R[:, 1] - first[1] * R[:, 0]) > r * r.min() / 2
     if not across.any():
@@ -175,7 +177,7 @@ def _sites_found(atoms, i, j, R):
         if np.linalg.matrix_rank(steps.T @ steps) < 2:
             return None
         base = np.linalg.lstsq(steps, R, rcond=None)[0]
-    if (np.linalg.norm(R - steps @ base, axis=1) > OFF_PLACE * r.min()).any():
+    if (lengths_of(R - steps @ base) > OFF_PLACE * r.min()).any():
         return None
     places = np.rint((X - X[0]) @ np.linalg.inv(base))
     for _ in range(2):
@@ -203,7 +205,7 @@ def _grid(slot, i, j, R, mobile, labels):
     backward = j < i
     i, j = np.where(backward, j, i), np.where(backward, i, j)
     R = np.where(backward[:, None], -R, R)
-    r0 = np.linalg.norm(R, axis=1)
+    r0 = lengths_of(R)
     first, kind = _alike(j - i, *np.round(R / (SAME_VECTOR * r0.min())).T, labels)
     group, offset, R_of = kind, (j - i)[first], R[first][kind]
     offsets, by_offset = np.unique(offset, return_inverse=True)
@@ -258,7 +260,7 @@ def _table(count, i, j, R, labels):
     slot = np.empty(count, int)
     slot[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(count)
     i, j = slot[i], slot[j]
-    r0 = np.linalg.norm(R, axis=1)
+    r0 = lengths_of(R)
     first, kind = _kinds(r0, labels)
     order = np.lexsort([np.maximum(i, j), np.minimum(i, j), kind])
     return Layout(slot, count + -count % LINE, i[order], j[order], R[order], kind[order], r0[first], first)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..errors import NotAtRest
+from ..lattices.bonds import lengths_of
 from .bloch_bound import proves_stable
 from .bond import sizes
 from .calculator import MagneticRepulsion, same_cell
@@ -304,7 +305,7 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0) -> NDArray[np.float6
     total, size = springs.copy(), 2 * abs(springs).max(axis=1)[:, None]
     if (bonds.i != bonds.j).any():  # its own images push a particle from both sides alike
         push_on_j = -calc.interaction.forces(calc.bond_vectors)[1]
-        strength = np.linalg.norm(push_on_j, axis=1)
+        strength = lengths_of(push_on_j)
         for end, sign in ((bonds.j, 1), (bonds.i, -1)):
             total += sign * np.array([np.bincount(end, x, bonds.particles) for x in push_on_j.T]).T
             size += np.bincount(end, strength, bonds.particles)[:, None]
