@@ -360,7 +360,7 @@ class Scene(Table):
         """One of the tables of computations, such as 'bands'; a lattice without [bands] has those on ASE's path."""
         table = getattr(self, name)
         if name == 'bands' and table is None and not (self.single or self.finite):
-            return BandPlan()
+            return BandPlan.model_validate({})
         if table is None:
             have = [other for other, file in ready_scenes().items() if f'\n[{name}' in file.read_text(encoding='utf-8')]
             example = 'prototype' if 'prototype' in have else have[0]
@@ -376,7 +376,8 @@ class Scene(Table):
         """Phonopy's supercell in three dimensions."""
         wanted = self.wanted('bands').supercell
         if wanted is None:
-            return tuple(map(int, enough_cells(self.perfect_cell().calc)))
+            calc: Any = self.perfect_cell().calc
+            return tuple(map(int, enough_cells(calc)))
         return wanted + (1,) * (3 - len(wanted))
 
 

@@ -55,7 +55,8 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     True
     """
     if not isinstance(atoms, Atoms):
-        atoms, parameters = atoms.toatoms(), atoms.calculator_parameters if parameters is None else parameters
+        own = atoms.calculator_parameters  # pyright: ignore[reportAttributeAccessIssue]  which ASE sets
+        atoms, parameters = atoms.toatoms(), own if parameters is None else parameters
     calc: Any = atoms.calc
     found = getattr(calc, 'parameters', None) if parameters is None else parameters
     if not isinstance(found, dict) or 'calculator' not in found:
