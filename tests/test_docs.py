@@ -49,7 +49,7 @@ def test_drawings_and_tutorials_are_those_of_the_pages():
     pages = ''.join(page.read_text(encoding='utf-8') for page in (ROOT / 'docs/theory').glob('*.md'))
     drawn = set(re.findall(r'plot:: theory/(\w+)\.py', pages))
     assert drawn == {file.stem for file in (ROOT / 'docs/theory').glob('*.py')}
-    assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 6
+    assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 7
 
 
 def test_the_scene_of_own_positions_on_its_page_is_stable(tmp_path):
