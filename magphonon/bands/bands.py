@@ -109,7 +109,7 @@ class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw them in Hz as ASE draws bands; `plot_bands` draws them in the style of this package, several on the same axes."""
-        return self.to_ase().plot(ax, **options)  # pyright: ignore[reportReturnType]  ASE makes axes where there are none
+        return self.to_ase().plot(ax, **options)  # pyright: ignore[reportReturnType]
 
     def _repr_png_(self) -> bytes:
         from matplotlib.figure import Figure
@@ -119,7 +119,7 @@ class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
         figure.savefig(picture, dpi=120)
         return picture.getvalue()
 
-    _repr_html_ = None  # pyright: ignore[reportAssignmentType]  a notebook would take it instead of the picture
+    _repr_html_ = None  # pyright: ignore[reportAssignmentType]  a notebook would show no picture
 
     def to_xarray(self) -> Dataset:
         """As of all results, and the distance along the path: `to_xarray().frequencies_Hz.plot.line(x='path_rad_per_mm')`."""

@@ -55,7 +55,7 @@ def restored(atoms: Atoms | AtomsRow, parameters: dict[str, Any] | None = None, 
     True
     """
     if not isinstance(atoms, Atoms):
-        own = atoms.calculator_parameters  # pyright: ignore[reportAttributeAccessIssue]  which ASE sets
+        own = atoms.calculator_parameters  # pyright: ignore[reportAttributeAccessIssue]
         atoms, parameters = atoms.toatoms(), own if parameters is None else parameters
     calc: Any = atoms.calc
     found = getattr(calc, 'parameters', None) if parameters is None else parameters
