@@ -43,6 +43,7 @@ sphinx_gallery_conf = {
     'within_subsection_order': 'FileNameSortKey',
     'abort_on_example_error': True,
     'download_all_examples': False,
+    'capture_repr': (),   # what a block prints and draws, not the repr of its last line
     'show_signature': False,
     'write_computation_times': False,
     'min_reported_time': 1000,

@@ -46,7 +46,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--executor', choices=EXECUTORS, default='processes',
                         help='processes of this machine (default), this process alone, Dask, or the ranks of mpiexec')
     parser.add_argument('--workers', metavar='N', type=int, help='processes on this machine (default: one for each core)')
-    parser.add_argument('--scheduler', metavar='ADDRESS', help='of a running Dask scheduler, such as tcp://10.0.0.1:8786')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='of a running Dask scheduler, such as `tcp://10.0.0.1:8786`')
     add_output(parser)
     add_pictures(parser, frequencies=False)
 
