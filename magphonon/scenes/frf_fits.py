@@ -29,8 +29,7 @@ KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
 GAIN = 0.01
 """Relative standard uncertainty of the calibration of an instrument, force and motion together, where nothing else is said."""
 CLEARLY = 1.5
-"""Ratio of the residuals of the two models from which on one of them is ruled out, where sites scatter: of 40 lattices of a
-laboratory without static forces none spoke for them so clearly."""
+"""Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
 
 
 @dataclass(frozen=True)
