@@ -33,6 +33,15 @@ def test_every_public_name_is_on_the_page_of_its_room(generate):
     assert [name for name in magphonon.bands.__all__ if f':: magphonon.bands.{name}\n' not in page] == []
 
 
+def test_links_to_names_lead_to_their_pages(generate):
+    """Sphinx says nothing of a link to a name that no page describes."""
+    known = {name for room in generate.api.rooms() for name in re.findall(r':: (magphonon[\w.]+)', generate.api.page(room))}
+    pages = {page: page.read_text(encoding='utf-8') for page in (ROOT / 'docs').glob('[rt]*/*.md')}
+    links = {(page.name, name) for page, text in pages.items() for name in re.findall(r'\{py:\w+\}`~?(magphonon[\w.]+)`', text)}
+    assert len(links) > 20
+    assert {(page, name) for page, name in links if name not in known} == set()
+
+
 def test_every_key_stands_in_a_table_of_five_cells(generate, tmp_path):
     generate.keys.write(tmp_path)
     rows = [line for line in (tmp_path / 'keys.md').read_text(encoding='utf-8').splitlines() if line.startswith('| `')]
