@@ -47,6 +47,7 @@ def test_every_key_stands_in_a_table_of_five_cells(generate, tmp_path):
     rows = [line for line in (tmp_path / 'keys.md').read_text(encoding='utf-8').splitlines() if line.startswith('| `')]
     assert len(rows) == len(generate.keys.scene_keys())
     assert {len(re.findall(r'(?<!\\)\|', row)) for row in rows} == {6}
+    assert all('<br>`dipoles`: Point dipoles' in row for row in rows if 'Point dipoles' in row)  # kinds one below the other
 
 
 def test_thresholds_are_those_of_the_source(generate):

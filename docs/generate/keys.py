@@ -1,5 +1,6 @@
 """The page of all keys of a scene, from the models that check them."""
 
+import re
 from itertools import groupby
 
 from magphonon.scenes import scene_keys
@@ -12,6 +13,8 @@ refused with the name that was probably meant, and all faults of a scene at once
 scene to start from. Examples are taken from the ready scenes.
 """
 ROW = '| {} | {} | {} | {} | {} |\n'
+CHOICE = re.compile(r'(?:^|; (?:or )?)(\w+(?: or \w+)*): ')
+"""The kinds that a description goes through, each before what it means."""
 
 
 def write(folder):
@@ -27,6 +30,8 @@ def write(folder):
 def row(key):
     """One key."""
     told = [key.description[:1].upper() + key.description[1:]]
+    if len(CHOICE.findall(key.description)) > 1:  # one below the other
+        told = [CHOICE.sub(lambda kinds: f'<br>`{kinds[1].replace(" or ", "`, `")}`: ', key.description).removeprefix('<br>')]
     if key.kinds:
         told.append(f'Kind: {", ".join(key.kinds)}')
     text = '. '.join(part.rstrip('.') for part in told if part) + '.'
