@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -175,7 +175,7 @@ def _settled(cell, names, points, model, priors, branches_in, start):
     known = np.array([names.index(name) for name in priors], int)
     wanted, surely = np.log([factor for factor, _ in priors.values()]), np.array([sigma for _, sigma in priors.values()])
 
-    x, before = start, None
+    x, before = start, np.zeros(0, int)
     for k in range(PASSES):
         atoms, _ = cell(*x)
         least = np.maximum(_oblique(atoms, points, model), points.shift * points.from_points * (k < ROBUST))
@@ -185,26 +185,26 @@ def _settled(cell, names, points, model, priors, branches_in, start):
         sigma, slope = _uncertainty(atoms, seen, modes, model)
         scale, white = 2 * points.omega * sigma, _whitening(points, modes, points.shift * slope / sigma)
 
-        def residuals(x, modes=modes, scale=scale, white=white):
+        def residuals(x, modes=modes, scale=scale, white=white) -> Any:
             omega = _at(cell(*x)[0], points, modes, model)
             return np.append(white @ ((points.omega**2 - omega * abs(omega)) / scale), (wanted - x[known]) / surely)
 
-        def jacobian(x, modes=modes, scale=scale, white=white):
+        def jacobian(x, modes=modes, scale=scale, white=white) -> Any:
             atoms, changes = cell(*x)
             omega, slopes = frequency_sensitivities(atoms, points.q, [changes[name] for name in names], model)
             slopes = np.nan_to_num(slopes[:, n, modes])  # infinite at zero frequency, where the square has a slope of its own
             return -np.vstack([white @ (2 * abs(omega[n, modes]) * slopes / scale).T, np.eye(len(x))[known] / surely[:, None]])
 
-        found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
+        found = least_squares(residuals, x, jac=jacobian, bounds=(-np.log(MOST_FACTOR), np.log(MOST_FACTOR)), x_scale=1.0,  # pyright: ignore[reportArgumentType, reportGeneralTypeIssues]  the stubs of scipy know no function as jac
                               loss='cauchy' if k < ROBUST and points.from_points.any() else 'linear',
                               xtol=1e-12, ftol=1e-12, gtol=1e-12)
         x, settled = found.x, k > ROBUST and np.array_equal(modes, before)
         before = modes
         if settled:
             break
-    J = jacobian(x)
+    J = jacobian(x)  # pyright: ignore[reportPossiblyUnbound]  PASSES is not zero
     strayed = int((modes != np.array(branches)[points.ridge]).sum())
-    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches, strayed)
+    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches, strayed)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
 
 
 def _oblique(atoms, points, model):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -128,15 +128,16 @@ def transfer_model(built: Built, functions: Sequence[TransferFunction], names: S
     h, slopes, first = [], [], 0
     for one in functions:
         k, w = where[first : first + len(one.omega)], one.omega
-        first, shaken = first + len(k), not isinstance(one.drive, Place)
-        x = under(one.answer.force(len(system)).tobytes())[k]
-        if shaken:
-            y = w[:, None] ** 2 * under(base_force(system, one.drive).tobytes())[k]
+        first, drive, shaken = first + len(k), one.drive, not isinstance(one.drive, Place)
+        place: Any = one.answer
+        x = under(place.force(len(system)).tobytes())[k]
+        if isinstance(drive, Place):
+            y = under(drive.force(len(system)).tobytes())[k]
         else:
-            y = under(one.drive.force(len(system)).tobytes())[k]
+            y = w[:, None] ** 2 * under(base_force(system, drive).tobytes())[k]
         inertia, weight = -(w**2) + 1j * w * damping, (x * mass * y).sum(axis=1)
-        seen = one.answer.seen(y.reshape(len(w), -1, dim))
-        h.append(seen + one.answer.direction @ one.drive if shaken else seen)
+        seen = place.seen(y.reshape(len(w), -1, dim))
+        h.append(seen + place.direction @ drive if shaken else seen)
         of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
         of |= {'gain': h[-1], 'damping': -1j * w * built.damping * weight, 'mass': shaken * seen - inertia * weight}
         slopes.append(np.reshape([of[name] for name in names], (len(names), len(w))))
@@ -231,7 +232,7 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
         before, tau = tau, tau * np.sqrt(above / left)
         if tau > MOST_SCATTER:
             return replace(found, information=0 * found.information, site_scatter=float(tau))
-    steps = -moved * tau / before
+    steps = -moved * tau / before  # pyright: ignore[reportPossiblyUnbound, reportOperatorIssue]  ROUNDS is not zero
     bias = steps.mean(axis=0) * tau / before
     covariance = np.linalg.inv(J.T @ J) + np.cov(steps.T).reshape(2 * (len(names),)) + np.diag((bias / 2) ** 2)
     return replace(found, factors=np.exp(x - bias), information=np.linalg.inv(covariance), site_scatter=float(tau), bias=bias)

@@ -40,14 +40,14 @@ from ..stiffness.matrices import signed_root
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from typing import Any
+    from typing import Any, TypeAlias
 
     from numpy.typing import NDArray
 
     from ..stiffness.rest import LinearSystem
     from .stencil import Stencil
 
-    Products = sparse.csr_array | 'Matrix' | Stencil
+    Products: TypeAlias = 'sparse.csr_array | Matrix | Stencil'
 
 BLOCK = 16  # number of vectors yielded at a time
 LARGEST_GROWTH = 2.0
@@ -137,8 +137,8 @@ def stable_interval(K: Products) -> Interval:
     return Interval(0.0, _products(K).row_sum or 1.0)
 
 
-def _products(K):
-    return Matrix(K) if sparse.issparse(K) else K
+def _products(K: Products) -> Matrix | Stencil:
+    return Matrix(K) if isinstance(K, sparse.csr_array) else K
 
 
 def whole_interval(K: sparse.csr_array) -> Interval:

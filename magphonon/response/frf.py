@@ -369,7 +369,7 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     reached = np.ones(len(z), complex)  # w^(n BLOCK)
     terms = min(_series_length(w, tolerance * (1 - abs(w).max()) / 2), MOST_SHOWN)
     parts = np.array([1.0, 1j])[: 1 + np.iscomplexobj(s)]  # of a complex force
-    columns = np.stack([s.real, s.imag][: len(parts)], axis=1)
+    columns = np.stack([np.real(s), np.imag(s)][: len(parts)], axis=1)
     for n, block in enumerate(chebyshev_blocks(K, interval, columns, rows, int(terms))):
         block = block @ parts
         part = reached[open_, None] * (first[open_] @ block)

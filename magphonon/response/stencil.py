@@ -169,14 +169,14 @@ def _component(k, c, D, A, x, i, offsets):
 @part
 def row(x, y, D, A, free, offsets, s, e):
     """Put K x - y into y in the slots s to e of one column."""
-    vectorise()
+    vectorise()  # pyright: ignore[reportCallIssue]  an intrinsic of numba
     c = shared(D, A, offsets)
     for i in range(s, e):
         px, py = component(0, c, D, A, x, i, offsets), component(1, c, D, A, x, i, offsets)
         y[0, i], y[1, i] = free[i] * px - y[0, i], free[i] * py - y[1, i]
 
 
-@njit(no_cpython_wrapper=True, **OPTIONS | {'fastmath': {'contract', 'reassoc'}})  # sums in any order, as vector units like it
+@njit(no_cpython_wrapper=True, **OPTIONS | {'fastmath': {'contract', 'reassoc'}})  # pyright: ignore[reportCallIssue]  sums in any order
 def products(x, y, s, e):
     """Sums y.y and y.x over the slots s to e of one column."""
     squared = crossed = 0.0

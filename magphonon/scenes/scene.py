@@ -250,7 +250,8 @@ class Scene(Table):
         if reach is not None:
             bonds = bonds_within(atoms, reach * self.lattice.spacing_m * u.m)
         try:
-            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), shells=self.law.shells, cutoff=self.lattice.cutoff,
+            shells: Any = self.law.shells  # "auto" is a number by now
+            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), shells=shells, cutoff=self.lattice.cutoff,
                                            bonds=bonds, **self._sites(atoms))
         except ValueError as error:
             if not isinstance(self.lattice, FileLattice):

@@ -43,8 +43,8 @@ _PANEL = 1.5  # of log t: with 16 nodes the double exponential exp(-x e^v) is in
 PARTS = ('all', 'D0', 'Dstar')
 
 
-def lattice_sum(lattice: ArrayLike, law: float | GaussianMixture, offset: ArrayLike | None = None, q: ArrayLike | None = None,
-                split: float = 1.0) -> float | complex:
+def lattice_sum(lattice: ArrayLike | Atoms, law: float | GaussianMixture, offset: ArrayLike | None = None,
+                q: ArrayLike | None = None, split: float = 1.0) -> float | complex:
     """`sum_R phi(|R + offset|) exp(2 pi i q.R)` over all lattice vectors R, without the one where R + offset = 0.
 
     Parameters

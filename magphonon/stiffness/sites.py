@@ -79,7 +79,7 @@ def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
     return given
 
 
-def of_sites(values: Any, sites: NDArray[np.intp]) -> Any:
+def of_sites(values: Any, sites: NDArray[np.intp] | slice) -> Any:
     """The `values` at some sites; they are given for each site, or as one number for all."""
     return values[sites] if np.ndim(values) else values
 
