@@ -40,6 +40,7 @@ FORCES = 9, 13  # force of reaction, and of excitation
 INDEPENDENT = 18 / 19
 """Independent averages of many segments that overlap by a half, over their number: under a Hann window neighbours share (1/6)^2
 of their spectrum (Welch 1967)."""
+MOST_CUT = 0.9  # length of the shortest record, in the longest: shorter ones were cut before they died down
 SEGMENTS = 8  # parts, half of each in the next one, of a continuous record
 
 
@@ -114,6 +115,8 @@ def read_transfer(path: str | PathLike[str], estimator: str = 'H1') -> list[Tran
         if len(omega) < 2 or (np.diff(omega) == 0).any():
             raise ValueError(f'{one.name}: a transfer function has two frequencies or more, each once; name different points in '
                              'x_m, y_m and direction_deg, or keep one measurement')
+        if not one.response.any():
+            raise ValueError(f'{one.name} is zero at every frequency; was the answer recorded?')
         inside = order[omega > 0]  # no acceleration tells a displacement at zero
         rate = (1j * one.omega[inside]) ** one.order
         sigma = None if one.sigma is None else np.broadcast_to(one.sigma, one.omega.shape)[inside] / abs(rate)
@@ -191,11 +194,10 @@ def _table(path, estimator):
     columns = {'frequency': FREQUENCY, 'time': TIME, 'drive': {'N': u.N}, 'record': PURE, 'phase': {'deg': u.deg, 'rad': 1.0},
                'answer': {name: factor for name, (factor, _) in MOTIONS.items()},
                'direction': {'deg': u.deg}, 'x': LENGTH, 'y': LENGTH, 'drive_x': LENGTH, 'drive_y': LENGTH,
-               **dict.fromkeys(('re', 'im', 'amplitude', 'sigma'), values)}
-    columns['drive'] = columns['drive'] | {'deg': u.deg}  # of its direction, where drive_x stands
+               'drive_deg': {'': u.deg}, **dict.fromkeys(('re', 'im', 'amplitude', 'sigma'), values)}
     table = read_table(path, columns, [], layout=LAYOUT)
     if 'time' in table and 'drive' in table and 'answer' in table:
-        return _from_records(table, estimator)
+        return [_from_records(table, estimator, *one) for one in _by_place(table)]
     parts = [name for name in ('re', 'im', 'amplitude') if name in table]
     if 'frequency' not in table or parts not in (['re', 'im'], ['amplitude']) or (parts == ['amplitude']) != ('phase' in table):
         raise ValueError(f'{path} holds neither transfer functions nor records; {LAYOUT}')
@@ -207,35 +209,46 @@ def _table(path, estimator):
         h = table['amplitude'] * np.exp(1j * table['phase'])
     else:
         h = table['re'] + 1j * table['im']
-    places = [np.stack([table.get(name, 0.0) for name in names], axis=1) if any(name in table for name in names) else None
-              for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive'))]
+    return [TransferFunction(name, table['frequency'][rows], h[rows], table['sigma'][rows] if 'sigma' in table else None,
+                             ORDERS.get(ending, 0), answer, drive, shaken=not ending)
+            for name, rows, answer, drive in _by_place(table, shaken=not ending)]
+
+
+def _by_place(table, shaken=False):
+    """Name, rows, and place and direction of answer and drive of each function or record of a table; None where it has none."""
+    places = []
+    for names in (('x', 'y', 'direction'), ('drive_x', 'drive_y', 'drive_deg')):
+        given = [name for name in names if name in table]
+        if 0 < len(given) < 3 and not (shaken and given == ['drive_deg']):
+            raise ValueError(f'{table.path} has {", ".join(table.header[name] for name in given)} alone; a measured point is '
+                             'x_m, y_m and direction_deg, that of a force drive_x_m, drive_y_m and drive_deg')
+        places.append(np.stack([table.get(name, 0.0) for name in names], axis=1) if given else None)
     keys = np.concatenate([np.zeros((len(table), 1)), *(place for place in places if place is not None)], axis=1)
-    found = []
     for key in dict.fromkeys(map(tuple, keys.tolist())):
         rows = np.flatnonzero((keys == key).all(axis=1))
         answer, drive = (None if place is None else place[rows[0]] for place in places)
-        name = f'{path}' if answer is None else f'{path}, ({answer[0]:g}, {answer[1]:g}) mm, {answer[2] / u.deg:.4g} degrees'
-        found.append(TransferFunction(name, table['frequency'][rows], h[rows], table['sigma'][rows] if 'sigma' in table else None,
-                                      ORDERS.get(ending, 0), answer, drive, shaken=not ending))
-    return found
+        at = '' if answer is None else f', ({answer[0]:g}, {answer[1]:g}) mm, {answer[2] / u.deg:.4g} degrees'
+        yield f'{table.path}{at}', rows, answer, drive
 
 
-def _from_records(table, estimator):
-    """One transfer function from the records of a table, one of each hit."""
-    split = [np.flatnonzero(table.get('record', 0.0) == one) for one in np.unique(table.get('record', 0.0))]
-    frames = min(map(len, split))
-    t = table['time'][split[0]][:frames]
+def _from_records(table, estimator, name, rows, place, source):
+    """One transfer function from some rows of a table, the records of one place, one of each hit."""
+    number = table.get('record', 0.0)[rows]
+    split = [rows[number == one] for one in np.unique(number)]
+    frames, most = min(map(len, split)), max(map(len, split))
+    if frames < MOST_CUT * most:
+        raise ValueError(f'{name}: its records have from {frames} to {most} frames; leave out those that were cut')
+    t = np.array([table['time'][own[:frames]] for own in split])
     dt = float(np.median(np.diff(t))) if frames > 1 else 0.0
     if not dt > 0 or abs(np.diff(t) - dt).max() > 0.01 * dt:
-        raise ValueError(f'{table.path}: the times of a record must rise in equal steps; resample it')
-    drive, answer = (np.array([table[name][rows[:frames]] for rows in split]) for name in ('drive', 'answer'))
+        raise ValueError(f'{name}: the times of each record must rise in the same equal steps; resample it')
+    drive, answer = (np.array([table[what][own[:frames]] for own in split]) for what in ('drive', 'answer'))
     omega, H, coherence, sigma = estimated(drive, answer, dt, estimator)
     order = MOTIONS[table.header['answer'].partition('_')[2]][1]
     good = np.isfinite(H) & (omega > 0)
-    place = np.array([table[name][0] for name in ('x', 'y', 'direction')]) if 'direction' in table else None
     known = np.isfinite(sigma[good]).all() and (sigma[good] > 0).all()
-    return [TransferFunction(str(table.path), omega[good], H[good], sigma[good] if known else None, order, place,
-                             coherence=coherence[good])]
+    return TransferFunction(name, omega[good], H[good], sigma[good] if known else None, order, place, source,
+                            coherence=coherence[good])
 
 
 def _universal(path):

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
 KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}
+SAME_DIRECTION = 1e-3  # rad: within it two directions in which a bench is shaken are one
 GAIN = 0.01
 """Relative standard uncertainty of the calibration of an instrument, force and motion together, where nothing else is said."""
 CLEARLY = 1.5
@@ -153,6 +154,9 @@ def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[Transf
             what, have, give = (('the motion of the bench', '[frf.force]', 'frf.base_deg') if one.shaken else
                                 ('a force', 'frf.base_deg', '[frf.force]'))
             raise ValueError(f'{one.name} is a response to {what}, and the scene has {have}; give {give} instead')
+        if one.shaken and one.drive is not None and abs(np.exp(1j * one.drive[2]) - complex(*source[:2])) > SAME_DIRECTION:
+            raise ValueError(f'{one.name} is of a bench shaken along {one.drive[2] / u.deg:.4g} degrees, and frf.base_deg is '
+                             f'{scene.frf.base_deg:g}; set it to that')
         if scene.single:
             given['answer'] = answer
         found.append(replace(one, answer=given['answer'] or answer, drive=source if given['drive'] is None else given['drive']))

@@ -304,3 +304,49 @@ def test_the_place_of_a_measurement(tmp_path):
     with pytest.raises(ValueError, match='is a response to the motion of the bench, and the scene has'):
         in_place(scene, [shaken])
     assert isinstance(in_place(scene, [TransferFunction('f', omega, omega + 0j)])[0].drive, Place)
+
+
+@pytest.mark.parametrize(('header', 'row', 'words'), [
+    ('frequency_Hz,re_m_per_N,im_m_per_N,direction_deg', '{f},1,1,90', 'direction_deg alone'),
+    ('frequency_Hz,re_m_per_N,im_m_per_N,drive_deg', '{f},1,1,90', 'drive_deg alone'),
+    ('time_s,drive_N,answer_m,x_m,y_m', '{f},1,1,0,0', 'x_m, y_m alone'),
+    ('frequency_Hz,re_m_per_N,im_m_per_N', '{f},0,0', 'is zero at every frequency'),
+])
+def test_tables_that_say_half_a_place_or_nothing(tmp_path, header, row, words):
+    file = tmp_path / 'f.csv'
+    file.write_text('\n'.join([header, *(row.format(f=f) for f in (20, 21))]))
+    with pytest.raises(ValueError, match=words):
+        read_transfer(file)
+
+
+def test_records_of_several_points_and_of_other_times(tmp_path):
+    rng, t = np.random.default_rng(0), 1e-3 * np.arange(64)
+    drive = rng.normal(size=(4, 64))
+    gain, file = np.array([1.0, 1.0, 3.0, 3.0]), tmp_path / 'hits.csv'
+
+    def read(rate=(1, 1, 1, 1), frames=64):
+        rows = [(k, r * s, a, g * a, g, 0, 90) for k, (r, g) in enumerate(zip(rate, gain, strict=True))
+                for s, a in list(zip(t, drive[k], strict=True))[: frames if k == 3 else 64]]
+        np.savetxt(file, rows, delimiter=',', comments='', header='record,time_s,drive_N,answer_m,x_mm,y_mm,direction_deg')
+        return read_transfer(file)
+
+    for one, expected in zip(read(), (1.0, 3.0), strict=True):  # a gain of its own at each point: places are not mixed
+        assert one.answer[0] == expected
+        assert_allclose(one.response, expected * u.m / u.N)
+    with pytest.raises(ValueError, match='the same equal steps'):
+        read((1, 0.5, 1, 1))
+    with pytest.raises(ValueError, match='from 30 to 64 frames'):
+        read(frames=30)
+
+
+def test_the_direction_of_a_bench_is_that_of_the_scene(tmp_path):
+    scene = scene_of(tmp_path, ('[frf.force]\nat_m = [0.0, 0.0]\ndirection_deg = 40.0\n', ''),
+                     ('points', 'base_deg = 40.0\npoints'))
+    file = tmp_path / 'f.csv'
+    for angle in (40.0, 400.0, 220.0, 0.0):
+        file.write_text(f'frequency_Hz,re,im,drive_deg\n20,1,0,{angle}\n21,1,0,{angle}')
+        if angle % 360 == 40:
+            assert_allclose(in_place(scene, read_transfer(file))[0].drive, scene.shaken(bench=True)[1])
+        else:
+            with pytest.raises(ValueError, match=f'shaken along {angle:g} degrees, and frf.base_deg is 40'):
+                in_place(scene, read_transfer(file))
