@@ -32,17 +32,6 @@ def test_folded_bands_are_those_of_the_large_cell(prototype):
     assert abs(found / accuracy_bands.folded(prototype, q + 0.1, 3) - 1).max() > 0.01
 
 
-@pytest.mark.parametrize('moves_and_kicks', accuracy_nonlinear.SPLITTINGS.values(), ids=accuracy_nonlinear.SPLITTINGS)
-def test_splittings_are_consistent_and_symmetric(moves_and_kicks):
-    for shares in moves_and_kicks:
-        assert_allclose(sum(shares), 1, atol=1e-14)
-    moves, kicks = moves_and_kicks
-    if moves[0] == 0:  # a kick first
-        moves = moves[1:-1]
-    assert_allclose(moves, moves[::-1], atol=1e-15)
-    assert_allclose(kicks, kicks[::-1], atol=1e-15)
-
-
 def test_acceleration_of_the_pluck_is_the_calculators():
     pluck = accuracy_nonlinear.Pluck(accuracy_nonlinear.patch_of(7), 0.05)
     atoms = pluck.patch.copy()
