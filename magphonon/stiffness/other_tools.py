@@ -21,7 +21,7 @@ from ase.data import atomic_masses
 from .calculator import stress_per_volume
 from .repulsion import Repulsion, masses_of
 from .rest import freedom
-from .supercells import fitted
+from .supercells import fitted, sites_of, strayed
 
 if TYPE_CHECKING:
     from typing import Any
@@ -49,6 +49,8 @@ class _Rescaled(Calculator):
     def calculate(self, atoms: Atoms | None = None, properties: Any = ('energy',), system_changes: Any = all_changes) -> None:
         super().calculate(atoms, properties, system_changes)
         calc, here = fitted(self.unscaled, self.atoms)  # pyright: ignore[reportArgumentType]  which ASE has just set
+        if calc is self.unscaled and calc.reference.pbc.any() and strayed(calc, here):  # as large, but in another order
+            calc = calc.on(sites_of(calc, here))  # pyright: ignore[reportArgumentType]
         found = calc.answers(here, ('energy', 'forces'))
         if 'stress' in properties:
             if not calc.pairwise:

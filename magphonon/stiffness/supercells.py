@@ -73,6 +73,14 @@ def sites_of(calc: Repulsion, atoms: Atoms) -> Atoms:
     return placed
 
 
+def strayed(calc: Repulsion, atoms: Atoms) -> bool:
+    """Whether some particle is too far from the site of the same index for it to be its own, apart from a strain."""
+    here = atoms.copy()
+    here.set_cell(calc.reference.cell, scale_atoms=True)
+    u = calc.displacements(here)
+    return bool(np.einsum('ix,ix->i', u, u).max() > (NEAR * calc.bonds.lengths.min()) ** 2)
+
+
 def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     """The calculator for `atoms` and these with its periodicity: `calc` itself, or one for the supercell that they are."""
     own = calc.reference
@@ -84,12 +92,8 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     atoms = atoms.copy()
     atoms.pbc = own.pbc
     for on in calc.supercells:
-        if np.array_equal(on.reference.cell.array, T @ own.cell.array):
-            here = atoms.copy()
-            here.set_cell(on.reference.cell, scale_atoms=True)
-            u = on.displacements(here)
-            if np.einsum('ix,ix->i', u, u).max() <= (NEAR * on.bonds.lengths.min()) ** 2:
-                return on, atoms
+        if np.array_equal(on.reference.cell.array, T @ own.cell.array) and not strayed(on, atoms):
+            return on, atoms
     calc.supercells.insert(0, calc.on(sites_of(calc, atoms)))
     del calc.supercells[KEPT:]
     return calc.supercells[0], atoms
