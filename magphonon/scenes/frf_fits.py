@@ -129,7 +129,12 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
     relative = {name: band_fits.relative_prior(name, _value(scene, name), *priors[name], fixed) for name in priors}
     if not_negative('gain_sigma', gain_sigma):
         names, relative = (*names, 'gain'), relative | {'gain': (1.0, gain_sigma)}
-    own = in_place(scene, functions)
+    own, seen = in_place(scene, functions), {}
+    for one in own:
+        first = seen.setdefault((one.omega.tobytes(), one.response.tobytes()), one)
+        if first is not one:
+            raise ValueError(f'{first.name} and {one.name} hold the same numbers, and their noise would count as independent; '
+                             'give one of them')
     fits = {model: fit_transfer(lambda factors, model=model: _built(scene, model, factors), names, own, model, relative)
             for model in band_fits.MODELS}
     return FrfFits(scene, own, fits, priors)

@@ -350,3 +350,11 @@ def test_the_direction_of_a_bench_is_that_of_the_scene(tmp_path):
         else:
             with pytest.raises(ValueError, match=f'shaken along {angle:g} degrees, and frf.base_deg is 40'):
                 in_place(scene, read_transfer(file))
+
+
+def test_the_same_curve_twice_is_refused(tmp_path):
+    """Its noise would count as averaged: intervals too narrow by the root of two."""
+    scene, omega = scene_of(tmp_path), np.array([0.1, 0.2])
+    twice = [TransferFunction(name, omega, omega + 0j) for name in ('a.csv', 'b.csv')]
+    with pytest.raises(ValueError, match=r'a\.csv and b\.csv hold the same numbers'):
+        fit_frf(scene, twice)
