@@ -212,7 +212,8 @@ def _blocks(path, rows, names, separator):
             if reader.line_num != done:
                 raise csv.Error('a quotation mark is not closed')
             if len(row) != count:
-                raise csv.Error(f'it has {len(row)} values, not {count}: it was cut off or holds a stray separator')
+                why = '; decimal commas need semicolons between the cells' if sign == ',' and len(row) > count else ''
+                raise csv.Error(f'it has {len(row)} values, not {count}: it was cut off or holds a stray separator{why}')
             cells += row
             if done == len(rows) or not done % BLOCK:
                 yield start, cells

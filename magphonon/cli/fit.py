@@ -47,8 +47,9 @@ def _quantity(text, units):
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('files', metavar='FILE.csv', nargs='+',
-                        help='table with the columns r_mm,f_N and perhaps sigma_N and direction (approach, return); with --bands '
-                             'one or more tables of ridges, as the spectrum_SCAN_ridges.csv that "magphonon spectrum" writes')
+                        help='table with the columns r_mm (distance of the centres), f_N and perhaps sigma_N and direction '
+                             '(approach, return); with --bands one or more tables of ridges, as the spectrum_SCAN_ridges.csv '
+                             'that "magphonon spectrum" writes')
     parser.add_argument('--bands', metavar='SCENE', dest='scene',
                         help='fit this scene, which gives spacing and mass, to a table of measured ridges')
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
@@ -280,8 +281,8 @@ def _known(found, fixed):
     shells = found.scene.law.shells
     return ['; '.join(['Known: spacing and mass', *known]) + '.',
             f'Neighbours: {shells} shell{"s" * (shells != 1)}.' + (
-                ' Others are left out: a law with one shell is another than that of the particles; shells = "all" counts them.'
-                if shells == 1 else '')]
+                ' Others are left out: a law with one shell is another than that of the particles; shells = "auto" counts as '
+                'many as matter.' if shells == 1 else '')]
 
 
 def _predicted(found):
@@ -411,7 +412,8 @@ def _verdict(found):
 def _worst(found):
     import numpy as np
 
-    points, residuals = found.points, found.better.residuals
+    points = found.points
+    residuals = found.better.residuals[: len(points)]  # those of priors come after
     return points.names[max(range(len(points.names)), key=lambda k: np.sum(residuals[points.ridge == k] ** 2))]
 
 
@@ -427,11 +429,12 @@ def _scattered(found):
 def _causes(found):
     """Why points may scatter, the likeliest cause first."""
     one = found.scene.law.shells == 1
-    shells = ('Most likely it is the neighbours beyond the first shell, which this scene leaves out: take shells = "all". Then '
+    shells = ('Most likely it is the neighbours beyond the first shell, which this scene leaves out: take shells = "auto". Then '
               'look' if one else 'Look')
-    return (f'{shells} at mass and spacing of the scene, and at the ridge "{_worst(found)}", from which most of it comes: is its '
-            'motion or its source another than the table says? Ridges that are taken out until the rest agrees make a confident '
-            'and wrong answer; --without leaves one out and widens the intervals by what is missed.')
+    priors = 'at what --prior says, ' if found.priors else ''
+    return (f'{shells} {priors}at mass and spacing of the scene, and at the ridge "{_worst(found)}", from which most of it '
+            'comes: is its motion or its source another than the table says? Ridges that are taken out until the rest agrees '
+            'make a confident and wrong answer; --without leaves one out and widens the intervals by what is missed.')
 
 
 def _fit_frf(options):

@@ -327,6 +327,7 @@ def test_what_is_known_from_elsewhere_narrows_the_fit(tmp_path):
     assert known.fits['complete'].freedom == alone.fits['complete'].freedom + 2
     wrong = fit_bands(scene, points, priors={'a': (2.0, 0.02)})  # the control: what is wrong is seen in chi2
     assert wrong.fits['complete'].chi2 > known.fits['complete'].chi2 + 10
+    assert 'at what --prior says' in band_report(wrong, 24, [])
     for priors, message in (({'b': (1, 0.1)}, "must be one of 'force', 'a'"), ({'a': (4.2, 3)}, 'known to 50 % or better')):
         with pytest.raises(ValueError, match=message):
             fit_bands(scene, points, priors=priors)
