@@ -156,7 +156,7 @@ class Supercells:
         law, k = prototype(known)
         rest = lattices.triangular(known['spacing'] * units.m, known['mass'] * units.kg).repeat((size, size, 1))
         bonds, n, rng = MagneticRepulsion(rest, law).bonds, size**2, np.random.default_rng(1)
-        mass, strength, spring = (1 + std * rng.normal(size=(samples, n)) for std in scatter.std)
+        mass, strength, spring = (1 + std * rng.normal(size=(samples, n)) for std in scatter.std[:3])
         self.bonds, self.R, self.law = bonds, bonds.vectors[:, :2], law
         self.pairs, self.springs = strength[:, bonds.i] * strength[:, bonds.j], k * spring
         u = np.zeros((samples, n, 2))

@@ -34,8 +34,6 @@ def run(options: Namespace) -> None:
     from ..files import write_columns
     from ..plotting.response import plot_response, plot_transfer
     from ..response.frf import receptance
-    from ..response.transfer_functions import read_transfer
-    from ..scenes.frf_fits import in_place, responses_of
     from ..scenes.scene import read_scene
     from ..stiffness.rest import LinearSystem
     from .costs import refuse_costly
@@ -46,7 +44,12 @@ def run(options: Namespace) -> None:
     plan, axes, lines = scene.wanted('frf'), None, [scene.title]
     pushed = plan.base_deg is None
     unit = units.m / units.N if pushed else 1.0
-    measured = [] if options.measured is None else in_place(scene, read_transfer(options.measured, options.estimator))
+    measured = []
+    if options.measured is not None:
+        from ..response.transfer_functions import read_transfer
+        from ..scenes.frf_fits import in_place, responses_of  # which loads time steps
+
+        measured = in_place(scene, read_transfer(options.measured, options.estimator))
     if (relaxation := scene.relaxation()) is not None:
         lines.append(str(relaxation))
     tables = [] if options.measured is None else [options.measured]

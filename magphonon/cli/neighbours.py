@@ -68,7 +68,7 @@ def _counted(scene):
 
 
 def _points(scene):
-    path = scene.band_path() if scene.bands is not None else scene.lattice.path(None, 0)
+    path = scene.lattice.path(scene.bands.path if scene.bands is not None else None, 0)
     named = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
     return {name: path.special_points[name] for name in named}
 

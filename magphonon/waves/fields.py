@@ -358,6 +358,9 @@ def field_ridges(field: Field, cell: Atoms, path: BandPath, name: str = 'field',
     bent = _bent(field, cell, q, omega[peak[..., 0]])
     found = (height > LEAST_POWER * height.max(axis=0)) & (abs(bent) < BENT * field.bin_omega)
     branch, at = np.nonzero(found.T)
+    if not len(branch):
+        raise ValueError('no wave near a branch of the scene rises above the noise; measure longer, drive harder, or correct the '
+                         'scene: crests are sought beside its bands')
     own, start = parts[:, :, at, branch, peak[at, branch, 0]], (omega[peak[at, branch, 0]], _k(q[at], cell))
 
     def centred(sums):

@@ -128,7 +128,7 @@ def test_ridges_whose_motion_does_not_tell_find_their_branches(tmp_path, seed, f
     sigma, n = 2e-3 * of_all.mean(), len(of_all)
     points = RidgePoints(('1', '2', '3'), ('x', 'y', 'x'), np.repeat([0, 1, 2], 12), np.tile(q, (3, 1)),
                          np.tile(xi, 3), np.zeros(n), of_all + sigma * rng.normal(size=n), np.full(n, sigma), np.ones(n),
-                         np.zeros(n))
+                         np.zeros(n), sources=('row',) * 3)
     F, A, K = (f, a, k) * np.array([1.3, 1, 0.75])
     if far:
         F, A, K = (f, a, k) * 2 ** (np.random.default_rng([7, seed]).uniform(-1, 1, 3) * [1, 0.5, 1])
@@ -197,7 +197,9 @@ def intervals(shown):
 @pytest.mark.slow
 def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path):
     drawn, folder = experiment
-    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), '-o', str(tmp_path / 'out')]) == 0
+    # the waves are those of a point: exponent and foundation must be known from elsewhere
+    known = ['--prior', f"a={drawn.truth['a']:g}+-3%", '--prior', f"foundation_N_per_m={drawn.truth['foundation']:g}+-5%"]
+    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(folder / 'my.toml'), *known, '-o', str(tmp_path / 'out')]) == 0
     shown = capsys.readouterr().out
     found = intervals(shown)
     assert found.keys() == drawn.truth.keys()
@@ -205,14 +207,15 @@ def test_the_command_tells_parameters_and_evidence(experiment, capsys, tmp_path)
         assert low < drawn.truth[name] < high
     assert re.search(r'D\*: the complete model fits better, by \d+.* in chi2, which is evidence of [\d.]+ sigma for D\*', shown)
     assert {'band_fit.png', 'band_fit.txt', 'scene.toml'} < {file.name for file in (tmp_path / 'out').iterdir()}
-    entries = tomllib.loads(shown[shown.index('[law]'):shown.index('\n\nthe picture')])
+    entries = tomllib.loads(shown[shown.index('[law]'):shown.index('\n\n', shown.index('[foundation]'))])
     f, a = (found[name][0] for name in ('force', 'a'))
     assert entries['law']['b_N_m_a'] == pytest.approx(f * (1e-3 * drawn.L) ** a, rel=0.01)  # f and a are printed to four digits
     assert entries['foundation']['stiffness_N_per_m'] == pytest.approx(found['foundation'][0], rel=1e-3)
     assert re.search(r'Correlations: a and force -?[01]\.\d\d, foundation and force', shown)
     # the control: a mass that is wrong by 30 % is one of the scene's, and moves the force by as much
     wrong = drawn.scene(tmp_path, mass=1.3)
-    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(wrong)]) == 0
+    known[3] = f"foundation_N_per_m={1.3 * drawn.truth['foundation']:g}+-5%"
+    assert main(['fit', str(folder / 'ridges.csv'), '--bands', str(wrong), *known]) == 0
     assert intervals(capsys.readouterr().out)['force'][0] == pytest.approx(1.3 * found['force'][0], rel=0.05)
 
 
