@@ -18,6 +18,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from tqdm import tqdm
 
 from ..response.frf import Place, base_force, frequency_response
 from ..stiffness.defects import Scatter, scattered
@@ -189,8 +190,11 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
     if free <= 0:
         raise ValueError(f'{rows} measured numbers are too few for {len(names)} parameters ({", ".join(names)})')
 
+    progress = tqdm(desc='lattices tried', delay=2, disable=None, leave=False)
+
     @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
     def at(x, widened):
+        progress.update()
         factors = dict(zip(names, np.exp(x).tolist(), strict=True))
         h, slopes = transfer_model(build(factors), functions, names, widened)
         return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
@@ -214,6 +218,7 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
             data, rate = _widened(functions, width)
             far = solved(far, data, 2 * rate, ROUGH)[0]
         x, J, r = min((x, J, r), solved(far), key=lambda found: found[2] @ found[2])
+    progress.close()
     misfit = float(np.sqrt(r[:rows] @ r[:rows] / free))
     noise = 1.0 if known else misfit
     J[:rows], r[:rows] = J[:rows] / noise, r[:rows] / noise
