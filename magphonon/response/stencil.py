@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from ..stiffness.rest import LinearSystem
 
+MOST_GROUPS = 9  # three shells of the triangular lattice; each number of groups is compiled by itself, ever longer
 ALIKE = 1e-13  # relative difference of stiffness below which the bonds of a group are one
 
 
@@ -93,7 +94,7 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     mobile[system.free.nonzero()[0] // 2] = True
     bonds = calc.bonds
     layout = arrange(calc.reference, bonds, mobile)
-    if layout.offset is None:
+    if layout.offset is None or len(layout.offset) > MOST_GROUPS:
         return None
     weight = mobile / np.sqrt(system.masses)
     K = calc.rest_stiffness(calc.model)[bonds.i != bonds.j]

@@ -159,8 +159,8 @@ def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[Transf
             what, have, give = (('the motion of the bench', '[frf.force]', 'frf.base_deg') if one.shaken else
                                 ('a force', 'frf.base_deg', '[frf.force]'))
             raise ValueError(f'{one.name} is a response to {what}, and the scene has {have}; give {give} instead')
-        if one.shaken and one.drive is not None and abs(np.exp(1j * one.drive[2]) - complex(*source[:2])) > SAME_DIRECTION:
-            raise ValueError(f'{one.name} is of a bench shaken along {one.drive[2] / u.deg:.4g} degrees, and frf.base_deg is '
+        if one.shaken and one.drive is not None and abs(np.exp(1j * one.drive[2]) - complex(*source[:2])) > SAME_DIRECTION:  # pyright: ignore[reportIndexIssue]
+            raise ValueError(f'{one.name} is of a bench shaken along {one.drive[2] / u.deg:.4g} degrees, and frf.base_deg is '  # pyright: ignore[reportIndexIssue]
                              f'{scene.frf.base_deg:g}; set it to that')
         if scene.single:
             given['answer'] = answer
