@@ -33,7 +33,7 @@ def test_products_of_drawn_structures():
         if not atoms.pbc.any():  # in small cells bonds of opposite sign join the same two
             assert stencil.row_sum == pytest.approx(row_sum, rel=1e-12)
         on_grids, each = on_grids + 1, each + (stencil.D.ndim == 3)
-    assert min(each, on_grids - each) > 5
+    assert min(each, on_grids - each) > 2
 
 
 @pytest.mark.parametrize('scattered', [0.0, 0.2], ids=['alike', 'own strengths'])
