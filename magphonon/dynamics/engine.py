@@ -98,15 +98,13 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
 def _particle_bound(system):
     """Gershgorin's bound by particle, without the Hessian: `w^2 <= k/m_i + sum_b |K_b| (1/m_i + 1/sqrt(m_i m_j))`."""
     calc, masses = system.calc, system.masses
-    mobile = np.zeros(len(masses), bool)
-    mobile[system.free.nonzero()[0] // calc.dim] = True
     bonds, K = calc.bonds, calc.rest_stiffness(calc.model)
     k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
     norm = abs(hermitian_eigenvalues(K)).max(axis=1)
     squares = k / masses
     for i, j in ((bonds.i, bonds.j), (bonds.j, bonds.i)):
         squares += np.bincount(i, norm * (1 / masses[i] + 1 / np.sqrt(masses[i] * masses[j])), len(masses))
-    return np.sqrt(squares[mobile].max(initial=0.0))
+    return np.sqrt(squares[system.mobile].max(initial=0.0))
 
 
 def _largest_eigenvalue(D, tolerance):

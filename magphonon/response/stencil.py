@@ -87,18 +87,16 @@ class Stencil:
 
 def stencil_of(system: LinearSystem) -> Stencil | None:
     """The stencil of K, or None where the bonds lie on no grid, particles are guided, or leave the plane."""
-    calc, n = system.calc, len(system)
+    calc, mobile, n = system.calc, system.mobile, len(system)
     if system.dim != 2 or not all(isinstance(constraint, FixAtoms) for constraint in system.atoms.constraints):
         return None
-    mobile = np.zeros(n, bool)
-    mobile[system.free.nonzero()[0] // 2] = True
     bonds = calc.bonds
     layout = arrange(calc.reference, bonds, mobile)
     if layout.offset is None or len(layout.offset) > MOST_GROUPS:
         return None
     weight = mobile / np.sqrt(system.masses)
-    K = calc.rest_stiffness(calc.model)[bonds.i != bonds.j]
-    i, j = bonds.i[bonds.i != bonds.j], bonds.j[bonds.i != bonds.j]
+    other = bonds.i != bonds.j  # a bond to one's own image never changes
+    K, i, j = calc.rest_stiffness(calc.model)[other], bonds.i[other], bonds.j[other]
     K = np.stack([K[:, 0, 0], K[:, 0, 1], K[:, 1, 1]])
     own = np.stack([np.bincount(i, k, n) + np.bincount(j, k, n) for k in K])
     own[::2] += np.broadcast_to(calc.foundation, (n, 2)).T

@@ -379,12 +379,10 @@ def support_needed(atoms: Atoms | LinearSystem, magnets: bool = True) -> Support
     per_bond = calc.law.dphi(r) / r
     if magnets:
         per_bond = -(calc.law.d2phi(r) + per_bond)
-    mobile = np.zeros(len(system), bool)
-    mobile[system.free.nonzero()[0] // calc.dim] = True
-    free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(mobile)]
+    free = sparse.csr_array(sparse.eye_array(len(system)))[:, np.flatnonzero(system.mobile)]
     K = per_bond[:, None, None]
     alone = np.bincount(calc.bonds.i, -per_bond, len(system)) + np.bincount(calc.bonds.j, -per_bond, len(system))
-    return SupportNeeded(softest(calc.bonds, K, free, cell).needed, float(alone[mobile].max(initial=0.0)))
+    return SupportNeeded(softest(calc.bonds, K, free, cell).needed, float(alone[system.mobile].max(initial=0.0)))
 
 
 @dataclass(frozen=True)

@@ -68,10 +68,8 @@ def _star(system):
     """
     calc = system.calc
     bonds, stiffness = calc.bonds, calc.rest_stiffness(calc.model)
-    moves = np.zeros(len(system), bool)
-    moves[system.free.nonzero()[0] // calc.dim] = True
-    mobile, ends = np.flatnonzero(moves), np.append(bonds.i, bonds.j)
-    own = moves[ends]
+    mobile, ends = np.flatnonzero(system.mobile), np.append(bonds.i, bonds.j)
+    own = system.mobile[ends]
     ends, R, K = ends[own], np.concatenate([bonds.vectors, -bonds.vectors])[own], np.concatenate([stiffness, stiffness])[own]
     first = ends == mobile[0]
     star, K_of_star = R[first], K[first]

@@ -228,6 +228,13 @@ class LinearSystem:
         free = sparse.csr_array(sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1))))
         return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
+    @cached_property
+    def mobile(self) -> NDArray[np.bool_]:
+        """Whether each particle can move in any direction, shape (particles,)."""
+        mobile = np.zeros(len(self), bool)
+        mobile[self.free.nonzero()[0] // self.dim] = True
+        return mobile
+
     @property
     def directions(self) -> int:
         """Number of free directions."""
