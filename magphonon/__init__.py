@@ -10,8 +10,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'bands', 'cli', 'design', 'dynamics', 'interactions', 'lattices', 'planning', 'plotting', 'response', 'scenes',
     'stability', 'stiffness', 'sweeps', 'units', 'waves',
 ], {
-    'bands': ['Bands', 'analytic_bands', 'complex_bands', 'finite_displacements', 'group_velocities', 'phonopy_bands',
-              'sound_speeds'],
+    'bands': ['Bands', 'analytic_bands', 'complex_bands', 'finite_displacements', 'floquet_bands', 'group_velocities',
+              'phonopy_bands', 'sound_speeds'],
     'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst'],
     'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],
     'interactions': ['Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Tabulated', 'Yukawa', 'magnet_law'],
@@ -20,6 +20,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'response': ['frequency_response', 'modes', 'propagate'],
     'scenes': ['read_scene', 'ready_scene', 'write_scene'],
     'stability': ['foundation_needed', 'verdict'],
-    'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'for_ase_tools', 'relaxed', 'restored'],
+    'stiffness': ['AllNeighbours', 'MagneticRepulsion', 'Travelling', 'for_ase_tools', 'relaxed', 'restored'],
     'sweeps': ['sweep'],
 })

@@ -20,6 +20,7 @@ from .bands import (
     analytic_bands as analytic_bands,
     complex_bands as complex_bands,
     finite_displacements as finite_displacements,
+    floquet_bands as floquet_bands,
     group_velocities as group_velocities,
     phonopy_bands as phonopy_bands,
     sound_speeds as sound_speeds,
@@ -73,6 +74,7 @@ from .stability import (
 from .stiffness import (
     AllNeighbours as AllNeighbours,
     MagneticRepulsion as MagneticRepulsion,
+    Travelling as Travelling,
     for_ase_tools as for_ase_tools,
     relaxed as relaxed,
     restored as restored,

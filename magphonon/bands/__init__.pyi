@@ -24,6 +24,10 @@ from .evanescent import (
     complex_bands as complex_bands,
     measured_decay as measured_decay,
 )
+from .floquet import (
+    FloquetBands as FloquetBands,
+    floquet_bands as floquet_bands,
+)
 from .force_constants import (
     displacement_errors as displacement_errors,
     extracted_dstar as extracted_dstar,

@@ -43,3 +43,6 @@ from .rest import (
 from .restart import (
     restored as restored,
 )
+from .site_laws import (
+    Travelling as Travelling,
+)

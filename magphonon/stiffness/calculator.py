@@ -23,10 +23,10 @@ from ..lattices.bonds import Bonds, bonds_of, image_of, repeat_bonds
 from .bond import MODELS, displaced, interaction_along, model_stiffness
 from .matrices import bloch_matrix, bloch_series, hessian
 from .repulsion import Repulsion, masses_of
+from .site_laws import SiteLaw, on_sites
 from .sites import (
     displacement_components,
     from_reference,
-    of_sites,
     range_of,
     refuse_height,
     refuse_infinite,
@@ -186,7 +186,9 @@ class MagneticRepulsion(Repulsion):
         for name in parameters:
             one_of('parameter', name, tuple(self.default_parameters))
         if 'foundation' in parameters:
-            parameters['foundation'] = site_springs(parameters['foundation'], len(self.reference), self.dim, self.layer)
+            given, n = parameters['foundation'], len(self.reference)
+            own = isinstance(given, SiteLaw)
+            parameters['foundation'] = given.of(n, self.dim) if own else site_springs(given, n, self.dim, self.layer)
         if 'model' in parameters:
             one_of('model', parameters['model'], MODELS)
         changed = super().set(**parameters)
@@ -200,7 +202,7 @@ class MagneticRepulsion(Repulsion):
         reference = supercell.copy()
         reference.set_tags(self.reference.get_tags()[image])  # tags are kinds, and phonopy does not keep tags
         return MagneticRepulsion(reference, self.laws, bonds=bonds, load=self.load[image], model=self.model,
-                                 foundation=of_sites(self.foundation, image), strengths=self.strengths[image],
+                                 foundation=on_sites(self.parameters.foundation, image), strengths=self.strengths[image],
                                  anchors=supercell.positions - self.slack[image])
 
     def about(self, atoms: Atoms, load: ArrayLike | None = None, **parameters: Any) -> MagneticRepulsion:
@@ -233,13 +235,13 @@ class MagneticRepulsion(Repulsion):
 
     def __repr__(self) -> str:
         own = f', strengths={range_of(self.strengths)}' if (self.strengths != 1).any() else ''
-        return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.foundation)}{own}, '
+        return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.parameters.foundation)}{own}, '
                 f'model={self.model!r}) of {len(self.reference)} particles')
 
     def get_property(self, name: str, atoms: Atoms | None = None, allow_calculation: bool = True) -> Any:
         if name == 'hessian':  # it is expensive and not part of a trajectory, so it is never cached
             return self.get_hessian(atoms if atoms is not None else self.atoms) if allow_calculation else None
-        if name == 'stress' and (np.any(self.foundation) or self.load.any() or self.model != 'complete'):
+        if name == 'stress' and (self.tied or self.load.any() or self.model != 'complete'):
             raise PropertyNotImplementedError(NO_STRESS)
         return super().get_property(name, atoms, allow_calculation)
 
@@ -253,7 +255,7 @@ class MagneticRepulsion(Repulsion):
         forces[:, : self.dim] = here._forces(u, gradient)
         # half of the energy that each bond has gained since rest belongs to either end
         energies = 0.5 * (np.bincount(here.bonds.i, gained, len(u)) + np.bincount(here.bonds.j, gained, len(u)))
-        energies += np.einsum('ix,ix->i', 0.5 * here.foundation * u - here.offset, u)
+        energies += here._site_energies(u)
         found = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
         return found | {'stress': stress_per_volume(self, atoms)} if 'stress' in properties else found
 
@@ -287,8 +289,9 @@ class MagneticRepulsion(Repulsion):
 
     @property
     def spring_forces(self) -> NDArray[np.float64]:
-        """Forces of the foundation at rest, `-k (rest - anchor)`, in N, shape (particles, dim)."""
-        return -self.foundation * self.slack[:, : self.dim]
+        """Forces of the foundation at rest, `-k (rest - anchor)` of springs, in N, shape (particles, dim)."""
+        given, slack = self.parameters.foundation, self.slack[:, : self.dim]
+        return -given.gradient(slack) if isinstance(given, SiteLaw) else -given * slack
 
     @property
     def offset(self) -> NDArray[np.float64]:
@@ -304,8 +307,29 @@ class MagneticRepulsion(Repulsion):
         energy, gradient = self.interaction.forces(vectors)
         return energy, gradient if n is None else np.einsum('bx,bx->b', gradient, n)[:, None] * n
 
+    def _site_energies(self, u):
+        given, slack = self.parameters.foundation, self.slack[:, : self.dim]
+        if not isinstance(given, SiteLaw):
+            return np.einsum('ix,ix->i', 0.5 * given * u - self.offset, u)
+        return given.energies(slack + u) - given.energies(slack) - (self.load[:, : self.dim] * u).sum(axis=1)
+
     def _forces(self, u, gradient):
-        return self.offset - self.bonds.incidence.T @ gradient - self.foundation * u
+        given, bonds = self.parameters.foundation, self.bonds.incidence.T @ gradient
+        if not isinstance(given, SiteLaw):
+            return self.offset - bonds - given * u
+        return self.load[:, : self.dim] - bonds - given.gradient(self.slack[:, : self.dim] + u)
+
+    def pumped(self, atoms: Atoms, t: float) -> NDArray[np.float64]:
+        """What a foundation that changes with time adds at the time `t` in ms to the forces of the calculator."""
+        law, forces = self.parameters.foundation, np.zeros((len(atoms), 3))
+        d = self.displacements(atoms) + self.slack[:, : self.dim]
+        forces[:, : self.dim] = ((1 - law.factor(t, self.anchors)) * law.gradient(d).T).T
+        return forces
+
+    @property
+    def site_stiffness(self) -> Any:
+        given = self.parameters.foundation
+        return given.stiffness(self.slack[:, : self.dim]) if isinstance(given, SiteLaw) else given
 
     def rest_stiffness(self, model: str = 'complete') -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
@@ -313,11 +337,11 @@ class MagneticRepulsion(Repulsion):
 
     def rest_hessian(self, model: str = 'complete') -> sparse.csr_array:
         """Hessian at rest, with the foundation, in N/mm: sparse, shape (particles * dim, particles * dim)."""
-        return hessian(self.bonds, self.rest_stiffness(model), self.foundation)
+        return hessian(self.bonds, self.rest_stiffness(model), self.site_stiffness)
 
     def bloch_matrix(self, q: NDArray[np.float64], model: str = 'complete') -> NDArray[np.complex128]:
         """Bloch matrix at rest, with the foundation, in N/mm; see `stiffness.bloch_matrix`."""
-        return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.foundation)
+        return bloch_matrix(self.bonds, self.rest_stiffness(model), q, self.site_stiffness)
 
     def bloch_series(self, along: NDArray[np.float64],
                      model: str = 'complete') -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
@@ -344,12 +368,14 @@ class MagneticRepulsion(Repulsion):
             In N/mm, with the components in ASE's order.  Rows along z are empty for planar particles.
         """
         one_of('part', part, HESSIAN_PARTS)
-        vectors, _ = self._displaced(self.displacements(atoms))
+        u, given = self.displacements(atoms), self.parameters.foundation
+        vectors, _ = self._displaced(u)
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
-        k = self.foundation if part in ('all', 'foundation') else 0.0
+        k = given.stiffness(self.slack[:, : self.dim] + u) if isinstance(given, SiteLaw) else given
+        k = k if part in ('all', 'foundation') else 0.0
         H = hessian(self.bonds, K, k)
         to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
         return sparse.csr_array(to_space @ H @ to_space.T)
@@ -369,7 +395,7 @@ def same_cell(calc: MagneticRepulsion, atoms: Atoms) -> bool:
 def carried(calc: MagneticRepulsion, atoms: Atoms) -> tuple[Atoms, Bonds]:
     """Reference and bonds of a calculator, strained homogeneously from its cell to that of `atoms`."""
     reference, cell = calc.reference, atoms.cell
-    anchored = not atoms.pbc.any() or np.any(calc.foundation) or calc.load.any()
+    anchored = not atoms.pbc.any() or calc.tied or calc.load.any()
     if anchored or len(atoms) != len(reference) or not np.array_equal(atoms.pbc, reference.pbc):
         from_reference(calc, atoms)  # says so
     if calc.model != 'complete':

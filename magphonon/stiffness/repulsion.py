@@ -11,6 +11,7 @@ from ase.calculators.calculator import all_changes
 from ..errors import positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
+from .site_laws import SiteLaw
 from .supercells import fitted
 
 if TYPE_CHECKING:
@@ -124,8 +125,26 @@ class Repulsion(Restartable):
 
     @property
     def foundation(self) -> Foundation:
-        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim)."""
-        return self.parameters.foundation
+        """Stiffness of the spring between each particle and its anchor, N/mm: one number, or shape (particles, dim).
+
+        ValueError where there are other ties than constant springs: what takes these too asks `site_stiffness`.
+        """
+        given = self.parameters.foundation
+        if isinstance(given, SiteLaw):
+            raise ValueError(f'this supposes that constant springs tie the particles to their places, but {given!r} does: '
+                             f'{given.known}')
+        return given
+
+    @property
+    def site_stiffness(self) -> Any:
+        """Stiffness of each site at rest in N/mm: one number, or shape (particles, dim) or (particles, dim, dim)."""
+        return self.foundation
+
+    @property
+    def tied(self) -> bool:
+        """Whether anything ties particles to their places."""
+        given = self.parameters.foundation
+        return isinstance(given, SiteLaw) or bool(np.any(given))
 
     @property
     def layer(self) -> bool:

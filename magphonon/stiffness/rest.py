@@ -26,6 +26,7 @@ from .calculator import MagneticRepulsion, same_cell
 from .lowest import none_negative
 from .matrices import mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
+from .site_laws import SiteLaw
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
 BALANCED = 1e-6  # largest force left, in largest bond forces; it changes a linear result by about the same fraction
@@ -82,6 +83,10 @@ class LinearSystem:
         """
         if isinstance(atoms, LinearSystem):
             return atoms
+        law = atoms.calc.parameters.foundation if isinstance(atoms.calc, Repulsion) else None
+        if isinstance(law, SiteLaw) and law.changes:
+            raise ValueError(f'linear theory supposes forces that depend on positions alone, but {law!r} changes with time: '
+                             f'{law.known}')
         if not getattr(atoms.calc, 'pairwise', True) and isinstance(atoms.calc, Repulsion):  # the latter alone takes 0.1 ms
             freedom(atoms)
             sums: Any = atoms.calc

@@ -14,6 +14,7 @@ from ase.constraints import dict2constraint
 from ..errors import finite, positive, shown
 from ..interactions.bond_laws import laws_from_dict, laws_to_dict
 from ..lattices.bonds import Bonds
+from .site_laws import foundation_from_dict, foundation_to_dict
 
 if TYPE_CHECKING:
     from typing import Any, Self
@@ -79,7 +80,8 @@ class Restartable(Shared):
 
     def todict(self, skip_default: bool = True) -> dict[str, Any]:
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
-        parts = {name: getattr(self, name) for name in self.saved}
+        parts = {name: getattr(self, name) for name in self.saved if name != 'foundation'}
+        parts['foundation'] = foundation_to_dict(self.parameters.foundation)
         if 'bonds' in parts:  # their vectors follow from the reference
             parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
@@ -109,6 +111,7 @@ class Restartable(Shared):
             raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
         reference = _reference_from_dict(given['reference'])
         parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in cls.saved}
+        parts['foundation'] = foundation_from_dict(parts['foundation'])
         return cls(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
 
 

@@ -147,7 +147,7 @@ def refuse_motion_out_of_the_plane(calc: Repulsion, atoms: Atoms) -> None:
 def frequency_scale(calc: Repulsion) -> float:
     """About the highest frequency in Hz: that of the lightest particle on its spring and the stiffest bond."""
     stiffest = sizes(calc.bonds.vectors[:, : calc.dim], calc.interaction)[1].max(initial=0.0)
-    return units.hertz(np.sqrt((stiffest + np.max(calc.foundation)) / calc.reference.get_masses().min()))
+    return units.hertz(np.sqrt((stiffest + np.max(abs(calc.site_stiffness))) / calc.reference.get_masses().min()))
 
 
 def warn_of_units(calc: Repulsion) -> None:

@@ -1,0 +1,159 @@
+"""Floquet bands: waves of a lattice whose foundation a wave modulates, `Travelling`.
+
+With k_i(t) = k [1 + eps cos(W t - kap.R_i)] a wave is a sum of harmonics, sum_n U_n e^{i(q + n kap).R - i(w + n W) t}, that the
+modulation couples to their neighbours.  With s = -i w,
+
+    [(s - i n W)^2 + (s - i n W) B + K(q + n kap)] U_n + A U_{n+1} + A^+ U_{n-1} = 0        A = eps/2 k/m e^{-i kap.R}
+
+is Hill's method: the eigenvalues of a finite number of harmonics, to which more are added until they stay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units
+from ..errors import finite, positive
+from ..stiffness.repulsion import repulsion_of
+from ..stiffness.rest import LinearSystem
+from ..stiffness.site_laws import Travelling
+from ..stiffness.sites import each_spring
+from .bloch import wavevectors
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import ArrayLike, NDArray
+
+MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
+STILL = -1e-9  # in W: real frequencies down to this are those of growth alone, and not of the wave that runs backwards
+
+
+@dataclass(frozen=True)
+class FloquetBands(units.InHertz):
+    """Waves of a modulated lattice at each wavevector, the two for each mode in which the wave itself is strongest.
+
+    Attributes
+    ----------
+    q : ndarray, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors.
+    omega : ndarray of complex, shape (wavevectors, 2 * modes)
+        Quasi-frequencies in rad/ms, ascending by their real part, which is not negative: motion goes as e^{-i omega t}, and grows
+        where the imaginary part is positive.  Each is one of many, omega + n W at the wavevector q + n kap.
+    weight : ndarray, shape (wavevectors, 2 * modes)
+        Share of the wave at q itself in this motion, 0 to 1: 1 far from all resonances, 1/2 where two waves share it.
+    harmonics : int
+        How many harmonics on either side it took.
+    """
+
+    q: np.ndarray
+    omega: np.ndarray
+    weight: np.ndarray
+    harmonics: int
+
+    @property
+    def growth(self) -> NDArray[np.float64]:
+        """Rate of the fastest growth at each wavevector in 1/ms, shape (wavevectors,); negative where all waves die out."""
+        return self.omega.imag.max(axis=1)
+
+
+def floquet_bands(atoms: Atoms, q: ArrayLike, model: str = 'complete', damping: ArrayLike = 0.0,
+                  tolerance: float = 1e-8) -> FloquetBands:
+    """Quasi-frequencies of a lattice on a `Travelling` foundation, by Hill's method.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        One cell with its MagneticRepulsion on a Travelling foundation.
+    q : array_like, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors, as the `kpts` of a path.
+    model : {'complete', 'conventional'}
+        D0 + D*, or D0 alone.
+    damping : float or array_like, shape (particles,)
+        Force per momentum in 1/ms.
+    tolerance : float
+        Harmonics are added until no frequency changes by more, relative to the largest one.
+
+    Raises
+    ------
+    ValueError
+        If the foundation is not Travelling, or so slow and deep a modulation needs too many harmonics.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, Travelling, floquet_bands, lattices
+    >>> cell = lattices.chain(1.0, 1.0)
+    >>> k = Travelling(5.0, 0.2, W=0.9, kap=(2.0, 0))
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
+    >>> bands = floquet_bands(cell, [[0.1, 0, 0], [-0.1, 0, 0]])
+    >>> bands.omega.shape, bands.harmonics > 1
+    ((2, 4), True)
+    >>> bool(abs(bands.frequencies_Hz[0] - bands.frequencies_Hz[1]).max() > 1)  # a wave is not its mirror image
+    True
+    """
+    hill, q = Hill(atoms, model, damping), wavevectors(q)
+    tolerance, harmonics = positive('tolerance', tolerance), 1
+    omega, weight = hill.solved(q, harmonics)
+    while True:
+        harmonics += 1
+        if 2 * (2 * harmonics + 1) * hill.modes > MOST:
+            raise ValueError(f'{harmonics - 1} harmonics do not tell the frequencies to {tolerance:g} of the largest; the '
+                             'modulation is slow and deep: give a larger tolerance')
+        before, (omega, weight) = _strongest(omega, weight, hill)[0], hill.solved(q, harmonics)
+        away = abs(before[:, :, None] - omega[:, None, :]).min(axis=2)
+        if away.max(initial=0.0) <= tolerance * abs(before).max(initial=0.0):
+            return FloquetBands(q, *_strongest(omega, weight, hill), harmonics)
+
+
+def _strongest(omega, weight, hill):
+    """The waves, two for each mode, that are strongest at q itself, and their weights."""
+    forward = omega.real >= STILL * hill.W
+    best = np.argsort(np.where(forward, -weight, 1.0), axis=1)[:, : 2 * hill.modes]
+    omega, weight = (np.take_along_axis(x, best, axis=1) for x in (omega, weight))
+    order = np.argsort(omega.real, axis=1)
+    return tuple(np.take_along_axis(x, order, axis=1) for x in (omega, weight))
+
+
+class Hill:
+    """The matrices of Hill's method for a cell on a Travelling foundation; the arguments are those of `floquet_bands`."""
+
+    def __init__(self, atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0.0) -> None:
+        calc, mean = repulsion_of(atoms), atoms.copy()
+        law = calc.parameters.foundation
+        if not isinstance(law, Travelling):
+            raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of foundation={law!r}; give the '
+                             'calculator foundation=Travelling(k, eps, W, kap)')
+        if not atoms.pbc.any():
+            raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
+        mean.calc = calc.about(calc.reference, foundation=law.k)
+        self.system, self.model, self.W = LinearSystem.of(mean).moving(), model, law.W
+        self.modes = self.system.directions
+        self.kap = mean.cell.array @ law.kap / (2 * np.pi) * mean.pbc  # in fractions of the reciprocal vectors
+        n, dim = len(mean), self.system.dim
+        depth = np.repeat(law.eps / 2 * np.exp(-1j * law.phases(calc.anchors)), dim) * each_spring(law.k, n, dim)
+        self.A = self.system.reduced(np.diag(depth))
+        P, c = self.system.free.toarray(), np.broadcast_to(finite('damping', damping), n)
+        self.B = P.T @ np.diag(np.repeat(c, dim)) @ P
+
+    def solved(self, q: NDArray[np.float64], harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+        """All frequencies with so many harmonics on either side, shape (wavevectors, all), and the weights of the wave at q."""
+        found = [self._at(each, np.arange(-harmonics, harmonics + 1)) for each in q]
+        omega, weight = (np.array(x).reshape(len(q), -1) for x in zip(*found, strict=True)) if found else np.zeros((2, 0, 0))
+        return omega, weight.real
+
+    def _at(self, q, n):
+        count, size = len(n), self.modes
+        nW, eye = 1j * n * self.W, np.eye(size)
+        K = np.zeros((count, size, count, size), complex)
+        K[range(count), :, range(count)] = (self.system.bloch(q + n[:, None] * self.kap, self.model)
+                                            + nW[:, None, None] ** 2 * eye - nW[:, None, None] * self.B)
+        K[range(count - 1), :, range(1, count)] = self.A
+        K[range(1, count), :, range(count - 1)] = self.A.conj().T
+        B = np.zeros((count, size, count, size), complex)
+        B[range(count), :, range(count)] = self.B - 2 * nW[:, None, None] * eye
+        K, B = (x.reshape(count * size, -1) for x in (K, B))
+        s, y = np.linalg.eig(np.block([[0 * K, np.eye(len(K))], [-K, -B]]))
+        share = (abs(y[: len(K)].reshape(count, size, -1)) ** 2).sum(axis=1)
+        return 1j * s, share[count // 2] / share.sum(axis=0)
