@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from .. import units
+from ..bands.bloch import wavevectors
 from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.lowest import DENSE, lowest_mode
@@ -22,6 +23,7 @@ ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squ
 HARMONICS = 8
 """Number of harmonics of the vibration; the eighth of the oscillator at A = 0.1 L0 is 4e-7 of the first, at 0.2 L0 4e-5."""
 ROUNDS = 60  # largest number of iterations; a vibration that has not converged by then is far from linear
+STEADY = 1e-6  # share of a force below which it is round-off
 DEGENERACY = 1e-6
 """Relative difference of squared frequencies below which two modes are degenerate by symmetry and do not drive each other."""
 CONVERGENCE = 1e-9  # relative change of the frequency in the last iteration at which the vibration has converged
@@ -38,105 +40,188 @@ class Shifts(units.InHertz):
     omega : ndarray, shape (modes,)
         Linear angular frequencies in rad/ms.
     curvature : ndarray, shape (modes,)
-        dw/w divided by the square of the largest displacement, 1/mm^2.
+        dw/w divided by the square of the largest displacement, 1/mm^2; infinite where the second harmonic of a wave is a wave
+        too (2:1 resonance), to which it loses its energy at any amplitude.
+    motion : tuple of str
+        'standing' where q and -q are the same wavevector; 'travelling' elsewhere; 'rotating' of degenerate waves.
     """
 
     q: np.ndarray
     omega: np.ndarray
     curvature: np.ndarray
+    motion: tuple[str, ...]
 
     def amplitude(self, error: float) -> float:
         """Displacement in mm up to which every frequency stays within `error` of the linear one; infinite without modes."""
         return float(np.sqrt(error / abs(self.curvature).max())) if self.curvature.any() else np.inf
 
 
-def frequency_shifts(atoms: Atoms | LinearSystem) -> Shifts:
-    """Shifts of the modes that bound the spectrum of a structure; always by the complete model.
+def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) -> Shifts:
+    """Shifts of waves of any wavevector, or of the modes that bound the spectrum of a structure; by the complete model.
 
-    For a periodic cell these are the standing waves with q = 0 or 1/2 along the reciprocal vectors, the band edges; for a finite
-    structure its softest and its stiffest mode.  Other modes may be in 2:1 resonance with each other and exchange energy at
-    any amplitude, which a frequency shift cannot describe.
+    Where q and -q are the same wavevector waves stand; elsewhere they travel.  (A standing wave there is a sum of two travelling
+    ones, which shift each other's frequency; that is not computed.)  Waves of one frequency and wavevector, such as those of the
+    triangular and the honeycomb lattice at K, are taken apart by their angular momentum: each particle goes round a circle or an
+    ellipse.  The mean strain of a periodic structure is held at zero.
 
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
         With their MagneticRepulsion, at rest.
+    q : array_like, shape (3,) or (wavevectors, 3), optional
+        Of a periodic cell, in fractions of the reciprocal vectors.  If not given, those that are 0 or 1/2 along each of them, the
+        band edges; of a finite structure the softest and the stiffest mode.
 
     Returns
     -------
     Shifts
         Modes of zero or imaginary frequency are omitted, because they do not vibrate.
 
+    Raises
+    ------
+    PhysicsError
+        A ValueError: at a wavevector that was asked for, degenerate waves exchange energy, so that none has a frequency.
+
+    Notes
+    -----
+    For ``u = Re(U e^{-iwt})`` the second order moves the mean position by U0 and adds a harmonic U2 at 2w and 2q, and the third
+    order of the force at w shifts the frequency::
+
+        D(0) U0 = -phi3[U, U*]/4          (D(2q) - 4 w^2 M) U2 = -phi3[U, U]/4
+        dw/w = Re U*.(phi3[U, U0] + phi3[U*, U2]/2 + phi4[U, U, U*]/8) / (2 w^2 U*.M U)
+
     Examples
     --------
-    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
     >>> from magphonon.stability import frequency_shifts
-    >>> shifts = frequency_shifts(read_scene(ready_scene('prototype')).atoms())
-    >>> shifts.q.shape[1], shifts.curvature.shape == shifts.omega.shape
-    (3, True)
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    >>> shifts = frequency_shifts(cell, q=(2/3, 1/3, 0))  # K
+    >>> shifts.motion, (36 * shifts.curvature).round(6)
+    (('rotating', 'rotating'), array([475., 475.]))
     """
     system = LinearSystem.of(atoms)
     calc, P, pbc = system.calc, system.free, system.atoms.pbc
-    bonds, R = calc.bonds, calc.bond_vectors
-    M = sparse.diags_array(P.power(2).T @ np.repeat(system.masses, calc.dim))
-    zone = pbc.any() and P.shape[1] <= DENSE
-
-    def stiffness(q):
-        return P.T @ calc.bloch_matrix(np.array([q]))[0].real @ P if zone else P.T @ calc.rest_hessian() @ P
-
-    law = calc.central('shifts of frequencies')
-    rest = stiffness((0.0, 0.0, 0.0))
-    shifts = _SecondOrder(R, *law_derivatives(law, bonds.lengths), bonds.incidence, P, rest, M)
+    zone = bool(pbc.any()) and P.shape[1] <= DENSE
+    if q is not None and not zone:
+        raise ValueError('a wavevector is one of a periodic cell' + f' of at most {DENSE} free directions' * bool(pbc.any()) +
+                         '; leave q out, for the softest and the stiffest mode')
+    edges = product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc))
+    waves = _Waves(system, law_derivatives(calc.central('shifts of frequencies'), calc.bonds.lengths), zone)
     rows = []
-    for q in product(*((0.0, 0.5) if zone and along else (0.0,) for along in pbc)):
-        C = bonds.incidence_at(q).real
-        for w, e in _modes(stiffness(q) if zone else rest, M, whole=zone):
-            rows.append((q, w, shifts.curvature((P @ e).reshape(len(system), -1), w, C)))
-    q, w, curvature = zip(*rows, strict=True) if rows else ((), (), ())
-    return Shifts(np.reshape(q, (-1, 3)), np.array(w), np.array(curvature))
-
-
-def _modes(D, M, whole):
-    """Stable modes `(w, e)` of the stiffness D: all of them, or the softest and the stiffest."""
-    root = sparse.diags_array(1 / np.sqrt(M.diagonal()))
-    weighted = root @ D @ root
-    if D.shape[0] <= DENSE:
-        squares, modes = np.linalg.eigh(_full(weighted))
-    else:
-        (lowest, _, softest), (highest, _, stiffest) = lowest_mode(weighted), lowest_mode(-weighted)
-        squares, modes = np.array([lowest, -highest]), np.column_stack([softest, stiffest])
-    picked = range(len(squares)) if whole else sorted({0, len(squares) - 1} if len(squares) else ())
-    return [(np.sqrt(squares[n]), root @ modes[:, n]) for n in picked if squares[n] > ROUND_OFF * squares[-1]]
+    for k in edges if q is None else wavevectors(q):
+        for group in waves.at(k):
+            rows += [(k, *wave) for wave in waves.shifted(k, *group, refuse=q is not None)]
+    every, w, curvature, motion = zip(*rows, strict=True) if rows else ((), (), (), ())
+    return Shifts(np.reshape(every, (-1, 3)), np.array(w), np.array(curvature), motion)
 
 
 @dataclass(frozen=True)
-class _SecondOrder:
-    """The quantities of a structure from which frequencies follow to second order in the amplitude.
+class _Waves:
+    """The waves of a structure; derivatives psi2, psi3, psi4 of the law of each bond by the square of its length."""
 
-    Bond vectors R at rest, derivatives psi of the law by the square of the distance; and of the uniform motion that follows the
-    mode its incidence matrix, free directions P, stiffness D and masses M.
-    """
+    system: LinearSystem
+    psi: tuple[NDArray[np.float64], ...]
+    zone: bool
 
-    R: NDArray[np.float64]
-    psi2: NDArray[np.float64]
-    psi3: NDArray[np.float64]
-    psi4: NDArray[np.float64]
-    incidence: sparse.csr_array
-    P: sparse.csr_array
-    D: Any
-    M: Any
+    def stiffness(self, q):
+        """D(q) of the free directions, real where q and -q are the same; of a finite structure sparse."""
+        if not self.zone:
+            return self.system.stiffness
+        P, D = self.system.free, self.system.calc.bloch_matrix(np.array([q]))[0]
+        return P.T @ (D.real if _edge(q) else D) @ P
 
-    def curvature(self, u, w, C):
-        """dw/w divided by A^2 for the mode `u`, shape (particles, dim), at frequency `w`; `C u` are its bond changes."""
-        R, P, psi2, psi3, psi4 = self.R, self.P, self.psi2, self.psi3, self.psi4
-        u = u / np.linalg.norm(u, axis=1).max()
-        d, e = C @ u, P.T @ u.ravel()
-        dd, Rd = (d * d).sum(axis=1), (R * d).sum(axis=1)
-        phi3 = 4 * psi2[:, None] * (dd[:, None] * R + 2 * Rd[:, None] * d) + 8 * (psi3 * Rd**2)[:, None] * R
-        phi4 = 12 * psi2 * dd**2 + 48 * psi3 * dd * Rd**2 + 16 * psi4 * Rd**4
-        g = P.T @ (self.incidence.T @ phi3).ravel()
-        follow = g @ _solve(self.D, g) + g @ _solve(self.D - 4 * w**2 * self.M, g) / 2
-        return (phi4.sum() / 16 - follow / 8) / (w**2 * (e @ (self.M @ e)))
+    def at(self, q):
+        """Frequency w and shapes e, in columns, of the waves of each frequency that do vibrate."""
+        root = sparse.diags_array(1 / np.sqrt(self.masses))
+        weighted = root @ self.stiffness(q) @ root
+        if weighted.shape[0] <= DENSE:
+            squares, modes = np.linalg.eigh(_full(weighted))
+        else:
+            (lowest, _, softest), (highest, _, stiffest) = lowest_mode(weighted), lowest_mode(-weighted)
+            squares, modes = np.array([lowest, -highest]), np.column_stack([softest, stiffest])
+        vibrates = squares > ROUND_OFF * squares.max(initial=0)
+        squares, modes = squares[vibrates], root @ modes[:, vibrates]
+        if not self.zone:
+            return [(np.sqrt(squares[n]), modes[:, [n]]) for n in sorted({0, len(squares) - 1} if len(squares) else ())]
+        apart = np.flatnonzero(np.diff(squares) > DEGENERACY * squares[1:]) + 1
+        return [(np.sqrt(squares[n].mean()), modes[:, n]) for n in np.split(np.arange(len(squares)), apart) if len(n)]
+
+    @property
+    def masses(self):
+        """Of each free direction."""
+        return self.system.free.power(2).T @ np.repeat(self.system.masses, self.system.dim)
+
+    def shifted(self, q, w, e, refuse):
+        """Rows of frequency, curvature and kind of motion of the waves `e` of the frequency w."""
+        kinds, kind = [], 'standing' if _edge(q) else 'travelling'
+        P, dim = self.system.free, self.system.dim
+        if e.shape[1] > 1:  # angular momentum about the normal of the plane
+            J = np.zeros((dim, dim))
+            J[:2, :2] = [[0, 1], [-1, 0]]
+            turning = P.T @ sparse.kron(sparse.diags_array(self.system.masses), J) @ P
+            L, turns = np.linalg.eigh(1j * e.conj().T @ (turning @ e))
+            if abs(L).max() > DEGENERACY:
+                e, kinds = e @ turns, ['rotating' if abs(spin) > DEGENERACY else kind for spin in L]
+        found = []
+        for n, wave in enumerate(e.T):
+            curvature, leak = self.second_order(q, w, wave, np.delete(e, n, axis=1))
+            if refuse and leak > STEADY * max(abs(curvature), self.system.calc.bonds.lengths.max() ** -2):
+                raise PhysicsError(f'{e.shape[1]} waves at q = ({q[0]:.4g}, {q[1]:.4g}, {q[2]:.4g}) have the frequency '
+                                   f'{units.hertz(w):.6g} Hz, and those of one angular momentum exchange energy at any '
+                                   'amplitude, so that they have no frequency of their own; take the primitive cell, or a '
+                                   'wavevector beside this one')
+            found.append((w, curvature, (kinds or [kind] * e.shape[1])[n]))
+        return found
+
+    def second_order(self, q, w, e, others):
+        """dw/w divided by A^2 for the wave `e`, and as much of what its third-order force does to `others`."""
+        system, M = self.system, sparse.diags_array(self.masses)
+        P, bonds, R, twice = system.free, system.calc.bonds, system.calc.bond_vectors, 2 * np.asarray(q)
+        u = (P @ e).reshape(len(system), -1)
+        # the longest half-axis of the ellipses on which particles move becomes one
+        A = np.sqrt(((abs(u) ** 2).sum(axis=1) + abs((u * u).sum(axis=1))) / 2).max()
+        e, u, others = e / A, u / A, others / A
+        C, C0, C2 = (bonds.incidence_at(k) for k in (q, (0, 0, 0), twice))
+        if _edge(q):  # real arithmetic for real waves
+            C, C0, C2 = C.real, C0.real, C2.real
+        d = C @ u
+
+        def follows(D, C, force):
+            """Bond changes that a force of bonds leads to, with the stiffness D."""
+            g = P.T @ (C.conj().T @ force).ravel()
+            x = _solve(D, g)
+            resonant = np.linalg.norm(D @ x - g) > STEADY * np.linalg.norm(abs(C.T) @ abs(force))
+            return C @ (P @ (-x / 4)).reshape(u.shape), resonant
+
+        D2 = self.stiffness(twice) - 4 * w**2 * M
+        d0, _ = follows(self.stiffness((0, 0, 0)), C0, self.phi3(R, d, d.conj()).real)
+        d2, resonant = follows(D2, C2, self.phi3(R, d, d))
+        T = self.phi3(R, d, d0) + self.phi3(R, d.conj(), d2) / 2 + self.phi4(R, d, d, d.conj()) / 8
+        N = P.T @ (C.conj().T @ T).ravel()
+        scale = 2 * w**2 * (e.conj() @ (M @ e)).real
+        return np.inf if resonant else (e.conj() @ N).real / scale, np.linalg.norm(others.conj().T @ N) / scale
+
+    def phi3(self, R, x, y):
+        """Third derivative of the energy of each bond along x and y: a force, shape (bonds, dim)."""
+        psi2, psi3, _ = (p[:, None] for p in self.psi)
+        Rx, Ry = _dot(R, x), _dot(R, y)
+        return 4 * psi2 * (_dot(x, y) * R + Rx * y + Ry * x) + 8 * psi3 * Rx * Ry * R
+
+    def phi4(self, R, x, y, z):
+        """Fourth derivative along x, y and z."""
+        psi2, psi3, psi4 = (p[:, None] for p in self.psi)
+        Rx, Ry, Rz, xy, xz, yz = _dot(R, x), _dot(R, y), _dot(R, z), _dot(x, y), _dot(x, z), _dot(y, z)
+        return (4 * psi2 * (xy * z + xz * y + yz * x) + 16 * psi4 * Rx * Ry * Rz * R
+                + 8 * psi3 * ((xy * Rz + xz * Ry + yz * Rx) * R + Rx * Ry * z + Rx * Rz * y + Ry * Rz * x))
+
+
+def _dot(x, y):
+    return (x * y).sum(axis=1)[:, None]
+
+
+def _edge(q):
+    return np.allclose(2 * np.asarray(q), np.round(2 * np.asarray(q)), atol=1e-12)
 
 
 def _solve(D, g):
