@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from ase import Atoms
 from ase.calculators.calculator import all_changes
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
@@ -32,6 +33,7 @@ AMPLITUDES = (1e-10, 1e-6, 1e-4)       # in L0; above, the frequency follows the
 VISIBLE = 1e-2                         # in L0: where it does so visibly
 LOOPS = np.array([1e-3, 2e-3, 4e-3])   # in L0, radii of the loop around which the literal force does work
 STEPS_PER_PERIOD, PERIODS = 40, 10
+DRAWN = 50
 FREE = 3                               # the oscillator's free particle among its four
 BEAM = 4**4                            # bending stiffness of a beam 1/4 inch across over that of a pillar of 1/16 inch
 
@@ -74,7 +76,7 @@ class OnlyMagnitude(MagneticRepulsion):
 def main(out):
     """Each claim as numbers, with the model that fails it."""
     paper = reference()['triangular']
-    checks = [*without_static_force(), *at_every_amplitude(paper), *literal_update(paper), *loop_work()]
+    checks = [*without_static_force(), *never_hardens(), *at_every_amplitude(paper), *literal_update(paper), *loop_work()]
     beams, picture = elastic_rim(out)
     return Outcome([*checks, *beams], [picture])
 
@@ -91,6 +93,23 @@ def without_static_force():
                    BRANCHES),
             Check('control: the same springs pressed by 10 %, shear at M, complete / D0 alone',
                   at_M(1.1 * L0, 'complete')[0] / at_M(1.1 * L0, 'conventional')[0], 1, 0.05, control=True)]
+
+
+def never_hardens():
+    """D*(k) of drawn cells has no positive eigenvalue, as phi' < 0 for every repulsive law; of springs that pull it has."""
+    def largest(law, rng):
+        cell = Atoms('H2', cell=np.eye(3) + rng.normal(0, 0.15, (3, 3)) * np.outer([1, 1, 0], [1, 1, 0]),
+                     scaled_positions=[(0, 0, 0), (0.5, *rng.uniform(0.3, 0.7, 1), 0)], pbc=(True, True, False))
+        cell.calc = MagneticRepulsion(cell, law, cutoff=rng.uniform(1.1, 2.2))
+        q = np.pad(rng.uniform(-0.5, 0.5, (8, 2)), ((0, 0), (0, 1)))
+        complete, D0 = (cell.calc.bloch_matrix(q, model) for model in ('complete', 'conventional'))
+        return np.linalg.eigvalsh(complete - D0).max() / abs(D0).max()
+
+    what = f'largest eigenvalue of D*(k) over the largest entry of D0(k), {DRAWN} drawn cells'
+    repulsive = [largest(InversePower(1.0, rng.uniform(0.5, 8)), rng) for rng in map(np.random.default_rng, range(DRAWN))]
+    pulling = [largest(Spring(1.0, 0.1), rng) for rng in map(np.random.default_rng, range(DRAWN))]
+    return [Check(f'{what}, repulsive laws', max(0, *repulsive), 0, 1e-12),
+            Check(f'control: {what}, springs that pull (the least of them)', min(pulling), 0, 1e-3, control=True)]
 
 
 def frequency_at_M(model, amplitude):

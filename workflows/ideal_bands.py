@@ -1,8 +1,9 @@
 """Bands of the ideal triangular lattice, complete and conventional."""
 
 import numpy as np
+from ase.dft.kpoints import BandPath
 
-from magphonon import analytic_bands, read_scene, ready_scene, sound_speeds, units
+from magphonon import MagneticRepulsion, analytic_bands, read_scene, ready_scene, sound_speeds, units
 from magphonon.bands import first_zone, frequency_ratio, zone_map
 from magphonon.plotting.axes import letter_panels, new_axes, panels
 from magphonon.plotting.bands import name_branches, plot_bands
@@ -40,20 +41,27 @@ def main(out):
     complete, conventional = (zone_map(cell, model=model) for model in ('complete', 'conventional'))
     ratio = frequency_ratio(complete, conventional)
     checks.append(Check('smallest omega_complete / omega_conventional, shear', np.nanmin(ratio[..., 0]), 0.5, 1e-9))
-    return Outcome(checks, [draw_lattice(out, cell, bands['complete'].path), draw_bands(out, bands),
+    return Outcome(checks, [draw_lattice(out, cell), draw_bands(out, bands),
                             draw_mode(out, cell, bands['complete']), draw_ratios(out, complete, conventional),
                             draw_contours(out, complete, conventional)])
 
 
-def draw_lattice(out, cell, path):
-    """The lattice with its vectors, and its zone."""
+def draw_lattice(out, cell):
+    """The lattice with its vectors, and its zone, in the basis of the paper: R2 and R3, 60 degrees apart."""
+    R1, R2 = cell.cell.array[:2]
+    paper = cell.copy()
+    paper.set_cell([R2, R2 - R1, cell.cell.array[2]])
+    paper.calc = MagneticRepulsion(paper, cell.calc.laws)
+    special = {'G': np.zeros(3), 'M': np.array([1 / 2, 1 / 2, 0]), 'K': np.array([2 / 3, 1 / 3, 0])}
     figure, (axes,) = panels(1, 2, height=2.9)
-    plot_lattice(cell, ax=axes[0])
-    plot_zone(path, ax=axes[1])
+    plot_lattice(paper, ax=axes[0])
+    for text in axes[0].texts:
+        text.set_text(text.get_text().replace('_2', '_3').replace('_1', '_2'))  # as the paper numbers them
+    plot_zone(BandPath(paper.cell, path='GMKG', special_points=special), ax=axes[1])
     letter_panels(axes)
     return save_picture(figure, out / 'zone.png',
                         'Fig. 3 of the paper: (a) the lattice with its primitive vectors, (b) the first Brillouin zone with its '
-                        'irreducible part, the path, and the axes of the phases per step.')
+                        'irreducible part, the path, and the axes of the phases per step along $R_2$ and $R_3$.')
 
 
 def draw_bands(out, bands):

@@ -1,7 +1,10 @@
 """Bands of the prototype, magnets on pillars, by both methods."""
 
+import numpy as np
+
 from magphonon import MagneticRepulsion, analytic_bands, finite_displacements, phonopy_bands, read_scene, ready_scene, units
 from magphonon.bands.force_constants import foundation_recovered
+from magphonon.plotting.axes import COLOURS, new_axes
 from magphonon.plotting.bands import name_branches, plot_bands
 from magphonon.scenes.scene import reference
 
@@ -47,6 +50,27 @@ def main(out):
     plot_bands(analytic_bands(cell, path, 'conventional'), ax=ax, linestyle='--', label='conventional')
     plot_bands(phonopy_bands(phonon, path), ax=ax, linestyle='', marker='.', label='phonopy')
     name_branches(ax, complete)
-    return Outcome(checks, [save_picture(ax.figure, out / 'prototype_bands.png',
-                                         'Fig. S4 of the paper: the prototype. D* lowers its shear branch; the pillars open '
-                                         'the gap below 26.55 Hz.')])
+    return Outcome(checks, [draw_foundation(out, cell), save_picture(
+        ax.figure, out / 'prototype_bands.png',
+        'Fig. S4 of the paper: the prototype. D* lowers its shear branch; the pillars open the gap below 26.55 Hz.')])
+
+
+def draw_foundation(out, cell):
+    """The lattice in space, with the spring between each magnet and the ground."""
+    ax, up = new_axes(height=2.2), 1.2                       # in spacings
+    R = cell.cell.array[:2, :2] / cell.cell.lengths()[0]
+    seen = np.array([[1.0, 0.0], [0.35, 0.45]])               # of x and y in the plane of the paper
+    places = np.stack(np.meshgrid(np.arange(4), np.arange(3), indexing='ij'), axis=-1) @ R @ seen
+    for line in (*places, *places.swapaxes(0, 1), *(places[::-1].diagonal(k).T for k in range(-2, 3))):
+        ax.plot(*line.T, color='0.7', linewidth=0.8, zorder=1)
+    height = np.linspace(-up, 0, 12)
+    zigzag = 0.07 * np.array([0, 0, *[1, -1] * 4, 0, 0])
+    for x, y in places.reshape(-1, 2):
+        ax.plot(x + zigzag, y + height, color=COLOURS[0], linewidth=0.9, zorder=2 - y)
+        ax.plot([x - 0.15, x + 0.15], [y - up, y - up], color='0.25', linewidth=1.4)
+        ax.plot(x, y, 'o', color='0.25', markerfacecolor='white', markersize=7, zorder=20 - y)
+    ax.set(aspect='equal')
+    ax.set_axis_off()
+    return save_picture(ax.figure, out / 'foundation.png', (
+        'Fig. S1 of the paper: the lattice on its elastic foundation. The grey lines are the repulsion between nearest '
+        'neighbours, the springs the pillars, of which each ties a magnet to the ground along both directions of the plane.'))
