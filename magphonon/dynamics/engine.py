@@ -21,7 +21,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
 from ..stiffness.matrices import hermitian_eigenvalues
 from ..stiffness.rest import LinearSystem, components, freedom, static_forces
-from ..stiffness.sites import out_of_plane
+from ..stiffness.sites import out_of_plane, refuse_gyration
 from .bond_increments import RANGES, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
@@ -53,7 +53,8 @@ def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> None:
 def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
-    Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.
+    Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.  Gyration
+    is left out, which the limit of the time step does not depend on.
 
     Parameters
     ----------
@@ -68,14 +69,15 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     >>> round(float(2 / highest_frequency(patch)), 2)  # the largest stable time step in ms
     2.13
     """
-    system = LinearSystem.nearest(atoms)
+    system = LinearSystem.nearest(atoms, gyrating=True)
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
 
 
 def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency, at no higher cost than a verdict on the time step `dt` (ms) needs; in rad/ms.
 
-    Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, it is the highest frequency itself.
+    Gyration is left out: its rotations keep all that a step of Verlet keeps, and do not change the limit.  Three bounds are
+    tried, the cheapest first, until one is below 2/dt.  If none is, it is the highest frequency itself.
 
     Examples
     --------
@@ -85,7 +87,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
     True
     """
-    system = LinearSystem.nearest(atoms)
+    system = LinearSystem.nearest(atoms, gyrating=True)
     bounds = (lambda: _particle_bound(system),
               lambda: np.sqrt(abs(system.K).sum(axis=1).max()),
               lambda: np.sqrt((1 + ROUGH) * _largest_eigenvalue(system.K, ROUGH)))
@@ -112,6 +114,24 @@ def _largest_eigenvalue(D, tolerance):
         return np.linalg.eigvalsh(D.toarray()).max(initial=0.0)
     start = np.random.default_rng(0).normal(size=D.shape[0])  # a fixed start vector makes the result reproducible
     return sparse.linalg.eigsh(D, k=1, which='LA', v0=start, tol=tolerance, return_eigenvectors=False)[0]
+
+
+def half_step(damping: NDArray[np.float64], gyration: Any, guided: Sequence[int] | NDArray[np.int_], dt: float) -> NDArray[Any]:
+    """What losses and gyration leave of v_x + i v_y in half a step, `E = e^{-(c + i g) dt/2}`, shape (particles,); real if g = 0.
+
+    Particles that a line guides do not turn.
+    """
+    if not np.any(gyration):
+        return np.exp(-damping * dt / 2)
+    g = np.broadcast_to(gyration, len(damping)).copy()
+    g[guided] = 0.0
+    return np.exp(-(damping + 1j * g) * dt / 2)
+
+
+def refuse_turns(atoms: Atoms, splitting: Splitting) -> None:
+    """Refuse splittings of order 4 and 6, which suppose that nothing but positions makes forces, for particles that gyrate."""
+    if splitting.stages > 1 and isinstance(atoms.calc, MagneticRepulsion):
+        refuse_gyration(atoms.calc, 'steps of order 4 and 6')
 
 
 def refusal(atoms: Atoms) -> str | None:
@@ -164,7 +184,7 @@ class Blocks:
         Time step in ms.
     drives : sequence of drives
     damping : ndarray, shape (particles,)
-        gamma in 1/ms.
+        gamma in 1/ms; the gyration is that of the calculator.
     splitting : Splitting
     threads : int
         Number of threads of compiled blocks; the bits of the results do not depend on it.
@@ -189,8 +209,11 @@ class Blocks:
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._splitting = splitting
         rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
-        decay = np.exp((rate - damping) * dt / 2)
-        self._motion = Motion(dt, splitting, rate, layout.scatter(decay), layout.scatter(mobile / masses),
+        E = half_step(damping - rate, calc.gyration, guided, dt)
+        decay = layout.scatter(E.real)
+        if np.iscomplexobj(E):
+            decay = decay + 1j * layout.scatter(E.imag)
+        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobile / masses),
                               layout.scatter(calc.foundation) if isinstance(calc.foundation, np.ndarray) else calc.foundation,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided

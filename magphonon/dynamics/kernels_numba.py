@@ -291,8 +291,19 @@ class Outer(NamedTuple):
     from_guided: np.ndarray
 
 
+def times(slots, turns, row, i, x, y):
+    """What is known of slot i times a vector, or by (slots + i turns) of it times x + i y where particles gyrate."""
+
+
+@overload(times)
+def _times(slots, turns, row, i, x, y):
+    if isinstance(turns, types.NoneType):
+        return lambda slots, turns, row, i, x, y: (slots[row, i] * x, slots[row, i] * y)
+    return lambda slots, turns, row, i, x, y: (slots[row, i] * x - turns[row, i] * y, slots[row, i] * y + turns[row, i] * x)
+
+
 @part
-def move(state, b, places, pad, slots, k, static, v, row, s, e, drift):
+def move_straight(state, b, places, pad, slots, k, static, v, row, s, e, drift):
     """Kick row v of the state by all forces but external ones, and drift."""
     vectorise()
     for x in range(2):
@@ -304,14 +315,45 @@ def move(state, b, places, pad, slots, k, static, v, row, s, e, drift):
 
 
 @part
-def correct(state, slots, outer, force, v, row, r, drift):
+def move_turning(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+    """The same where particles gyrate."""
+    vectorise()
+    y = np.uint64(state.shape[2])
+    for i in range(s, e):
+        fx = at(static, 0, i) + total(b, 0, places, pad, i) - at(k, 0, i) * state[0, 0, i]
+        fy = at(static, 0, y + i) + total(b, 1, places, pad, i) - at(k, 0, y + i) * state[0, 1, i]
+        vx, vy = times(slots, turns, row, i, state[v, 0, i], state[v, 1, i])
+        ax, ay = times(slots, turns, row + 1, i, fx, fy)
+        state[v, 0, i], state[v, 1, i] = vx + ax, vy + ay
+        state[0, 0, i] += drift * state[v, 0, i]
+        state[0, 1, i] += drift * state[v, 1, i]
+
+
+def move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+    """`move_straight` or `move_turning`."""
+
+
+@overload(move)
+def _move(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+    if isinstance(turns, types.NoneType):
+        def choose(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+            return move_straight(state, b, places, pad, slots, k, static, v, row, s, e, drift)
+    else:
+        def choose(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift):
+            return move_turning(state, b, places, pad, slots, turns, k, static, v, row, s, e, drift)
+    return choose
+
+
+@part
+def correct(state, slots, turns, outer, force, v, row, r, drift):
     """Add external forces on the slots of run r, and take away what lines and planes bar."""
     for n in range(outer.from_driven[r], outer.from_driven[r + 1]):
         i = outer.driven[n]
-        for x in range(2):
-            kick = slots[row + 1, i] * force[outer.row[n], x]
-            state[v, x, i] += kick
-            state[0, x, i] += drift * kick
+        kx, ky = times(slots, turns, row + 1, i, force[outer.row[n], 0], force[outer.row[n], 1])
+        state[v, 0, i] += kx
+        state[v, 1, i] += ky
+        state[0, 0, i] += drift * kx
+        state[0, 1, i] += drift * ky
     for n in range(outer.from_guided[r], outer.from_guided[r + 1]):
         i = outer.guided[n]
         vx, vy = state[v, 0, i], state[v, 1, i]
@@ -322,30 +364,33 @@ def correct(state, slots, outer, force, v, row, r, drift):
 
 
 @part
-def start(state, work, slots, kicked, s, e, half, drift):
+def start(state, work, slots, turns, kicked, s, e, half, drift):
     """Copy displacements and velocities, with half a kick by the accelerations, and a drift, if `kicked`."""
     vectorise()
-    for x in range(2):
-        for i in range(s, e):
-            work[2, x, i] = 0.0  # zero times what was there might be no number
-            if kicked:
-                v = slots[DECAY, i] * state[1, x, i] + half * state[2, x, i]
-                work[1, x, i] = v
-                work[0, x, i] = state[0, x, i] + drift * v
-            else:
-                work[0, x, i], work[1, x, i] = state[0, x, i], state[1, x, i]
+    for i in range(s, e):
+        work[2, 0, i] = work[2, 1, i] = 0.0  # zero times what was there might be no number
+        if kicked:
+            vx, vy = times(slots, turns, DECAY, i, state[1, 0, i], state[1, 1, i])
+            vx, vy = vx + half * state[2, 0, i], vy + half * state[2, 1, i]
+            work[1, 0, i], work[1, 1, i] = vx, vy
+            work[0, 0, i], work[0, 1, i] = state[0, 0, i] + drift * vx, state[0, 1, i] + drift * vy
+        else:
+            work[0, 0, i], work[0, 1, i], work[1, 0, i], work[1, 1, i] = (
+                state[0, 0, i], state[0, 1, i], state[1, 0, i], state[1, 1, i])
 
 
 @part
-def finish(work, slots, s, e, half, before):
+def finish(work, slots, turns, s, e, half, before):
     """Half a kick; the largest components of displacement and velocity then."""
     vectorise()
     far = fast = np.int64(0)
+    for i in range(s, e):
+        vx, vy = before * work[1, 0, i] + half * work[2, 0, i], before * work[1, 1, i] + half * work[2, 1, i]
+        work[1, 0, i], work[1, 1, i] = times(slots, turns, DECAY, i, vx, vy)
     for x in range(2):
         for i in range(s, e):
-            v = slots[DECAY, i] * (before * work[1, x, i] + half * work[2, x, i])
-            work[1, x, i] = v
-            p, q = np.float64(work[0, x, i]).view(np.int64) & MAGNITUDE, np.float64(v).view(np.int64) & MAGNITUDE
+            p = np.float64(work[0, x, i]).view(np.int64) & MAGNITUDE
+            q = np.float64(work[1, x, i]).view(np.int64) & MAGNITUDE
             far, fast = p if p > far else far, q if q > fast else fast
     return np.int64(far).view(np.float64), np.int64(fast).view(np.float64)
 
@@ -354,8 +399,8 @@ def finish(work, slots, s, e, half, before):
 
 
 @kept
-def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, outer, forces, half,
-            before, drifts, begin, low, high, last, together, first, end):
+def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, turns, outer, forces,
+            half, before, drifts, begin, low, high, last, together, first, end):
     """Kicks `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
 
     The stages of a step take their turns, with the drift that follows each.
@@ -378,7 +423,7 @@ def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near
                     continue
                 s, e, ends = runs[r, 0], runs[r, 1], n == last
                 if n < low:
-                    start(state, work, slots, begin == KICK, s, e, half, drifts[0])
+                    start(state, work, slots, turns, begin == KICK, s, e, half, drifts[0])
                     continue
                 for j in range(within[r], within[r + 1]):
                     i, k, kind = segments[j, 0], segments[j, 1], segments[j, 2]
@@ -389,10 +434,10 @@ def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near
                     wide |= out
                 stage = (n - 1) % (len(drifts) - 1)
                 v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY + 2 * stage, drifts[1 + stage])
-                move(work, b, places, pad, slots, outer.springs, outer.static, v, row, s, e, drift)
-                correct(work, slots, outer, forces[n - 1], v, row, r, drift)
+                move(work, b, places, pad, slots, turns, outer.springs, outer.static, v, row, s, e, drift)
+                correct(work, slots, turns, outer, forces[n - 1], v, row, r, drift)
                 if ends and half > 0:
-                    x, y = finish(work, slots, s, e, half, before)
+                    x, y = finish(work, slots, turns, s, e, half, before)
                     if first <= r < end:
                         largest, fastest = max(largest, x), max(fastest, y)
     return wide, largest, fastest
@@ -471,7 +516,11 @@ class CompiledKernel(Kernel):
         bonds = Bonds((law.q, law.t), *R, g, unit, strength)
         stages = [row for pair in zip(self.carry, self.push, strict=True) for row in pair]
         slots = aligned_zeros((3 + len(stages), layout.length))
-        slots[:] = self.forget, m.mobility, m.decay, *stages
+        known, turns = np.array([self.forget, m.mobility, m.decay, *stages]), None
+        slots[:] = known.real
+        if np.iscomplexobj(known):
+            turns = aligned_zeros(slots.shape)
+            turns[:] = known.imag
         self._flow = self.half, self.before, np.append(self.first, self.drifts)
         springs, static = (np.atleast_1d(np.asarray(x, float)) for x in (m.foundation, 0.0 if m.static is None else m.static))
         outer = Outer(*(x if x.ndim == 1 else _flat(x) for x in (springs, static)),
@@ -480,7 +529,7 @@ class CompiledKernel(Kernel):
         self._lag = max(1, int((np.searchsorted(order.runs[:, 0], order.reach) - 1 - np.arange(len(order.runs))).max()))
         unsigned = (x.astype(np.uint64) for x in (order.runs, order.segments))
         self._given = (*unsigned, order.within, self._lag, bonds, *laws, *[None] * (2 - len(laws)), order.near, order.far,
-                       order.places, np.uint64(order.pad), slots, outer)
+                       order.places, np.uint64(order.pad), slots, turns, outer)
         self._rooms, self._between, self._pool = [aligned_zeros(order.room)], None, None
         self._slot = None if layout.whole else layout.slot.astype(np.uint64)
 

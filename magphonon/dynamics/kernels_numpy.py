@@ -1,7 +1,8 @@
 """Blocks of driven, damped velocity Verlet steps on displacements from rest, in NumPy.
 
 One step of DrivenVerlet is: half decay, half kick, velocity Verlet, half kick, half decay.  Between two steps the
-neighbouring halves merge, so that inside a block a step is, with the decay d = exp(-gamma dt/2),
+neighbouring halves merge, so that inside a block a step is, with the decay d = exp(-(gamma + i g) dt/2) of v_x + i v_y, a number
+where nothing gyrates,
 
     v <- d^2 v + (1 + d^2) dt/2 F/m          u <- u + dt v
 
@@ -46,7 +47,7 @@ class Motion:
     dt : float
         Time step in ms.
     decay : ndarray, shape (slots,)
-        d = exp(-gamma dt/2); 1 where drifts are damped.
+        d = exp(-(gamma + i g) dt/2), real where nothing gyrates; 1 where drifts are damped.
     splitting : Splitting
     rate : float
         gamma of the drifts in 1/ms.
@@ -103,7 +104,7 @@ class Kernel:
         self.first, merged = drifts[0], (*b[1:-1], b[-1] + b[0])
         self.carry = [factor * d**2 for factor in damped]
         self.push = [(1 + d**2) * (kick * motion.dt / 2) * motion.mobility for kick in merged]
-        self.forget = np.zeros_like(d)
+        self.forget = np.zeros(len(d))
         self._prepare(coefficients)
 
     def _prepare(self, coefficients):
@@ -126,13 +127,15 @@ class Kernel:
         """
         u, v, a = out
         (u0, v0, a0), d = state, self.motion.decay
-        v[:] = d * v0 + self.half * a0
+        v[:] = v0
+        turn(v, d)
+        v += self.half * a0
         u[:] = u0 + self.first * v
         beyond = self._turns(u, v, forces[:-1], self.carry, self.push, self.drifts)
         beyond |= self.accelerate(out, forces[-1])
         v *= self.before
         v += self.half * a
-        v *= d
+        turn(v, d)
         return beyond, largest(u), largest(v)
 
     def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
@@ -156,12 +159,13 @@ class Kernel:
                 fs -= np.multiply(k if whole else k[:, s:e], us, out=t)
                 if m.static is not None:
                     fs += m.static[:, s:e]
-                fs *= push[s:e]
-                vs *= carry[s:e]
+                turn(fs, push[s:e])
+                turn(vs, carry[s:e])
                 vs += fs
                 us += np.multiply(dt, vs, out=t)
             if len(m.driven):
-                kick = push[m.driven] * force.T
+                kick = force.T.copy()
+                turn(kick, push[m.driven])
                 v[:, m.driven] += kick
                 u[:, m.driven] += dt * kick
             if len(m.guided):
@@ -182,6 +186,15 @@ class Kernel:
         """Whether the positions and momenta are those that `write` left."""
         return all(np.array_equal(positions[:, x], anchors[x] + ux) and np.array_equal(momenta[:, x], masses * vx)
                    for x, (ux, vx) in enumerate(zip(self.layout.gather(u), self.layout.gather(v), strict=True)))
+
+
+def turn(v: NDArray[np.float64], by: NDArray[Any]) -> None:
+    """Multiply vectors, shape (2, any), by numbers, or v_x + i v_y by complex ones, which turns them."""
+    if np.isrealobj(by):
+        v *= by
+    else:
+        turned = by * (v[0] + 1j * v[1])
+        v[0], v[1] = turned.real, turned.imag
 
 
 def largest(x: NDArray[np.float64]) -> float:

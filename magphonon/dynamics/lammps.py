@@ -33,6 +33,7 @@ from ..errors import not_negative, one_of, positive, whole
 from ..files import whole_file
 from ..interactions.bond_laws import groups
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.sites import refuse_gyration
 from .drives import Drives, ToneBurst
 from .motion import Motion
 
@@ -216,6 +217,7 @@ def _scene(atoms):
         raise ValueError(f'LAMMPS can run finite patches only, not a structure with pbc {tuple(map(int, atoms.pbc))}; '
                          'cut one, for instance with lattices.parallelogram')
     law = calc.central('LAMMPS runs')
+    refuse_gyration(calc, 'LAMMPS runs')
     if not len(calc.bonds):
         raise ValueError('no two particles are bonded, so there is nothing for LAMMPS to compute')
     if calc.displacements(atoms).any() or atoms.get_momenta().any():

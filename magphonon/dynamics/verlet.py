@@ -1,15 +1,17 @@
 """Velocity Verlet with external forces and linear damping, on ASE's own; and splittings of higher order.
 
-With the damping gamma and the external force f(t), the equation of motion `m u'' = F(u) - m gamma u' + f(t)` is split
-symmetrically around ASE's step, which makes it second order in dt and leaves its limit omega dt < 2 untouched:
+With the damping gamma, the gyration g of the calculator and the external force f(t), the equation of motion
+`m u'' = F(u) - m gamma u' + m g J u' + f(t)` is split symmetrically around ASE's step, which makes it second order in dt and
+leaves its limit omega dt < 2 untouched (the quadratic form of positions and speeds that a step of Verlet keeps is kept by
+rotations too):
 
-    v <- v exp(-gamma dt/2)      half the decay, exact
+    v <- E v                     half the decay and the rotation, exact: E = exp(-(gamma + i g) dt/2) on v_x + i v_y
     v <- v + dt/2 f(t)/m         half the kick
     ASE's VelocityVerlet         F
     v <- v + dt/2 f(t + dt)/m
-    v <- v exp(-gamma dt/2)
+    v <- E v
 
-Without damping and drives it is ASE's VelocityVerlet, bit for bit.
+Without damping, gyration and drives it is ASE's VelocityVerlet, bit for bit.
 """
 
 from __future__ import annotations
@@ -30,9 +32,10 @@ from tqdm import tqdm
 
 from ..errors import finite, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
+from ..stiffness.rest import freedom
 from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
-from .engine import Blocks, can_compile, refusal, refuse_long_step
+from .engine import Blocks, can_compile, half_step, refusal, refuse_long_step, refuse_turns
 from .splittings import SPLITTINGS
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
@@ -72,7 +75,7 @@ class DrivenVerlet(VelocityVerlet):
         'auto' takes blocks where it can, and compiles when a run is long enough to earn that back.
     order : {2, 4, 6}
         Of the error in the time step.  A step of order 4 or 6 takes 6 or 11 evaluations of the forces, and fewer in all where the
-        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number.
+        error is to be small (`magphonon.dynamics.splittings`); the damping must then be one number, and nothing gyrate.
     allow_unstable : bool
         Run even if the time step is over the limit of stability.
     logfile : path or file, optional
@@ -114,6 +117,7 @@ class DrivenVerlet(VelocityVerlet):
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
         refuse_held_drives(self._drives, atoms)
+        refuse_turns(atoms, self.splitting)
         self.engine = _engine_for(atoms, engine)
         if engine == 'compiled' and find_spec('numba') is None:
             raise ImportError("engine='compiled' needs numba: pip install 'magphonon[fast]', or use engine='numpy'")
@@ -201,8 +205,14 @@ class DrivenVerlet(VelocityVerlet):
         return forces
 
     def _decay(self):
-        if self.damping.any():
-            self.atoms.set_momenta(np.exp(-self.damping * self.dt / 2)[:, None] * self.atoms.get_momenta())
+        """Half a step of losses and gyration."""
+        gyration = getattr(self.atoms.calc, 'gyration', 0.0)
+        if not (self.damping.any() or np.any(gyration)):
+            return
+        p, guided = self.atoms.get_momenta(), freedom(self.atoms)[1] if np.any(gyration) else []
+        E = half_step(self.damping, gyration, guided, self.dt)
+        turned = E * (p[:, 0] + 1j * p[:, 1])
+        self.atoms.set_momenta(np.column_stack([turned.real, turned.imag, abs(E) * p[:, 2]]))
 
     def _kick(self, t, share=1.0):
         if self._sum_of_drives:
@@ -276,6 +286,7 @@ class DrivenVerlet(VelocityVerlet):
                                  'new DrivenVerlet(atoms, ...), whose time begins at zero')
             if not self.allow_unstable:
                 refuse_long_step(self.atoms, self.dt, self.splitting.limit)
+            refuse_turns(self.atoms, self.splitting)
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         blocks = cages = None
         if self.engine != 'ase':
@@ -291,7 +302,8 @@ class DrivenVerlet(VelocityVerlet):
     def _setting(self):
         """All that forces and motion depend on, but for the state itself."""
         atoms, calc = self.atoms, self.atoms.calc
-        changeable = (calc.model, np.asarray(calc.foundation).tobytes()) if isinstance(calc, MagneticRepulsion) else ()
+        of_sites = (calc.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
+        changeable = getattr(calc, 'model', None), *(np.asarray(values).tobytes() for values in of_sites)
         return (calc, self.dt, self._sum_of_drives, changeable, [constraint.todict() for constraint in atoms.constraints],
                 *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
 

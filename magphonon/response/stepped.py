@@ -117,7 +117,8 @@ def replicas(structures: Sequence[Atoms]) -> Atoms:
     springs = [each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) for calc in calcs]
     many.calc = MagneticRepulsion(rest, calcs[0].laws, bonds=Bonds(i, j, images, vectors, len(rest)), anchors=anchors,
                                   load=load, foundation=np.concatenate(springs), model=calcs[0].model,
-                                  strengths=np.concatenate([calc.strengths for calc in calcs]))
+                                  strengths=np.concatenate([calc.strengths for calc in calcs]),
+                                  gyration=np.concatenate([np.broadcast_to(calc.gyration, len(calc.anchors)) for calc in calcs]))
     return many
 
 

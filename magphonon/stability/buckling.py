@@ -24,6 +24,7 @@ from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
+from ..stiffness.sites import refuse_gyration
 from .soft_waves import softest_wave
 
 if TYPE_CHECKING:
@@ -137,6 +138,7 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
     >>> round(found.lowest, 9), abs(found.q).round(3)
     (-4.0, array([0. , 0.5, 0. ]))
     """
+    refuse_gyration(atoms.calc, 'softest waves')  # pyright: ignore[reportArgumentType]  of either it is a Repulsion
     if isinstance(atoms, Atoms):
         if not atoms.calc.pairwise:
             return _softest_of_sums(atoms, model, foundation, weighted, steps)

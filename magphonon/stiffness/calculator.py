@@ -27,10 +27,12 @@ from .site_laws import SiteLaw, on_sites
 from .sites import (
     displacement_components,
     from_reference,
+    of_sites,
     range_of,
     refuse_height,
     refuse_infinite,
     refuse_motion_out_of_the_plane,
+    site_gyration,
     site_springs,
     site_strengths,
     warn_of_units,
@@ -105,6 +107,11 @@ class MagneticRepulsion(Repulsion):
         Instead of `shells`: the distance in mm within which particles interact.
     bonds : Bonds or sequence of (i, j) or (i, j, shift), optional
         The interacting pairs, instead of `shells` and `cutoff`.  Their vectors are computed at the reference.
+    gyration : float or array_like, shape (particles,)
+        g in rad/ms, of all particles or of each: the force `m g J u'`, J = [[0, 1], [-1, 0]], turns velocities clockwise in the
+        plane, as gyroscopes, a rotating bench (twice its rate) or a magnetic field on charges do.  It does no work, and is
+        none of the `forces` that ASE asks for: the tools of this package that know it, and `DrivenVerlet`, add it, the others
+        refuse it; ASE's own dynamics cannot, and leave it out.
 
     Warns
     -----
@@ -124,8 +131,9 @@ class MagneticRepulsion(Repulsion):
     """
 
     implemented_properties: ClassVar[list[str]] = ['energy', 'free_energy', 'energies', 'forces', 'stress', 'hessian']
-    default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete'}
+    default_parameters: ClassVar = {'foundation': 0.0, 'model': 'complete', 'gyration': 0.0}
     saved: ClassVar[tuple[str, ...]] = ('foundation', 'strengths', 'model', 'bonds', 'anchors', 'load')
+    seldom: ClassVar[tuple[str, ...]] = ('gyration',)
     pairwise = True
     atoms: Any  # of ASE, which declares them as None
     parameters: Any
@@ -134,7 +142,7 @@ class MagneticRepulsion(Repulsion):
     def __init__(self, reference: Atoms, laws: Laws, *, foundation: Foundation | ArrayLike = 0.0,
                  strengths: ArrayLike | None = None, model: str = 'complete', shells: int = 1, cutoff: float | None = None,
                  bonds: Bonds | Sequence[Any] | None = None, anchors: ArrayLike | None = None,
-                 load: ArrayLike | None = None) -> None:
+                 load: ArrayLike | None = None, gyration: ArrayLike = 0.0) -> None:
         self._laws = checked_laws(laws)
         masses_of(reference)
         self.reference = reference.copy()
@@ -157,7 +165,7 @@ class MagneticRepulsion(Repulsion):
         self.interaction = interaction_along(self._laws, bonds, self.reference.get_tags(), self._strengths, self.dim)
         refuse_height(self.reference, bonds, self.dim, central=self.interaction.central(self.dim) is not None)
         refuse_infinite(self)
-        super().__init__(foundation=foundation, model=model)
+        super().__init__(foundation=foundation, model=model, gyration=gyration)
         if first:
             warn_of_units(self)
 
@@ -182,13 +190,15 @@ class MagneticRepulsion(Repulsion):
         return self.bonds.vectors[:, : self.dim]
 
     def set(self, **parameters: Any) -> dict[str, Any]:
-        """Change `foundation` or `model`; cached results are deleted."""
+        """Change `foundation`, `gyration` or `model`; cached results are deleted."""
         for name in parameters:
             one_of('parameter', name, tuple(self.default_parameters))
         if 'foundation' in parameters:
             given, n = parameters['foundation'], len(self.reference)
             own = isinstance(given, SiteLaw)
             parameters['foundation'] = given.of(n, self.dim) if own else site_springs(given, n, self.dim, self.layer)
+        if 'gyration' in parameters:
+            parameters['gyration'] = site_gyration(parameters['gyration'], len(self.reference), self.dim)
         if 'model' in parameters:
             one_of('model', parameters['model'], MODELS)
         changed = super().set(**parameters)
@@ -203,7 +213,7 @@ class MagneticRepulsion(Repulsion):
         reference.set_tags(self.reference.get_tags()[image])  # tags are kinds, and phonopy does not keep tags
         return MagneticRepulsion(reference, self.laws, bonds=bonds, load=self.load[image], model=self.model,
                                  foundation=on_sites(self.parameters.foundation, image), strengths=self.strengths[image],
-                                 anchors=supercell.positions - self.slack[image])
+                                 anchors=supercell.positions - self.slack[image], gyration=of_sites(self.gyration, image))
 
     def about(self, atoms: Atoms, load: ArrayLike | None = None, **parameters: Any) -> MagneticRepulsion:
         """The same calculator with the present positions of `atoms` as its rest, and optionally another load or parameters.

@@ -36,7 +36,8 @@ def without(atoms: Atoms, particles: ArrayLike) -> Atoms:
     both = (number[old.i] >= 0) & (number[old.j] >= 0)
     bonds = Bonds(number[old.i[both]], number[old.j[both]], old.shift[both], old.vectors[both], len(kept), old.cutoff)
     return _carrying(atoms[kept], calc, calc.reference[kept], bonds=bonds, foundation=of_sites(calc.foundation, kept),
-                     strengths=calc.strengths[kept], anchors=calc.anchors[kept], load=calc.load[kept])
+                     strengths=calc.strengths[kept], anchors=calc.anchors[kept], load=calc.load[kept],
+                     gyration=of_sites(calc.gyration, kept))
 
 
 def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: float = 1.0, stiffness: float = 1.0,
@@ -96,7 +97,7 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
                   particles=len(grown), cutoff=old.cutoff)
     grown = _carrying(grown, calc, reference, bonds=bonds, foundation=of_sites(calc.foundation, site),
                       strengths=calc.strengths[site], anchors=np.vstack([calc.anchors, place]),
-                      load=np.vstack([calc.load, np.zeros(3)]))
+                      load=np.vstack([calc.load, np.zeros(3)]), gyration=of_sites(calc.gyration, site))
     return substituted(grown, len(atoms), mass=mass, strength=strength, stiffness=stiffness, kind=kind)
 
 
@@ -161,7 +162,7 @@ def _varied(atoms: Atoms, *, mass: Any, strength: Any, stiffness: Any, moved: An
     if (stiffness != 1).any():
         springs = each_spring(springs, len(atoms), calc.dim).reshape(len(atoms), -1) * stiffness[:, None]
     return _carrying(varied, calc, reference, bonds=calc.bonds.at(reference), foundation=springs,
-                     strengths=calc.strengths * strength, anchors=calc.anchors + moved, load=calc.load)
+                     strengths=calc.strengths * strength, anchors=calc.anchors + moved, load=calc.load, gyration=calc.gyration)
 
 
 def _carrying(atoms: Atoms, calc: MagneticRepulsion, reference: Atoms, **given: Any) -> Atoms:

@@ -54,7 +54,7 @@ def leaning(calc: Any, height: float) -> Repulsion:
     if isinstance(calc, AllNeighbours):
         return AllNeighbours(calc.reference, law, foundation=springs, strengths=calc.strengths, split=calc.split)
     return MagneticRepulsion(calc.reference, law, foundation=springs, bonds=calc.bonds, strengths=calc.strengths,
-                             model=calc.model)
+                             model=calc.model, gyration=calc.gyration)
 
 
 def _taken(calc, charges) -> NDArray[np.float64]:

@@ -198,6 +198,31 @@ def hermitian_eigenvalues(D: NDArray[Any]) -> NDArray[np.float64]:
     return np.stack([np.minimum(near, far), np.maximum(near, far)], axis=-1)
 
 
+def poles(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
+    """All s of det(s^2 + s B + K) = 0, the rates of motion e^{st} of `y'' + B y' + K y = 0`; shape (..., 2 n), in no order.
+
+    From the companion matrix, whose size is twice that of K; B and K are dense and broadcast.
+
+    Parameters
+    ----------
+    B, K : ndarray, shape (..., n, n)
+        In 1/ms and rad^2/ms^2, in coordinates that absorb the masses.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.stiffness.matrices import poles
+    >>> J = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    >>> [bool(poles(-g * J, -0.5 * np.eye(2)).real.max() < 1e-9) for g in (1.41, 1.42)]  # gyration holds a hill from sqrt(2) on
+    [False, True]
+    """
+    n = K.shape[-1]
+    companion = np.zeros((*np.broadcast_shapes(B.shape[:-2], K.shape[:-2]), 2 * n, 2 * n), np.result_type(B, K))
+    companion[..., :n, n:] = np.eye(n)
+    companion[..., n:, :n], companion[..., n:, n:] = -K, -B
+    return np.linalg.eigvals(companion).astype(complex)
+
+
 def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:
     """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency.
 

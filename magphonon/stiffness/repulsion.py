@@ -147,6 +147,11 @@ class Repulsion(Restartable):
         return isinstance(given, SiteLaw) or bool(np.any(given))
 
     @property
+    def gyration(self) -> Foundation:
+        """Rate g in rad/ms at which the force m g J u' turns velocities, clockwise: one number, or shape (particles,)."""
+        return self.parameters.get('gyration', 0.0)
+
+    @property
     def layer(self) -> bool:
         """Whether the particles of a planar structure may move out of the plane, each on its own support."""
         return self.dim == 3 and not self.reference.pbc.all()

@@ -27,6 +27,7 @@ from .lowest import none_negative
 from .matrices import mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
 from .site_laws import SiteLaw
+from .sites import refuse_gyration
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
 BALANCED = 1e-6  # largest force left, in largest bond forces; it changes a linear result by about the same fraction
@@ -35,6 +36,8 @@ ELSEWHERE = 1e-3
 """Distance from the reference, as a fraction of the shortest bond, from which balanced particles are at another rest; closer ones
 may be displaced so little that their forces only seem balanced."""
 TILT = 1e-12  # relative component of a direction that is round-off, as after a rotation in the plane or about the normal
+J = np.array([[0.0, 1.0], [-1.0, 0.0]])  # turns a velocity by a right angle, clockwise
+SUCH_TOOLS = 'tools of this kind'
 HELD = 1e-12  # relative component of a blocked force below which it is round-off of the direction
 
 
@@ -47,7 +50,11 @@ class LinearSystem:
         M u'' + H u = f        u = S y        S = M^-1/2 P
         y'' + K y = S^T f      K = S^T H S
 
-    and of a periodic structure K(q) with the Bloch matrix in place of H.  Every linear tool begins with `LinearSystem.of(atoms)`
+    and of a periodic structure K(q) with the Bloch matrix in place of H.  Losses c and gyration g of the sites (1/ms, rad/ms) add
+
+        y'' + B y' + K y = S^T f      B = P^T (c - g (x) J) P      J = [[0, 1], [-1, 0]]
+
+    where masses cancel.  Every linear tool begins with `LinearSystem.of(atoms)`
     and accepts such a system in place of the atoms: make it once for several questions about one structure.
 
     Attributes
@@ -69,8 +76,10 @@ class LinearSystem:
     atoms: Atoms
 
     @classmethod
-    def of(cls, atoms: Atoms | LinearSystem) -> LinearSystem:
+    def of(cls, atoms: Atoms | LinearSystem, gyrating: bool = False) -> LinearSystem:
         """The system about the present positions; a system is returned unchanged.
+
+        Particles that gyrate are refused unless the caller says that it knows them, by `gyrating=True`.
 
         With AllNeighbours, whose stiffness is not known bond by bond, it has only `bloch` matrices.
 
@@ -82,7 +91,7 @@ class LinearSystem:
             For another calculator, or a constraint other than FixAtoms, FixedLine and FixedPlane.
         """
         if isinstance(atoms, LinearSystem):
-            return atoms
+            return atoms if gyrating else atoms.still()
         law = atoms.calc.parameters.foundation if isinstance(atoms.calc, Repulsion) else None
         if isinstance(law, SiteLaw) and law.changes:
             raise ValueError(f'linear theory supposes forces that depend on positions alone, but {law!r} changes with time: '
@@ -96,6 +105,8 @@ class LinearSystem:
                                 'only there; make another one at these positions')
             return cls.about(sums, atoms).balanced()
         calc = repulsion_of(atoms)
+        if not gyrating:
+            refuse_gyration(calc, SUCH_TOOLS)
         freedom(atoms)  # refuses other constraints
         there = same_cell(calc, atoms) and np.array_equal(atoms.positions, calc.reference.positions)
         moved = not there and (not same_cell(calc, atoms) or calc.displacements(atoms).any())
@@ -107,7 +118,8 @@ class LinearSystem:
         return system.balanced()
 
     @classmethod
-    def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None) -> LinearSystem:
+    def nearest(cls, atoms: Atoms | LinearSystem, push: NDArray[np.float64] | None = None,
+                gyrating: bool = False) -> LinearSystem:
         """The system about the rest of a moving structure, whose positions are its state; the forces need not balance there.
 
         The rest is the reference if the forces balance there; the present positions, if the forces are smaller there, or if they
@@ -119,10 +131,14 @@ class LinearSystem:
             With MagneticRepulsion; a system is returned unchanged.
         push : ndarray, shape (particles, 3), optional
             Constant forces of drives, in N, that become part of the dead load.
+        gyrating : bool
+            As of `of`.
         """
         if isinstance(atoms, LinearSystem):
-            return atoms
+            return atoms if gyrating else atoms.still()
         calc = repulsion_of(atoms)
+        if not gyrating:
+            refuse_gyration(calc, SUCH_TOOLS)
         calc = calc if same_cell(calc, atoms) else calc.about(atoms)
         calc = calc if push is None else calc.about(calc.reference, calc.load + push)
         reference, away = cls.about(calc, atoms), abs(calc.displacements(atoms)).max(initial=0.0)
@@ -160,6 +176,11 @@ class LinearSystem:
         freedom(self.atoms)  # refuses constraints that are not supported
         if not self.directions:
             raise ValueError('the constraints hold every particle; free one')
+        return self
+
+    def still(self, what: str = SUCH_TOOLS) -> Self:
+        """The same system, or ValueError if its particles gyrate, of which `what` know nothing."""
+        refuse_gyration(self.atoms.calc, what)  # pyright: ignore[reportArgumentType]  which `about` sets
         return self
 
     def unheld(self, what: str) -> Self:
@@ -264,6 +285,22 @@ class LinearSystem:
     def K(self) -> sparse.csr_array:
         """Matrix of squared frequencies, `S^T H S`, in rad^2/ms^2, shape (free, free)."""
         return sparse.csr_array(self.shapes.T @ self.hessian @ self.shapes)
+
+    @property
+    def gyration(self) -> NDArray[np.float64]:
+        """G of each site in rad/ms, shape (particles,)."""
+        return np.broadcast_to(self.atoms.calc.gyration, len(self))  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+
+    def B(self, damping: ArrayLike = 0.0) -> sparse.csr_array:
+        """Matrix of the velocities, `P^T (c - g (x) J) P`, in 1/ms, for the damping c (1/ms) of all sites or of each.
+
+        It is the same in weighted coordinates: c and g are forces per momentum.  A guided particle does not gyrate.
+        """
+        n, dim = len(self), self.dim
+        blocks = np.broadcast_to(damping, n)[:, None, None] * np.eye(dim)
+        if self.gyration.any():
+            blocks = blocks - self.gyration[:, None, None] * J
+        return sparse.csr_array(self.free.T @ sparse.bsr_array((blocks, np.arange(n), np.arange(n + 1))) @ self.free)
 
     @cached_property
     def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

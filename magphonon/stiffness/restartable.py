@@ -72,9 +72,12 @@ class Restartable(Shared):
     ----------
     saved : tuple of str
         Keywords of the constructor that the forces depend on; each is an attribute of the same name.
+    seldom : tuple of str
+        Those that are saved only where they are not zero, and read as zero from where they are not.
     """
 
     saved: ClassVar[tuple[str, ...]]
+    seldom: ClassVar[tuple[str, ...]] = ()
     reference: Atoms
     laws: Any
 
@@ -82,6 +85,7 @@ class Restartable(Shared):
         """Everything that the forces depend on, for ASE's files and databases; `fromdict` restores the calculator from it."""
         parts = {name: getattr(self, name) for name in self.saved if name != 'foundation'}
         parts['foundation'] = foundation_to_dict(self.parameters.foundation)
+        parts |= {name: getattr(self, name) for name in self.seldom if np.any(getattr(self, name))}
         if 'bonds' in parts:  # their vectors follow from the reference
             parts['bonds'] = {name: getattr(parts['bonds'], name) for name in BONDS}
         return {'calculator': type(self).__name__, 'units': UNITS, 'reference': _reference_to_dict(self.reference),
@@ -107,10 +111,11 @@ class Restartable(Shared):
         given = _table(f'the saved {name}', parameters, ('units', 'reference', 'potential', *cls.saved))
         if given['units'] != UNITS:
             raise ValueError(f'the saved {name} has numbers in {shown(given["units"])}, not in {UNITS}; convert them first')
-        for none in [key for key in cls.saved if given[key] is None][:1]:
+        names = *cls.saved, *(name for name in cls.seldom if name in given)
+        for none in [key for key in names if given[key] is None][:1]:
             raise ValueError(f'the entry {none} of the saved {name} is empty; write it again')
         reference = _reference_from_dict(given['reference'])
-        parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in cls.saved}
+        parts: Any = {key: _bonds_from_dict(given[key], reference) if key == 'bonds' else given[key] for key in names}
         parts['foundation'] = foundation_from_dict(parts['foundation'])
         return cls(reference, laws_from_dict(given['potential']) if laws is None else laws, **parts)
 

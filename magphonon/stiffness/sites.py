@@ -79,6 +79,31 @@ def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
     return given
 
 
+def site_gyration(gyration: ArrayLike, particles: int, dim: int) -> Foundation:
+    """The gyration in rad/ms as one number if it is uniform, otherwise as an array, shape (particles,), read-only."""
+    given = finite('gyration', gyration)
+    if given.shape not in ((), (particles,)):
+        raise ValueError(f'the gyration must be one number, or one for each of the {particles} particles, not of the shape '
+                         f'{given.shape}')
+    if dim == 3 and given.any():
+        raise ValueError('gyration turns velocities in the plane, and these particles leave it; take a planar structure, or '
+                         'gyration=0')
+    if (given == given.ravel()[:1]).all():
+        return float(given.ravel()[0])
+    given = given.copy()
+    given.flags.writeable = False
+    return given
+
+
+def refuse_gyration(calc: Repulsion, what: str) -> None:
+    """Refuse particles that gyrate, for `what` (of several things) stiffness and masses alone decide."""
+    largest = np.max(abs(np.asarray(calc.gyration)))
+    if largest:
+        raise ValueError(f'{what} know no gyration, but these particles have up to {1e3 * largest:.4g} rad/s of it; '
+                         'analytic_bands, modes, frequency_response, propagate, DrivenVerlet and verdict do. To leave it out: '
+                         'atoms.calc.set(gyration=0), and in a scene no gyration_rad_per_s')
+
+
 def of_sites(values: Any, sites: NDArray[np.intp] | slice) -> Any:
     """The `values` at some sites; they are given for each site, or as one number for all."""
     return values[sites] if np.ndim(values) else values

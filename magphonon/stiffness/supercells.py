@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .sites import refuse_gyration
+
 if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import NDArray
@@ -89,6 +91,7 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     T = whole_multiple(own, atoms)
     if T is None:
         return calc, atoms
+    refuse_gyration(calc, 'other tools, which displace particles of supercells of their own,')
     atoms = atoms.copy()
     atoms.pbc = own.pbc
     for on in calc.supercells:
