@@ -62,8 +62,9 @@ RESOLVED = 1.0  # distance in bins at which two waves have separate peaks; 2 pi 
 class Spectrum(units.InHertz, Saved, kind='spectra', units={
     'xi': ('rad', 'wavenumbers'), 'omega': ('rad/ms', 'frequencies'), 'power': ('mm^2', 'frequencies', 'wavenumbers'),
     'xi_centre': ('rad', 'frequencies', 'wavenumbers'), 'omega_centre': ('rad/ms', 'frequencies', 'wavenumbers'),
+    'xi_spread': ('rad', 'frequencies', 'wavenumbers'), 'omega_spread': ('rad/ms', 'frequencies', 'wavenumbers'),
     'xi_change': ('rad', 'frequencies', 'wavenumbers'), 'bin_xi': ('rad',), 'bin_omega': ('rad/ms',),
-}, missing=('xi_centre', 'omega_centre', 'xi_change')):
+}, missing=('xi_centre', 'omega_centre', 'xi_spread', 'omega_spread', 'xi_change')):
     """Power over phase per step and frequency.
 
     Attributes
@@ -76,6 +77,8 @@ class Spectrum(units.InHertz, Saved, kind='spectra', units={
         In mm^2: a plane wave of amplitude A has the peak A^2.
     xi_centre, omega_centre : ndarray, shape (frequencies, wavenumbers)
         Where the power in each cell comes from; NaN where there is none.
+    xi_spread, omega_spread : ndarray, shape (frequencies, wavenumbers)
+        How far noise as strong as the wave would spread these: sqrt(2) times their standard deviation, per noise to signal.
     xi_change : ndarray, shape (frequencies, wavenumbers)
         How much larger xi_centre is in the second half of the row than in the first; zero for a single plane wave.
     bin_xi, bin_omega : float
@@ -87,6 +90,8 @@ class Spectrum(units.InHertz, Saved, kind='spectra', units={
     power: np.ndarray
     xi_centre: np.ndarray
     omega_centre: np.ndarray
+    xi_spread: np.ndarray
+    omega_spread: np.ndarray
     xi_change: np.ndarray
     bin_xi: float
     bin_omega: float
@@ -154,14 +159,16 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
     over_time, moment = (np.fft.rfft(row * window[:, None], PAD * frames, axis=0) for window in in_time)
     G = _over_space(over_time, in_space[0])
     with np.errstate(divide='ignore', invalid='ignore'):
-        d_omega = -(_over_space(moment / dt, in_space[0]) / G).imag
+        d_omega = 1j * _over_space(moment / dt, in_space[0]) / G
     d_xi = _wavenumber_shift(over_time, in_space)
-    first, second = (_wavenumber_shift(over_time, half) for half in _hann_halves(points))
+    first, second = (_wavenumber_shift(over_time, half).real for half in _hann_halves(points))
+    bin_xi, bin_omega = 2 * np.pi / points, 2 * np.pi / (frames * dt)
     xi = 2 * np.pi * np.fft.fftshift(np.fft.fftfreq(PAD * points))
     omega = 2 * np.pi * np.fft.rfftfreq(PAD * frames, dt)
     amplitude = 2 * abs(G) / (in_time[0].sum() * in_space[0][there].sum())
-    return Spectrum(xi, omega, amplitude**2, xi + d_xi, omega[:, None] + d_omega, second - first,
-                    2 * np.pi / points, 2 * np.pi / (frames * dt))
+    return Spectrum(xi, omega, amplitude**2, xi + d_xi.real, omega[:, None] + d_omega.real,
+                    np.hypot(bin_xi / np.sqrt(3), abs(d_xi)), np.hypot(bin_omega / np.sqrt(3), abs(d_omega)), second - first,
+                    bin_xi, bin_omega)
 
 
 def _places(steps, points):
@@ -261,9 +268,10 @@ class Ridge(units.InHertz):
 def ridge(spectrum: Spectrum) -> Ridge:
     """Crest of the waves that travel along the row: at each frequency of the record the strongest xi > 0.
 
-    With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity, d
-    bins away from its cell, uncertain by sqrt((1/3 + d^2) B/(2 P)) bins.  B is taken from the median over the frequency
-    line, so that leakage and other waves count as noise too.
+    With white noise of the power B per cell below a peak of the power P, a Hann window leaves the centre of gravity uncertain
+    by sqrt((1/3 + |G_h'/G_h|^2) B/(2 P)) bins: the imaginary part is how far away the cell is, and the real part is not zero
+    where the wave grows or decays within the window, as a pulse does that passes early or late in the record.  B is taken
+    from the median over the frequency line, so that leakage and other waves count as noise too.
 
     What is no plane wave makes the halves of the row disagree by D: the whole is uncertain by D/2, less the share that
     noise has in it.  A half has 8 times the variance of the whole (a bin of twice the width, half the power over the
@@ -310,10 +318,9 @@ def ridge(spectrum: Spectrum) -> Ridge:
                          'average or record longer, reverse the row, or drive harder')
     xi, omega = spectrum.xi_centre[lines][at][keep], spectrum.omega_centre[lines][at][keep]
     noise = np.sqrt(background[keep] / (2 * height[keep]))
-    noise_xi = noise * np.hypot(spectrum.bin_xi / np.sqrt(3), xi - spectrum.xi[peak[keep]])
+    noise_xi, sigma_omega = (noise * spread[lines][at][keep] for spread in (spectrum.xi_spread, spectrum.omega_spread))
     most = (RESOLVED * spectrum.bin_xi) ** 2
     halves = np.minimum((spectrum.xi_change[lines][at][keep] / 2) ** 2, most) - 4 * noise_xi**2
-    sigma_omega = noise * np.hypot(spectrum.bin_omega / np.sqrt(3), omega - spectrum.omega[lines][keep])
     jumps = _jumps(xi, omega / spectrum.bin_omega, noise_xi, sigma_omega / spectrum.bin_omega, np.flatnonzero(keep))
     jumps = np.minimum(jumps, most)
     sigma_xi = np.sqrt(noise_xi**2 + np.minimum(np.maximum(halves, _pooled(halves) + _pooled(jumps)), most))
