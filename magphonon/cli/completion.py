@@ -11,13 +11,16 @@ from argparse import ArgumentParser, Namespace
 HELP = 'print a script that completes commands, ready scenes and files in a shell'
 FUNCTIONS = {
     'bash': '''_magphonon_scene_files() {{ compgen -W "{names}" -- "$1"; compgen -f -X '!*.toml' -- "$1"; compgen -d -- "$1"; }}
-_magphonon_ready() {{ compgen -W "{names}" -- "$1"; }}''',
+_magphonon_ready() {{ compgen -W "{names}" -- "$1"; }}
+_magphonon_files_or_ready() {{ compgen -W "{names}" -- "$1"; compgen -f -- "$1"; }}''',
     'zsh': '''_magphonon_scene_files() {{ _alternative "ready:ready scene:({names})" "files:scene file:_files -g '*.toml'" }}
-_magphonon_ready() {{ _alternative "ready:ready scene:({names})" }}''',
+_magphonon_ready() {{ _alternative "ready:ready scene:({names})" }}
+_magphonon_files_or_ready() {{ _alternative "ready:ready scene:({names})" "files:file:_files" }}''',
 }
 """Shell functions that complete scenes.  Their names contain 'file', so that shtab makes bash append a slash to a directory."""
 SHELLS = tuple(FUNCTIONS)
-SCENE, READY = (dict.fromkeys(SHELLS, name) for name in ('_magphonon_scene_files', '_magphonon_ready'))
+SCENE, READY, SCANS = (dict.fromkeys(SHELLS, name) for name in ('_magphonon_scene_files', '_magphonon_ready',
+                                                                '_magphonon_files_or_ready'))  # after scans comes a scene
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -36,7 +39,7 @@ def run(options: Namespace) -> None:
 
     parser, names = whole_parser(), ' '.join(ready_scenes())
     completed = {'scene': SCENE, 'name': READY, 'output': shtab.DIRECTORY, 'files': shtab.DIRECTORY}
-    completed |= dict.fromkeys(('table', 'file', 'geometry', 'style', 'page'), shtab.FILE)
+    completed |= {'tables': SCANS} | dict.fromkeys(('file', 'geometry', 'style', 'page'), shtab.FILE)
     [commands] = [action for action in parser._actions if isinstance(action, _SubParsersAction)]
     for command in commands._choices_actions:  # zsh shows descriptions, and these are too long
         commands.choices[command.dest].description = command.help

@@ -55,10 +55,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--frf', metavar='SCENE', help='fit this scene, with [frf], to measured transfer functions: tables with '
                         'frequency_Hz and re_m_per_N,im_m_per_N or amplitude_m_per_N,phase_deg, or universal files .uff')
     parser.add_argument('--fix', metavar='NAMES',
-                        help='with --bands or --frf: parameters that are known from the scene, as --fix a,foundation')
+                        help='with --bands or --frf: parameters that are known from the scene, by the names of --prior, as '
+                             '--fix a,foundation_N_per_m')
     parser.add_argument('--prior', metavar='NAME=VALUE+-SIGMA', action='append', default=[], dest='priors',
                         help='with --bands or --frf: what is known of a parameter from elsewhere, in SI, as '
-                             'force_N=0.288+-0.01 or a=3.8+-10%%; may be given several times')
+                             'force_N=0.288+-0.01 or a=3.8+-10%%; units may be left out of names; may be given several times')
     parser.add_argument('--without', metavar='RIDGE', action='append', default=[],
                         help='with --bands: leave out a ridge, as --without "60Hz, longitudinal"; by how much the fit misses it '
                              'widens the intervals')
@@ -204,7 +205,7 @@ def _fit_bands(options):
     if all(any(model in name for name in points.names) for model in MODELS):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
                          'writes them; no lattice fits both: keep the lines of one model')
-    fixed = [name.strip() for name in options.fix.split(',')] if options.fix else []
+    fixed = _fixed(options, KEYS)
     priors = dict(_prior(text, KEYS) for text in options.priors)
     try:
         found = fit_bands(scene, points, fixed, priors, options.without)
@@ -221,6 +222,11 @@ def _fit_bands(options):
         print(f'\nthe picture and this text are in {options.output}')
 
 
+def _fixed(options, keys):
+    """The parameters that --fix names, with their unit or without."""
+    return [keys.get(name.strip(), name.strip()) for name in options.fix.split(',')] if options.fix else []
+
+
 def _prior(text, keys):
     """Name, value and standard uncertainty of a parameter from words such as 'force_N=0.288+-0.01' or 'a=3.8+-10%'."""
     from ..errors import one_of
@@ -232,6 +238,7 @@ def _prior(text, keys):
     except (AttributeError, ValueError):
         raise ValueError(f'--prior {text!r} is no parameter, value and standard uncertainty, as force_N=0.288+-0.01 or a=3.8+-10%'
                          ) from None
+    key = next((full for full, name in keys.items() if name == key), key)
     return keys[one_of('the parameter of --prior', key, tuple(keys))], (value, value * sigma / 100 if percent else sigma)
 
 
@@ -275,7 +282,7 @@ def _known(found, fixed):
     from ..scenes.band_fits import KEYS
 
     keys = {name: key for key, name in KEYS.items()}
-    known = [f'fixed: {", ".join(fixed)}'] if fixed else []
+    known = [f'fixed: {", ".join(keys[name] for name in fixed)}'] if fixed else []
     before = ', '.join(f'{keys[name]} = {value:.4g} +- {sigma:.2g}' for name, (value, sigma) in found.priors.items())
     known += [f'before: {before}'] if before else []
     shells = found.scene.law.shells
@@ -325,8 +332,10 @@ def _interval(value, sigma):
 
 def _undetermined(found):
     from ..design.least_squares import DETERMINED
+    from ..scenes.band_fits import KEYS
 
-    open_ = [name for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
+    keys = {name: key for key, name in KEYS.items()}
+    open_ = [keys[name] for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
     if not open_ or not found.fits['complete'].follows:
         return []
     more = ('the other branch too (a force along the row drives longitudinal waves, one across it shear)'
@@ -387,7 +396,7 @@ def _left_out(found):
 
 
 def _verdict(found):
-    from ..scenes.band_fits import TELLS
+    from ..scenes.band_fits import KEYS, TELLS
 
     if not found.better.follows:
         return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
@@ -396,7 +405,7 @@ def _verdict(found):
     sigmas = found.evidence
     difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
     if abs(sigmas) < TELLS:
-        law = [name for name in found.names if not name.startswith('foundation')]
+        law = [key for key, name in KEYS.items() if name in found.names and not name.startswith('foundation')]
         known = f' A law that is known from measured forces would decide: --prior, or --fix {",".join(law)}.' if law else ''
         return [f'D*: these data cannot decide between the models. They differ by {difference:.2g} in chi2, {abs(sigmas):.1f} '
                 f'sigma: with other parameters each follows the ridges as well.{known}', *_scattered(found)]
@@ -454,7 +463,7 @@ def _fit_frf(options):
     options.scene = source_of(options.frf)
     scene = read_scene(options.scene)
     functions = [one for file in options.files for one in read_transfer(file)]
-    fixed = [name.strip() for name in options.fix.split(',')] if options.fix else []
+    fixed = _fixed(options, KEYS)
     gain = GAIN if options.gain_sigma is None else options.gain_sigma
     found = fit_frf(scene, functions, fixed, dict(_prior(text, KEYS) for text in options.priors), gain)
     text = frf_report(found, fixed)

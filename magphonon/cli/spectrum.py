@@ -1,8 +1,8 @@
-"""`magphonon spectrum SCAN SCENE`: a measured scan of a row or of the plane, its map and ridges over the bands of a scene.
+"""`magphonon spectrum SCAN ... SCENE`: measured scans of a row or of the plane, their maps and ridges over the bands of a scene.
 
-The scan is a table of text or a universal file; points that cover the plane are recognised.  They may have any numbers, and some
+A scan is a table of text or a universal file; points that cover the plane are recognised.  They may have any numbers, and some
 may be missing or dead; the names of the columns give units and components.  Of the scene only the lattice, its law and its
-foundation are needed.
+foundation are needed.  Each scan is analysed for itself; `magphonon fit --bands` takes the ridges of all of them.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ from argparse import ArgumentParser, Namespace
 
 from .arguments import add_output, add_pictures, add_scene, drawing
 
-HELP = 'map and ridges of a measured scan of a row or of the plane, over the bands of a scene'
+HELP = 'map and ridges of measured scans of a row or of the plane, over the bands of a scene'
 RESULTS = 'spectrum_*_ridges.*', 'spectrum_*.npz', 'spectrum_*.png', 'spectrum_*.pdf'
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument('table', metavar='SCAN', help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or '
-                                                      'one of them, or velocities v_y_m_per_s; mm and um by the name (u_y_um); '
-                                                      'or a universal file (.uff, .unv) with records of dataset 58')
+    parser.add_argument('tables', metavar='SCAN', nargs='+',
+                        help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or one of them, or velocities '
+                             'v_y_m_per_s; mm and um by the name (u_y_um); or a universal file (.uff, .unv) with records of '
+                             'dataset 58; several of other names one after the other')
     add_scene(parser)
     parser.add_argument('--geometry', metavar='POINTS.csv',
                         help='places of the points, columns point, x_m, y_m, if the scan has none; without them its points are '
@@ -36,15 +37,35 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from pathlib import Path
 
+    from ..scenes.scene import read_scene
+
+    scene, stems = read_scene(options.scene), [Path(table).stem for table in options.tables]
+    for stem in stems:
+        if stems.count(stem) > 1:
+            raise ValueError(f'two of the scans are called {stem}, as their results would be; rename one of them')
+    ridges, notes = [], []
+    for table, stem in zip(options.tables, stems, strict=True):
+        options.table = table  # the one that an error is about
+        if _analysed(options, scene):
+            ridges.append(str(Path(options.output) / f'spectrum_{stem}_ridges.csv'))
+        notes += options.notes
+    options.notes = list(dict.fromkeys(notes))
+    print(f'\npictures and data are in {options.output}')
+    if ridges:
+        print(f'"magphonon fit {" ".join(ridges)} --bands {options.scene}" fits the lattice to the ridges')
+
+
+def _analysed(options, scene):
+    """Write and print what the scan `options.table` shows; whether it has ridges."""
+    from pathlib import Path
+
     import numpy as np
 
-    from ..scenes.scene import read_scene
     from ..waves.fields import is_field
     from ..waves.scan_tables import read_places, read_scan
     from .neighbours import neighbours
     from .results import results
 
-    scene = read_scene(options.scene)
     own = f'spectrum_{Path(options.table).stem}'  # distinct from results of `burst` and of other scans
     with results(options, scene, options.table) as folder, drawing(options, folder, scene.title) as save:
         scan = read_scan(options.table)  # its messages name the table
@@ -60,10 +81,8 @@ def run(options: Namespace) -> None:
             raise ValueError(f'{options.table}: {error}') from None
         text = '\n'.join([scene.title, text, '', *neighbours(scene, asked)])
         (folder / f'{own}_ridges.txt').write_text(text + '\n', encoding='utf-8')
-    print(text)
-    print(f'\npictures and data are in {options.output}')
-    if asked:
-        print(f'"magphonon fit {Path(options.output) / own}_ridges.csv --bands {options.scene}" fits the lattice to the ridges')
+    print('\n' * (options.table != options.tables[0]) + text)
+    return asked is not None
 
 
 def _row(options, scene, cell, scan, folder, save):

@@ -64,13 +64,16 @@ class DispersionFit(ParameterFit):
         The branch of each ridge, counted from 0 by frequency.
     strayed : int
         Number of points, of waves from a point source, that follow the next branch to that of their ridge.
+    sigma_xi : ndarray, shape (points,)
+        Standard uncertainties of the phases as they were counted, in rad: where an oblique wave is near, its distance.
     missed : tuple of float
         Residuals of the ridges that were left out of the fit.
 
-    The residuals are those of the points, then those of the priors.
+    The residuals are those of the points, less the shift that each branch shares, then those of the priors.
     """
 
     branches: tuple[int, ...]
+    sigma_xi: np.ndarray
     strayed: int = 0
     missed: tuple[float, ...] = ()
 
@@ -204,7 +207,7 @@ def _settled(cell, names, points, model, priors, branches_in, start):
             break
     J = jacobian(x)  # pyright: ignore[reportPossiblyUnbound]  PASSES is not zero
     strayed = int((modes != np.array(branches)[points.ridge]).sum())
-    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches, strayed)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
+    return DispersionFit(model, names, np.exp(x), J.T @ J, residuals(x), branches, seen.sigma_xi, strayed)  # pyright: ignore[reportPossiblyUnbound, reportUnboundVariable]
 
 
 def _oblique(atoms, points, model):

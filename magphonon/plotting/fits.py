@@ -47,11 +47,9 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
     """
     figure = new_figure(COLUMN_in, 1.25 * COLUMN_in)
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1.4))
-    for k in range(len(points.names)):
-        here = points.ridge == k
-        upper.errorbar(points.xi[here], points.frequencies_Hz[here], u.hertz(points.sigma_omega[here]), points.sigma_xi[here],
-                       fmt='o', color='k', markersize=3, markerfacecolor='white', linewidth=0.7, zorder=3,
-                       label='measured' if k == 0 else None)
+    upper.errorbar(points.xi, points.frequencies_Hz, u.hertz(points.sigma_omega), next(iter(fits.values()))[1].sigma_xi, fmt='o',
+                   color='k', markersize=3, markerfacecolor='white', linewidth=0.7, zorder=3,
+                   label=r'measured, $\sigma$ with oblique waves' if points.from_points.any() else 'measured')
     xi = np.linspace(0, np.pi, 301)
     for model, (atoms, fit) in fits.items():
         colour, line, marker = MODEL_LINES[model]
@@ -63,12 +61,14 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
         upper.plot([], [], line, marker=marker, color=colour, markersize=3, fillstyle='none', label=model)  # with its residuals
         lower.plot(points.xi, fit.residuals[: len(points)], marker, color=colour, markersize=3, fillstyle='none', linestyle='')
     lower.axhspan(-1.96, 1.96, color='0.9', zorder=0)
-    upper.fill_between([], [], [], color='0.9', label='95 %, below')
+    shifts = ', '.join(f'{shift:g}' for shift in np.unique((points.shift / points.bins).round(3)))
+    upper.fill_between([], [], [], color='0.9', label='95 %')
+    lower.set_title(rf'without a shift of each branch ($\sigma$ = {shifts} bins)', loc='right', fontsize='medium')
     lower.axhline(0, color='0.6', linewidth=0.8, zorder=0)
     lower.set(xlabel=r'phase per step $\xi = k\cdot R$ (rad)', ylabel=r'residual ($\sigma$)', xlim=(0, np.pi))
     lower.set_xticks(np.pi * np.arange(5) / 4, ['0', 'π/4', 'π/2', '3π/4', 'π'])
     upper.set(ylabel='frequency (Hz)', ylim=(0, None))
-    upper.legend(loc='lower right', frameon=False)
+    legend_above(upper, ncols=2, bbox_to_anchor=(0.5, 1.06))
     letter_panels([upper, lower])
     return figure
 

@@ -461,8 +461,11 @@ def _verdicts(records):
         for wave in found:
             misfits, on = wave.misfits, wave.agrees_with
             if on:
-                branches = ', '.join(f'{model} {name} ({misfits[model, name].bins:.2f} bins)' for model, name in on)
                 both = ': it does not tell the models apart' if {model for model, _ in on} == {*MODELS} else ''
+                off = {name: [f'{misfits[model, name].bins:.2f}' for model in MODELS if (model, name) in on] for _, name in on}
+                branches = ', '.join(dict.fromkeys(
+                    f'{name} of both models ({" and ".join(off[name])} bins)' if len(off[name]) == len(MODELS)
+                    else f'{model} {name} ({off[name][0]} bins)' for model, name in on))
                 lines.append(f'{record}, {wave.motion} motion: agrees with {branches}{both}')
                 longitudinal |= any(name == 'longitudinal' for _, name in on)
             elif misfits:

@@ -28,7 +28,7 @@ def script(tmp_path, capsys):
 
 CASES = {
     'ban': {'bands'}, '': set(COMMANDS), 'bands pro': {'prototype'}, 'bands mi': {'mine.toml', 'minutes'},
-    'scene proto': {'prototype'}, 'scene mi': set(), 'spectrum s': {'scan.csv', 'script.sh'}, 'spectrum scan.csv rin': {'rings'},
+    'scene proto': {'prototype'}, 'scene mi': set(), 'spectrum sc': {'scan.csv', 'script.sh'}, 'spectrum scan.csv rin': {'rings'},
     'bands chain -o m': {'minutes'}, 'bands chain --out': {'--output'}, 'burst --engine l': {'lammps'},
     'explore chain -o mi': {'mine.toml', 'minutes'}, 'fit ridges.csv --bands rin': {'rings'},
     'scene ': set(ready_scenes()), 'completion z': {'zsh'}}

@@ -231,16 +231,17 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
     for sources, biased in (((), True), (('point', 'point'), True), (('point', 'row'), True), (('row', 'row'), False)):
         told = said(replace(points, sources=sources))
         assert ('Biased, wide: the waves are those of a point source' in told) == biased
-        assert ('0.5 bins for the' in told) == biased
+        assert ('0.2 bins for the' in told) == biased
     assert 'no column motion' not in told
     assert 'The table has no column motion: which branch' in said(replace(points, motions=('', '')))
 
 
 @pytest.mark.parametrize(('words', 'message'), [
-    (['--fix', 'force,a,foundation'], 'all parameters are fixed'),
+    (['--fix', 'force_N,a, foundation'], 'all parameters are fixed'),
+    (['--fix', 'foundation_N_per_m', '--prior', 'foundation=20+-2'], 'foundation is fixed and has a prior'),
     (['--fix', 'b'], "the fixed parameter must be one of 'force', 'a', 'foundation', not 'b'"),
     (['--spacing', '0.01'], '--spacing belongs to a fit of forces'),
-    (['--prior', 'force=0.3+-0.1'], "the parameter of --prior must be one of 'force_N', 'a'"),
+    (['--prior', 'forces=0.3+-0.1'], "the parameter of --prior must be one of 'force_N', 'a'"),
     (['--prior', 'force_N=0.3'], 'is no parameter, value and standard uncertainty, as force_N=0.288+-0.01'),
     (['--without', 'x'], 'the ridge that is left out must be one of'),
 ])

@@ -1,6 +1,7 @@
 """Scans as instruments write them, drawn at random, whose branch is known: units, velocities, missing and dead points, jitter."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -425,3 +426,24 @@ def test_the_command_needs_nothing_but_lattice_and_law(tmp_path, capsys):
     assert 'scan.csv: 17 points on 20 places of the row, 400 frames\nvelocities were integrated over time' in shown
     assert 'scan, measured motion: agrees with complete shear (0.0' in shown
     assert (tmp_path / 'out' / 'spectrum_scan_measured.png').exists()
+
+
+def test_several_scans_are_analysed_in_one_call_as_each_alone(tmp_path, capsys):
+    names = []
+    for seed, folder in ((3, '.'), (4, '.'), (3, 'other')):
+        d = Drawn(3, points=20, mode=0)  # one lattice, and
+        d.cell(tmp_path)
+        d.rng = np.random.default_rng(seed)  # another noise
+        (tmp_path / folder).mkdir(exist_ok=True)
+        names.append(str(tmp_path / folder / f'scan{seed}.csv'))
+        noisy = d.u + 1e-8 * d.rng.normal(size=d.u.shape)
+        Path(names[-1]).write_text(d.rows({'u_m': noisy}, [str(k) for k in range(len(d.n))]))
+    scene = str(tmp_path / 'my.toml')
+    assert main(['spectrum', *names, scene, '-o', str(tmp_path / 'no')]) == 2
+    assert 'two of the scans are called scan3' in capsys.readouterr().err
+    assert not (tmp_path / 'no').exists()
+    assert main(['spectrum', *names[:2], scene, '-o', str(tmp_path / 'out')]) == 0
+    tables = [str(tmp_path / 'out' / f'spectrum_scan{seed}_ridges.csv') for seed in (3, 4)]
+    assert f'"magphonon fit {" ".join(tables)} --bands {scene}" fits' in capsys.readouterr().out
+    assert main(['spectrum', names[1], scene, '-o', str(tmp_path / 'one')]) == 0
+    assert (tmp_path / 'one' / Path(tables[1]).name).read_text() == Path(tables[1]).read_text()

@@ -221,6 +221,8 @@ def test_longitudinal_waves_are_no_evidence_and_a_ridge_on_both_models_tells_non
     assert {model for model, _ in both.agrees_with} == {'complete', 'conventional'}  # 0.3 bins apart at xi = 1
     words = 'it does not tell the models apart'
     assert [words in report({'x': [one]}) for one in (both, *shear)] == [True, False]
+    assert re.search(r'agrees with longitudinal of both models \(0.0\d and 0.\d\d bins\): it does', report({'x': [both]}))
+    assert 'conventional longitudinal (' not in report({'x': [both]})
     # in an exact row 0.3 bins tell the models apart, but not where the law of the scene is some percent off, as ever
     assert (wave.misfits['complete', 'longitudinal'].agrees, wave.misfits['conventional', 'longitudinal'].agrees) == (True, False)
     assert words in report({'x': [wave]})
