@@ -10,7 +10,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'bands', 'cli', 'design', 'dynamics', 'interactions', 'lattices', 'planning', 'plotting', 'response', 'scenes',
     'stability', 'stiffness', 'sweeps', 'units', 'waves',
 ], {
-    'bands': ['Bands', 'analytic_bands', 'complex_bands', 'finite_displacements', 'floquet_bands', 'group_velocities',
+    'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements', 'floquet_bands', 'group_velocities',
               'phonopy_bands', 'sound_speeds'],
     'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst'],
     'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],

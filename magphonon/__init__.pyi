@@ -18,7 +18,9 @@ from . import (
 from .bands import (
     Bands as Bands,
     analytic_bands as analytic_bands,
+    chern_numbers as chern_numbers,
     complex_bands as complex_bands,
+    edge_flow as edge_flow,
     finite_displacements as finite_displacements,
     floquet_bands as floquet_bands,
     group_velocities as group_velocities,

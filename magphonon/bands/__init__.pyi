@@ -50,6 +50,11 @@ from .phonopy_files import (
     write_band_yaml as write_band_yaml,
     write_phonopy_params as write_phonopy_params,
 )
+from .topology import (
+    EdgeFlow as EdgeFlow,
+    chern_numbers as chern_numbers,
+    edge_flow as edge_flow,
+)
 from .zone import (
     ZoneMap as ZoneMap,
     first_zone as first_zone,

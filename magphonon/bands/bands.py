@@ -277,7 +277,7 @@ class GroupVelocities(NamedTuple):
 def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complete') -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
-    For a mode v of frequency w, `2 w dw/dk = v^+ (dD/dk) v`.  At degenerate points the velocity depends on the
+    For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, B = 0 unless particles gyrate.  At degenerate points the velocity depends on the
     direction of approach; there the mean of the crossing branches is returned for each.
 
     Parameters
@@ -296,20 +296,20 @@ def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'co
     >>> found.omega.shape, found.velocity.shape
     ((1, 2), (1, 2, 2))
     """
-    system = LinearSystem.of(atoms)
+    system = LinearSystem.of(atoms, gyrating=True)
     calc, masses = system.calc, system.masses
-    K = calc.rest_stiffness(model)
+    K, B = calc.rest_stiffness(model), (system.free @ system.B() @ system.free.T).toarray()
     omegas, slopes = [], []
     for part in in_batches(wavevectors(q), calc):
         omega, vectors = bloch_modes(system, part, model, vectors=True)
         v = vectors.reshape(*omega.shape, -1)
         gradient = mass_weighted(bloch_gradient(calc.bonds, K, part, system.atoms.cell.array), masses)
         omegas.append(omega)
-        slopes.append(np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real)
+        weight = 2 * omega - (np.einsum('qma,ab,qmb->qm', v.conj(), B, v).imag if B.any() else 0.0)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            slopes.append(np.einsum('qma,xqab,qmb->qmx', v.conj(), gradient, v).real / weight[..., None])
     omega = np.concatenate(omegas)
-    slope = _mean_over_crossings(omega, np.concatenate(slopes))
-    with np.errstate(divide='ignore', invalid='ignore'):
-        velocity = slope / (2 * omega[..., None])
+    velocity = _mean_over_crossings(omega, np.concatenate(slopes))
     velocity[omega <= 1e-6 * abs(omega).max()] = np.nan  # the root of a square's round-off
     return GroupVelocities(omega, velocity)
 
@@ -417,7 +417,7 @@ def edge_weights(atoms: Atoms, bands: Bands, depth: float | None = None) -> NDAr
         The edge on the right of the periodic direction comes first, then that on the left: for a ribbon along x the lower edge
         comes first.
     """
-    calc: Any = LinearSystem.of(atoms).atoms.calc
+    calc: Any = LinearSystem.of(atoms, gyrating=True).atoms.calc
     if atoms.pbc.sum() != 1:
         raise ValueError(f'only a ribbon has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
                          'lattices.ribbon cuts one out of a lattice')

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ..errors import finite, whole
 from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
-from ..stiffness.matrices import hermitian_eigenvalues, hessian, signed_root
+from ..stiffness.matrices import gyrating_modes, hermitian_eigenvalues, hessian, signed_root
 from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ DIVIDE = 400
 
 def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complete', vectors: bool = False,
                 branches: int | None = None) -> tuple[NDArray[np.float64], NDArray[np.complex128] | None]:
-    """Frequencies of a periodic structure at any wavevectors.
+    """Frequencies of a periodic structure at any wavevectors, of waves `e^{i(k.R - omega t)}`.
 
     Held particles, FixAtoms, do not move: a strip between walls or a ribbon with a held edge has one mode for each direction
     that FixAtoms, FixedLine and FixedPlane leave free.
@@ -53,9 +53,10 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     Returns
     -------
     omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, unstable modes negative.
+        In rad/ms, unstable modes negative.  Of particles that gyrate those at -q are others.
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
-        Normalised to one and weighted with the square root of the mass; zero on held particles.
+        Normalised to one and weighted with the square root of the mass; zero on held particles.  Of particles that gyrate they
+        are not orthogonal.
 
     Examples
     --------
@@ -66,7 +67,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     >>> omega.shape, shapes.shape
     ((2, 2), (2, 2, 1, 2))
     """
-    system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
+    system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     count = every = system.directions
     parts = _by_lapack(system, q, model, vectors)
@@ -74,7 +75,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
         count = whole('branches', branches)
         if count > every:
             raise ValueError(f'the cell has {every} branches, not {count}')
-        if len(q) and calc.pairwise and inverse_pays(every, count, real=False):
+        if len(q) and calc.pairwise and not system.gyration.any() and inverse_pays(every, count, real=False):
             parts = _lowest_by_inverse(system, q, model, count, vectors)
     squares, columns = zip(*parts, strict=True)
     omega = signed_root(np.concatenate(squares)[:, :count])
@@ -86,9 +87,13 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
 
 def _by_lapack(system, q, model, vectors):
     """All squared frequencies of batches of wavevectors, shape (batch, modes), and the columns of modes or None."""
-    parts = in_batches(q, system.atoms.calc)
+    parts, B = in_batches(q, system.atoms.calc), system.B().toarray() if system.gyration.any() else None
     for part in tqdm(parts, desc='wavevectors', delay=2, disable=None, leave=False) if len(parts) > 1 else parts:
         K = system.bloch(part, model)
+        if B is not None:
+            omega, columns = gyrating_modes(B, K)
+            yield omega * abs(omega), system.free.toarray() @ columns
+            continue
         if not vectors:
             yield hermitian_eigenvalues(K), None
             continue

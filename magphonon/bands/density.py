@@ -140,7 +140,7 @@ def band_ranges(atoms: Atoms, steps: int | None = None, model: str = 'complete')
     >>> band_gaps(read_scene(ready_scene('honeycomb')).atoms()).shape  # from, to
     (1, 2)
     """
-    system, frequencies = LinearSystem.of(atoms), _on_mesh(atoms, steps, model)
+    system, frequencies = LinearSystem.of(atoms, gyrating=True), _on_mesh(atoms, steps, model)
     every = frequencies.reshape(-1, frequencies.shape[-1])
     tops, bottoms, touching = every.max(axis=0), every.min(axis=0), GAP * abs(every).max()
     for below in np.flatnonzero(bottoms[1:] - tops[:-1] > touching):  # two branches may cross between the points of the mesh
@@ -197,9 +197,13 @@ def _on_mesh(atoms, steps, model):
         steps = 6 * int(np.ceil(STEPS[periodic] / 6 / max(1.0, len(atoms) / 6) ** (1 / periodic)))
     steps = whole('steps', steps)
     n = [np.arange(steps) if along else np.zeros(1) for along in atoms.pbc]
-    n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # those of -q are the same
+    gyrating = np.any(atoms.calc.gyration)
+    if not gyrating:
+        n[atoms.pbc.argmax()] = np.arange(steps // 2 + 1)  # those of -q are the same
     frequencies, _ = bloch_modes(atoms, np.stack(np.meshgrid(*n, indexing='ij'), axis=-1) / steps, model)
     half = frequencies.reshape(-1, *(steps,) * (periodic - 1), frequencies.shape[-1])
+    if gyrating:
+        return half
     others = tuple(range(1, periodic))
     mirrored = np.roll(np.flip(half[1 : (steps + 1) // 2], (0, *others)), 1, others)
     return np.concatenate([half, mirrored])

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from .sites import Foundation
 
 
+GROWS = 1e-7  # rate of growth, as a fraction of the largest pole, below which it is round-off of a double pole
+
+
 def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
             q: ArrayLike = (0.0, 0.0, 0.0)) -> sparse.csr_array:
     """Hessian `C^T K C + k` of a structure, or the Bloch matrix `C(q)^+ K C(q) + k` of one wavevector, as a sparse matrix.
@@ -216,11 +219,65 @@ def poles(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
     >>> [bool(poles(-g * J, -0.5 * np.eye(2)).real.max() < 1e-9) for g in (1.41, 1.42)]  # gyration holds a hill from sqrt(2) on
     [False, True]
     """
+    return np.linalg.eigvals(_companion(B, K)).astype(complex)
+
+
+def _companion(B, K):
     n = K.shape[-1]
-    companion = np.zeros((*np.broadcast_shapes(B.shape[:-2], K.shape[:-2]), 2 * n, 2 * n), np.result_type(B, K))
-    companion[..., :n, n:] = np.eye(n)
-    companion[..., n:, :n], companion[..., n:, n:] = -K, -B
-    return np.linalg.eigvals(companion).astype(complex)
+    A = np.zeros((*np.broadcast_shapes(B.shape[:-2], K.shape[:-2]), 2 * n, 2 * n), np.result_type(B, K))
+    A[..., :n, n:], A[..., n:, :n], A[..., n:, n:] = np.eye(n), -K, -B
+    return A
+
+
+def first_order(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
+    """The Hermitian H of `y'' + B y' + K y = 0` without losses, K = L L^+ and B real and antisymmetric: (L^+ y, y') ~ e^{-iHt}.
+
+    LinAlgError where K is not positive.
+    """
+    L, n = np.linalg.cholesky(K), K.shape[-1]
+    H = np.zeros((*K.shape[:-2], 2 * n, 2 * n), complex)
+    H[..., :n, n:], H[..., n:, :n], H[..., n:, n:] = 1j * L.conj().swapaxes(-1, -2), -1j * L, -1j * B
+    return H
+
+
+def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """Frequencies and modes e^{-iwt} of `y'' + B y' + K y = 0` without losses: K Hermitian, B real and antisymmetric.
+
+    They are eigenvectors of the Hermitian [[0, i L^+], [-i L, -i B]], K = L L^+, whose lower half are velocities.  Where K is not positive,
+    so that only gyration can hold the particles, they are those of the `poles`, and a mode that grows has minus its rate as
+    frequency.
+
+    Returns
+    -------
+    omega : ndarray, shape (..., n)
+        Ascending, in rad/ms: one of each pair of opposite ones.
+    modes : ndarray of complex, shape (..., n, n)
+        In columns, each of norm one; they are not orthogonal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon.stiffness.matrices import gyrating_modes
+    >>> omega, modes = gyrating_modes(np.array([[0.0, -3.0], [3.0, 0.0]]), 4.0 * np.eye(2))
+    >>> omega.round(12)  # w^2 -+ g w = k, g = 3
+    array([1., 4.])
+    """
+    n = K.shape[-1]
+    try:
+        omega, z = np.linalg.eigh(first_order(B, K))
+    except np.linalg.LinAlgError:
+        if K.ndim > 2:
+            found = [gyrating_modes(B, one) for one in K.reshape(-1, n, n)]
+            omega, modes = (np.array(part) for part in zip(*found, strict=True))
+            return omega.reshape(K.shape[:-1]), modes.reshape(K.shape)
+        s, z = np.linalg.eig(_companion(B, K))
+        grows = s.real > GROWS * abs(s).max()
+        first = np.lexsort((-s.real, s.imag))[:n]  # those with e^{-iwt}, w > 0
+        omega, modes = np.where(grows, -s.real, -s.imag)[first], z[:n, first]
+        order = np.argsort(omega)
+        return omega[order], modes[:, order] / np.linalg.norm(modes[:, order], axis=0)
+    modes = z[..., n:, n:]
+    return omega[..., n:], modes / np.linalg.norm(modes, axis=-2, keepdims=True)
 
 
 def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:

@@ -1,0 +1,180 @@
+"""What no smooth change of a lattice alters while its gaps stay open: Chern numbers of bands, and one-way waves along edges.
+
+Bands of particles that gyrate (`MagneticRepulsion(gyration=)`) may have Chern numbers other than zero.  The waves along an edge
+then cross a gap in one direction only: their number is the sum of the Chern numbers of all bands below the gap (Hatsugai, Phys.
+Rev. Lett. 71, 3697 (1993); gyroscopes: Nash et al., PNAS 112, 14495 (2015)).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ..errors import positive
+from ..stiffness.matrices import bloch_gradient, first_order, mass_weighted
+from ..stiffness.rest import LinearSystem
+from .bloch import in_batches
+
+if TYPE_CHECKING:
+    from ase import Atoms
+    from numpy.typing import NDArray
+
+COARSE, FINE = 24, 192
+"""Wavevectors along each reciprocal vector at first, and at most, as they are doubled."""
+SMOOTH = 1.5
+"""Largest flux through a plaquette, in rad, of a mesh that resolves the curvature: beyond pi numbers could be others."""
+STEPS = 120  # wavevectors along a strip, 0 and 1/2 among them, between which a wave is looked for
+CLEAR = 0.8  # least share of the motion in one half of the strip for a wave to belong to its edge
+
+
+def chern_numbers(cell: Atoms | LinearSystem, model: str = 'complete') -> NDArray[np.int_]:
+    """Chern number of each band of a planar lattice; all are zero unless particles gyrate.
+
+    By the method of Fukui, Hatsugai and Suzuki (J. Phys. Soc. Jpn. 74, 1674 (2005)) for waves `e^{i(k.R - omega t)}`, in
+    coordinates whose square is the energy.  The mesh is refined until the flux through each plaquette is small.
+
+    Parameters
+    ----------
+    cell : ase.Atoms or LinearSystem
+        One cell with its MagneticRepulsion.
+    model : {'complete', 'conventional'}
+
+    Returns
+    -------
+    ndarray of int, shape (bands,)
+        From the lowest band up; their sum is zero.
+
+    Raises
+    ------
+    ValueError
+        If two bands touch, or nearly so: neither has a number of its own; or if stiffness alone does not hold the lattice.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, chern_numbers, lattices
+    >>> cell = lattices.honeycomb(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55)
+    >>> chern_numbers(cell), chern_numbers(cell, 'conventional')
+    (array([ 1, -1,  1, -1]), array([ 1,  0,  0, -1]))
+    """
+    system = LinearSystem.of(cell, gyrating=True).moving()
+    if tuple(system.atoms.pbc) != (True, True, False):
+        raise ValueError('bands over two wavevectors have Chern numbers; take one cell of a planar lattice, pbc (1, 1, 0)')
+    turn = np.sign(np.linalg.det(system.atoms.cell.array[:2, :2]))
+    steps = COARSE
+    while True:
+        flux, gap = _fluxes(system, model, steps)
+        if abs(flux).max() < SMOOTH:
+            return np.rint(turn * flux.sum(axis=(0, 1)) / (2 * np.pi)).astype(int)
+        if steps >= FINE:
+            band = int(abs(flux).max(axis=(0, 1)).argmax())
+            raise ValueError(f'band {band} (from 0) touches another one, or nearly: the next is {gap[band]:.3g} rad/ms away, and '
+                             'then it has no Chern number of its own; move away from where the gap closes')
+        steps *= 2
+
+
+def _fluxes(system, model, steps):
+    """Berry flux through each plaquette of the mesh, shape (steps, steps, bands), and the nearest approach of each band."""
+    n, B = np.arange(steps) / steps, system.B().toarray()
+    q = np.stack([*np.meshgrid(n, n, indexing='ij'), np.zeros((steps, steps))], axis=-1).reshape(-1, 3)
+    omegas, states = [], []
+    for part in in_batches(q, system.calc):
+        try:
+            omega, z = np.linalg.eigh(first_order(B, system.bloch(part, model)))
+        except np.linalg.LinAlgError:
+            raise ValueError('stiffness alone does not hold the lattice, and only the bands of positive energy have Chern '
+                             'numbers; take a stiffer foundation') from None
+        omegas.append(omega[:, len(B) :])
+        states.append(z[..., len(B) :])
+    z = np.concatenate(states).reshape(steps, steps, 2 * len(B), len(B))
+    along = [np.einsum('abxm,abxm->abm', z.conj(), np.roll(z, -1, axis)) for axis in (0, 1)]
+    loop = along[0] * np.roll(along[1], -1, 0) * (np.roll(along[0], -1, 1) * along[1]).conj()
+    apart = np.pad(np.diff(np.concatenate(omegas), axis=1).min(axis=0, initial=np.inf), 1, constant_values=np.inf)
+    return np.angle(loop), np.minimum(apart[1:], apart[:-1])
+
+
+class EdgeFlow(NamedTuple):
+    """Waves that run along the edges of a strip at one frequency.
+
+    Attributes
+    ----------
+    right, left : int
+        Number of waves that run along the period less that of those that run against it, at the edge on the right of the period
+        (the lower one of a strip along x) and at that on the left.
+    q : ndarray, shape (waves,)
+        Their wavevectors, in fractions of the reciprocal vector.
+    velocity : ndarray, shape (waves,)
+        Their group velocities along the period in mm/ms.
+    at_right : ndarray of bool, shape (waves,)
+    """
+
+    right: int
+    left: int
+    q: np.ndarray
+    velocity: np.ndarray
+    at_right: np.ndarray
+
+
+def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str = 'complete') -> EdgeFlow:
+    """The waves along the edges of a strip at a frequency within a gap of its lattice, and how many more run one way.
+
+    They are where an eigenvalue of `K(q) - omega^2 - i omega B` vanishes.
+
+    Parameters
+    ----------
+    strip : ase.Atoms or LinearSystem
+        One cell of a strip with its MagneticRepulsion, periodic along one direction, as `lattices.ribbon` cuts it.
+    omega : float
+        In rad/ms.
+    model : {'complete', 'conventional'}
+
+    Raises
+    ------
+    ValueError
+        If a wave belongs to neither edge: the frequency is not in a gap, or the strip is too narrow.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, edge_flow, lattices
+    >>> strip = lattices.ribbon(lattices.honeycomb(1.0, 1.0), 20)
+    >>> strip.calc = MagneticRepulsion(strip, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55)
+    >>> edge_flow(strip, 3.44, 'conventional')[:2]  # D0 alone
+    (1, -1)
+    >>> edge_flow(strip, 3.26)[:2]
+    (0, 0)
+    """
+    system, omega = LinearSystem.of(strip, gyrating=True).moving(), positive('omega', omega, 'rad/ms')
+    atoms, calc = system.atoms, system.calc
+    if atoms.pbc.sum() != 1:
+        raise ValueError(f'only a strip has edges: it is periodic in one direction, not in {atoms.pbc.sum()} as these atoms; '
+                         'lattices.ribbon cuts one out of a lattice')
+    B, along = system.B().toarray(), np.flatnonzero(atoms.pbc)[0]
+    fixed = omega**2 * np.eye(len(B)) + 1j * omega * B
+
+    def at(q):
+        """K(q) - omega^2 - i omega B."""
+        return system.bloch(np.atleast_1d(q)[:, None] * np.eye(3)[along], model) - fixed
+
+    mesh = np.arange(STEPS + 1) / STEPS
+    ends = np.concatenate([np.linalg.eigvalsh(at(part)) for part in np.array_split(mesh, STEPS // 10)])
+    found = [(brentq(lambda q, n=n: np.linalg.eigvalsh(at(q)[0])[n], mesh[k], mesh[k + 1], xtol=1e-12), n)
+             for k, n in np.argwhere((ends[1:] > 0) != (ends[:-1] > 0))]
+    period, P = atoms.cell.array[along], system.free.toarray()
+    length = np.linalg.norm(period)
+    across = atoms.positions[:, :2] @ [-period[1], period[0]] / length
+    low = np.repeat(across < (across[system.mobile].min() + across[system.mobile].max()) / 2, system.dim)
+    velocity, at_right = np.empty(len(found)), np.empty(len(found), bool)
+    for k, (q, n) in enumerate(found):
+        y = P @ np.linalg.eigh(at(q)[0])[1][:, n]
+        gradient = bloch_gradient(calc.bonds, calc.rest_stiffness(model), q * np.eye(3)[[along]], atoms.cell.array)
+        slope = np.einsum('xab,x->ab', mass_weighted(gradient[:, 0], system.masses), period[: system.dim] / length)
+        velocity[k] = (y.conj() @ slope @ y).real / (2 * omega - (y.conj() @ P @ B @ P.T @ y).imag)
+        share = (abs(y[low]) ** 2).sum()
+        if CLEAR > share > 1 - CLEAR:
+            raise ValueError(f'at {omega:.6g} rad/ms the wave at q = {q:.4g} runs along neither edge ({100 * share:.0f} % of it in '
+                             'the half on the right): the frequency is not in a gap of the lattice, or the strip is too narrow')
+        at_right[k] = share > 0.5
+    net = [int(np.sign(velocity[side]).sum()) for side in (at_right, ~at_right)]
+    return EdgeFlow(*net, np.array([q for q, _ in found]), velocity, at_right)
