@@ -10,8 +10,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
     'bands', 'cli', 'design', 'dynamics', 'interactions', 'lattices', 'planning', 'plotting', 'response', 'scenes',
     'stability', 'stiffness', 'sweeps', 'units', 'waves',
 ], {
-    'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements', 'floquet_bands', 'group_velocities',
-              'phonopy_bands', 'sound_speeds'],
+    'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements',
+              'floquet_bands', 'group_velocities', 'phonopy_bands', 'sound_speeds'],
     'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst'],
     'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],
     'interactions': ['Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Tabulated', 'Yukawa', 'magnet_law'],

@@ -6,9 +6,21 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from ase.io import read, write
-from scipy.linalg import expm
+from scipy.linalg import eigvals, expm
 
-from magphonon import AllNeighbours, DrivenVerlet, InversePower, MagneticRepulsion, lattices, restored
+from magphonon import (
+    AllNeighbours,
+    DrivenVerlet,
+    InversePower,
+    MagneticRepulsion,
+    analytic_bands,
+    chern_numbers,
+    edge_flow,
+    group_velocities,
+    lattices,
+    restored,
+)
+from magphonon.bands import band_gaps, bloch_modes, edge_weights, lattice_density
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency
 from magphonon.response import replicas
 from magphonon.stiffness import LinearSystem, for_ase_tools
@@ -179,3 +191,97 @@ def test_who_sees_forces_alone_refuses_particles_that_gyrate():
         AllNeighbours(cell, InversePower(1.0, 4.0), gyration=1.0)
     with pytest.raises(ValueError, match='in the plane'):
         MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=[[6.0, 6.0, 9.0]], gyration=1.0)
+
+
+def honeycomb(g, k=6.0, rows=None):
+    cell = lattices.honeycomb(1.0, 1.0)
+    cell = cell if rows is None else lattices.ribbon(cell, rows)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k, gyration=g)
+    return cell
+
+
+def quadratic(K, g, masses):
+    """All w of det(K - w^2 M + i w M g J) = 0 by the generalised problem of twice the size, written for displacements."""
+    n = len(K)
+    M, G = np.diag(np.repeat(masses, 2)), np.kron(np.diag(masses * np.broadcast_to(g, len(masses))), J)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [K, 1j * G]])
+    return np.sort(eigvals(A, np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), M]])))
+
+
+def test_bands_are_the_roots_of_the_quadratic_eigenproblem_on_drawn_cells():
+    rng = np.random.default_rng(6)
+    for n in 1, 3:
+        cell = lattices.triangular(1.0, 1.0).repeat((n, 1, 1))
+        cell.positions[:, :2] += 0.05 * rng.normal(size=(n, 2)) * (n > 1)
+        cell.set_masses(rng.uniform(0.5, 2, n))
+        g = rng.normal(size=n)
+        cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=9.0, cutoff=1.3, gyration=g).balanced(range(n))
+        q = np.append(rng.uniform(-1, 1, (4, 2)), np.zeros((4, 1)), axis=1)
+        omega, modes = bloch_modes(cell, q, vectors=True)
+        for K, found, shapes in zip(cell.calc.bloch_matrix(q), omega, modes, strict=True):
+            w = quadratic(K, g, cell.get_masses())
+            assert abs(w.imag).max() < 1e-9
+            assert np.allclose(found, w.real[2 * n :], rtol=1e-11)
+            for one, shape in zip(found, shapes.reshape(2 * n, 2 * n), strict=True):
+                u = shape / np.sqrt(np.repeat(cell.get_masses(), 2))
+                M, G = (np.kron(np.diag(cell.get_masses() * x), y) for x, y in ((np.ones(n), np.eye(2)), (g, J)))
+                assert abs(K @ u - one**2 * M @ u + 1j * one * G @ u).max() < 1e-9  # waves e^{i(kR - wt)}
+        h = 1e-5  # velocities against differences of the oracle's roots
+        ends = [[quadratic(cell.calc.bloch_matrix(at[None] + step)[0], g, cell.get_masses()).real[2 * n :] for step in
+                 (np.append(h * d, 0), np.append(-h * d, 0))] for at in q[:2] for d in np.eye(2)]
+        slopes = np.array([(a - b) / (2 * h) for a, b in ends]).reshape(2, 2, -1)  # by fractions of the reciprocal vectors
+        expected = np.einsum('xf,qfm->qmx', cell.cell.array[:2, :2].T / (2 * np.pi), slopes)
+        assert np.allclose(group_velocities(cell, q[:2]).velocity, expected, atol=1e-7)
+
+
+def test_the_middle_gap_closes_at_gamma_at_the_g_of_the_formula_and_d0_is_wrong():
+    for model, D in ('complete', 9.0), ('conventional', 12.0):
+        g = D / np.sqrt(24 + 2 * D)
+        gap = [np.diff(bloch_modes(honeycomb(x), np.zeros((1, 3)), model)[0][0])[1] for x in (g, 0.98 * g)]
+        assert gap[0] < 1e-12 < 1e-3 < gap[1]
+        numbers = [chern_numbers(honeycomb(x), model).tolist() for x in (0.98 * g, 1.02 * g, -1.02 * g)]
+        assert numbers == [[1, 0, 0, -1], [1, -1, 1, -1], [-1, 1, -1, 1]]
+    with pytest.raises(ValueError, match='touch'):
+        chern_numbers(honeycomb(9 / np.sqrt(42)))
+    with pytest.raises(ValueError, match='stiffness alone'):
+        chern_numbers(honeycomb(3.0, k=1.0))
+
+
+def test_the_strip_has_no_wave_in_the_gap_where_d0_alone_has_one_that_runs_one_way():
+    cell, strip = honeycomb(1.55), honeycomb(1.55, rows=16)
+    gaps = [band_gaps(cell, 60, model)[1] for model in ('complete', 'conventional')]
+    assert np.allclose(gaps, [[3.174763, 3.344168], [3.344168, 3.537844]], atol=1e-6)
+    assert edge_flow(strip, np.mean(gaps[0]))[:2] == (0, 0)
+    found = edge_flow(strip, np.mean(gaps[1]), 'conventional')
+    assert found[:2] == (1, -1)
+    assert edge_flow(honeycomb(-1.55, rows=16), np.mean(gaps[1]), 'conventional')[:2] == (-1, 1)
+    h = 1e-4  # the same wave among the bands, as the quadratic problem has them
+    for q, v, at_right in zip(found.q, found.velocity, found.at_right, strict=True):
+        w = []
+        for x in (q - h, q + h):
+            K = strip.calc.bloch_matrix(np.array([[x, 0, 0]]), 'conventional')[0]
+            keep = np.repeat(LinearSystem.of(strip, gyrating=True).mobile, 2)
+            roots = quadratic(K[np.ix_(keep, keep)], 1.55, np.ones(keep.sum() // 2)).real
+            w.append(roots[abs(roots - np.mean(gaps[1])).argmin()])
+        assert abs((w[1] - w[0]) / (2 * h) * np.sqrt(3) / (2 * np.pi) - v) < 1e-4
+        bands = analytic_bands(strip, strip.cell.bandpath([[q, 0, 0]], npoints=1, pbc=strip.pbc), 'conventional', vectors=True)
+        one = abs(bands.omega[0] - np.mean(gaps[1])).argmin()
+        assert edge_weights(strip, bands, 3.0)[0, one, 0 if at_right else 1] > 0.7
+    with pytest.raises(ValueError, match='neither edge'):
+        edge_flow(strip, 4.0)
+
+
+def test_densities_count_waves_of_both_directions():
+    rng = np.random.default_rng(8)
+    strip = honeycomb(2 * rng.normal(size=6), rows=3)
+    strip.set_constraint(FixAtoms([0]))
+    strip.calc = strip.calc.balanced(range(len(strip)))
+    edges = np.linspace(0, 8, 41)
+    density = lattice_density(strip, (edges[1:] + edges[:-1]) / 2, steps=60).density
+    q = (np.arange(60) / 60)[:, None] * [1, 0, 0]
+    K, masses, keep = strip.calc.bloch_matrix(q), np.ones(5), slice(2, None)
+    every = np.array([quadratic(one[keep, keep], strip.calc.gyration[1:], masses).real[10:] for one in K])
+    counted = np.cumsum(np.histogram(every, edges)[0]) / 60
+    assert abs(np.cumsum(density) * 0.2 - counted).max() < 0.15  # of ten branches, each counted on a mesh
+    half = np.cumsum(np.histogram(every[:31], edges)[0]) / 31  # control: those of -q are others
+    assert abs(half - counted).max() > 0.15

@@ -277,8 +277,8 @@ class GroupVelocities(NamedTuple):
 def group_velocities(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complete') -> GroupVelocities:
     """Group velocities `dw/dk` by the analytic derivative of the Bloch matrix.
 
-    For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, B = 0 unless particles gyrate.  At degenerate points the velocity depends on the
-    direction of approach; there the mean of the crossing branches is returned for each.
+    For a mode v of frequency w, `(2 w + i v^+ B v) dw/dk = v^+ (dD/dk) v`, where B = 0 unless particles gyrate.  At degenerate
+    points the velocity depends on the direction of approach; there the mean of the crossing branches is returned for each.
 
     Parameters
     ----------

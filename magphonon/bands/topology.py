@@ -25,6 +25,7 @@ COARSE, FINE = 24, 192
 """Wavevectors along each reciprocal vector at first, and at most, as they are doubled."""
 SMOOTH = 1.5
 """Largest flux through a plaquette, in rad, of a mesh that resolves the curvature: beyond pi numbers could be others."""
+TOUCHING = 1e-9  # gap, as a fraction of the highest frequency, that is round-off
 STEPS = 120  # wavevectors along a strip, 0 and 1/2 among them, between which a wave is looked for
 CLEAR = 0.8  # least share of the motion in one half of the strip for a wave to belong to its edge
 
@@ -65,18 +66,18 @@ def chern_numbers(cell: Atoms | LinearSystem, model: str = 'complete') -> NDArra
     turn = np.sign(np.linalg.det(system.atoms.cell.array[:2, :2]))
     steps = COARSE
     while True:
-        flux, gap = _fluxes(system, model, steps)
-        if abs(flux).max() < SMOOTH:
+        flux, gaps = _fluxes(system, model, steps)
+        if gaps.min() > TOUCHING and abs(flux).max() < SMOOTH:
             return np.rint(turn * flux.sum(axis=(0, 1)) / (2 * np.pi)).astype(int)
-        if steps >= FINE:
-            band = int(abs(flux).max(axis=(0, 1)).argmax())
-            raise ValueError(f'band {band} (from 0) touches another one, or nearly: the next is {gap[band]:.3g} rad/ms away, and '
-                             'then it has no Chern number of its own; move away from where the gap closes')
+        if gaps.min() <= TOUCHING or steps >= FINE:
+            band = int(gaps.argmin())
+            raise ValueError(f'the bands {band} and {band + 1} (from 0) touch, or nearly so, and have no Chern numbers of their '
+                             f'own: they come within {gaps[band]:.2g} of the highest frequency; move away from there')
         steps *= 2
 
 
 def _fluxes(system, model, steps):
-    """Berry flux through each plaquette of the mesh, shape (steps, steps, bands), and the nearest approach of each band."""
+    """Berry flux through each plaquette of the mesh, shape (steps, steps, bands), and relative gaps between bands."""
     n, B = np.arange(steps) / steps, system.B().toarray()
     q = np.stack([*np.meshgrid(n, n, indexing='ij'), np.zeros((steps, steps))], axis=-1).reshape(-1, 3)
     omegas, states = [], []
@@ -91,8 +92,8 @@ def _fluxes(system, model, steps):
     z = np.concatenate(states).reshape(steps, steps, 2 * len(B), len(B))
     along = [np.einsum('abxm,abxm->abm', z.conj(), np.roll(z, -1, axis)) for axis in (0, 1)]
     loop = along[0] * np.roll(along[1], -1, 0) * (np.roll(along[0], -1, 1) * along[1]).conj()
-    apart = np.pad(np.diff(np.concatenate(omegas), axis=1).min(axis=0, initial=np.inf), 1, constant_values=np.inf)
-    return np.angle(loop), np.minimum(apart[1:], apart[:-1])
+    omega = np.concatenate(omegas)
+    return np.angle(loop), np.diff(omega, axis=1).min(axis=0) / omega.max()
 
 
 class EdgeFlow(NamedTuple):
@@ -173,8 +174,8 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str = 'complete'
         velocity[k] = (y.conj() @ slope @ y).real / (2 * omega - (y.conj() @ P @ B @ P.T @ y).imag)
         share = (abs(y[low]) ** 2).sum()
         if CLEAR > share > 1 - CLEAR:
-            raise ValueError(f'at {omega:.6g} rad/ms the wave at q = {q:.4g} runs along neither edge ({100 * share:.0f} % of it in '
-                             'the half on the right): the frequency is not in a gap of the lattice, or the strip is too narrow')
+            raise ValueError(f'at {omega:.6g} rad/ms the wave at q = {q:.4g} runs along neither edge: {100 * share:.0f} % of it in '
+                             'the half on the right. The frequency is in no gap of the lattice, or the strip is too narrow')
         at_right[k] = share > 0.5
     net = [int(np.sign(velocity[side]).sum()) for side in (at_right, ~at_right)]
     return EdgeFlow(*net, np.array([q for q, _ in found]), velocity, at_right)

@@ -243,9 +243,8 @@ def first_order(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
 def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     """Frequencies and modes e^{-iwt} of `y'' + B y' + K y = 0` without losses: K Hermitian, B real and antisymmetric.
 
-    They are eigenvectors of the Hermitian [[0, i L^+], [-i L, -i B]], K = L L^+, whose lower half are velocities.  Where K is not positive,
-    so that only gyration can hold the particles, they are those of the `poles`, and a mode that grows has minus its rate as
-    frequency.
+    They are the lower halves, the velocities, of the eigenvectors of `first_order`.  Where K is not positive, so that only
+    gyration can hold the particles, they are those of the `poles`, and a mode that grows has minus its rate as frequency.
 
     Returns
     -------
