@@ -262,4 +262,4 @@ def save_chart(chart, out, name):
     """Write `name`.png and `name`.csv into the directory `out`; returns the entry for `Outcome.pictures`."""
     write_table(out / f'{name}.csv', chart.measurements, notes=[chart.title, chart.reading])
     figure = (chart.draw or work_precision)(chart)
-    return save_picture(figure, out / f'{name}.png', f'{chart.title}. {chart.reading}')
+    return save_picture(figure, out / f'{name}.png', f'{chart.title}; {name}.csv says at its foot what it tells.')

@@ -58,6 +58,7 @@ def draw_lattice(out, cell):
     for text in axes[0].texts:
         text.set_text(text.get_text().replace('_2', '_3').replace('_1', '_2'))  # as the paper numbers them
     plot_zone(BandPath(paper.cell, path='GMKG', special_points=special), ax=axes[1])
+    axes[1].set_ylim(axes[1].get_xlim())  # as high as the other panel
     letter_panels(axes)
     return save_picture(figure, out / 'zone.png',
                         'Fig. 3 of the paper: (a) the lattice with its primitive vectors, (b) the first Brillouin zone with its '
@@ -78,6 +79,7 @@ def draw_bands(out, bands):
 def draw_mode(out, cell, bands):
     """The shear wave at M on the lattice."""
     ax = plot_mode(cell, bands, 'M', 0, ax=new_axes(height=3.4))
+    ax.set_title('shear wave at M, ' + ax.get_title(loc='left').splitlines()[1].partition(',')[0], loc='left')
     return save_picture(ax.figure, out / 'mode_M.png',
                         'The shear wave at M at the time of its largest displacement: rows move against each other along '
                         'themselves (arrows); the grey lines are the paths of the particles.')

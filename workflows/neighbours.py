@@ -173,7 +173,7 @@ def _draw_relaxation(out, patch, rest):
     look = {'angles': 'xy', 'scale_units': 'xy', 'scale': 1, 'width': 0.006}
     ax.quiver(x[~held], y[~held], MAGNIFIED * dx, MAGNIFIED * dy, color=COLOURS[1], zorder=3, **look)
     ax.plot([], [], linestyle='', marker=r'$\rightarrow$', color=COLOURS[1], markersize=9,
-            label=f'displacement, {MAGNIFIED} times as long')
+            label=rf'displacement $\times$ {MAGNIFIED}')
     ax.set(xlabel='$x$ (mm)', ylabel='$y$ (mm)', aspect='equal')
     legend_above(ax)
     return save_picture(ax.figure, out / 'relaxation.png',

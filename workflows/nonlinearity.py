@@ -206,6 +206,5 @@ def draw_waves(out, harmonic, slow):
     for ax in axes:
         legend_above(ax, ncols=2)
     return save_picture(figure, out / 'dilatation.png',
-                        'Waves of the amplitude 0.001 L0 in a chain. (a) Their second harmonic grows and beats with the free '
-                        'wave of its frequency. (b) A burst carries a dilatation with it, and two free waves of compression, '
-                        'which run at the speed of sound, make up for it.')
+                        'In a chain, waves of the amplitude 0.001 L0 (a) have a second harmonic that beats with the free wave '
+                        'of its frequency, (b) carry a dilatation, which two free waves of sound make up for.')

@@ -78,7 +78,8 @@ def page(path, outcomes, provenance):
     figures = {}  # running numbers, over all chapters
     for chapter in CHAPTERS:
         for picture in outcomes[chapter.name].pictures if chapter.name in outcomes else ():
-            figures[picture.file] = len(figures) + 1
+            if not picture.caption.startswith('Fig'):  # that has the number of the paper
+                figures[picture.file] = len(figures) + 1
     claims = [claim.judged(outcomes[claim.workflow]) for claim in CLAIMS if claim.workflow in outcomes]
     parts = [(key, title, [chapter for chapter in CHAPTERS if chapter.part == key and chapter.name in outcomes])
              for key, title in PARTS.items()]
@@ -86,6 +87,7 @@ def page(path, outcomes, provenance):
     return engine.get_template('report_page.html').render(
         version=__version__, paper=PAPER, provenance=provenance, counted=counted(outcomes), head=HEAD, claim_head=CLAIM_HEAD,
         claims=claims, built_head=BUILT_HEAD, built=as_built(outcomes.get('neighbours')),
+        scripts={name: (SOURCES / f'{name}.py').read_text(encoding='utf-8') for name in outcomes},
         parts=parts, outcomes=outcomes, figures=figures, folder=path.parent,
         sources=sources and Path(os.path.relpath(SOURCES, sources)).as_posix())
 

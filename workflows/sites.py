@@ -17,7 +17,7 @@ from .rows import Check, Outcome, Reported, pairs, save_picture
 LIGHT = (0.3, 0.6)                     # masses of the light particle, over those of the others
 STRONG, WEAK = InversePower(b=1.0, a=6.0), InversePower(b=1.0, a=3.0)  # of equal force at L = 1, of stiffness 6 and 3
 CELLS = 10                             # of the honeycomb patch, along each vector
-SCATTER, SUPERCELLS, SMALL, PATCHES, LARGE = 0.01, 200, 8, 3, 24
+SCATTER, SUPERCELLS, SMALL, PATCHES, LARGE = 0.01, 200, 8, 6, 16
 M = np.array([[0.5, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0]])
 SHEAR = 54.0, 62.0                     # Hz, where the shear wave at M lies, alone
 SITES, SAMPLES = SiteScatter(mass=0.01, strength=0.01, stiffness=0.02), 1000
@@ -86,17 +86,19 @@ def missing_magnet(out, known):
     cell.calc = MagneticRepulsion(cell, law, foundation=k)
     gap = band_gaps(cell)[0]
     patch = cell.repeat((CELLS, CELLS, 1))
+    hole = patch.positions[CELLS * (CELLS + 1), :2]
     del patch[CELLS * (CELLS + 1)]  # a light one
     patch.calc = MagneticRepulsion(patch, law, foundation=k)
     rest = relaxed(patch)
     held = local_modes(rest.atoms, gap)
     found, unmoved = units.hertz(held.omega), local_modes(LinearSystem.about(patch.calc, patch), gap)
     low, high = units.hertz(np.array(gap))
-    ax = plot_shape(rest.atoms, held.shapes[2], ax=new_axes(height=2.6),
+    ax = plot_shape(rest.atoms, held.shapes[2], ax=new_axes(height=2.6), defects=[hole],
                     title=f'{found[2]:.2f} Hz, in the gap of {low:.2f} to {high:.2f} Hz')
+    ax.figure.colorbar(ax.collections[0], ax=ax, label='share of the kinetic energy')
     picture = save_picture(ax.figure, out / 'missing_magnet.png', (
-        'A local mode beside a magnet that is missing.  The others have moved towards the hole by up to '
-        f'{rest.shift:.2g} mm; without that nothing vibrates in the gap.'))
+        'A local mode around a missing magnet (cross), towards which the others have moved by up to '
+        f'{rest.shift:.2g} mm.'))
     return [*pairs('honeycomb, a magnet missing: local modes (Hz)', found, known['honeycomb_hole_Hz'], 1e-4,
                    ('first', 'second', 'third')),
             Check('control: their number before the others move', len(unmoved.omega), 3, 0.5, control=True),
@@ -206,7 +208,7 @@ def scattered_magnets(out, known):
     ax = new_axes()
     ax.hist(frequencies[here], bins=np.linspace(*SHEAR, 81), weights=weight[here], density=True, alpha=0.4,
             label=f'{SUPERCELLS} exact supercells of {SMALL**2}')
-    ax.plot(f, smooth / np.trapezoid(smooth, f), label=f'A(M, f) of {PATCHES} patches of {LARGE**2}')
+    ax.plot(f, smooth / np.trapezoid(smooth, f), label=f'spectral function, {PATCHES} patches of {LARGE**2}')
     ax.axvline(known['M_complete_Hz'][0], color='k', linestyle=':', label='all magnets alike')
     ax.set(xlabel='frequency (Hz)', ylabel='density (1/Hz)', xlim=(56.5, 60))
     legend_above(ax, ncols=2)

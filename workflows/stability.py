@@ -197,9 +197,8 @@ def _draw_oscillator(out):
              'runs away along the vertical']
     legend_of_set(figure, handles=handles, labels=names, ncols=2)
     return save_picture(figure, out / 'stability_oscillator.png',
-                        'The two instabilities of the oscillator. Above the black closed form its horizontal stiffness is '
-                        'negative and it runs away sideways; below the blue one, at exponents below 2, its vertical stiffness '
-                        'is, and it runs away along its line. With D0 alone (closed forms dotted) it never does either.')
+                        'The oscillator runs away sideways above the black closed form, and along its line below the blue one, '
+                        'at exponents below 2; with D0 alone (dotted) never.')
 
 
 # --- integrators -----------------------------------------------------------------------------------------------------

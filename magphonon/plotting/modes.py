@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..response.measured_shapes import Comparison
     from ..response.normal_modes import Extent, Modes
 
-ARROW = 0.42  # longest arrow of a mode shape of a lattice in bond lengths
+ARROW = 0.39  # longest arrow of a mode shape of a lattice in bond lengths
 # Of a mode of a patch: the longest arrow in bond lengths, and the fraction of it below which no arrow is drawn.
 LONG_ARROW, STILL = 1.4, 0.03
 
@@ -112,9 +112,9 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     length = np.linalg.norm(shape, axis=1)
     moving = length > STILL * length.max()
     arrows = LONG_ARROW * spacing(atoms) / length.max() * shape[moving, :2]
-    dots = draw_particles(ax, rest, 0.8 * spacing(atoms), cmap='Greys', edgecolors='0.75', linewidths=0.2)
-    dots.set_array(share)
-    dots.set_clim(0, share.max())
+    dots = draw_particles(ax, rest, 0.8 * spacing(atoms), cmap='Greys', edgecolors='0.55', linewidths=0.4)
+    dots.set_array(share / share.sum())
+    dots.set_clim(0, (share / share.sum()).max())
     ax.quiver(*rest[moving].T, *arrows.T, color=COLOURS[1], angles='xy', scale_units='xy', scale=1, width=0.006, zorder=3)
     ax.set_title(title, loc='left')
     mark_defects(ax, seen, defects)

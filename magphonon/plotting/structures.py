@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 WINDOW = 2.4  # half the window on a lattice, in lattice constants
 REACH = 5  # number of cells to each side that fill this window
+FINE = 45  # width of a patch in bond lengths from which its particles are dots
 SIZE = 0.36  # diameter of a particle in lengths of the shortest bond
 FREE: dict[str, Any] = {'facecolors': 'white', 'edgecolors': '0.25'}
 HELD: dict[str, Any] = {'facecolors': '0.6', 'edgecolors': '0.25'}
@@ -90,12 +91,15 @@ def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None
 
     ax = new_axes(height=3.2) if ax is None else ax
     rest, diameter = patch.positions[:, :2] / units.m, SIZE * spacing(patch)
-    draw_bonds(ax, patch)
+    fine = np.ptp(rest, axis=0).max() > FINE * spacing(patch)  # bonds and edges would turn it grey
+    if not fine:
+        draw_bonds(ax, patch)
     held = ~freedom(patch)[0]
-    draw_particles(ax, rest[~held], diameter, **FREE)
+    draw_particles(ax, rest[~held], diameter, **({'facecolors': '0.8', 'edgecolors': 'none'} if fine else FREE))
     squares = rest[held][:, None] + diameter / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     ax.add_collection(PolyCollection(list(squares), linewidths=0.5, zorder=2, **HELD))
-    handles = [_mark('o', 'white', '0.25', 'free')] + [_mark('s', '0.6', '0.25', 'held')] * bool(held.any())
+    handles = [_mark('o', *(('0.8', '0.8') if fine else ('white', '0.25')), 'free')]
+    handles += [_mark('s', '0.6', '0.25', 'held')] * bool(held.any())
     if site is not None:
         draw_particles(ax, rest[site.row], diameter, facecolors=COLOURS[0], edgecolors=COLOURS[0])
         draw_particles(ax, rest[site.driven], 1.5 * diameter, facecolors=COLOURS[1], edgecolors=COLOURS[1])

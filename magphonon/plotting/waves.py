@@ -185,7 +185,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Ax
 
 
 def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure:
-    """One moment of a burst in several simulations, on one scale: when the first of them has reached the middle of the row.
+    """One moment of a burst in several simulations, each on its own scale: when the first has reached the middle of the row.
 
     Parameters
     ----------
@@ -198,13 +198,13 @@ def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure
     shown = {name: field.displacements[frame, :, axis] for name, field in fields.items()}
     patch = next(iter(passages.values()))[0]
     figure, axes = panels(1, len(passages), height=_height(patch, (PAGE_in - BESIDE_in) / len(passages)))
-    letter_panels(axes, [f'{name}, {field.times[frame] / units.s:.3f} s' for name, field in fields.items()])
-    largest = visible(list(shown.values()))
+    when = np.mean([field.times[frame] for field in fields.values()]) / units.s  # their steps differ by some percent
+    letter_panels(axes, [f'{name}, {when:.2g} s' for name in fields])
     for ax, (name, (patch, site, _)) in zip(axes.ravel().tolist(), passages.items(), strict=True):
-        dots, power = draw_crests(ax, patch, shown[name], largest)
+        dots, power = draw_crests(ax, patch, shown[name], visible([shown[name]]))
         mark_site(ax, patch, site)
+        bar_of_crests(dots, ax, axis, power, pad=0.02, shrink=0.8)
     _label_outer(axes, np.ones(axes.shape, bool))
-    bar_of_crests(dots, axes, axis, power, pad=0.02)
     legend_of_set(figure)
     return figure
 
