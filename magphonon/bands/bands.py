@@ -21,7 +21,7 @@ from ..files import Saved, not_saved, saved_arrays
 from ..stiffness.matrices import bloch_gradient, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import each_spring
-from .bloch import bloch_modes, in_batches, wavevectors
+from .bloch import bloch_modes, damped_modes, in_batches, wavevectors
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 UNITS = {
     'cell': ('mm', 'vectors', 'dim'), 'kpts': ('reciprocal vectors', 'wavevectors', 'vectors'), 'path': ('',),
     'names': ('', 'special points'), 'points': ('reciprocal vectors', 'special points', 'vectors'),
-    'omega': ('rad/ms', 'wavevectors', 'modes'), 'vectors': ('', 'wavevectors', 'modes', 'particles', 'dim'),
+    'omega': ('rad/ms', 'wavevectors', 'modes'), 'decay': ('1/ms', 'wavevectors', 'modes'),
+    'vectors': ('', 'wavevectors', 'modes', 'particles', 'dim'),
 }
 """Units and axes of the arrays in a file of bands."""
 SAME_LATTICE = 1e-3
@@ -57,6 +58,9 @@ class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
         Angular frequencies in rad/ms, ascending; an unstable mode is negative, the square root of -omega^2 with its sign.
     vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), optional
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.
+    decay : ndarray, shape (wavevectors, modes), optional
+        With damping, the rate in 1/ms at which each mode falls, as e^{-decay t}; negative for one that grows.  An overdamped mode
+        has the frequency zero.
 
     Examples
     --------
@@ -73,6 +77,7 @@ class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
     path: BandPath
     omega: np.ndarray
     vectors: np.ndarray | None = None
+    decay: np.ndarray | None = None
 
     @cached_property
     def longitudinal(self) -> NDArray[np.float64]:
@@ -130,28 +135,29 @@ class Bands(units.InHertz, Saved, kind='bands', units=UNITS):
         special = self.path.special_points
         arrays = {'cell': self.path.cell.array, 'kpts': self.path.kpts, 'path': self.path.path, 'omega': self.omega,
                   'names': np.array(list(special)), 'points': np.array(list(special.values())).reshape(-1, 3)}
-        if self.vectors is not None:
-            arrays['vectors'] = self.vectors
-        return arrays
+        return arrays | {name: value for name in ('vectors', 'decay') if (value := getattr(self, name)) is not None}
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read what `save` wrote."""
-        data = saved_arrays(path, 'bands', UNITS, optional=('vectors',))
+        data = saved_arrays(path, 'bands', UNITS, optional=('vectors', 'decay'))
         for name in ('cell', 'kpts', 'points', 'omega'):
             if data[name].dtype.kind != 'f' or (name != 'omega' and data[name].shape[-1] != 3) or data['cell'].shape != (3, 3):
                 raise not_saved(path, 'bands', f'{name} has the shape {data[name].shape} and the type {data[name].dtype}')
         modes = data.get('vectors')
         if modes is not None and (modes.shape[:2] != data['omega'].shape or modes.shape[2] * modes.shape[3] < modes.shape[1]):
             raise not_saved(path, 'bands', f'vectors has the shape {modes.shape}, but omega {data["omega"].shape}')
+        decay = data.get('decay')
+        if decay is not None and decay.shape != data['omega'].shape:
+            raise not_saved(path, 'bands', f'decay has the shape {decay.shape}, but omega {data["omega"].shape}')
         special = dict(zip(map(str, data['names']), data['points'], strict=True))
         for name in {name for section in parse_path_string(str(data['path'])) for name in section} - special.keys():
             raise not_saved(path, 'bands', f'its path goes through {name}, of which it has no coordinates')
-        return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes)
+        return cls(BandPath(Cell(data['cell']), data['kpts'], special, str(data['path'])), data['omega'], modes, decay)
 
 
 def analytic_bands(atoms: Atoms, path: BandPath | str, model: str = 'complete', vectors: bool = False,
-                   branches: int | None = None) -> Bands:
+                   branches: int | None = None, damping: ArrayLike | None = None) -> Bands:
     """Bands along a path from the analytic Bloch matrix (Eq. 18).
 
     Parameters
@@ -166,6 +172,8 @@ def analytic_bands(atoms: Atoms, path: BandPath | str, model: str = 'complete', 
         Keep the modes too.
     branches : int, optional
         The lowest ones only, which cells of hundreds of particles find many times sooner; all of them if not given.
+    damping : float or array_like, shape (particles,), optional
+        Force per momentum in 1/ms, for which the bands have a `decay` beside the frequencies; for all branches only.
 
     Examples
     --------
@@ -183,7 +191,12 @@ def analytic_bands(atoms: Atoms, path: BandPath | str, model: str = 'complete', 
     (3, 4)
     """
     path = path_of(atoms, path)
-    return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors, branches))
+    if damping is None:
+        return Bands(path, *bloch_modes(atoms, path.kpts, model, vectors, branches))
+    if branches is not None:
+        raise ValueError(f'bands with damping are computed for all branches, not for the lowest {branches}; take one of them out')
+    omega, decay, modes = damped_modes(atoms, path.kpts, damping, model, vectors)
+    return Bands(path, omega, modes, decay)
 
 
 def band_path(atoms: Atoms, points: str | None = None, npoints: int = 300) -> BandPath:

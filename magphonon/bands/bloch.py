@@ -13,6 +13,7 @@ from ..errors import finite, whole
 from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
 from ..stiffness.matrices import gyrating_modes, hermitian_eigenvalues, hessian, signed_root
 from ..stiffness.rest import LinearSystem
+from ..stiffness.sites import site_damping
 
 if TYPE_CHECKING:
     from typing import Any
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 BATCH_BYTES = 2**22
 """Size in bytes of the largest array of the wavevectors that are treated at a time.  A large zone then need not fit in memory,
 and arrays that fit in the processor's cache take two thirds of the time (measured with a mesh of the honeycomb)."""
+ROUND_OFF = 1e-7  # fraction of the fastest rate below which one is zero: poles that nearly meet are known to the root of round-off
 DIVIDE = 400
 """Largest size of complex matrices for which NumPy's algorithm for eigenvectors (divide and conquer) is as fast as SciPy's
 (relatively robust representations); at 800 it takes 1.3 times as long, at 1200 2.5 times."""
@@ -83,6 +85,69 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
         return omega, None
     modes = np.concatenate([part[..., :count].swapaxes(1, 2) for part in columns])
     return omega, modes.reshape(*omega.shape, len(system), system.dim)
+
+
+def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'complete',
+                 vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128] | None]:
+    """Frequencies and decays of a periodic structure with losses: motion as e^{(-decay +- i omega) t}, `s^2 + s B + K(q)` singular.
+
+    Parameters
+    ----------
+    atoms, q, model, vectors
+        As for `bloch_modes`.
+    damping : float or array_like, shape (particles,)
+        Force per momentum in 1/ms.
+
+    Returns
+    -------
+    omega : ndarray, shape (wavevectors, modes)
+        In rad/ms, ascending; zero for an overdamped mode, and for one that grows its negative rate of growth.
+    decay : ndarray, shape (wavevectors, modes)
+        In 1/ms; of the two of an overdamped mode the slower one, and negative for a mode that grows.
+    vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
+        As of `bloch_modes`.
+
+    Examples
+    --------
+    >>> from magphonon import read_scene, ready_scene
+    >>> from magphonon.bands.bloch import damped_modes
+    >>> cell = read_scene(ready_scene('ideal')).atoms()
+    >>> omega, decay, _ = damped_modes(cell, [[0.5, 0, 0]], damping=0.004)
+    >>> decay.tolist()
+    [[0.002, 0.002]]
+    """
+    system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
+    gamma = site_damping(damping, len(system))
+    if not np.ptp(gamma):  # every mode loses the same
+        omega, modes = bloch_modes(system, q, model, vectors)
+        squares, half = np.sign(omega) * omega**2, gamma[0] / 2
+        under = np.sqrt(abs(squares - half**2))
+        slow = np.divide(squares, half + under, out=np.zeros_like(omega), where=half + under > 0)  # half - under, uncancelled
+        swings = squares > half**2
+        return np.where(swings, under, slow.clip(max=0)), np.where(swings, half, slow), modes
+    B, n, found = system.B(gamma).toarray(), system.directions, []
+    for K in (system.bloch(part, model) for part in in_batches(q, system.atoms.calc)):
+        s, z = _poles_and_shapes(B, K)
+        real = abs(s.imag) < ROUND_OFF * abs(s).max()
+        best = np.lexsort((-s.real, -np.where(real, 0, s.imag)), axis=-1)[:, :n]  # one of each pair; of real ones the slow half
+        s, real = (np.take_along_axis(x, best, axis=1) for x in (s, real))
+        omega = np.where(real, 0.0 - s.real.clip(min=0), s.imag)
+        order = np.lexsort((-s.real, omega), axis=-1)
+        shapes = np.take_along_axis(np.take_along_axis(z, best[:, None], axis=2), order[:, None], axis=2)
+        found.append((np.take_along_axis(omega, order, axis=1), np.take_along_axis(-s.real, order, axis=1), shapes))
+    omega, decay, shapes = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    modes = (system.free.toarray() @ shapes).swapaxes(1, 2).reshape(*omega.shape, len(system), system.dim)
+    return omega, decay, modes if vectors else None
+
+
+def _poles_and_shapes(B, K):
+    """All s with `s^2 + s B + K` singular, shape (waves, 2 n), and the shapes that it leaves without force, (waves, n, 2 n)."""
+    n = len(B)
+    companion = np.zeros((len(K), 2 * n, 2 * n), complex)
+    companion[:, :n, n:] = np.eye(n)
+    companion[:, n:, :n], companion[:, n:, n:] = -K, -B
+    s, z = np.linalg.eig(companion)
+    return s, z[:, :n] / np.linalg.norm(z[:, :n], axis=1, keepdims=True)
 
 
 def _by_lapack(system, q, model, vectors):

@@ -3,10 +3,11 @@
 Along a direction the Bloch matrix is a Laurent polynomial in mu = e^{i s xi}, with a term for each distance that
 bonds bridge, all multiples of s.  At the frequency omega its mass-weighted modes v obey
 
-    sum_p D_p mu^p v = omega^2 v        p = -P ... P
+    sum_p D_p mu^p v = (omega^2 + i omega gamma) v        p = -P ... P
 
-a polynomial eigenproblem of degree 2 P.  Where xi is real these are the bands; complex xi decay as e^{-Im xi} per step: below
-the cut-off of a foundation, above the bands and between them.
+a polynomial eigenproblem of degree 2 P; gamma is the damping of each particle, and the motion goes as e^{-i omega t}.  Without
+damping, the xi that are real are the bands; complex ones decay as e^{-Im xi} per step: below the cut-off of a foundation, above
+the bands and between them.  With damping every wave decays.
 
 The longest bonds couple only some components of v, so D_P is singular, and of the 2 P n roots some lie at infinity and as many
 at zero, in Jordan chains.  Round-off eps would split a chain of k roots into a ring of the radius eps^(1/k): false waves, which
@@ -29,7 +30,7 @@ from scipy import linalg
 from .. import units
 from ..errors import finite, one_of
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import each_spring
+from ..stiffness.sites import each_spring, site_damping
 
 LINK = 1e-11
 """Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to
@@ -39,19 +40,20 @@ LONGEST_STEP = 0.1  # longest Newton step in log mu; a longer one leads to anoth
 SINGULAR_FRACTION = 1e-14  # of the largest singular value: below is round-off, as where two roots coincide
 LARGEST_DENOMINATOR = 6  # of exponents; the pencil grows with it, and symmetry directions need 1, 2 or 3
 LEAST_DECAY = 1e-6  # per step; below is round-off: at a band edge, a double root, round-off changes xi by its square root
+LEAST_LOSS = 1e-12  # the same with damping, where no two roots of a wave meet at a band edge
 INFINITE_DECAY = 16  # decay per step above which a wave counts as infinitely evanescent (e^-16 = 1e-7)
 
 
-def laurent_roots(A: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def laurent_roots(A: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots mu of `sum_p A_p mu^p v = 0` that are finite and not zero; they come in pairs mu and 1/mu, up to round-off.
 
-    `A`, shape (2 P + 1, n, n), has the real coefficients A_-P ... A_P; what is not coupled must be exactly zero.  The vectors v,
+    `A`, shape (2 P + 1, n, n), has the coefficients A_-P ... A_P, where A_-p is the transpose of A_p; what is not coupled must be exactly zero.  The vectors v,
     shape (roots, n), are of norm one.
     """
     powers, n = len(A) - 1, A.shape[1]
     A = A / abs(A).max()
     # A_P mu^2P v + ... + A_-P v = 0 with the blocks v, mu v, ..., mu^(2P-1) v
-    L, R = np.eye(powers * n, k=n), np.eye(powers * n)
+    L, R = np.eye(powers * n, k=n, dtype=A.dtype), np.eye(powers * n, dtype=A.dtype)
     L[-n:] = -np.hstack(list(A[:-1]))
     R[-n:, -n:] = A[-1]
     L, R, infinite = _without_chains(L, R)
@@ -68,12 +70,12 @@ class _Link:
     """One link of the chains of infinite roots of L x = mu R x: the null space of R, and what it is to the other roots."""
 
     def __init__(self, L, R, rank):
-        axes = np.linalg.svd(R)[2]
-        self.keep, self.null, self.lost = axes[:rank].T, axes[rank:].T, len(R) - rank
+        axes = np.linalg.svd(R)[2].conj().T
+        self.keep, self.null, self.lost = axes[:, :rank], axes[:, rank:], len(R) - rank
         factors: Any = linalg.qr(L @ self.null)
         Q, triangle = factors
         self.triangle = triangle[: self.lost]
-        L, R = Q.T @ L @ self.keep, Q.T @ R @ self.keep
+        L, R = Q.conj().T @ L @ self.keep, Q.conj().T @ R @ self.keep
         self.L, self.R, self.pencil = L[: self.lost], R[: self.lost], (L[self.lost :], R[self.lost :])
 
     def restored(self, z, alpha, beta):
@@ -97,7 +99,7 @@ def _without_chains(L, R, lengths=None):
     return L, R, links
 
 
-def polished(A: NDArray[np.float64], mu: NDArray[np.complex128],
+def polished(A: NDArray[Any], mu: NDArray[np.complex128],
              v: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Roots and vectors after Newton's steps on `A(mu) v = 0` and `v0^+ v = 1` in log mu, as long as they lessen what is left."""
     powers = np.arange(len(A)) - len(A) // 2
@@ -135,8 +137,9 @@ class ComplexBands(units.InHertz):
     omega : ndarray, shape (frequencies,)
         In rad/ms.
     xi : ndarray of complex, shape (frequencies, waves)
-        Phase and decay per step, `e^{i xi}`, real and imaginary part zero or positive; each stands for its family xi,
-        -xi and their conjugates.  Infinite where a wave ends at the particle that moves.
+        Phase and decay per step, `e^{i xi}`, the imaginary part zero or positive.  Without damping the real part is so too, and
+        each stands for its family xi, -xi and their conjugates; with damping for xi and -xi alone: where the crests of a wave
+        run against its energy, the real part is negative.  Infinite where a wave ends at the particle that moves.
     vectors : ndarray of complex, shape (frequencies, waves, particles, dim)
         Modes, normalised to one and weighted with the square root of the mass: displacements are `vectors / sqrt(m)`.  Zero
         where the decay is infinite.
@@ -153,7 +156,8 @@ class ComplexBands(units.InHertz):
             return 1 / np.imag(self.xi)
 
 
-def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: str = 'complete') -> ComplexBands:
+def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: str = 'complete',
+                  damping: ArrayLike = 0.0) -> ComplexBands:
     """All waves along a direction at given frequencies, propagating and evanescent.
 
     Parameters
@@ -166,6 +170,8 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     omega : array_like, shape (frequencies,)
         In rad/ms; negative for the square root of -omega^2, as in `Bands`.
     model : {'complete', 'conventional'}
+    damping : float or array_like, shape (particles,)
+        Force per momentum gamma in 1/ms; weak damping adds the decay gamma/(2 v) to a wave of the group velocity v.
 
     Examples
     --------
@@ -175,6 +181,9 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     >>> below = complex_bands(cell, (1, 0, 0), [1.0])  # the cut-off is the root of 10
     >>> below.xi.real.tolist(), bool((below.xi.imag > 0).all())  # in phase, and decaying
     ([[0.0, 3.141592653589793]], True)
+    >>> inside = complex_bands(cell, (1, 0, 0), [4.0], damping=0.1)  # a longitudinal wave of the phase 1.28 per step
+    >>> inside.xi[0, 0].round(3)
+    (1.281+0.052j)
     """
     system = LinearSystem.of(atoms).moving()
     free = system.free.toarray()
@@ -186,13 +195,24 @@ def complex_bands(atoms: Atoms, direction: ArrayLike, omega: ArrayLike, model: s
     exponents, unit = _exponents(bonds.shift * (moves[bonds.i] & moves[bonds.j])[:, None] @ direction)
     D = system.reduced(_laurent(system.calc, model, exponents))
     xi = np.array([0.7, 1.9, 2.6])  # far from symmetry: only a flat band has one frequency at all of them
-    bands = np.linalg.eigvalsh(system.bloch(xi[:, None] / (2 * np.pi) * direction, model))
-    hit = abs(bands - (omega * abs(omega))[:, None, None]) < 1e-10 * abs(bands).max()
-    for k in np.flatnonzero(hit.any(axis=2).all(axis=1))[:1]:
-        raise ValueError(f'a band is flat at omega = {omega[k]:.9g} rad/ms and holds every wavenumber; move the frequency')
-    waves = [_waves(D, w, unit) for w in omega]
+    bands = system.bloch(xi[:, None] / (2 * np.pi) * direction, model)
+    waves = []
+    for w, dynamic in zip(omega, _dynamic(system, omega, damping), strict=True):
+        if (np.linalg.svd(bands - dynamic, compute_uv=False)[:, -1] < 1e-10 * abs(bands).max()).all():
+            raise ValueError(f'a band is flat at omega = {w:.9g} rad/ms and holds every wavenumber; move the frequency')
+        waves.append(_waves(D, dynamic, unit))
     xi, v = (np.array(part) for part in zip(*waves, strict=True))
     return ComplexBands(omega, xi, (v @ free.T).reshape(*xi.shape, len(system), system.dim))
+
+
+def _dynamic(system, omega, damping):
+    """The matrices omega^2 + i omega B of the damping, real without it."""
+    gamma, one = site_damping(damping, len(system)), np.eye(system.directions)
+    if not gamma.any():
+        return (omega * abs(omega))[:, None, None] * one
+    for w in omega[omega < 0][:1]:
+        raise ValueError(f'with damping omega must be zero or positive, not {w:.9g} rad/ms')
+    return (omega**2)[:, None, None] * one + 1j * omega[:, None, None] * system.B(gamma).toarray()
 
 
 def _exponents(steps):
@@ -224,25 +244,27 @@ def _laurent(calc, model, exponents):
     return D
 
 
-def _waves(D, omega, unit):
-    """One xi, with its mode, of each family at the frequency `omega`."""
+def _waves(D, dynamic, unit):
+    """One xi, with its mode, of each family where sum_p D_p mu^p has the value `dynamic`."""
     n, P = D.shape[1], len(D) // 2
-    A = D.copy()
-    A[P] -= omega * abs(omega) * np.eye(n)
+    A = D.astype(dynamic.dtype)
+    A[P] -= dynamic
+    lossy = np.iscomplexobj(A)
+    least = LEAST_LOSS if lossy else LEAST_DECAY
     mu, v = laurent_roots(A)
     decay, phase = -np.log(abs(mu)), np.angle(mu)
-    decay[abs(decay) < LEAST_DECAY * unit] = 0
+    decay[abs(decay) < least * unit] = 0
     # xi and its conjugate, or xi and -xi if real: keep the half that decays or runs forwards
     half = np.lexsort((-phase, -decay))[: len(mu) // 2]
     mu, v = polished(A, mu[half], v[half])
     decay, phase = -np.log(abs(mu)) / unit, np.angle(mu) / unit
-    decay[abs(decay) < LEAST_DECAY] = 0
+    decay[abs(decay) < least] = 0
     order = np.lexsort((abs(phase), decay))
     order = order[decay[order] < INFINITE_DECAY]
     xi, modes = np.zeros(P * n, complex), np.zeros((P * n, n), complex)
     xi.imag = np.inf
-    xi[: len(order)] = abs(phase[order]) + 1j * decay[order]
-    modes[: len(order)] = np.where(phase[order, None] < 0, v[order].conj(), v[order])
+    xi[: len(order)] = (phase[order] if lossy else abs(phase[order])) + 1j * decay[order]
+    modes[: len(order)] = v[order] if lossy else np.where(phase[order, None] < 0, v[order].conj(), v[order])
     return xi, modes
 
 

@@ -15,10 +15,11 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import units
-from ..errors import finite, not_negative, positive
+from ..errors import finite, positive
 from ..files import Saved
 from ..stiffness.lowest import ROUND_OFF
 from ..stiffness.rest import LinearSystem, components, refuse_held
+from ..stiffness.sites import site_damping
 from .chebyshev import BLOCK, Matrix, chebyshev_blocks, products_of, sizes, stable_interval
 from .normal_modes import SMALL, refuse_growing, refuse_unstable
 
@@ -162,12 +163,9 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     system = LinearSystem.of(atoms).moving()
     n = len(system)
     omega = finite('omega', np.atleast_1d(omega))
-    gamma = finite('damping', damping)
-    if gamma.shape not in ((), (n,)):
-        raise ValueError(f'damping must be one number or one for each of the {n} particles, not {gamma.shape}')
-    not_negative('damping', float(gamma.min()), '1/ms')
+    rate = site_damping(damping, n)
     refuse_unstable(system)
-    free, M, rate = system.free.power(2).T, system.masses, np.broadcast_to(gamma, n)
+    free, M = system.free.power(2).T, system.masses
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
     for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
         inertia = free @ np.repeat((-(w**2) + 1j * w * rate) * M, system.dim)
@@ -179,14 +177,15 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
         yield lambda F, solve=solve: in_space @ solve(in_space.T @ F)
 
 
-def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: float,
+def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: ArrayLike,
                        particles: ArrayLike | None = None, tolerance: float = 1e-9) -> FrequencyResponse:
     """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
     A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
-    about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer.  So also where the wave
-    has died out at all of the `particles`: there modes and series leave round-off of the motion at the source, while a direct
-    solution keeps its digits.
+    about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer, and where the damping
+    differs from particle to particle, so that the response is no function of one matrix.  So also where the wave has died out at
+    all of the `particles`: there modes and series leave round-off of the motion at the source, while a direct solution keeps its
+    digits.
 
     Parameters
     ----------
@@ -196,7 +195,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
         Amplitudes of e^{i omega t} in N per N of the drive.
     omega : array_like, shape (frequencies,)
         In rad/ms.
-    damping : float
+    damping : float or array_like, shape (particles,)
         gamma in 1/ms.
     particles : array_like of int, optional
         Where the response is wanted; everywhere if not given.
@@ -221,10 +220,14 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     (3, 1, 3)
     """
     system = LinearSystem.of(atoms).moving()
-    omega, gamma = finite('omega', np.atleast_1d(omega)), not_negative('damping', damping, '1/ms')
+    omega, rates = finite('omega', np.atleast_1d(omega)), site_damping(damping, len(system))
     force = _force_on(system, force)
     positive('tolerance', tolerance)
     particles = system.recorded(particles)
+    gamma = float(rates[0])
+    if np.ptp(rates):
+        answer = harmonic_response(system, force, omega, rates)
+        return FrequencyResponse(answer.omega, answer.response[:, particles])
     s = system.shapes.T @ force[:, : system.dim].ravel()
     s = s if s.imag.any() else s.real
     u = np.zeros((len(omega), len(particles), 3), complex)
@@ -254,7 +257,7 @@ class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
 
 
 def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64], answer: Place, omega: ArrayLike,
-               damping: float) -> FrequencyResponse:
+               damping: ArrayLike) -> FrequencyResponse:
     """Displacement of one particle per harmonic force on one, each along its own direction.
 
     Parameters

@@ -24,9 +24,11 @@ import numpy as np
 
 from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
 from ..dynamics.motion import MOTION_UNITS, Motion
-from ..errors import Unstable, finite, not_negative, positive
+from ..errors import Unstable, finite, positive
 from ..stiffness.rest import LinearSystem, components, static_forces
+from ..stiffness.sites import site_damping
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, products_of, sizes, stable_interval, whole_interval
+from .first_order import NODES, POINTS, WEIGHTS, FirstOrder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,11 +37,9 @@ if TYPE_CHECKING:
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
 
-NODES = 16  # number of Gauss points on a panel; they integrate polynomials of degree 31 exactly
 TURN = 8.0  # longest panel in rad of the fastest oscillation, whose motion there is a polynomial of degree 16 up to round-off
 PANELS = 20_000  # largest number of panels; a force that needs more is not a smooth function of time
 _x, _w = np.polynomial.legendre.leggauss(NODES)
-POINTS, WEIGHTS = (1 + _x) / 2, _w / 2
 _TOP = (np.polynomial.legendre.legvander(_x, NODES - 1) * _w[:, None] * (np.arange(NODES) + 0.5))[:, -2:].T
 """The last two Legendre coefficients of a function on a panel, from its values at the points."""
 SPAN = 2000.0
@@ -200,7 +200,7 @@ class Transient(Motion, kind='transients', units=MOTION_UNITS | {'error': ('mm',
     products: int = 0
 
 
-def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), damping: float = 0.0,
+def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), damping: ArrayLike = 0.0,
               particles: ArrayLike | None = None, tolerance: float = 1e-9) -> Transient:
     """Motion of the linearised structure from its present state at t = 0, at any later times.
 
@@ -218,8 +218,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     drives : sequence of drives
         See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
         It should be smooth but for kinks and steps, and have no pulse shorter than the shortest period.
-    damping : float
-        gamma in 1/ms, of all particles.
+    damping : float or array_like, shape (particles,)
+        gamma in 1/ms; where it differs from particle to particle, the motion takes three times as many products.
     particles : array_like of int, optional
         The particles whose motion is returned; all if not given.
     tolerance : float
@@ -239,10 +239,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     times = finite('times', np.atleast_1d(times))
     if times.ndim != 1 or not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
         raise ValueError('times must be one or more increasing numbers in ms, zero or above')
-    if np.ndim(damping):
-        raise ValueError('damping must be one number: with one for each particle the motion is no function of one matrix; '
-                         'use DrivenVerlet')
-    gamma, tolerance = not_negative('damping', damping, '1/ms'), positive('tolerance', tolerance)
+    rates, tolerance = site_damping(damping, len(atoms)), positive('tolerance', tolerance)
     drives = list(drives)
     refuse_held_drives(drives, atoms)
     push = constant_push(drives, len(atoms))
@@ -251,18 +248,23 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
     particles = system.recorded(particles)
     rows, shapes = system.rows(particles)
-    K, state, load = products_of(system), _initial_state(atoms, system), _Load(system, drives, push, tolerance)
+    state, load = _initial_state(atoms, system), _Load(system, drives, push, tolerance)
+    alike = not np.ptp(rates)
+    K = products_of(system) if alike else system.K
 
     def moved(interval):
-        asked = _Asked(K, interval, gamma, load, rows, sizes(shapes), tolerance)
+        first_order = None if alike else FirstOrder(system.K, system.B(rates), interval, rates.max(), 0.0)
+        asked = _Asked(K, interval, float(rates[0]), first_order, load, rows, sizes(shapes), tolerance)
         y, error, products = _propagate(asked, state, times)
         motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
         return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
     try:
-        return moved(stable_interval(K))
+        if alike or system.stable:
+            return moved(stable_interval(K))
     except Outside:
-        interval = whole_interval(system.K)
+        pass
+    interval = whole_interval(system.K)
     growth = np.sqrt(-interval.lowest) * times[-1]
     if growth > OVERFLOW:
         raise Unstable(f'the structure is unstable and grows e^{growth:.0f} times in {times[-1]:g} ms; ask for a shorter time, '
@@ -316,6 +318,7 @@ class _Asked:
     K: Any
     interval: Any
     gamma: float
+    first_order: FirstOrder | None  # in place of K where gamma is not that of all particles
     load: _Load
     rows: NDArray[np.int_]  # of K, whose motion is returned
     size: NDArray[np.float64]  # displacement for each of these coordinates
@@ -324,16 +327,22 @@ class _Asked:
 
 def _propagate(asked, state, times):
     """The motion in parts that are short enough: y of shape (times, 2, rows), error and products as in Transient."""
-    interval = asked.interval
-    rate = np.sqrt(interval.highest - interval.lowest)
+    interval, road = asked.interval, asked.first_order
+    rate = np.sqrt(interval.highest - interval.lowest) if road is None else 2 * road.rate
     parts = int(np.ceil(max(rate * times[-1] / SPAN, len(times) * rate * times[-1] / 2 / LARGEST, 1)))
+    parts = parts if road is None else max(parts, int(np.ceil(times[-1] / road.longest)))
     ends = times[-1] * np.arange(1, parts + 1) / parts
     part = np.searchsorted(ends[:-1], times)
     found, error, products, start = [], 0.0, 0, 0.0
     for k, end in enumerate(ends):
         wanted = times[part == k]
         stops = wanted if end in wanted[-1:] else np.append(wanted, end)
-        y, state, missed, taken = _part(asked, state, start, stops, last=k + 1 == parts)
+        if road is None:
+            y, state, missed, taken = _part(asked, state, start, stops, last=k + 1 == parts)
+        else:
+            panels = asked.load.between(start, stops, road.rate)
+            y, state, missed, taken = road.moved(state, panels, np.searchsorted(panels[0], stops), asked.rows)
+            missed *= asked.size.max(initial=0.0)
         found.append(y[: len(wanted)])
         growth = np.exp(np.sqrt(-interval.lowest) * (end - start))
         error, products, start = growth * error + missed, products + taken, end

@@ -104,6 +104,15 @@ def refuse_gyration(calc: Repulsion, what: str) -> None:
                          'atoms.calc.set(gyration=0), and in a scene no gyration_rad_per_s')
 
 
+def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
+    """The damping of each particle in 1/ms, shape (particles,), from one number or one for each; zero or above, or ValueError."""
+    given = finite('damping', damping)
+    if given.shape not in ((), (particles,)):
+        raise ValueError(f'damping must be one number or one for each of the {particles} particles, not {given.shape}')
+    not_negative('damping', float(given.min(initial=0.0)), '1/ms')
+    return np.broadcast_to(given, particles)
+
+
 def of_sites(values: Any, sites: NDArray[np.intp] | slice) -> Any:
     """The `values` at some sites; they are given for each site, or as one number for all."""
     return values[sites] if np.ndim(values) else values

@@ -329,7 +329,7 @@ def test_a_vector_outside_the_interval_is_noticed(monkeypatch):
     ({'times': [2.0, 1.0]}, 'increasing numbers in ms'),
     ({'times': []}, 'one or more'),
     ({'times': [-1.0]}, 'zero or above'),
-    ({'damping': np.full(25, 0.1)}, 'use DrivenVerlet'),
+    ({'damping': np.full(24, 0.1)}, 'one for each of the 25 particles'),
     ({'particles': [25]}, r'indices from 0 to 24, not array\(\[25\]\)'),
     ({'drives': [Harmonic(12, (0, 0, 1), 1.0, 0.1)]}, 'pushes along z'),
     ({'drives': [Harmonic(25, (0, 1), 1.0, 0.1)]}, 'particle 25, but the structure has particles 0 to 24'),
