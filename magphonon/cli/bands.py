@@ -41,9 +41,11 @@ def run(options: Namespace) -> None:
             raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
         bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
-        _save(folder, bands, phonon)
+        plan = scene.wanted('bands')
+        lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
+        _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
         _draw(save, scene, bands, options.fmax)
-        report = '\n'.join([*_frequencies(scene, atoms, bands), '', *_stability(scene, atoms, bands, phonon)])
+        report = '\n'.join([*_frequencies(scene, atoms, bands), *_decays(lossy), '', *_stability(scene, atoms, bands, phonon)])
     print(report)
     print(f'pictures and data are in {options.output}')
 
@@ -59,6 +61,9 @@ def _save(folder, bands, phonon):
         result.save(folder / f'bands_{name}.npz')
         names += [f'{name}_{mode + 1}_Hz' for mode in range(result.omega.shape[1])]
         columns += [*result.frequencies_Hz.T]
+        if result.decay is not None:
+            names += [f'{name}_{mode + 1}_decay_per_s' for mode in range(result.decay.shape[1])]
+            columns += [*result.decay.T * units.s]
     write_columns(folder / 'bands.csv', names, columns)
     write_band_yaml(phonon, path, folder / 'band.yaml')
     if abs(phonon.force_constants).max() > LEAST_WRITTEN_N_per_mm:
@@ -122,6 +127,25 @@ def _frequencies(scene, atoms, bands):
 
     if 'conventional' not in bands:
         lines += ['', 'no conventional model: the sums of D0 and D* diverge separately and converge only together']
+    return lines
+
+
+def _decays(lossy):
+    """The bands with damping at their special points: frequency, decay, and what of a mode is lost in a period."""
+    import numpy as np
+    from ase.dft.kpoints import parse_path_string
+
+    from .. import units
+
+    if lossy is None:
+        return []
+    lines = ['', f'{"with the damping":18}{"frequency (Hz)":>16}{"decay (1/s)":>14}{"damping ratio":>16}']
+    for name in dict.fromkeys(name for leg in parse_path_string(lossy.path.path) for name in leg):
+        at = abs(lossy.path.kpts - lossy.path.special_points[name]).max(axis=1).argmin()
+        for branch, (w, decay) in enumerate(zip(lossy.omega[at], lossy.decay[at], strict=True)):
+            ratio = decay / np.hypot(w, decay) if w > 0 else np.nan
+            said = f'{ratio:16.4g}' if w > 0 else f'{"overdamped" if decay >= 0 else "grows":>16}'
+            lines.append(f'{f"  {name}, branch {branch + 1}":18}{units.hertz(max(w, 0.0)):16.7g}{decay * units.s:14.6g}{said}')
     return lines
 
 

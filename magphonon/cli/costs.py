@@ -101,7 +101,7 @@ def frf_cost(scene: Scene) -> Cost:
         return Cost('frf', {'frf.points': PICTURES_bytes + 48.0 * plan.points * size},
                     PICTURES_s + 2e-8 * plan.points * size + 1e-9 * size**3, 4)
     terms = 21 * _top(scene) / plan.damping  # of the longest series; 21 = -log(1e-9)
-    factorised = terms > FACTORISATION * np.sqrt(size) * plan.points
+    factorised = terms > FACTORISATION * np.sqrt(size) * plan.points or scene.cell().has('relative_damping')
     memory = {'frf.points': PICTURES_bytes + plan.points * (48.0 * particles if factorised else 2000.0),
               size_key(scene): (FACTOR_bytes if factorised else PROOF_bytes) * particles}
     work = plan.points * FACTOR_s * particles if factorised else terms * (plan.points * TERM_s + PRODUCT_s * particles)

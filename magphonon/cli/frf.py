@@ -58,7 +58,7 @@ def run(options: Namespace) -> None:
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model, bench=True)
             system = LinearSystem.of(atoms)
-            result = receptance(system, source, answer, plan.omega, plan.damping)
+            result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
             result.save(folder / f'frf_{model}.npz')
             names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']
             columns += [abs(result.response) / unit, np.degrees(np.angle(result.response))]

@@ -96,6 +96,8 @@ def _cell(scene, shells):
 def _bands(scene, tolerance):
     from .bands import Edge, plan_bands
 
+    if scene.bands.damping_per_s is not None:
+        raise ValueError('bands.damping_per_s: bands are planned without damping; take it out')
     atoms, path, edge = scene.perfect_cell(), scene.band_path(), None
     if scene.plan is not None and scene.plan.edge is not None:
         point, branch = scene.plan.edge, scene.plan.branch
@@ -123,6 +125,9 @@ def _write_bands(scene, file, edge, settings):
 def _peak(scene, tolerance):
     from .peak import plan_peak
 
+    if scene.cell().has('relative_damping'):
+        raise ValueError('lattice.file has the column relative_damping, and a plan of [frf] knows one damping for all particles; '
+                         'take the column out, or [frf]')
     force = scene.plan.force_N * u.N if scene.plan is not None and scene.plan.force_N is not None else 0.0
     atoms, source, answer = scene.shaken()
     plan = plan_peak(atoms, source, answer, scene.frf.omega, scene.frf.damping, tolerance, force)

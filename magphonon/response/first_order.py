@@ -6,9 +6,9 @@
 
 is the Chebyshev series of e^{i lambda R t} at lambda = X/i, with F_n = i^n T_n(X/i): all numbers are real, and no root of K is
 needed.  All frequencies are below R = g/2 + sqrt(g^2/4 + k) for a bound k of K and the largest gyration g.  Losses lie off the
-interval, so that F_n grows as e^{c n/R}, and with it the round-off of the coefficients: a motion is taken in parts of c t < 5, and
-R is at least 10 c.  Forces enter by their own coefficients, e^{i lambda R (t - t')} times their course, integrated by Gauss on the
-panels of `propagation`.
+interval, so that F_n grows as e^{c n/R}, and with it the round-off of the coefficients: a motion is taken in parts of c t < 5,
+and R is at least 10 c.  Forces enter by their own coefficients, e^{i lambda R (t - t')} times their course, integrated by Gauss
+on the panels of `propagation`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ class FirstOrder:
         self._X = sparse.csr_array(sparse.block_array([[None, sparse.eye_array(K.shape[0])],
                                                        [K / -(self.rate**2), B / -self.rate]]))
 
-    def moved(self, state: NDArray[np.float64], panels: Any, outputs: NDArray[np.int_], rows: NDArray[np.int_]) -> tuple[Any, ...]:
+    def moved(self, state: NDArray[np.float64], panels: Any, outputs: NDArray[np.int_],
+              rows: NDArray[np.int_]) -> tuple[Any, ...]:
         """The motion over some panels.
 
         Parameters

@@ -189,6 +189,9 @@ def _file(scene: Scene) -> None:
                              f'{lattice.file}; take {name} out')
     if lattice.cell().has('stiffness') and scene.foundation is not None:
         raise ValueError(f'foundation: {lattice.file} tells the stiffness of each particle; take one of them out')
+    if lattice.cell().has('relative_damping'):
+        _refuse(scene, ('burst', 'plan', 'uncertainty'), f'it knows one damping for all particles, and {lattice.file} has the '
+                'column relative_damping; take one of them out')
     if lattice.relaxed and lattice.positions == 'rest':
         raise ValueError('lattice.relaxed moves the particles, and positions = "rest" says that they stand at rest; take relaxed '
                          'out')
@@ -233,6 +236,8 @@ def _bands(scene: Scene) -> None:
     kind, wanted, periodic = scene.lattice.kind, scene.bands.supercell, int(scene.lattice.cell().pbc.sum())
     if wanted is not None and len(wanted) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
+    if scene.bands.damping_per_s is not None:
+        _refuse(scene, ('uncertainty', 'design'), 'it knows bands without damping; take [{0}] or bands.damping_per_s out')
     if scene.bands.path is None:
         return
     known = scene.special_points

@@ -54,13 +54,26 @@ if TYPE_CHECKING:
 HERTZ = 2 * np.pi * u.Hz  # one hertz in rad/ms
 
 
-class BandPlan(Table):
+class Damped(Table):
+    """Base of the tables with one damping, which the file of the particles may change from one to the other."""
+
+    if TYPE_CHECKING:
+        damping_per_s: float | None
+
+    def damping_of(self, atoms: Atoms) -> Any:
+        """Damping rate gamma in 1/ms: one number, or of each particle where their file has the column relative_damping."""
+        return self.damping_per_s / u.s * atoms.arrays.get('relative_damping', 1.0)  # pyright: ignore[reportOptionalOperand]  it is given
+
+
+class BandPlan(Damped):
     """The path of the bands, and phonopy's supercell."""
 
     path: Text | None = Field(None, description="the special points in order, such as 'GMKG'; by default those of ASE")
     points: AtLeastTwo = Field(200, description='the number of wavevectors along the path')
     supercell: Counts | None = Field(None, description="phonopy's supercell, one number for each periodic direction; by "
                                                        'default the smallest in which no bond spans half of it')
+    damping_per_s: Rate | None = Field(None, description='the damping force per momentum in 1/s, for which the bands of the '
+                                       'complete model are told once more, with the decay of each mode', examples=[4.0])
 
 
 class Pick(Table):
@@ -81,7 +94,7 @@ class Pick(Table):
         return Place(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
-class FrfPlan(Table):
+class FrfPlan(Damped):
     """Displacement per harmonic force over frequency; in a patch, where the force acts and where it is answered."""
 
     from_Hz: Frequency = Field(description='the lowest frequency in Hz')

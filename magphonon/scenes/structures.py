@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
 COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,
-           'stiffness': STIFFNESS}
+           'stiffness': STIFFNESS, 'relative_damping': PURE}
 LAYOUT = ('a table of particles has the columns x_m,y_m (or x_mm,y_mm, or of a photo x_px,y_px) and, where wanted, '
-          'z_m,kind,held,mass_kg,strength,stiffness_N_per_m')
+          'z_m,kind,held,mass_kg,strength,stiffness_N_per_m,relative_damping')
 MOST_BYTES = 100 * MEGABYTE
 """Largest size of a file of particles."""
 MOST_KINDS, FARTHEST = 2**53, 1e6 * u.m  # largest number of a kind, and largest coordinate; what is farther is in another unit
@@ -62,7 +62,8 @@ Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
 def read_particles(path: Path) -> Atoms:
     """The particles of a table of text, without a cell.
 
-    The kinds are its tags, what is held has FixAtoms; 'strength' and 'stiffness' (N/mm) are arrays if the table has them.
+    The kinds are its tags, what is held has FixAtoms; 'strength', 'stiffness' (N/mm) and 'relative_damping' are arrays if the
+    table has them.
     """
     table = read_table(path, COLUMNS, ['x', 'y'], others=False, layout=LAYOUT, most=MOST_BYTES)
     if (table.header['x'] == 'x_px') != (table.header['y'] == 'y_px'):
@@ -71,7 +72,8 @@ def read_particles(path: Path) -> Atoms:
         table.refuse(name, abs(table.get(name, 0.0)) > FARTHEST, 'lie within 1e6 m')
     for name, wrong, must in (('kind', lambda x: (x != np.round(x)) | (abs(x) > MOST_KINDS), 'be a whole number'),
                               ('held', lambda x: (x != 0) & (x != 1), 'be 0 or 1'), ('mass', lambda x: x <= 0, 'be positive'),
-                              ('stiffness', lambda x: x < 0, 'not be negative')):
+                              ('stiffness', lambda x: x < 0, 'not be negative'),
+                              ('relative_damping', lambda x: x < 0, 'not be negative')):
         table.refuse(name, wrong(table.get(name, 1.0)), must)
     atoms = Atoms(['Nd'] * len(table), positions=np.stack([table['x'], table['y'], table.get('z', 0.0)], axis=1))
     if 'mass' in table:
@@ -80,7 +82,7 @@ def read_particles(path: Path) -> Atoms:
         atoms.set_tags(table['kind'].astype(int))
     if table.get('held', 0).any():
         atoms.set_constraint(FixAtoms(mask=table['held'] == 1))
-    for name in ('strength', 'stiffness'):
+    for name in ('strength', 'stiffness', 'relative_damping'):
         if name in table:
             atoms.set_array(name, table[name])
     atoms.info['pixels'] = table.header['x'] == 'x_px'
@@ -95,8 +97,8 @@ class FileLattice(Table):
 
     kind: Literal['file']
     file: Text = Field(description='the file with the particles, beside the scene: a table .csv with the columns x_m,y_m and, '
-                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m (or x_mm, mass_g and so on; x_px,y_px of a '
-                       'photo), or any file that ASE reads',
+                       'where wanted, kind,held,mass_kg,strength,stiffness_N_per_m,relative_damping (or x_mm, mass_g and so on; '
+                       'x_px,y_px of a photo), or any file that ASE reads',
                        examples=['particles.csv'])
     length_unit_m: Annotated[Positive, within(1e-12, 1e6, 'metres')] = Field(
         PACKAGE_UNIT_m, description='what one unit of length in an ASE file is, in m; files that Python wrote with this package '

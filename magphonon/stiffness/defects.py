@@ -90,6 +90,8 @@ def with_interstitial(atoms: Atoms, place: ArrayLike, *, mass: float = 1.0, stre
     masses, tags = atoms.get_masses()[site], calc.reference.get_tags()[site]
     grown.set_masses(masses)  # pyright: ignore[reportArgumentType]  ASE declares text
     grown.set_tags(tags)
+    if grown.has('relative_damping'):
+        grown.arrays['relative_damping'][-1] = grown.arrays['relative_damping'][like]
     reference = grown.copy()
     reference.positions[:-1] = calc.reference.positions
     old = calc.bonds

@@ -62,6 +62,8 @@ class Situation:
     @cached_property
     def along_path(self) -> NDArray[np.float64]:
         """Frequencies along the path of [bands] in Hz, shape (wavevectors, branches)."""
+        if self.scene.wanted('bands').damping_per_s is not None:
+            raise ValueError('bands.damping_per_s: a sweep asks for bands without damping; take it out')
         self.refuse_buckling()
         return u.hertz(bloch_modes(self.atoms, self.scene.band_path().kpts)[0])
 
@@ -70,7 +72,7 @@ class Situation:
         """Frequency in Hz and amplitude in m/N of the highest response of [frf], among its frequencies."""
         plan = self.scene.wanted('frf')
         atoms, source, answer = self.scene.shaken()
-        found = receptance(LinearSystem.of(atoms), source, answer, plan.omega, plan.damping)
+        found = receptance(LinearSystem.of(atoms), source, answer, plan.omega, plan.damping_of(atoms))
         amplitude = abs(found.response)
         return float(u.hertz(found.omega[amplitude.argmax()])), float(amplitude.max() / (u.m / u.N))
 
