@@ -219,7 +219,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
         It should be smooth but for kinks and steps, and have no pulse shorter than the shortest period.
     damping : float or array_like, shape (particles,)
-        gamma in 1/ms; where it differs from particle to particle, the motion takes three times as many products.
+        gamma in 1/ms; where it differs from particle to particle, or particles gyrate, the motion takes three times as many
+        products.
     particles : array_like of int, optional
         The particles whose motion is returned; all if not given.
     tolerance : float
@@ -243,17 +244,18 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     drives = list(drives)
     refuse_held_drives(drives, atoms)
     push = constant_push(drives, len(atoms))
-    system = LinearSystem.nearest(atoms).moving()
+    system = LinearSystem.nearest(atoms, gyrating=True).moving()
     if system.left.any():  # constant drives may be part of the balance; on a structure at rest without them they are a step
-        system, push = LinearSystem.nearest(atoms, push).balanced(), 0.0
+        system, push = LinearSystem.nearest(atoms, push, gyrating=True).balanced(), 0.0
     particles = system.recorded(particles)
     rows, shapes = system.rows(particles)
     state, load = _initial_state(atoms, system), _Load(system, drives, push, tolerance)
-    alike = not np.ptp(rates)
+    turning = abs(system.gyration).max()
+    alike = not (np.ptp(rates) or turning)
     K = products_of(system) if alike else system.K
 
     def moved(interval):
-        first_order = None if alike else FirstOrder(system.K, system.B(rates), interval, rates.max(), 0.0)
+        first_order = None if alike else FirstOrder(system.K, system.B(rates), interval, rates.max(), turning)
         asked = _Asked(K, interval, float(rates[0]), first_order, load, rows, sizes(shapes), tolerance)
         y, error, products = _propagate(asked, state, times)
         motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)

@@ -117,11 +117,18 @@ def test_responses_with_losses_of_each_site_are_the_dense_solution():
             np.testing.assert_allclose(own[:, :dim], solved[some], rtol=0, atol=1e-9 * abs(solved).max())
 
 
-def test_motion_with_losses_of_each_site_is_the_matrix_exponential():
-    for case, H, M, B, gamma, rng in stable_cases(5, most=10, periodic=False):
+@pytest.mark.parametrize('turning', [0.0, 1.0])
+def test_motion_with_losses_and_gyration_of_each_site_is_the_matrix_exponential(turning):
+    for case, H, M, B, gamma, rng in stable_cases(4, most=10, periodic=False):
         atoms, n, dim = case.atoms, len(case.atoms), case.dim
         gamma[rng.random(n) < 0.3] = 0
-        c = B.T @ (np.repeat(gamma * case.truth.masses, dim)[:, None] * B)
+        if dim == 3 and turning:
+            continue
+        g = turning * rng.normal(size=n) * np.sqrt(abs(H).max())
+        both = np.diag(np.repeat(gamma * case.truth.masses, dim))
+        if turning:
+            both -= np.kron(np.diag(g * case.truth.masses), [[0, 1], [-1, 0]])
+        c = B.T @ both @ B
         zero = np.zeros_like(H)
         A = np.block([[zero, np.eye(len(H))], [-np.linalg.solve(M, H), -np.linalg.solve(M, c)]])
         x = rng.normal(size=2 * len(H))  # large beside what rest leaves of forces, and it is linear
@@ -133,6 +140,7 @@ def test_motion_with_losses_of_each_site_is_the_matrix_exponential():
         whole[:-2, :-2], whole[:-2, -2], whole[-2, -1], whole[-1, -2] = A, push, w, -w
         times = np.array([0.0, 3.0, 3.7, 40.0]) / np.sqrt(abs(H).max() / np.diag(M).min())
         moved = LinearSystem.of(atoms).atoms
+        moved.calc.set(gyration=g if turning else 0.0)
         moved.positions[:, :dim] += (B @ x[: len(H)]).reshape(n, dim)
         moved.set_momenta(np.pad((B @ x[len(H):]).reshape(n, dim) * case.truth.masses[:, None], ((0, 0), (0, 3 - dim))),
                           apply_constraint=False)
