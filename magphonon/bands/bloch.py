@@ -118,6 +118,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
     [[0.002, 0.002]]
     """
     system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
+    calc: Any = system.atoms.calc
     gamma = site_damping(damping, len(system))
     if not np.ptp(gamma):  # every mode loses the same
         omega, modes = bloch_modes(system, q, model, vectors)
@@ -127,11 +128,11 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
         swings = squares > half**2
         return np.where(swings, under, slow.clip(max=0)), np.where(swings, half, slow), modes
     B, n, found = system.B(gamma).toarray(), system.directions, []
-    for K in (system.bloch(part, model) for part in in_batches(q, system.atoms.calc)):
+    for K in (system.bloch(part, model) for part in in_batches(q, calc)):
         s, z = _poles_and_shapes(B, K)
         real = abs(s.imag) < ROUND_OFF * abs(s).max()
         best = np.lexsort((-s.real, -np.where(real, 0, s.imag)), axis=-1)[:, :n]  # one of each pair; of real ones the slow half
-        s, real = (np.take_along_axis(x, best, axis=1) for x in (s, real))
+        s, real = np.take_along_axis(s, best, axis=1), np.take_along_axis(real, best, axis=1)
         omega = np.where(real, 0.0 - s.real.clip(min=0), s.imag)
         decay = np.where(abs(s.real) > EPS * abs(s).max() * n, -s.real, 0.0)
         order = np.lexsort((decay, omega), axis=-1)
@@ -142,7 +143,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
     return omega, decay, modes if vectors else None
 
 
-def _poles_and_shapes(B, K):
+def _poles_and_shapes(B: Any, K: Any) -> Any:
     """All s with `s^2 + s B + K` singular, shape (waves, 2 n), and the shapes that it leaves without force, (waves, n, 2 n)."""
     n = len(B)
     companion = np.zeros((len(K), 2 * n, 2 * n), complex)
