@@ -62,7 +62,7 @@ def draw_lattice(out, cell):
     letter_panels(axes)
     return save_picture(figure, out / 'zone.png',
                         'Fig. 3 of the paper: (a) the lattice with its primitive vectors, (b) the first Brillouin zone with its '
-                        'irreducible part, the path, and the axes of the phases per step along $R_2$ and $R_3$.')
+                        'irreducible part, the path, and the axes of the phases per step along R2 and R3.')
 
 
 def draw_bands(out, bands):
