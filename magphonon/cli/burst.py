@@ -26,6 +26,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                                                        'burst; a burst that was run in it, here or on a cluster, is read and not '
                                                        'run again')
     parser.add_argument('--threads', metavar='N', type=int, help='threads of compiled time steps (default: chosen by size)')
+    parser.add_argument('--verbose', action='store_true', help='print every ridge, as ridges.txt holds them')
     parser.add_argument('--animation', action='store_true', help='also a GIF of each burst crossing the patch')
 
 
@@ -60,10 +61,12 @@ def run(options: Namespace) -> None:
         write_ridges(folder / 'ridges.csv', records)
         unstable = _unstable(cell)
         rest = [] if (found := scene.relaxation()) is None else [str(found)]
-        text = '\n'.join([scene.title, *rest, '', report(records), *_amplitudes(cell, largest, loud=not unstable),
-                          *_decays(plan, cell, records), *unstable, '', *neighbours(scene)])
+        amplitudes, decays = _amplitudes(cell, largest, loud=not unstable), _decays(plan, cell, records)
+        text = '\n'.join([scene.title, *rest, '', report(records), *amplitudes, *decays, *unstable, '', *neighbours(scene)])
         (folder / 'ridges.txt').write_text(text + '\n', encoding='utf-8')
-    print(text)
+        loud = [line for line in amplitudes if 'WARNING' in line]
+        short = '\n'.join([scene.title, *rest, '', *_conclusion(records), *loud, *decays, *unstable, '', *neighbours(scene)])
+    print(text if options.verbose else short)
     print(f'\npictures and data are in {options.output}; "magphonon spectrum" reads the tables of displacements')
 
 
@@ -130,6 +133,27 @@ def _draw(save, name, carrier, passages, found):
     names = [f'{model} simulation, {motion} motion' for motion in motions for model in order]
     save(plot_waves(table, names, [carrier] * len(motions))[0], f'{name}_maps')
     save(plot_crossing({model: passages[model] for model in order}), f'{name}_snapshot')
+
+
+def _conclusion(records):
+    """On which branches the ridges lie, and how far off those of the other model, a line for each branch of each simulation."""
+    from ..waves.wave_analysis import BRANCHES, MODELS
+
+    lines, astray = [], 0
+    for model in MODELS:
+        (other,) = {*MODELS} - {model}
+        ridges = [wave for record, found in records.items() if record.endswith(f'_{model}') for wave in found if wave.ridge]
+        astray += sum(not wave.agrees_with for wave in ridges)
+        for name in BRANCHES:
+            here = [wave.misfits for wave in ridges if (model, name) in wave.agrees_with]
+            if here:
+                bins = [sorted(misfits[which, name].bins for misfits in here) for which in (model, other)]
+                near, far = (' to '.join(dict.fromkeys((f'{off[0]:.2f}', f'{off[-1]:.2f}'))) for off in bins)
+                lines.append(f'{model} simulation: {len(here)} of {len(ridges)} ridges on its {name} branch, {near} bins off it '
+                             f'and {far} off that of the {other} model')
+    if astray:
+        lines.append(f'{astray} of the ridges on no branch of the row: --verbose says why that may be')
+    return lines or ['no ridge: the waves decay, or are below the noise']
 
 
 def _amplitudes(cell, largest, loud):
