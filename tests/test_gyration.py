@@ -18,11 +18,13 @@ from magphonon import (
     edge_flow,
     group_velocities,
     lattices,
+    modes,
     restored,
+    verdict,
 )
 from magphonon.bands import band_gaps, bloch_modes, edge_weights, lattice_density
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency
-from magphonon.response import replicas
+from magphonon.response import modes_below, natural_frequencies, replicas
 from magphonon.stiffness import LinearSystem, for_ase_tools
 from magphonon.stiffness.defects import Scatter, scattered, without
 
@@ -285,3 +287,67 @@ def test_densities_count_waves_of_both_directions():
     assert abs(np.cumsum(density) * 0.2 - counted).max() < 0.15  # of ten branches, each counted on a mesh
     half = np.cumsum(np.histogram(every[:31], edges)[0]) / 31  # control: those of -q are others
     assert abs(half - counted).max() > 0.15
+
+
+def test_modes_of_drawn_patches_are_the_roots_and_none_of_them_works_on_another():
+    rng = np.random.default_rng(9)
+    patch = drawn(rng)
+    M, C, K, P = oracle(patch)
+    found = modes(patch)
+    u = found.shapes.reshape(len(found.omega), -1)
+    for w, shape in zip(found.omega, u, strict=True):
+        assert abs(P.T @ ((K - w**2 * M - 1j * w * C) @ shape)).max() < 1e-9  # u = Re U e^{-iwt}
+        assert abs(shape.conj() @ M @ shape - 1) < 1e-12
+    A = flow(M, C, K, P)
+    assert np.allclose(np.sort(eigvals(A).imag)[P.shape[1] :], found.omega, rtol=1e-10)
+    assert np.allclose(natural_frequencies(patch), found.omega, rtol=1e-12)
+    assert np.allclose(modes(patch, 3).omega, found.omega[:3])
+    with pytest.raises(ValueError, match='know no gyration'):
+        modes_below(patch, 3.0)
+
+
+@pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
+def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
+    atoms = lattices.square(1.0, 1.0).repeat((3, 3, 1))
+    atoms.pbc = False
+    atoms.set_constraint(FixAtoms([n for n in range(9) if n != 4]))
+    # neighbours 1 mm away whose force has a slope weaker than its sideways push: a = 0.5 gives 2 (a - 1) = -1
+    atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 0.5), foundation=0.5, gyration=g)
+    K = LinearSystem.of(atoms, gyrating=True).K.toarray()
+    assert np.allclose(K, -0.5 * np.eye(2))
+    judged = verdict(atoms)
+    assert judged.stable is stable
+    assert judged.buckling.stable is stable
+    assert abs(judged.buckling.needed - 1.0) < 1e-9
+    assert ('any damping lets it fall' in str(judged)) is stable
+    assert ('too slow' in str(judged)) is not stable
+    rates = np.roots([1, -1j * g, -0.5])  # s^2 + i g s - 1/2 of z = x + i y, by hand
+    assert abs(judged.buckling.growth - max(abs(rates.real)) * (not stable)) < 1e-9
+    system = LinearSystem.of(atoms, gyrating=True)
+    assert (system.growth() == 0) is stable
+    assert system.growth(0.01) > 0  # losses undo it (Kelvin, Tait, Chetaev)
+    start = atoms.copy()
+    start.calc = atoms.calc
+    start.positions[4, 0] += 1e-6
+    dyn = DrivenVerlet(start, 0.02, engine='numpy')
+    dyn.run(6000)
+    assert bool(abs(dyn.displacements).max() < 1e-4) is stable
+
+
+def test_gyration_does_not_hold_a_saddle():
+    """At X of the square lattice K is a hill along one axis and a valley along the other: det K < 0, a real pole for every g."""
+    cell = lattices.square(1.0, 1.0)
+    for g, k in (5.0, 3.9), (0.5, 3.9), (5.0, 4.1):
+        cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k, gyration=g)
+        judged = verdict(cell)
+        assert judged.stable is (k > 4)
+        if k < 4:
+            K = cell.calc.bloch_matrix(np.array([[0, 0.5, 0]]))[0].real
+            rates = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-K, g * J]])).real
+            assert abs(judged.buckling.growth - rates.max()) < 1e-9
+
+
+def test_remarks_say_what_forces_do_not_show():
+    assert 'forces alone do not show it' in str(verdict(honeycomb(1.55)))
+    assert verdict(honeycomb(1.55)).gyration == 1.55
+    assert verdict(honeycomb(0.0)).gyration == 0.0

@@ -174,8 +174,8 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str = 'complete'
         velocity[k] = (y.conj() @ slope @ y).real / (2 * omega - (y.conj() @ P @ B @ P.T @ y).imag)
         share = (abs(y[low]) ** 2).sum()
         if CLEAR > share > 1 - CLEAR:
-            raise ValueError(f'at {omega:.6g} rad/ms the wave at q = {q:.4g} runs along neither edge: {100 * share:.0f} % of it is '
-                             'in the half on the right. The frequency is in no gap of the lattice, or the strip is too narrow')
+            raise ValueError(f'at {omega:.6g} rad/ms the wave at q = {q:.4g} runs along neither edge: {100 * share:.0f} % of it '
+                             'is in the half on the right. The frequency is in no gap of the lattice, or the strip is too narrow')
         at_right[k] = share > 0.5
     net = [int(np.sign(velocity[side]).sum()) for side in (at_right, ~at_right)]
     return EdgeFlow(*net, np.array([q for q, _ in found]), velocity, at_right)

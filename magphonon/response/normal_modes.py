@@ -14,7 +14,7 @@ from .. import units
 from ..errors import Unstable, finite, whole
 from ..files import Saved
 from ..stiffness.lowest import ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
-from ..stiffness.matrices import signed_root
+from ..stiffness.matrices import gyrating_modes, signed_root
 from ..stiffness.rest import LinearSystem
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ class Modes(units.InHertz, Saved, kind='modes', units={
     omega : ndarray, shape (modes,)
         Ascending, in rad/ms; that of an unstable mode is minus its growth rate.
     shapes : ndarray, shape (modes, particles, dim)
-        Displacements in g^-1/2, normalised so that `sum m u^2 = 1`.
+        Displacements in g^-1/2, normalised so that `sum m |u|^2 = 1`; complex, of the motion `Re u e^{-i omega t}`, where
+        particles gyrate.
     """
 
     omega: np.ndarray
@@ -63,11 +64,14 @@ def modes(atoms: Atoms | LinearSystem, count: int | None = None) -> Modes:
     >>> found.shapes.shape  # modes, particles, x and y: 19 particles are free, the rim is held
     (38, 37, 2)
     """
-    system = LinearSystem.of(atoms).moving()
+    system = LinearSystem.of(atoms, gyrating=True).moving()
     size = system.K.shape[0]
     count = size if count is None else whole('count', count)
     if count > size:
         raise ValueError(f'the structure has {size} modes, not {count}')
+    if system.gyration.any():
+        omega, vectors = (part[..., :count] for part in gyrating_modes(system.B().toarray(), system.K.toarray()))
+        return Modes(omega, (system.shapes @ vectors).T.reshape(count, len(system), system.dim))
     if count == size:
         squares, vectors = np.linalg.eigh(system.K.toarray())
     else:
@@ -88,7 +92,8 @@ def natural_frequencies(atoms: Atoms | LinearSystem) -> NDArray[np.float64]:
     >>> natural_frequencies(patch).shape
     (38,)
     """
-    return signed_root(np.linalg.eigvalsh(LinearSystem.of(atoms).moving().K.toarray()))
+    system = LinearSystem.of(atoms, gyrating=True).moving()
+    return modes(system).omega if system.gyration.any() else signed_root(np.linalg.eigvalsh(system.K.toarray()))
 
 
 def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
@@ -114,10 +119,10 @@ def modes_below(atoms: Atoms | LinearSystem, omega: float) -> int:
     return count_below(LinearSystem.of(atoms).moving().K, float(np.sign(omega) * omega**2))
 
 
-def refuse_unstable(system: LinearSystem) -> None:
-    """`refuse_growing` for a structure of any size, without its spectrum if it is stable."""
+def refuse_unstable(system: LinearSystem, damping: ArrayLike = 0.0) -> None:
+    """`refuse_growing` for a structure of any size, without its spectrum if stiffness alone holds it."""
     if not system.stable:
-        refuse_growing(*lowest_mode(system.K)[:2])
+        refuse_growing(*((-(system.growth(damping) ** 2), 0.0) if system.gyration.any() else lowest_mode(system.K)[:2]))
 
 
 def refuse_growing(lowest: float, highest: float) -> None:
@@ -184,7 +189,7 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     if found.shapes.shape[1] != len(rest):
         raise ValueError(f'the modes are those of {found.shapes.shape[1]} particles, but the structure has {len(rest)}; give the '
                          'one from which they were computed')
-    energy = rest.get_masses()[:, None] * found.shapes**2
+    energy = rest.get_masses()[:, None] * abs(found.shapes) ** 2
     share = energy.sum(axis=2)
     centre, spread = np.empty((len(share), dim)), np.empty(len(share))
     # a vector along which nothing repeats may be missing, or lean over the periodic ones

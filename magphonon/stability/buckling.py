@@ -21,7 +21,7 @@ from ..interactions.pair_laws import InversePower
 from ..stiffness.bond import model_stiffness
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE, lowest_mode
-from ..stiffness.matrices import bloch_matrix, hessian
+from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
 from ..stiffness.sites import refuse_gyration
@@ -39,6 +39,7 @@ ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalu
 FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat
 SPACINGS = np.geomspace(0.1, 10, 21)  # multiples of the present spacing among which a stable one is searched for
 STEPS = 12  # number of wavevectors along each reciprocal vector; the softest wave between them is found too, see `softest`
+GYRATING = 24  # wavevectors along each reciprocal vector at which gyration must hold what stiffness alone does not
 EXACT = 1e-9  # width of the interval within which an exponent is found
 
 
@@ -147,6 +148,18 @@ def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: floa
     K = model_stiffness(scale * calc.bond_vectors, calc.interaction, model)
     springs = calc.foundation - common_spring(atoms) + foundation
     return softest(calc.bonds, K, atoms.free, cell, springs, atoms.masses if weighted else None, steps)
+
+
+def fastest_growth(system: LinearSystem) -> tuple[float, NDArray[np.float64]]:
+    """Rate in 1/ms of the wave that grows fastest where particles gyrate, and its wavevector; zero if all are held.
+
+    On a mesh over the zone, with the wave that is softest without gyration among its points.
+    """
+    along = [np.arange(GYRATING) / GYRATING if periodic else np.zeros(1) for periodic in system.atoms.pbc]
+    q = np.stack(np.meshgrid(*along, indexing='ij'), axis=-1).reshape(-1, 3)
+    q = np.vstack([softest_of(system.without_gyration(), weighted=True).q, q])
+    rates = growth(system.B().toarray(), system.bloch(q))
+    return float(rates.max()), q[rates.argmax()]
 
 
 def common_spring(atoms: Atoms | LinearSystem) -> float:

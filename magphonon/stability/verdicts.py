@@ -32,6 +32,7 @@ from .buckling import (
     Softest,
     common_spring,
     common_support,
+    fastest_growth,
     flat_layer,
     highest_squared,
     softest_of,
@@ -98,8 +99,8 @@ class Verdict:
 
     Each check has an attribute of its name, the value that it found, and is made when this is first asked for: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
-    `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `density` (g/mm^3).  It is
-    None where the question does not arise, or was not judged.
+    `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `gyration` (rad/ms),
+    `density` (g/mm^3).  It is None where the question does not arise, or was not judged.
     """
 
     case: Case
@@ -194,7 +195,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     if layer is not None:
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
-    run = {'layer': layer, 'supercell': supercell,
+    run: dict[str, Any] = {'layer': layer, 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
@@ -203,7 +204,9 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
-    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)))
+    system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)), gyrating=True)
+    if system.gyration.any():
+        run['gyrating'], system = system, system.without_gyration()
     away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())
     return Verdict(Case(system.atoms, system, system.left, away, closest, **run))
 
@@ -224,6 +227,8 @@ class Case:
         As `Verdict.away` and `Verdict.contact`.
     layer : ase.Atoms or None
         The flat layer with its motion out of the plane.
+    gyrating : LinearSystem or None
+        With the gyration that `system` leaves out.
     supercell, distance
         As for `verdict`.
     """
@@ -234,6 +239,7 @@ class Case:
     away: float = 0.0
     closest: float = 1.0
     layer: Atoms | None = None
+    gyrating: LinearSystem | None = None
     supercell: Sequence[int] | None = None
     distance: float | None = None
 
@@ -292,6 +298,15 @@ class Case:
         return self.softest.needed <= self.spring
 
     @cached_property
+    def grows(self) -> tuple[float, NDArray[np.float64]]:
+        """Rate of the motion that grows fastest, 1/ms, and its wavevector: zero if the foundation or gyration holds it."""
+        if self.held:
+            return 0.0, self.softest.q
+        if self.gyrating is not None and not self.large:
+            return fastest_growth(self.gyrating)
+        return float(np.sqrt(-softest_of(self.system, foundation=self.spring, weighted=True).lowest)), self.softest.q
+
+    @cached_property
     def above(self) -> tuple[Buckling, float] | None:
         """Stability of a flat layer out of its plane, and the highest angular frequency of this motion in rad/ms."""
         if self.layer is None:
@@ -304,7 +319,7 @@ class Case:
 
     @property
     def stable(self) -> bool:
-        return self.held and (self.above is None or self.above[0].stable)
+        return not self.grows[0] and (self.above is None or self.above[0].stable)
 
 
 @dataclass(frozen=True)
@@ -314,8 +329,8 @@ class Buckling:
     Attributes
     ----------
     spring, needed : float
-        The present stiffness, and the smallest one that holds the structure, N/mm.  If springs differ, both are those of the
-        softest one, with the differences between springs kept.
+        The present stiffness, and the smallest one that holds the structure without gyration, N/mm.  If springs differ, both are
+        those of the softest one, with the differences between springs kept.
     softest : ndarray, shape (3,)
         Wavevector of the softest mode in fractions of the reciprocal vectors; zero for a finite structure.
     growth : float
@@ -333,7 +348,8 @@ class Buckling:
 
     @property
     def stable(self) -> bool:
-        return self.needed <= self.spring
+        """Whether nothing grows; more than the foundation may hold it, gyration may."""
+        return self.needed <= self.spring or not self.growth
 
 
 class Supports(NamedTuple):
@@ -373,10 +389,8 @@ def buckling(case: Case) -> Finding:
     search = case.balanced and case.listed and not case.touching
     scale = spacing_held(case.system) if search and case.large <= (SPACED if case.finite else 0) else None
     unjudged = 'other spacings' if search and case.large > (SPACED if case.finite else 0) else ''
-    growth = 0.0
-    if not case.held:
-        growth = float(np.sqrt(-softest_of(case.system, foundation=case.spring, weighted=True).lowest))
-    found = Buckling(case.spring, case.softest.needed, case.softest.q, growth, scale and scale * case.spacing)
+    growth, q = case.grows
+    found = Buckling(case.spring, case.softest.needed, q, growth, scale and scale * case.spacing)
     where, at = ' in the plane' if case.calc.dim == 2 else '', found.spacing and f'{found.spacing / u.m:.4g} m'
     uneven = np.ndim(case.calc.foundation) > 0
     spring, needed = _stiffness(found.spring), _stiffness(found.needed)
@@ -384,6 +398,12 @@ def buckling(case: Case) -> Finding:
     if not found.stable:
         room = f' A spacing above {at} would also make it stable.' if at else ''
         words = f'It buckles{where}{_growth(found)}. It needs a foundation of {needed} and has {spring}{own}.{room}'
+        if case.gyrating is not None:
+            words += (' Whether gyration holds so many particles was not judged.' if case.large else
+                      ' Gyration is too slow to hold it.')
+    elif not case.held:
+        words = (f'Stable{where} only as long as nothing is lost: without gyration it would need a foundation of {needed} and '
+                 f'has {spring}{own}; with gyration any damping lets it fall, however slowly.')
     elif found.needed:
         room = f' It would be stable down to a spacing of {at}.' if at else ''
         more = _times(found.spring / found.needed)
@@ -518,7 +538,8 @@ def supports(case: Case) -> Finding:
 @remark
 def amplitude(case: Case) -> Finding:
     """Displacement at which frequencies are 1 % off the linear ones, mm."""
-    if case.layer is not None or not (case.balanced and case.listed):  # a layer leaves its plane at large amplitudes
+    # a layer leaves its plane at large amplitudes
+    if case.layer is not None or case.gyrating is not None or not (case.balanced and case.listed):
         return Finding()
     if case.large and not case.finite:
         return Finding(unjudged='the linear amplitude')
@@ -539,7 +560,7 @@ def amplitude(case: Case) -> Finding:
 @remark
 def impacts(case: Case) -> Finding:
     """Speeds of an impact that leaves a particle in its cage, and that takes it out; not judged of particles that differ."""
-    if case.layer is not None or not (case.balanced and case.listed):
+    if case.layer is not None or case.gyrating is not None or not (case.balanced and case.listed):
         return Finding()
     if case.large:
         return Finding(unjudged='impacts')
@@ -552,6 +573,16 @@ def impacts(case: Case) -> Finding:
     if found.leaves is not None:
         words += f' At {_three_digits(found.leaves, np.ceil):g} m/s it can escape between them, which ends a run.'
     return Finding(found, words)
+
+
+@remark
+def gyration(case: Case) -> Finding:
+    """Largest gyration of a particle in rad/ms, 0 if none gyrates."""
+    if case.gyrating is None:
+        return Finding(0.0)
+    largest = float(abs(case.gyrating.gyration).max())
+    return Finding(largest, f'Particles gyrate at up to {largest * u.s:.4g} rad/s: forces alone do not show it, and phonopy, '
+                   'LAMMPS and other tools leave it out or are refused.')
 
 
 @remark

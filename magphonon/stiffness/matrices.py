@@ -222,6 +222,13 @@ def poles(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
     return np.linalg.eigvals(_companion(B, K)).astype(complex)
 
 
+def growth(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.float64]:
+    """Rate in 1/ms at which the fastest of the `poles` grows, shape (...); zero where none does, apart from round-off."""
+    s = poles(B, K)
+    rate = s.real.max(axis=-1)
+    return np.where(rate > GROWS * abs(s).max(axis=-1), rate, 0.0)
+
+
 def _companion(B, K):
     n = K.shape[-1]
     A = np.zeros((*np.broadcast_shapes(B.shape[:-2], K.shape[:-2]), 2 * n, 2 * n), np.result_type(B, K))

@@ -24,7 +24,7 @@ from .bloch_bound import proves_stable
 from .bond import sizes
 from .calculator import MagneticRepulsion, same_cell
 from .lowest import none_negative
-from .matrices import mass_weighted
+from .matrices import growth, mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
 from .site_laws import SiteLaw
 from .sites import refuse_gyration
@@ -183,6 +183,11 @@ class LinearSystem:
         refuse_gyration(self.atoms.calc, what)  # pyright: ignore[reportArgumentType]  which `about` sets
         return self
 
+    def without_gyration(self) -> LinearSystem:
+        """The system at the same rest with g = 0."""
+        calc: Any = self.atoms.calc
+        return LinearSystem.about(calc.about(calc.reference, gyration=0.0), self.atoms)
+
     def unheld(self, what: str) -> Self:
         """The same system, or ValueError if it has constraints; `what` begins a sentence that ends with 'of free particles'."""
         if self.atoms.constraints:
@@ -323,8 +328,15 @@ class LinearSystem:
 
     @cached_property
     def stable(self) -> bool:
-        """Whether no mode grows: no squared frequency is negative, apart from round-off."""
+        """Whether stiffness alone holds the structure: no squared frequency is negative, apart from round-off."""
         return proves_stable(self) or none_negative(self.K)
+
+    def growth(self, damping: ArrayLike = 0.0) -> float:
+        """Rate in 1/ms of the mode that grows fastest, zero if none does: gyration may hold what stiffness alone does not.
+
+        Losses (1/ms, of all sites or of each) undo that, however small.
+        """
+        return 0.0 if self.stable else float(growth(self.B(damping).toarray(), self.K.toarray()))
 
     def recorded(self, particles: ArrayLike | None) -> NDArray[np.int_]:
         """The particles whose motion is wanted, all of them for None, as an array of indices."""
