@@ -143,10 +143,10 @@ def picture(out):
             ax.plot(x, np.sqrt(plane.clip(0)), color=COLOURS[0], label=['in the plane', None])
         ax.plot(x, np.sqrt(trap**2 - drop), style, color=COLOURS[1], label=rf'out of it, $\Omega_z = {trap:.2f}$')
     label_path(ax, path)
-    ax.set(ylim=(0, None), ylabel=r'$\omega$ ($\sqrt{Q^2/4\pi\epsilon_0 m a^3}$)')
+    ax.set(ylim=(0, None), ylabel=r'$\omega/\omega_0$')
     for name, place in (('longitudinal', (0.27, 0.4)), ('shear', (0.16, 0.06))):
         ax.text(*place, name, transform=ax.transAxes)
     legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'layers.png',
-                        'A plasma crystal (kappa = 1, all neighbours): as the trap softens, its branch comes down, '
-                        'touches the longitudinal one at M (dashed) and crosses it; without D* it would be flat.')
+                        'A plasma crystal (kappa = 1, all neighbours, omega_0^2 = Q^2/(4 pi epsilon_0 m a^3)): as the trap softens, '
+                        'its branch comes down, touches the longitudinal one at M and crosses it; without D* it would be flat.')
