@@ -149,4 +149,5 @@ def picture(out):
     legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'layers.png',
                         'A plasma crystal (kappa = 1, all neighbours, omega_0^2 = Q^2/(4 pi epsilon_0 m a^3)): as the trap '
-                        'softens, its branch comes down, touches the longitudinal one at M and crosses it; without D* it would be flat.')
+                        'softens, its branch comes down, touches the longitudinal one at M and crosses it; without D* it '
+                        'would be flat.')
