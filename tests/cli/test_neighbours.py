@@ -90,6 +90,7 @@ def lattice_text(tmp_path, shells, **tables):
     return str(file)
 
 
+@pytest.mark.slow
 def test_a_design_holds_for_all_neighbours_or_says_not(tmp_path, capsys):
     """Of `labuser`: M, branch 1 wanted at 40 Hz, and the answer for nearest neighbours had 58 Hz."""
     wanted = {'edge': {'point': 'M', 'branch': 1, 'frequency_Hz': 40.0}, 'cut_off_Hz': 10.0, 'spacings_m': [0.009, 0.015]}

@@ -98,6 +98,7 @@ def test_each_run_has_the_forces_of_the_law_itself(seed):
     assert misfit(accelerations(blocks), expected) > 1e3 * ALIKE
 
 
+@pytest.mark.slow
 def test_a_law_with_an_edge_is_searched_for_its_halved_pieces():
     for seed in (20, 21, 23):
         moved, blocks = Drawn(seed, CONTACT_AT_REST, far=0.006 * L0).blocks()  # across the edge and back

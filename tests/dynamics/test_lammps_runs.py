@@ -144,6 +144,7 @@ def test_records_without_all_their_frames_are_refused(tmp_path):
     assert apart(run_lammps(atoms, DT, STEPS, **arguments), whole) == 0
 
 
+@pytest.mark.slow
 def test_what_lammps_refuses_and_foreign_folders(tmp_path):
     atoms, drive, records = drawn_patch(1)
     strong = ToneBurst(drive.particles, (1, 0), 10 * u.N, drive.omega)

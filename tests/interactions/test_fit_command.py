@@ -30,6 +30,7 @@ def scene_with(entry, folder):
     return read_scene(folder / 'pasted.toml')
 
 
+@pytest.mark.slow
 def test_the_entry_is_a_law_with_its_uncertainty_for_a_scene(tmp_path, capsys):
     assert main(['fit', str(SYNTHETIC), '--spacing', '10mm', '--distance-sigma', '0.05mm', '-o', str(tmp_path / 'out')]) == 0
     printed = capsys.readouterr().out

@@ -119,6 +119,7 @@ def test_prisms_side_by_side_have_the_force_of_their_charges(magnet):
     assert repulsion(magnet_law(magnet), r) == pytest.approx(coulomb(charges, charges, (r, 0, 0))[0], rel=1e-8)
 
 
+@pytest.mark.slow
 @every_magnet
 def test_the_force_is_converged(magnet):
     r = away(magnet, [0.1, 0.2, 0.5, 1.0])
@@ -177,6 +178,7 @@ def akoun_yonnet(first, second, offset):
     return first.remanence * second.remanence / (4 * np.pi * u.mu0) * force
 
 
+@pytest.mark.slow
 def test_oblique_cuboids_follow_the_published_figure_and_its_closed_form():
     forces = np.array([pair_force(*OBLIQUE, offset) for offset in OFFSETS])
     np.testing.assert_allclose(forces, FIGURE, atol=0.035)  # as finely as the figure can be read

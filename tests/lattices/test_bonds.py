@@ -218,6 +218,7 @@ def written(atoms, decimals, turn):
     return turned
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(name=st.sampled_from(LATTICES), shells=st.integers(1, 4), decimals=st.integers(2, 8),
        spacing=st.one_of(st.sampled_from([0.5, 1.0, 3.3, 7.07, 9.8027, 10.0]), st.floats(0.5, 25)), repeats=st.integers(1, 3),
@@ -249,6 +250,7 @@ def test_a_shell_split_by_coarse_rounding_is_refused_with_both_distances(height)
     assert len(find_bonds(typed, cutoff=advised)) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'shells'), [('chain', 300), ('square', 290), ('triangular', 250), ('honeycomb', 250),
                                               ('kagome', 250), ('fcc', 250), ('bcc', 290)])
 def test_far_shells_of_exact_lattices_stay_apart(name, shells):

@@ -81,6 +81,7 @@ def test_a_loose_tolerance_needs_no_shells_and_a_tight_one_the_exact_sum():
     assert plan_bands(cell, path, 1e-9).choice.settings == Settings('complete', 'all')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('tolerance', [0.1, 0.03, 0.01, 0.003])
 def test_plans_of_an_unstable_lattice_hold_where_its_squares_change_sign(tolerance):
     """The square lattice without foundation; the truth are exact sums at every wavevector of the path."""
@@ -167,6 +168,7 @@ def driven_patch(seed):
     return patch, law, k, place
 
 
+@pytest.mark.slow
 def test_what_dstar_does_to_a_peak_is_known_to_half_its_width():
     """Modes mix without D*, and another one may become the highest: first-order perturbation, the control, knows neither."""
     omega, gamma, short = np.linspace(0.3, 6, 12000), 0.01, 0

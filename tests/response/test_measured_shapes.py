@@ -74,6 +74,7 @@ def test_few_points_match_by_chance_no_more_often_than_stated(points, patch, tmp
     assert ((best > ALIKE).mean() > 0.3) == (points < 10)  # the control
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(2))
 def test_shapes_of_a_specimen_find_their_modes(seed, tmp_path, capsys):
     """Half of its magnets, one direction, 10 % noise: each of the six lowest is found; with nearest neighbours fewer are."""

@@ -161,6 +161,7 @@ def test_bad_input_is_refused(change, message):
         frequency_response(atoms, **{'force': pushed(atoms, 24), 'omega': [0.3], 'damping': 0.1} | change)
 
 
+@pytest.mark.slow
 def test_every_undamped_resonance_is_refused_where_others_are_soft():
     count = 20
     atoms = chain(count, model='conventional')  # nothing resists sideways: the lowest twenty squares are zero

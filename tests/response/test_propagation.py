@@ -129,6 +129,7 @@ def test_a_step_and_a_ramp_as_plain_functions():
     assert abs(step[~late]).max() < 1e-12 * abs(step).max()
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_no_function_of_the_time_is_refused():
     atoms = oscillator()
     rng = np.random.default_rng(0)

@@ -111,6 +111,7 @@ class Patch:
                          for w in omega])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(6))
 def test_unstable_structures_are_refused_however_weakly(seed):
     patch = Patch(seed)
@@ -140,6 +141,7 @@ def test_vectors_that_grow_betray_strong_instability_only():
     assert not system.stable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('model', 'other'), [('conventional', 'complete'), ('complete', 'conventional')])
 def test_every_model_answers_damped_and_undamped(model, other):
     patch, wrong, k = Patch(4, model), Patch(4, other), 0.3

@@ -82,6 +82,7 @@ def test_an_exponent_swept_at_constant_force():
     assert_allclose(own['stability.needed'], found['stability.needed'][:, 0], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_design_and_fits_know_it(tmp_path, capsys):
     text = ready_scene('design').read_text().replace('b_N_m_a = 1.6209e-10 ', f'force_N = {1.6209e-10 * 0.012**-4.5824!r} ')
     (tmp_path / 'my.toml').write_text(text)

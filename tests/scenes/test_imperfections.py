@@ -26,6 +26,7 @@ def scene(**changes):
     return Scene.model_validate({key: value for key, value in data.items() if value is not None})
 
 
+@pytest.mark.slow
 def test_the_ready_scene_has_local_modes_in_the_gap():
     """Frequencies found independently by others, printed digits; unrelaxed they are not there."""
     ready = scene()

@@ -58,6 +58,7 @@ def photographed(folder, lab, rng, noise=0.0, at=None, keys='positions = "rest"'
     return read_scene(folder / 'photo.toml')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 def test_a_photo_of_magnets_of_known_strength_gives_the_frequencies_of_the_lattice(seed, tmp_path):
     """Nothing is left to chance: what differs is the photo, read as that of the feet."""
@@ -117,6 +118,7 @@ def test_stated_intervals_hold_the_frequencies_of_specimens(positions, place, sp
     assert np.mean(near) < 0.8  # the control: nearest neighbours alone
 
 
+@pytest.mark.slow
 def test_modes_and_frf_say_how_well_they_are_known(tmp_path, capsys):
     rng = np.random.default_rng(7)
     lab, truth = specimen(rng, missing=1)

@@ -96,6 +96,7 @@ def lost(atoms, row, particle, speed):
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [0, 1, 4, 5])
 def test_impacts_on_a_row_that_a_load_or_bent_springs_hold(seed):
     """Control: the constant force of both with the other sign, as if it pushed the other way."""

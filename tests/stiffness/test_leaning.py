@@ -125,6 +125,7 @@ def test_refusals(changes, message):
         scene_of({name: table for name, table in tables(**changes).items() if table is not None})
 
 
+@pytest.mark.slow
 def test_check_says_what_leaning_does(capsys, tmp_path):
     """Where it matters: on the prototype, but not on pillars four times as thick, and not where it is taken in."""
     text = ready_scene('prototype').read_text()

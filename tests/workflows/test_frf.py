@@ -20,6 +20,7 @@ def receptance(model):
     return 1 / (k - m * w**2 + 1j * m * DAMPING * w)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('model', STIFFNESS)
 def test_batch_is_as_many_single_oscillators(model):
     guided, free, impulse = respond(THETA0, OMEGA, model, DT, STEADY)
