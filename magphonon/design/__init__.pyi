@@ -31,6 +31,7 @@ from .transfer_fits import (
     Built as Built,
     TransferFit as TransferFit,
     fit_transfer as fit_transfer,
+    with_site_scatter as with_site_scatter,
 )
 from .uncertainty import (
     ResponseSpread as ResponseSpread,

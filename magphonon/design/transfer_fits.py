@@ -15,29 +15,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
-from ..response.frf import Place, base_force, frequency_response
+from ..response.frf import Place, base_force, frequency_response, resolvents
+from ..response.normal_modes import refuse_unstable
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem
-from .least_squares import FITS, MOST_FACTOR, ParameterFit
+from .least_squares import BLIND, FITS, MOST_FACTOR, ParameterFit
 from .sensitivities import hessian_changes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from ..response.transfer_functions import TransferFunction
     from .sensitivities import Change
 
-WIDENED = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
-"""Rates by which a fit from afar damps data and lattice, in steps of the frequencies: peaks must overlap to find each other."""
-ROUGH = 1e-3  # tolerance of these fits
+WIDEST = 9.0
+"""Part of the measured range, one over this, by which a fit from afar first widens the peaks of data and lattice, since they must
+overlap to find each other; then half of it, and so on."""
+FEWEST, FIRST_FEW = 16, 60  # frequencies of each function that are kept where peaks are widened, and those that are fitted first
+ROUGH, FINE = 1e-2, 1e-5
+"""Share of chi2 that a step wins less than where a fit ends, at first and at last: of 1000 points that fit, the latter is 0.1 sigma
+in the last step but one."""
+HOPELESS = 0.1  # share of the data that is left, in squares, from which on a fit stays rough
 FAR = 2.0  # mean squared residual, in the noise, above which a fit from afar is tried
 FIRST, MOST_SCATTER = 0.02, 0.1
 """Scatter of the sites with which the draws begin, and the largest: a lattice that needs more is not this model."""
@@ -45,6 +51,8 @@ PLACES, SPRINGS = 0.5, 2.0
 """Scatter of places, in spacings, and of springs, in shares of that of strengths: the stiffness of a pillar goes with the fourth
 power of its radius and the third of its height."""
 DRAWS, ROUNDS = 24, 2  # lattices that are drawn, and how often with a better scatter
+DENSE = 1500  # free directions up to which all modes cost less than factors at each of some hundred frequencies
+ACCURATE = 1e-6  # tolerance of responses, in the largest of them; noise is a thousand times as large
 
 
 class Built(NamedTuple):
@@ -95,58 +103,110 @@ class TransferFit(ParameterFit):
         return 1.0
 
 
-def transfer_model(built: Built, functions: Sequence[TransferFunction], names: Sequence[str] = (),
-                   widened: float = 0.0) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Responses of a lattice, and their slopes by the logarithms of parameters.
+def responses(built: Built, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
+    """Responses of a lattice, of all functions, one after the other: in mm/N, or per displacement of the bench.
 
     Parameters
     ----------
     built : Built
     functions : sequence of TransferFunction
         Each with the Place where it is seen, and the Place of its force or the direction in which the bench is shaken.
-    names : sequence of str
-        'damping', 'mass', 'gain' (of all responses) or names among the `built.changes`.
     widened : float
         Damping in 1/ms on top.
+    """
+    omega, where = _frequencies(functions)
+    seen = np.unique([_place(one).particle for one in functions])
+
+    @lru_cache
+    def under(push):
+        return frequency_response(built.system, np.frombuffer(push).reshape(-1, 3), omega, built.damping + widened, seen,
+                                  ACCURATE).response
+
+    found = []
+    for one, k in zip(functions, where, strict=True):
+        y = under(_push(built.system, one.drive).tobytes())[k, np.searchsorted(seen, _place(one).particle)]
+        found.append(_relative_to_drive(one, y @ _place(one).direction))
+    return np.concatenate(found)
+
+
+def response_slopes(built: Built, functions: Sequence[TransferFunction], names: Sequence[str],
+                    widened: float = 0.0) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """The same with their slopes by the logarithms of parameters.
+
+    Parameters
+    ----------
+    built, functions, widened
+        As for `responses`.
+    names : sequence of str
+        'damping', 'mass', 'gain' (of all responses) or names among the `built.changes`.
 
     Returns
     -------
     h : ndarray of complex, shape (points,)
-        Of all functions, one after the other; in mm/N, or per displacement of the bench.
     slopes : ndarray of complex, shape (parameters, points)
     """
     system, dim = built.system, built.system.dim
-    omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
+    omega, where = _frequencies(functions)
     damping, mass = built.damping + widened, np.repeat(system.masses, dim)
     bent = [name for name in names if name in built.changes]
     stiff = dict(zip(bent, hessian_changes(system, [built.changes[name] for name in bent]), strict=True))
-
-    @lru_cache
-    def under(force):
-        found = frequency_response(system, np.frombuffer(force).reshape(-1, 3), omega, damping).response
-        return found[..., :dim].reshape(len(omega), -1)
-
-    h, slopes, first = [], [], 0
-    for one in functions:
-        k, w = where[first : first + len(one.omega)], one.omega
-        first, drive, shaken = first + len(k), one.drive, not isinstance(one.drive, Place)
-        place: Any = one.answer
-        x = under(place.force(len(system)).tobytes())[k]
-        if isinstance(drive, Place):
-            y = under(drive.force(len(system)).tobytes())[k]
-        else:
-            y = w[:, None] ** 2 * under(base_force(system, drive).tobytes())[k]
+    ends = [(_place(one).force(len(system)), _push(system, one.drive)) for one in functions]
+    forces = {force.tobytes(): force for both in ends for force in both}
+    fields = dict(zip(forces, _fields(system, [*forces.values()], omega, damping), strict=True))
+    h, slopes = [], []
+    for one, k, (back, push) in zip(functions, where, ends, strict=True):
+        w, x, y = omega[k], fields[back.tobytes()][k], fields[push.tobytes()][k]
+        seen = _place(one).seen(y.reshape(len(w), -1, dim))
+        h.append(_relative_to_drive(one, seen))
         inertia, weight = -(w**2) + 1j * w * damping, (x * mass * y).sum(axis=1)
-        seen = place.seen(y.reshape(len(w), -1, dim))
-        h.append(seen + place.direction @ drive if shaken else seen)
         of = {name: -(x * (dH @ y.T).T).sum(axis=1) for name, dH in stiff.items()}
-        of |= {'gain': h[-1], 'damping': -1j * w * built.damping * weight, 'mass': shaken * seen - inertia * weight}
-        slopes.append(np.reshape([of[name] for name in names], (len(names), len(w))))
+        of |= {'damping': -1j * w * built.damping * weight, 'mass': -inertia * weight}
+        if not isinstance(one.drive, Place):  # shaken: the force goes with the mass, and w^2
+            of['mass'] = of['mass'] + seen
+            of = {name: w**2 * slope for name, slope in of.items()}
+        slopes.append(np.reshape([h[-1] if name == 'gain' else of[name] for name in names], (len(names), len(w))))
     return np.concatenate(h), np.concatenate(slopes, axis=1)
 
 
+def _frequencies(functions):
+    """All frequencies, and where among them those of each function are."""
+    omega, where = np.unique(np.concatenate([one.omega for one in functions]), return_inverse=True)
+    return omega, np.split(where, np.cumsum([len(one.omega) for one in functions])[:-1])
+
+
+def _place(function) -> Place:
+    return function.answer
+
+
+def _push(system, drive):
+    """Force on each particle, by a unit force or by a bench shaken with a unit acceleration."""
+    return drive.force(len(system)) if isinstance(drive, Place) else base_force(system, drive)
+
+
+def _relative_to_drive(function, seen):
+    if isinstance(function.drive, Place):
+        return seen
+    return function.answer.direction @ function.drive + function.omega**2 * seen
+
+
+def _fields(system, forces, omega, damping):
+    """Displacements of all particles under each of several forces, shape (forces, frequencies, particles * dim)."""
+    dim = system.dim
+    if system.directions > DENSE:
+        columns = np.stack([force.ravel() for force in forces], axis=1)
+        return np.array([G(columns).reshape(len(system), 3, -1)[:, :dim].reshape(-1, len(forces)).T
+                         for G in resolvents(system, omega, damping)]).swapaxes(0, 1)
+    refuse_unstable(system)
+    squares, vectors = system.spectrum
+    shapes = system.shapes @ vectors
+    modal = np.array([force[:, :dim].ravel() for force in forces]) @ shapes
+    modal = modal[:, None] / (squares - omega[:, None] ** 2 + 1j * damping * omega[:, None])
+    return modal.real @ shapes.T + 1j * (modal.imag @ shapes.T)
+
+
 def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, ...], functions: Sequence[TransferFunction],
-                 model: str = 'complete', priors: Mapping[str, tuple[float, float]] | None = None) -> TransferFit:
+                 model: str = 'complete', priors: Mapping[str, tuple[float, float]] | None = None,
+                 start: ArrayLike | None = None) -> TransferFit:
     """Fit parameters of a lattice to measured transfer functions.
 
     Parameters
@@ -160,6 +220,8 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
         The model of the lattices that `build` returns.
     priors : dict of str to (float, float), optional
         What is known of a parameter beforehand: its factor, and relative standard uncertainty.
+    start : array_like, shape (parameters,), optional
+        Factors at which the fit starts.
 
     Examples
     --------
@@ -183,64 +245,83 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
     """
     from scipy.optimize import least_squares
 
-    weight, known = _weights(functions)
-    measured = np.concatenate([one.response for one in functions])
+    known = all(one.sigma is not None for one in functions)
     centre, spread = np.array([(priors or {}).get(name, (1.0, np.inf)) for name in names]).T
-    rows, free = 2 * len(measured), 2 * len(measured) - len(names)
+    points = sum(len(one.omega) for one in functions)
+    free = 2 * points - len(names)
     if free <= 0:
-        raise ValueError(f'{rows} measured numbers are too few for {len(names)} parameters ({", ".join(names)})')
-
+        raise ValueError(f'{2 * points} measured numbers are too few for {len(names)} parameters ({", ".join(names)})')
     progress = tqdm(desc='lattices tried', delay=2, disable=None, leave=False)
 
-    @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
-    def at(x, widened):
-        progress.update()
-        factors = dict(zip(names, np.exp(x).tolist(), strict=True))
-        h, slopes = transfer_model(build(factors), functions, names, widened)
-        return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
+    def solved(x, functions, tolerance, widened=0.0):
+        weight, measured = _weights(functions), np.concatenate([one.response for one in functions])
 
-    def solved(x, data=measured, widened=0.0, tolerance=1e-10):
+        @lru_cache(maxsize=2)  # residuals and derivatives are wanted at the same place, one after the other
+        def at(x):
+            progress.update()
+            factors = dict(zip(names, np.exp(x).tolist(), strict=True))
+            h, slopes = response_slopes(build(factors), functions, names, widened)
+            return factors.get('gain', 1.0) * h, factors.get('gain', 1.0) * slopes
+
         def residuals(x):
-            return np.append(_split(weight * (data - at(tuple(x), widened)[0])), (np.log(centre) - x) / spread)
+            return np.append(_split(weight * (measured - at(tuple(x))[0])), (np.log(centre) - x) / spread)
 
         def jacobian(x):
-            return np.vstack([-_split(weight * at(tuple(x), widened)[1]).T, -np.diag(1 / spread)])
+            return np.vstack([-_split(weight * at(tuple(x))[1]).T, -np.diag(1 / spread)])
 
         bound = np.log(MOST_FACTOR)
-        x = least_squares(residuals, x, jac=jacobian, bounds=(-bound, bound), x_scale='jac', xtol=tolerance, ftol=tolerance,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
-                          gtol=tolerance).x
-        return x, jacobian(x), residuals(x)
+        return least_squares(residuals, x, jac=jacobian, bounds=(-bound, bound), x_scale='jac', ftol=tolerance, xtol=tolerance,  # pyright: ignore[reportArgumentType]  the stubs of scipy know no function as jac
+                             gtol=None)  # pyright: ignore[reportArgumentType]
 
-    x, J, r = solved(np.zeros(len(names)))
-    if not known or r @ r > FAR * len(r):
-        far = np.zeros(len(names))
-        for width in WIDENED:
-            data, rate = _widened(functions, width)
-            far = solved(far, data, 2 * rate, ROUGH)[0]
-        x, J, r = min((x, J, r), solved(far), key=lambda found: found[2] @ found[2])
+    few = [_every(len(one.omega) // FIRST_FEW, one) for one in functions]
+    begin = np.zeros(len(names)) if start is None else np.log(start)
+    found = solved(begin, few, ROUGH)
+    if not known or 2 * found.cost > FAR * len(found.fun):
+        for rate in _rates(functions, build(dict(zip(names, np.exp(begin).tolist(), strict=True))).damping):
+            begin = solved(begin, [_widened(one, rate) for one in few], ROUGH, 2 * rate).x
+        found = min(found, solved(begin, few, ROUGH), key=lambda one: one.cost)
+    hopeless = 2 * found.cost > HOPELESS * np.sum(abs(_weights(few) * np.concatenate([one.response for one in few])) ** 2)
+    found = solved(found.x, functions, ROUGH if hopeless else FINE)
     progress.close()
-    misfit = float(np.sqrt(r[:rows] @ r[:rows] / free))
+    r, J = found.fun, found.jac
+    misfit = float(np.sqrt(r[: 2 * points] @ r[: 2 * points] / free))
     noise = 1.0 if known else misfit
-    J[:rows], r[:rows] = J[:rows] / noise, r[:rows] / noise
-    found = TransferFit(model, names, np.exp(x), J.T @ J, r, noise, misfit / noise, 0.0, np.zeros(len(names)))
-    if known and found.chance >= FITS:
-        return found
-    if found.rank < len(names):  # D0 alone does not tell the force: which steps it would take is not known
-        return replace(found, site_scatter=np.inf)
-    atoms = build(dict(zip(names, found.factors.tolist(), strict=True)))
-    h, to_parameters = transfer_model(atoms, functions)[0], np.linalg.pinv(J)
-    above, tau = r[:rows] @ r[:rows] - known * free, FIRST
+    J[: 2 * points], r[: 2 * points] = J[: 2 * points] / noise, r[: 2 * points] / noise
+    return TransferFit(model, names, np.exp(found.x), J.T @ J, r, noise, misfit / noise, 0.0, np.zeros(len(names)))
+
+
+def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], Built],
+                      functions: Sequence[TransferFunction]) -> TransferFit:
+    """The fit, with the scatter of sites that its residuals ask for where they exceed the noise, or where that is not stated.
+
+    Parameters
+    ----------
+    fit, build, functions
+        What `fit_transfer` returned, and took.
+    """
+    known = all(one.sigma is not None for one in functions)
+    if known and fit.chance >= FITS:
+        return fit
+    factors = dict(zip(fit.names, fit.factors.tolist(), strict=True))
+    built, gain = build(factors), factors.get('gain', 1.0)
+    h, slopes = response_slopes(built, functions, fit.names)
+    weight, rows = gain * _weights(functions) / fit.noise, 2 * len(h)
+    J = -_split(weight * slopes).T
+    values, told = np.linalg.eigh(fit.information)
+    values, told = (one[..., values > BLIND * values[-1]] for one in (values, told))  # D0 alone tells no force
+    above, tau = fit.residuals[:rows] @ fit.residuals[:rows] - known * (rows - len(values)), FIRST
     for _ in range(ROUNDS):  # the residuals grow as the scatter
-        off = _split(weight / noise * (_drawn(atoms, functions, tau) - h))
-        moved = off @ to_parameters[:, :rows].T
-        left = np.sum((off - moved @ J[:rows].T) ** 2) / DRAWS
+        off = _split(weight * (_drawn(built, functions, tau) - h))
+        moved = off @ J @ told / values  # along what the data tell
+        left = np.sum((off - moved @ told.T @ J.T) ** 2) / DRAWS
         before, tau = tau, tau * np.sqrt(above / left)
         if tau > MOST_SCATTER:
-            return replace(found, information=0 * found.information, site_scatter=float(tau))
+            return replace(fit, information=0 * fit.information, site_scatter=float(tau))
     steps = -moved * tau / before  # pyright: ignore[reportPossiblyUnbound, reportOperatorIssue]  ROUNDS is not zero
-    bias = steps.mean(axis=0) * tau / before
-    covariance = np.linalg.inv(J.T @ J) + np.cov(steps.T).reshape(2 * (len(names),)) + np.diag((bias / 2) ** 2)
-    return replace(found, factors=np.exp(x - bias), information=np.linalg.inv(covariance), site_scatter=float(tau), bias=bias)
+    bias = steps.mean(axis=0) @ told.T * tau / before
+    covariance = np.diag(1 / values) + np.cov(steps.T).reshape(2 * (len(values),)) + told.T @ np.diag((bias / 2) ** 2) @ told
+    return replace(fit, factors=fit.factors * np.exp(-bias), information=told @ np.linalg.inv(covariance) @ told.T,
+                   site_scatter=float(tau), bias=bias)
 
 
 def _split(z):
@@ -248,30 +329,42 @@ def _split(z):
 
 
 def _weights(functions):
-    """One over the uncertainty of each point, and whether that is stated; else it is a share of the peak of what was measured."""
+    """One over the uncertainty of each point; where that is not stated for all, over the peak of what was measured."""
     if all(one.sigma is not None for one in functions):
-        return 1 / np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in functions]), True
-    return np.concatenate([one.omega**one.order / abs(one.omega**one.order * one.response).max() for one in functions]), False
+        return 1 / np.concatenate([np.broadcast_to(one.sigma, one.omega.shape) for one in functions])
+    return np.concatenate([one.omega**one.order / abs(one.omega**one.order * one.response).max() for one in functions])
 
 
-def _widened(functions, width):
-    """The responses with more damping: `H(w - i eta)` is the mean of H under a Lorentzian of the half width eta."""
-    rate = width * np.median([np.median(np.diff(one.omega)) for one in functions])
-    data = []
-    for one in functions:
-        kernel = rate / ((one.omega[:, None] - one.omega) ** 2 + rate**2) * np.gradient(one.omega)
-        data.append(kernel @ one.response / kernel.sum(axis=1))
-    return np.concatenate(data), rate
+def _every(step, one):
+    """A function at each of so many frequencies."""
+    kept = np.s_[:: max(int(step), 1)]
+    sigma = one.sigma if np.ndim(one.sigma) == 0 else one.sigma[kept]
+    return replace(one, omega=one.omega[kept], response=one.response[kept], sigma=sigma)
+
+
+def _rates(functions, damping):
+    """Half widths in rad/ms by which peaks are widened in turn, down to their own."""
+    rate = max(np.ptp(one.omega) for one in functions) / WIDEST
+    while rate > damping / 2:
+        yield rate
+        rate /= 2
+
+
+def _widened(one, rate):
+    """A function with more damping: `H(w - i eta)` is the mean of H under a Lorentzian of the half width eta."""
+    kernel = rate / ((one.omega[:, None] - one.omega) ** 2 + rate**2) * np.gradient(one.omega)
+    step = min(rate / np.median(np.diff(one.omega)), len(one.omega) / FEWEST)
+    return _every(step, replace(one, response=kernel @ one.response / kernel.sum(axis=1)))
 
 
 def _drawn(built, functions, tau):
     """Responses of lattices whose sites scatter, shape (draws, points)."""
     scatter, found = Scatter(PLACES * tau * built.system.calc.bonds.lengths.min(), tau, 0.0, SPRINGS * tau), []
-    for seed in range(DRAWS):
+    for seed in tqdm(range(DRAWS), desc='lattices drawn', delay=2, disable=None, leave=False):
         atoms = scattered(built.system.atoms, scatter, seed)
         if not built.system.atoms.calc.load.any():
             atoms = relaxed(atoms).atoms
         else:
             atoms.calc = atoms.calc.balanced(np.flatnonzero(built.system.atoms.calc.load.any(axis=1)))
-        found.append(transfer_model(built._replace(system=LinearSystem.of(atoms)), functions)[0])
+        found.append(responses(built._replace(system=LinearSystem.of(atoms)), functions))
     return np.array(found)

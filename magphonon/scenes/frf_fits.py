@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
-from ..design.transfer_fits import Built, TransferFit, fit_transfer, transfer_model
+from ..design.transfer_fits import Built, TransferFit, fit_transfer, responses, with_site_scatter
 from ..errors import not_negative, one_of
 from ..response.frf import Place
 from ..stiffness.rest import LinearSystem
@@ -138,8 +139,15 @@ def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence
         if first is not one:
             raise ValueError(f'{first.name} and {one.name} hold the same numbers, and their noise would count as independent; '
                              'give one of them')
-    fits = {model: fit_transfer(lambda factors, model=model: _built(scene, model, factors), names, own, model, relative)
-            for model in band_fits.MODELS}
+    fits, start = {}, None
+    build = {model: partial(_built, scene, model) for model in band_fits.MODELS}
+    for model in band_fits.MODELS:  # D0 alone starts where the complete model ends
+        fits[model] = fit_transfer(build[model], names, own, model, relative, start)
+        start = fits[model].factors
+    best = min(fit.square for fit in fits.values())
+    for model, fit in fits.items():  # what is clearly worse needs no interval
+        worse = fit.square > CLEARLY**2 * best
+        fits[model] = replace(fit, site_scatter=np.inf) if worse else with_site_scatter(fit, build[model], own)
     return FrfFits(scene, own, fits, priors)
 
 
@@ -147,7 +155,7 @@ def responses_of(scene: Scene, model: str, functions: Sequence[TransferFunction]
                  factors: Mapping[str, float] | None = None) -> list[NDArray[np.complex128]]:
     """The response of a scene, with `factors` of its parameters, at the frequencies of each function that is `in_place`."""
     factors = dict(factors or {})
-    h = transfer_model(_built(scene, model, factors), functions)[0] * factors.get('gain', 1.0)
+    h = responses(_built(scene, model, factors), functions) * factors.get('gain', 1.0)
     return np.split(h, np.cumsum([len(one.omega) for one in functions])[:-1])
 
 

@@ -6,7 +6,7 @@ from ase import Atoms
 from ase.constraints import FixAtoms
 
 from magphonon import InversePower, MagneticRepulsion, relaxed
-from magphonon.design import Built, Change, exponent_change, fit_transfer, force_change
+from magphonon.design import Built, Change, exponent_change, fit_transfer, force_change, with_site_scatter
 from magphonon.response import Place, TransferFunction
 from magphonon.stiffness import LinearSystem
 
@@ -51,7 +51,8 @@ def test_coverage(capsys):
         springs = 1e-3 * lab.springs[free].mean(axis=0)
         truth = np.array([FORCE * lab.strengths[free].mean() ** 2, A, *springs, 6e-3])
         given = np.array([START[name] * start[name] for name in NAMES])
-        fit, one = (fit_transfer(lattice(places, lab.held, start, reach), NAMES, functions) for reach in (REACH, 12e-3))
+        builds = [lattice(places, lab.held, start, reach) for reach in (REACH, 12e-3)]
+        fit, one = (with_site_scatter(fit_transfer(build, NAMES, functions), build, functions) for build in builds)
         off.append(np.log(given * fit.factors / truth) / fit.sigma)
         control.append(np.log(given * one.factors / truth) / one.sigma)
         widths.append(fit.sigma)
