@@ -41,8 +41,8 @@ WIDEST = 9.0
 overlap to find each other; then half of it, and so on."""
 FEWEST, FIRST_FEW = 16, 60  # frequencies of each function that are kept where peaks are widened, and those that are fitted first
 ROUGH, FINE = 1e-2, 1e-5
-"""Share of chi2 that a step wins less than where a fit ends, at first and at last: of 1000 points that fit, the latter is 0.1 sigma
-in the last step but one."""
+"""Share of chi2 below which a gain ends a fit, at first and at last: of 1000 points that fit, the latter is 0.1 sigma
+before the last step."""
 HOPELESS = 0.1  # share of the data that is left, in squares, from which on a fit stays rough
 FAR = 2.0  # mean squared residual, in the noise, above which a fit from afar is tried
 FIRST, MOST_SCATTER = 0.02, 0.1
