@@ -7,10 +7,12 @@ and the foundation; marks on them show where the lattice buckles.  A click on a 
 from __future__ import annotations
 
 import os
+import tomllib
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .. import units as u
 from .arguments import add_scene, default_folder
 
 if TYPE_CHECKING:
@@ -47,12 +49,28 @@ def run(options: Namespace) -> None:
     else:
         border = border_over_spacings(atoms, explorer.scales)
     perfect = 'The lattice is perfect: [defects] and [disorder] belong to the patch.' if scene.defects or scene.disorder else ''
-    page = explorer.page(scene.title, options.scene.text, border, perfect).encode()
+    template = _template(options.scene.text, scene, atoms)
+    page = explorer.page(scene.title, options.scene.text, template, border, perfect).encode()
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file, 'wb') as out:
         out.write(page + _signature(page))
     options.written = file
     print('\n'.join([f'{file} is written; open it in a browser', *filter(None, [perfect]), *neighbours(scene)]))
+
+
+def _template(text, scene, atoms):
+    """The scene without its comments; in the place of each value that a slider changes stands the name of this value."""
+    from ..scenes.scene import toml
+
+    tables, masses = tomllib.loads(text), atoms.get_masses() / u.kg
+    tables['lattice'] |= {'spacing_m': '{spacing_m}', 'mass_kg': masses[0]}  # with the part of the pillars that moves along
+    if len(masses) > 1:
+        tables['lattice']['relative_masses'] = (masses / masses[0]).tolist()
+    if scene.law.kind == 'inverse_power':
+        tables['law'] = {'kind': 'inverse_power', 'force_N': '{force_N}', 'a': '{exponent}'}
+    tables['law']['shells'] = scene.law.shells
+    tables['foundation'] = {'stiffness_N_per_m': '{foundation_N_per_m}'}
+    return toml(tables)
 
 
 def _signature(page):

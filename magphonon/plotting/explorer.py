@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import __version__, units
+from ..bands.zone import first_zone
 from ..interactions.pair_laws import InversePower
+from .zone import upwards
 
 if TYPE_CHECKING:
     from typing import Any
@@ -36,7 +38,7 @@ that is more."""
 VALUES = 100  # a slider has this number of values or more, about up to twice as many
 POINTS = 201  # wavevectors along the path
 ROUNDED = 1e-9  # relative room for round-off of lengths at the ends of a law
-FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'page.js')
+FILES = ('page.css', 'bloch.js', 'border.js', 'chart.js', 'motion.js', 'zone.js', 'ridges.js', 'share.js', 'page.js')
 UNITS = {'m': 1.0, 'mm': 1e3, 'µm': 1e6, 'nm': 1e9}  # units of the spacing, by how many of them are a metre
 
 
@@ -134,18 +136,20 @@ class Explorer:
         static = self._force(1.0) / units.N / (self.spacing / units.m)
         return _slider(0.0, here, FOUNDATIONS * max(here, static))
 
-    def page(self, title: str, scene: str, border: Border, beside: str = '') -> str:
+    def page(self, title: str, scene: str, template: str, border: Border, beside: str = '') -> str:
         """The page, HTML that refers to nothing outside itself.
 
-        `scene` is the text shown at the end, `border` the foundation that the lattice needs, over `exponents` if there are any,
-        otherwise over `scales`; `beside` says what the page leaves out.
+        `scene` is the text shown at the end, `template` that of a scene with values of the sliders to fill in, `border` the
+        foundation that the lattice needs, over `exponents` if there are any, otherwise over `scales`; `beside` says what the page
+        leaves out.
         """
         folder = files('magphonon.plotting') / 'explorer_page'
         parts = {name: (folder / name).read_text(encoding='utf-8').strip('\n') for name in FILES}
         beside = f' {beside}' if beside else ''
         told = {'title': title, 'scene': scene, 'over': border.over, 'beside': beside, 'version': __version__}
         parts |= {name: escape(text) for name, text in told.items()}
-        parts['data'] = json.dumps(self.data(border), ensure_ascii=False, allow_nan=False).replace('<', '\\u003c')
+        data = self.data(border) | {'template': template}
+        parts['data'] = json.dumps(data, ensure_ascii=False, allow_nan=False).replace('<', '\\u003c')
         page = (folder / 'page.html').read_text(encoding='utf-8')
         pieces = page.split('{{')
         return pieces[0] + ''.join(parts[name] + rest for name, _, rest in (piece.partition('}}') for piece in pieces[1:]))
@@ -160,6 +164,7 @@ class Explorer:
             'periods': int(np.sum(atoms.pbc)),
             'cell': (atoms.cell.array[:2, :2] / here).tolist(),
             'reciprocal': (self.path.cell.reciprocal().array[:2, :2] * here).tolist(),
+            'zone': self._zone(),
             'positions': (atoms.positions[:, :2] / here).tolist(),
             'masses_kg': (atoms.get_masses() / units.kg).tolist(),
             'bonds': self._bonds(),
@@ -185,8 +190,16 @@ class Explorer:
         stiffness = [np.column_stack([law.d2phi(scale * r), law.dphi(scale * r) / (scale * r)]) for scale in self.scales]
         return {'kind': 'table', 'stiffness_N_per_m': (np.array(stiffness) / units.N * units.m).tolist()}
 
+    def _zone(self) -> list[list[float]]:
+        """Corners of the first zone in 2 pi over the spacing; of a chain its two ends."""
+        if not self.atoms.pbc[1]:
+            end = self.path.cell.reciprocal().array[0, :2] * self.spacing / 2
+            return [end.tolist(), (-end).tolist()]
+        return (first_zone(self.atoms.cell) * self.spacing / (2 * np.pi)).tolist()
+
     def _path(self) -> dict[str, Any]:
-        kpts, special = self.path.kpts, self.path.special_points
+        sign = upwards(self.path.special_points, self.path.cell)
+        kpts, special = sign * self.path.kpts, {name: sign * q for name, q in self.path.special_points.items()}
         x, ticks, names = self.path.get_linear_kpoint_axis()
         named = {k: name for name in names for k in np.flatnonzero(abs(kpts - special[name]).max(axis=1) < 1e-9).tolist()}
         joined: dict[int, list[str]] = {}

@@ -122,9 +122,13 @@ def irreducible_zone(points: Mapping[str, NDArray[np.float64]], cell: ArrayLike)
     return k[ConvexHull(k).vertices]
 
 
+def upwards(points: Mapping[str, NDArray[np.float64]], cell: Cell) -> float:
+    """-1 if most special points lie in the lower half of the zone, otherwise 1: k and -k have the same frequencies."""
+    return -1.0 if sum(_cartesian(cell, q)[1] for q in points.values()) < 0 else 1.0
+
+
 def _upright(points, cell):
-    """The special points, or their reverse if most lie in the lower half of the zone: k and -k have the same frequencies."""
-    sign = -1.0 if sum(_cartesian(cell, q)[1] for q in points.values()) < 0 else 1.0
+    sign = upwards(points, cell)
     return {name: sign * np.asarray(q) for name, q in points.items()}
 
 

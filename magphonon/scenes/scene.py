@@ -475,8 +475,8 @@ def write_scene(atoms: Atoms, path: str | PathLike[str], title: str | None = Non
     scene_of(tables, atoms)  # with all checks of a scene that is read
     with whole_file(beside, 'wb') as particles, whole_file(path) as file:
         ase.io.write(particles, atoms, format='traj')
-        file.write(_toml(tables, f'The particles, their law, bonds and foundation are in {beside.name}, to the last bit: '
-                                 f'{atoms.calc!r}'))
+        file.write(f'# The particles, their law, bonds and foundation are in {beside.name}, to the last bit: {atoms.calc!r}\n')
+        file.write(toml(tables))
 
 
 def _names(path, particles):
@@ -488,13 +488,14 @@ def _names(path, particles):
         return False
 
 
-def _toml(tables, comment):
-    lines = [f'# {line}' for line in comment.splitlines()]
-    lines += [f'{key} = {json.dumps(value, ensure_ascii=False)}' for key, value in tables.items() if not isinstance(value, dict)]
-    for name, table in tables.items():
-        if isinstance(table, dict):
-            lines += ['', f'[{name}]', *(f'{key} = {json.dumps(value, ensure_ascii=False)}' for key, value in table.items())]
-    return '\n'.join(lines) + '\n'
+def toml(tables: dict[str, Any], name: str = '') -> str:
+    """Tables, and tables within them, as `tomllib` reads them."""
+    inner = {key: value for key, value in tables.items() if isinstance(value, dict)}
+    lists = {key: value for key, value in tables.items() if isinstance(value, list) and value and isinstance(value[0], dict)}
+    lines = [f'{key} = {json.dumps(value, ensure_ascii=False)}\n' for key, value in tables.items() if key not in inner | lists]
+    parts = [f'\n[{name}{key}]\n{toml(table, f"{name}{key}.")}' for key, table in inner.items()]
+    parts += [f'\n[[{name}{key}]]\n{toml(row, f"{name}{key}.")}' for key, rows in lists.items() for row in rows]
+    return ''.join(lines + parts)
 
 
 def parts_of(scene: Scene) -> tuple[dict[str, Any], Atoms | None]:

@@ -46,7 +46,7 @@ class Seen(HTMLParser):
 def written(title='A lattice', scene='title = "A lattice"'):
     lattice = explored()
     at = lattice.exponents.values
-    return lattice, lattice.page(title, scene, Border('exponent', at, np.maximum(0, 3 - at)))
+    return lattice, lattice.page(title, scene, scene, Border('exponent', at, np.maximum(0, 3 - at)))
 
 
 def test_the_page_refers_to_nothing_outside_itself():
@@ -58,7 +58,7 @@ def test_the_page_refers_to_nothing_outside_itself():
     for way_out in ('://', 'url(h', '@import', 'fetch(', 'XMLHttpRequest', 'WebSocket', 'import('):
         assert way_out not in code
     policy = [value for _, name, value in seen.attributes if name == 'content' and value.startswith('default-src')]
-    assert policy == ["default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"]
+    assert policy == ["default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"]
     assert '{{' not in page
 
 

@@ -6,18 +6,30 @@ Skipped without playwright or Chromium.  Every expectation is computed from a la
 import re
 import shutil
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from magphonon import InversePower, MagneticRepulsion, Tabulated, Yukawa, analytic_bands, foundation_needed, lattices, units as u
+from magphonon import (
+    InversePower,
+    MagneticRepulsion,
+    Tabulated,
+    Yukawa,
+    analytic_bands,
+    foundation_needed,
+    lattices,
+    read_scene,
+    units as u,
+)
 from magphonon.bands import band_path, bloch_modes
+from magphonon.cli.main import main
 from magphonon.plotting import explorer
 from magphonon.stability import border_over_exponents, border_over_spacings
 
 playwright = pytest.importorskip('playwright.sync_api')
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
-pytestmark = [pytest.mark.browser, pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason='no Chromium here')]
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 KEYS = {'spacing': 'spacing_m', 'exponent': 'exponent', 'foundation': 'foundation_N_per_m'}
 FEW = 8
 """Values of a slider, or twice as many: each costs the foundation that it needs."""
@@ -45,7 +57,7 @@ class Made:
         shown = explorer.Explorer(cell, band_path(cell, None, 41))
         border = (border_over_spacings(cell, shown.scales) if shown.exponents is None
                   else border_over_exponents(cell, shown.exponents.values))
-        return shown.page(self.kind, 'title = "drawn"', border)
+        return shown.page(self.kind, 'title = "drawn"', 'title = "drawn"', border)
 
 
 MADE = {
@@ -60,6 +72,8 @@ MADE = {
 @pytest.fixture(scope='module')
 def browser():
     with playwright.sync_playwright() as driver:
+        if CHROMIUM is None and not Path(driver.chromium.executable_path).exists():
+            pytest.skip('no Chromium here; "playwright install chromium" brings one')
         found = driver.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox', '--disable-gpu'],
                                        timeout=300_000)  # ms
         yield found
@@ -68,10 +82,14 @@ def browser():
 
 @pytest.fixture
 def opened(browser, tmp_path, monkeypatch):
-    """A function that opens the page of a lattice without a network; faults and requests make the test fail."""
+    """A function that opens the page of a lattice, or of a ready scene by its name, without a network.
+
+    Faults of the page and requests make the test fail.
+    """
     monkeypatch.setattr(explorer, 'VALUES', FEW)
-    context = browser.new_context(viewport={'width': 1100, 'height': 900}, offline=True, reduced_motion='reduce')
-    context.set_default_timeout(300_000)  # ms, far longer than it takes on a busy machine
+    context = browser.new_context(viewport={'width': 1100, 'height': 900}, offline=True, reduced_motion='reduce',
+                                  permissions=['clipboard-read', 'clipboard-write'])
+    context.set_default_timeout(60_000)  # ms, far longer than it takes on a busy machine
     faults, requests = [], []
 
     def visit(made):
@@ -79,14 +97,18 @@ def opened(browser, tmp_path, monkeypatch):
         page.on('console', lambda message: faults.append(message.text))
         page.on('pageerror', lambda error: faults.append(str(error)))
         page.on('request', lambda request: requests.append(request.url))
-        (tmp_path / 'page.html').write_text(made.page, encoding='utf-8')
+        if isinstance(made, str):
+            assert main(['explore', made, '-o', str(tmp_path / 'page.html')]) == 0
+        else:
+            (tmp_path / 'page.html').write_text(made.page, encoding='utf-8')
         page.goto((tmp_path / 'page.html').as_uri())
         return page
 
     yield visit
     context.close()
     assert not faults
-    assert [url.rpartition('/')[2] for url in requests] == ['page.html']
+    outside = [url for url in requests if not url.startswith(('data:', 'about:'))]
+    assert {url.partition('#')[0].rpartition('/')[2] for url in outside} == {'page.html'}
 
 
 def slide(page, **places):
@@ -126,13 +148,21 @@ def test_bands_of_both_models_are_those_of_the_package_wherever_the_sliders_are(
             np.testing.assert_allclose(signed_squares(bands[model]), exact[model], rtol=0, atol=1e-12 * top)
         without = signed_squares(bands['conventional'])  # what a page without D* would show
         assert abs(without - exact['complete']).max() > 1e-3 * top
-        lines = page.eval_on_selector_all('path.complete', 'paths => paths.map(path => path.getAttribute("d"))')
-        drawn = np.array([re.findall(r'[ML](\S+) (\S+?)(?=[ML]|$)', d) for d in lines], dtype=float).T
-        axis = np.broadcast_to(path.get_linear_kpoint_axis()[0][:, None], drawn[0].shape)
-        for pixels, values, sense in ((drawn[0], axis, 1), (drawn[1], np.array(bands['complete']), -1)):
-            slope, zero = np.polyfit(values.ravel(), pixels.ravel(), 1)
-            assert slope * sense > 0
-            assert abs(pixels - zero - slope * values).max() < 2e-3  # three decimals are written
+        assert_drawn(page, path, np.array(bands['complete']))
+
+
+def assert_drawn(page, path, f):
+    """The lines of the chart go through all points of the bands, and between two of them where squares go, not roots."""
+    axis = path.get_linear_kpoint_axis()[0]
+    lines = page.eval_on_selector_all('#bands path.complete', 'all => all.map(p => p.getAttribute("d"))')
+    drawn = [np.array(re.findall(r'[ML](\S+) (\S+?)(?=[ML]|$)', d), dtype=float) for d in lines]
+    left, right = drawn[0][[0, -1], 0]
+    places = left + (right - left) * axis / axis[-1]
+    heights = [[line[abs(line[:, 0] - place).argmin(), 1] for place in places] for line in drawn]
+    slope, zero = np.polyfit(f.ravel(), np.transpose(heights).ravel(), 1)
+    assert slope < 0
+    assert abs(np.transpose(heights) - zero - slope * f).max() < 2e-3  # three decimals are written
+    assert all(len(line) == len(axis) + 5 * (np.diff(branch < 0).sum()) for line, branch in zip(drawn, f.T, strict=True))
 
 
 def test_eigenvalues_and_vectors_of_the_page_are_those_of_lapack(opened):
@@ -186,8 +216,8 @@ def test_words_and_marks_tell_on_which_side_of_the_border_the_lattice_is(name, s
     assert found / (u.N / u.m) == pytest.approx(held, rel=0.03)  # straight lines between few values; the law goes with r**-4.3
 
 
-MOTION = '''() => [...document.querySelectorAll('#lattice .particle')].map((circle, n) => {
-  const rest = document.querySelectorAll('#lattice .rest')[n], of = (dot, x) => Number(dot.getAttribute(x));
+MOTION = '''() => [...document.querySelectorAll('#lattice-complete .particle')].map((circle, n) => {
+  const rest = document.querySelectorAll('#lattice-complete .rest')[n], of = (dot, x) => Number(dot.getAttribute(x));
   return [...circle.dataset.cell.split(',').map(Number), Number(circle.dataset.particle), of(circle, 'cx') - of(rest, 'cx'),
     of(rest, 'cy') - of(circle, 'cy'), Number(circle.closest('svg').dataset.theta), Number(circle.closest('svg').dataset.gain)];
 })'''
@@ -206,7 +236,8 @@ def likeness(a, b):
 def test_a_click_on_a_branch_moves_the_lattice_as_its_eigenvector_says(opened):
     made, page = MADE['honeycomb'], opened(MADE['honeycomb'])
     cell, at = made.cell(), 9
-    q = band_path(cell, None, 41).kpts[at]
+    q = np.append(page.evaluate('at => data.path.q[at]', at), 0)
+    assert min(abs(q - sign * band_path(cell, None, 41).kpts[at]).max() for sign in (1, -1)) < 1e-12
     omega, vectors = bloch_modes(cell, [q], vectors=True)
     assert np.diff(omega[0]).min() > 0.01 * omega.max()  # no two modes of one frequency, of which any mixture would be right
     page.click('#play')
@@ -214,11 +245,11 @@ def test_a_click_on_a_branch_moves_the_lattice_as_its_eigenvector_says(opened):
         d = page.get_attribute(f'path.complete[data-branch="{branch}"]', 'd')
         x, y = (float(part) for part in re.findall(r'[ML](\S+) (\S+?)(?=[ML]|$)', d)[at])
         page.locator('#bands').click(position={'x': x, 'y': y})
-        assert page.evaluate('view.chosen') == {'model': 'complete', 'branch': branch, 'at': at}
-        told = float(re.search(r'([\d.]+)\s*Hz', page.inner_text('#mode'))[1])
+        assert page.evaluate('view.chosen') == {'branch': branch, 'at': at}
+        told = float(re.search(r'([\d.]+)\s*Hz', page.inner_text('#mode-complete'))[1])
         assert told == pytest.approx(omega[0, branch] / (2 * np.pi) * 1e3, rel=1e-3)
         cells, j, first, theta, _ = displacements(page)
-        page.wait_for_function('theta => Math.abs(Math.sin(Number(lattice.dataset.theta) - theta)) > 0.3', arg=theta)
+        page.wait_for_function('theta => Math.abs(Math.sin(motions.complete.theta - theta)) > 0.3', arg=theta)
         _, _, later, then, gain = displacements(page)
         assert gain == 1
         # u = Re A exp(-i theta), seen at two phases
@@ -236,9 +267,10 @@ def test_an_unstable_mode_grows_and_a_stopped_one_rests(opened):
     assert page.inner_text('#play') == 'Play'  # nothing moves by itself for who asks the system for less motion
     slide(page, exponent=0)
     page.click('#play')
-    assert page.inner_text('#mode').startswith('complete, branch 1 at M: grows e-fold in')
+    assert page.inner_text('#mode-complete').startswith('grows e-fold in')
+    assert page.inner_text('#mode-conventional').endswith('Hz, shear')
     _, _, _, _, before = displacements(page)
-    page.wait_for_function('gain => Number(lattice.dataset.gain) > 1.05 * gain', arg=min(before, 0.5))
+    page.wait_for_function('gain => motions.complete.gain > 1.05 * gain', arg=min(before, 0.5))
     page.click('#play')
     still = displacements(page)[2]
     page.wait_for_timeout(100)
@@ -259,6 +291,111 @@ def test_keys_choose_modes_and_a_button_leads_back_to_the_scene(opened):
     assert page.inner_text('#dstar') == words
     page.focus('#bands')
     page.keyboard.press('ArrowUp')
-    assert page.inner_text('#mode').startswith('conventional, branch 1 at M')
+    assert page.inner_text('#mode') == 'Branch 2 at M'
     page.keyboard.press('ArrowLeft')
     assert 'at q = (' in page.inner_text('#mode')
+
+
+@pytest.mark.parametrize('name', ['triangular', 'kagome, two shells', 'square by Yukawa'])
+@pytest.mark.parametrize('width', [1280, 390])
+def test_nothing_moves_under_a_finger_on_a_slider(name, width, opened):
+    page = opened(MADE[name])
+    page.set_viewport_size({'width': width, 'height': 850})
+    page.wait_for_timeout(200)
+    seen = page.evaluate("""() => NAMES.flatMap(name => data.sliders[name].values.map((_, k) => {
+      element(name).value = k;
+      update();
+      const boxes = [...NAMES, 'bands', 'lattice-complete'].map(id => element(id).getBoundingClientRect());
+      if (k === data.sliders[name].values.length - 1) element(name).value = data.sliders[name].scene;
+      return [element('stability').textContent.slice(0, 7), ...boxes.flatMap(box => [box.x, box.y, box.width, box.height])];
+    }))""")
+    assert {row[0] for row in seen} == {'Stable.', 'Buckles'}  # both texts were there
+    boxes = np.array([row[1:] for row in seen], dtype=float)
+    assert np.ptp(boxes, axis=0).max() < 0.1  # pixels; without room kept for the longest text it is 24 and more
+    assert page.evaluate('document.documentElement.scrollWidth <= innerWidth')
+
+
+def test_an_address_leads_to_the_same_state(opened):
+    page = opened(MADE['triangular'])
+    assert page.evaluate('linkOf(view.state, view.chosen)') == '#'  # as in the scene
+    state = slide(page, spacing=3, exponent=5, foundation=7)
+    page.evaluate('choose({branch: 1, at: 13})')
+    page.click('#link')
+    page.wait_for_function('() => element("told").textContent')
+    link = page.evaluate('navigator.clipboard.readText()')
+    page.click('#reset')
+    assert state_of(page) != state
+    page.goto('about:blank')
+    page.goto(link)
+    assert state_of(page) == state
+    assert page.evaluate('view.chosen') == {'branch': 1, 'at': 13}
+    page.evaluate('location.hash = "#spacing=none&exponent=1e9&point=-4&branch=77"')  # typed by somebody
+    page.wait_for_function('() => view.chosen.branch === 1 && view.chosen.at === 0')
+    assert page.evaluate('view.state.positions.exponent') == count(page, 'exponent') - 1
+    page.wait_for_timeout(400)  # until the page has written its own address, which no request shows
+
+
+@pytest.mark.parametrize('name', ['prototype', 'kagome', 'measured', 'dust'])
+def test_the_scene_that_is_copied_has_the_bands_that_are_shown(name, opened, tmp_path):
+    page = opened(name)
+    places = {slider: (k + 3) % count(page, slider) for k, slider in enumerate(KEYS) if count(page, slider)}
+    slide(page, **places)
+    page.click('#copy')
+    page.wait_for_function('() => element("told").textContent')
+    (tmp_path / 'copied.toml').write_text(page.evaluate('navigator.clipboard.readText()'), encoding='utf-8')
+    shown = signed_squares(page.evaluate('view.bands.complete'))
+    q = np.pad(page.evaluate('data.path.q'), ((0, 0), (0, 1)))
+    exact, before = (signed_squares(bloch_modes(read_scene(scene).counted().perfect_cell(), q)[0] * 1e3 / (2 * np.pi))
+                     for scene in (tmp_path / 'copied.toml', name))
+    np.testing.assert_allclose(shown, exact, rtol=0, atol=1e-9 * abs(exact).max())
+    assert abs(before - exact).max() > 1e-3 * abs(exact).max()
+
+
+def test_ridges_stand_on_the_chart_where_symmetry_puts_them(opened, tmp_path):
+    """Random points of the path are turned by a random symmetry of the lattice; others lie beside it and are counted out."""
+    made, page, rng = MADE['honeycomb'], opened(MADE['honeycomb']), np.random.default_rng(5)
+    q, axis = np.array(page.evaluate('data.path.q')), np.array(page.evaluate('data.path.axis'))
+    at = rng.choice(np.arange(1, 40), 12, replace=False)
+    turns = [np.linalg.matrix_power([[1, -1], [1, 0]], k) for k in range(6)]
+    b = np.array(page.evaluate('data.reciprocal'))
+    turns = [turn for turn in [*turns, *(turn.T for turn in turns)] if np.allclose(turn.T @ b @ b.T @ turn, b @ b.T)]
+    assert len(turns) >= 6
+    images = np.array([q[k] @ turns[rng.integers(len(turns))].T + rng.integers(-1, 2, 2) for k in at])
+    corners = np.array([q[0], *(q[int(k)] for k in page.evaluate('Object.keys(data.path.named)')[1:3])])
+    inside = rng.dirichlet([20, 20, 20], 5) @ corners  # amid the triangle that the path runs around
+    rows = [f'"a, b",{x!r},{y!r},{30 + k}' for k, (x, y) in enumerate(np.vstack([images, inside]).tolist())]
+    file = tmp_path / 'ridges.csv'
+    file.write_text('# measured\nrecord,q1,q2,frequency_Hz\n' + '\n'.join(rows) + '\n')
+    page.set_input_files('#file', str(file))
+    page.wait_for_function('() => element("told").textContent')
+    drawn = np.array(page.evaluate('view.ridges'))
+    cell, path = made.cell(), np.pad(q, ((0, 0), (0, 1)))
+    for share, f in drawn:  # the bands at the place that was found are those of the point itself
+        k = np.array([*np.vstack([images, inside])[round(f - 30)], 0])
+        place = [np.interp(share, axis, path[:, x]) for x in range(3)]
+        one, other = (bloch_modes(cell, [at])[0] for at in (k, place))
+        assert abs(one / other - 1).max() < 0.02
+    assert set(range(12)) <= {round(f - 30) for f in drawn[:, 1]}
+    assert page.inner_text('#told') == f'{len(drawn)} of 17 points of ridges.csv lie on this path.'
+    assert page.locator('#bands .ridge').count() == len(drawn) < 17
+    file.write_text('x,y\n1,2\n')
+    page.set_input_files('#file', str(file))
+    page.wait_for_function('() => element("told").textContent.includes("not drawn")')
+    assert 'no table of ridges with the columns q1, q2 and frequency_Hz' in page.inner_text('#told')
+
+
+def test_a_picture_is_saved_and_the_zone_shows_the_wavevector(opened, tmp_path):
+    from matplotlib.image import imread
+
+    page = opened(MADE['triangular'])
+    with page.expect_download() as saved:
+        page.click('#save')
+    saved.value.save_as(tmp_path / 'bands.png')
+    picture = imread(tmp_path / 'bands.png')
+    box = page.locator('#bands').bounding_box()
+    assert picture.shape[1] == 2 * round(box['width'])
+    blue = abs(picture[..., :3] - np.array([0x00, 0x72, 0xb2]) / 255).max(axis=2) < 0.02
+    assert blue.mean() > 1e-3  # curves of the complete model are in it
+    x, y = map(float, re.search(r'd="M0 0L(\S+) (\S+)"', page.inner_html('#zone')).groups())
+    assert abs(x) < 1e-3
+    assert y < 0  # M stands above Gamma, as in zone.png

@@ -16,7 +16,7 @@ function interpolated(x, y, at) {
 }
 
 function buckles(data, state) {
-  return neededFoundation(data, state) > state.foundation_N_per_m;
+  return neededFoundation(data, state) > (1 + 1e-9) * state.foundation_N_per_m;  // not by a rounding, on the border itself
 }
 
 /** The ranges of one quantity in which the lattice buckles while the others stay: [from, to], null at an end of the slider. */

@@ -1,7 +1,7 @@
 // The lattice that moves in one mode, as SVG: u(t) = Re e exp(i (2 pi q.l - theta)) in the cell l.
 'use strict';
 
-const ACROSS = 8.4;  // spacings from the left to the right of the picture
+const ACROSS = 5.4;  // spacings from the left to the right of the picture
 const LONGEST = 0.2;  // spacings: the largest displacement drawn
 const FAINTEST = 0.02;  // of it, from which an unstable mode grows
 
@@ -33,28 +33,15 @@ class Motion {
     const dot = (look, {cell, j, place}, r) => `<circle class="${look}" data-cell="${cell}" data-particle="${j}" r="${r}"
       cx="${place[0]}" cy="${place[1]}"/>`;
     svg.innerHTML = '<path/>' + this.particles.map(particle => dot('rest', particle, radius(particle))).join('')
-      + this.particles.map(particle => dot('particle', particle, radius(particle))).join('')
-      + '<g id="arrow"></g>';
+      + this.particles.map(particle => dot('particle', particle, radius(particle))).join('');
     this.bonds = svg.querySelector('path');
     this.circles = [...svg.querySelectorAll('.particle')];
     if (this.mode) this.draw();
   }
 
-  /** Show another mode; the motion starts anew. */
-  show(mode, q, model) {
+  show(mode, q) {
     Object.assign(this, {mode, q});
-    this.svg.setAttribute('class', model);
-    this.svg.querySelector('#arrow').innerHTML = this.arrow(wavevector(this.data, q));
     this.draw();
-  }
-
-  /** The direction of the wavevector, in a corner; nothing at Gamma. */
-  arrow(k) {
-    const length = Math.hypot(...k), [x, y] = [34, this.svg.clientHeight - 34];
-    if (length === 0) return '';
-    const degrees = -180 / Math.PI * Math.atan2(k[1], k[0]);
-    return `<path class="wave" transform="translate(${x} ${y}) rotate(${degrees})" d="M-24 0H24M14 -6L24 0L14 6"/>
-      <text x="${x + 30}" y="${y + 5}">q</text>`;
   }
 
   /** Let a time pass, in seconds of the mode. */

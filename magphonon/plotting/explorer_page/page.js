@@ -13,9 +13,10 @@ const NO_EXPONENT = `<p class="why">There is no slider for the exponent, because
 
 const scene = stateAt(Object.fromEntries(NAMES.map(name => [name, data.sliders[name].scene])));
 const sceneBands = bandsOf(data, scene, 'complete');
-const view = {state: scene, bands: null, chosen: {model: 'complete', branch: 0, at: data.path.point.at}, slowed: 1,
+const view = {state: scene, bands: null, chosen: {branch: 0, at: data.path.point.at}, ridges: [], slowed: 1,
   playing: !matchMedia('(prefers-reduced-motion: reduce)').matches};
-const motion = new Motion(element('lattice'), data);
+const MODELS = ['complete', 'conventional'];
+const motions = Object.fromEntries(MODELS.map(model => [model, new Motion(element(`lattice-${model}`), data)]));
 
 function stateAt(positions) {
   const state = {positions, spacing_index: positions.spacing};
@@ -31,14 +32,17 @@ function shown(name, value, digits = 6) {
 
 function update() {
   view.state = stateAt(Object.fromEntries(NAMES.map(name => [name, Number(element(name).value)])));
-  view.bands = {complete: bandsOf(data, view.state, 'complete'), conventional: bandsOf(data, view.state, 'conventional')};
+  view.bands = {complete: bandsOf(data, view.state, 'complete'), conventional: bandsOf(data, view.state, 'conventional'),
+    ridges: view.ridges};
   const moved = NAMES.some(name => view.state.positions[name] !== scene.positions[name]);
   if (moved) view.bands.scene = sceneBands;
   document.querySelector('#legend .scene').style.visibility = moved ? 'visible' : 'hidden';
   element('reset').disabled = !moved;
   for (const name of NAMES) showSlider(name);
-  tellStability();
-  tellDstar();
+  const unstable = Math.min(...view.bands.complete.flat()) < -NEGLIGIBLE * Math.max(...view.bands.complete.flat());
+  document.body.classList.toggle('buckles', buckles(data, view.state));
+  element('stability').innerHTML = stabilityInWords(view.state, !unstable);
+  element('dstar').innerHTML = dstarInWords(effectOfDstar(view.state));
   showMode();
 }
 
@@ -65,53 +69,60 @@ function positionOf(values, value) {
 }
 
 function rangesInWords(name, ranges) {
-  if (!ranges.length) return 'buckles nowhere on this slider';
+  if (!ranges.length) return 'stable everywhere';
   const {values} = data.sliders[name], last = values[values.length - 1];
   const digits = Math.max(4, Math.ceil(Math.log10(last * values.length / (last - values[0]))));  // to a step of the slider
   return 'buckles ' + ranges.map(([from, to]) => {
-    if (from === null && to === null) return 'everywhere on this slider';
+    if (from === null && to === null) return 'everywhere';
     if (from === null) return `below ${shown(name, to, digits)}`;
     return to === null ? `above ${shown(name, from, digits)}` : `from ${shown(name, from, digits)} to ${shown(name, to, digits)}`;
   }).join(' and ');
 }
 
-function tellStability() {
-  const needed = neededFoundation(data, view.state), has = view.state.foundation_N_per_m;
-  const unstable = needed > has;
-  document.body.classList.toggle('buckles', unstable);
-  if (!unstable) {
-    element('stability').innerHTML = '<strong>Stable.</strong> ' + (needed === 0 ? 'The lattice holds without a foundation.'
-      : `The lattice needs a foundation of ${written(needed)}\u202fN/m; it has ${written(has)}\u202fN/m.`);
-    return;
-  }
-  const lowest = Math.min(...view.bands.complete.flat());
-  const shownHere = lowest < -NEGLIGIBLE * Math.max(...view.bands.complete.flat());
-  const where = shownHere
-    ? `The lowest squared frequency of the complete model is \u2212(${written(-2 * Math.PI * lowest)}\u202frad/s)\u00b2.`
-    : 'The mode that grows lies beside this path.';
-  element('stability').innerHTML = `<strong>Buckles.</strong> The lattice needs a foundation of ${written(needed)}\u202fN/m and
-    has only ${written(has)}\u202fN/m. ${where} The conventional model does not show it.`;
+/** Whether the lattice holds; `beside` if the mode that grows is not on the path of the chart. */
+function stabilityInWords(state, beside) {
+  const [needed, has] = [neededFoundation(data, state), state.foundation_N_per_m];
+  const both = `The lattice needs a foundation of ${written(needed)}\u202fN/m; it has ${written(has)}\u202fN/m.`;
+  if (!buckles(data, state)) return `<strong>Stable.</strong> ${needed === 0 ? 'The lattice holds without a foundation.' : both}`;
+  return `<strong>Buckles.</strong> ${both} `
+    + (beside ? 'The mode that grows lies beside this path.' : 'The conventional model does not show it.');
 }
 
 /** What D* does to the lowest branch at one special point. */
-function effectOfDstar() {
-  const {at, name} = data.path.point;
-  const [complete, conventional] = [view.bands.complete[at][0], view.bands.conventional[at][0]];
-  const mode = modeOf(data, view.state, 'complete', data.path.q[at], 0);
-  const branch = motionName(mode, data.path.q[at]) === TRANSVERSE ? `${TRANSVERSE} branch` : 'lowest branch';
+function effectOfDstar(state) {
+  const {at, name} = data.path.point, q = data.path.q[at];
+  const [mode, other] = MODELS.map(model => modeOf(data, state, model, q, 0));
+  const branch = motionName(mode, q) === TRANSVERSE ? `${TRANSVERSE} branch` : 'lowest branch';
+  const [complete, conventional] = [mode.frequency_Hz, other.frequency_Hz];
   return {name, complete, conventional, branch, ratio: complete / conventional};
 }
 
-function tellDstar() {
-  const {name, complete, conventional, branch, ratio} = effectOfDstar();
+function dstarInWords({name, complete, conventional, branch, ratio}) {
   const start = `At ${name}, <strong>D*</strong> `;
-  if (complete < -NEGLIGIBLE * Math.max(...view.bands.conventional.flat())) {
-    element('dstar').innerHTML = `${start}makes the ${branch} unstable: it ${growth(complete)}. The conventional model has
-      ${written(conventional)}\u202fHz there.`;
-  } else {
-    element('dstar').innerHTML = `${start}lowers the ${branch} from ${written(conventional)}\u202fHz to
-      ${written(complete)}\u202fHz, by ${written(100 * (1 - ratio), 3)}\u202f%: the ratio complete/conventional is
-      ${written(ratio)}.`;
+  if (complete < -NEGLIGIBLE * conventional) {
+    return `${start}makes the ${branch} unstable: it ${growth(complete)}. The conventional model `
+      + `has ${written(conventional)}\u202fHz there.`;
+  }
+  return `${start}lowers the ${branch} from ${written(conventional)}\u202fHz to ${written(complete)}\u202fHz, `
+    + `by ${written(100 * (1 - ratio), 3)}\u202f%: the ratio complete/conventional is ${written(ratio)}.`;
+}
+
+/** Keep room for the longest words of each slider, so that nothing below them moves while one does. */
+function reserve() {
+  const states = NAMES.flatMap(name => data.sliders[name].values.map((value, place) =>
+    stateAt({...scene.positions, [name]: place})));
+  const every = {stability: states.map(state => stabilityInWords(state, true)),
+    dstar: states.map(state => dstarInWords(effectOfDstar(state)))};
+  for (const [id, words] of Object.entries(every)) {
+    const twin = element(id).cloneNode();
+    twin.style.minHeight = '';
+    element(id).after(twin);
+    const heights = words.map(each => {
+      twin.innerHTML = each;
+      return twin.offsetHeight;
+    });
+    twin.remove();
+    element(id).style.minHeight = `${Math.max(...heights)}px`;
   }
 }
 
@@ -135,24 +146,28 @@ function motionName(mode, q) {
 }
 
 function showMode() {
-  const {model, branch, at} = view.chosen;
-  const q = data.path.q[at], mode = modeOf(data, view.state, model, q, branch);
-  const name = motionName(mode, q), effect = effectOfDstar();
+  const {branch, at} = view.chosen, q = data.path.q[at], effect = effectOfDstar(view.state);
   // a steep branch runs beside an unstable mode, and a longer label would lie on it
   const label = effect.complete < 0 ? 'D*' : `D*: \u2212${written(100 * (1 - effect.ratio), 2)}\u202f%`;
   drawBands(element('bands'), data, view.bands, view.chosen, {...effect, label});
   const where = data.path.named[at] ?? `q = (${q.slice(0, data.periods).map(part => written(part, 3)).join(', ')})`;
-  const speed = mode.frequency_Hz < 0 ? growth(mode.frequency_Hz) : `${written(mode.frequency_Hz)}\u202fHz`;
-  element('mode').innerHTML = `<b>${model}</b>, branch ${branch + 1} at ${where}: <b>${speed}</b>${name && `, ${name}`}`;
+  element('mode').innerHTML = `<b>Branch ${branch + 1}</b> at ${where}`;
   view.slowed = roundStep(Math.max(...view.bands.conventional.flat()) / HIGHEST_SHOWN_Hz);
-  motion.show(mode, q, model);
+  for (const model of MODELS) {
+    const mode = modeOf(data, view.state, model, q, branch), name = motionName(mode, q), f = mode.frequency_Hz;
+    element(`mode-${model}`).innerHTML = `<b>${f < 0 ? growth(f) : `${written(f)}\u202fHz`}</b>${name && `, ${name}`}`;
+    motions[model].show(mode, q);
+  }
+  drawZone(element('zone'), data, at);
   showPlaying();
+  clearTimeout(view.linking);  // browsers refuse hundreds of addresses in a few seconds
+  view.linking = setTimeout(() => history.replaceState(null, '', linkOf(view.state, view.chosen)), 300);
 }
 
 function showPlaying() {
   element('play').textContent = view.playing ? 'Pause' : 'Play';
   const times = view.slowed >= 1 ? `${written(view.slowed)} times slower` : `${written(1 / view.slowed)} times faster`;
-  element('tempo').textContent = `${times} than the lattice; small displacements, drawn large.`;
+  element('tempo').textContent = `${times}; displacements drawn large`;
 }
 
 function choose(mode) {
@@ -160,14 +175,81 @@ function choose(mode) {
   showMode();
 }
 
-/** The next mode in a direction: among the wavevectors, or among the branches of both models by frequency. */
-function neighbour({model, branch, at}, sideways, upwards) {
-  if (sideways) return {model, branch, at: Math.min(Math.max(at + sideways, 0), data.path.q.length - 1)};
-  const all = ['complete', 'conventional'].flatMap(name => view.bands[name][at].map((f, k) => ({model: name, branch: k, at, f})));
-  all.sort((one, other) => one.f - other.f);
-  const now = all.findIndex(mode => mode.model === model && mode.branch === branch);
-  const {f, ...next} = all[Math.min(Math.max(now + upwards, 0), all.length - 1)];
-  return next;
+/** The next mode in a direction: among the wavevectors, or among the branches. */
+function neighbour({branch, at}, sideways, upwards) {
+  const within = (value, length) => Math.min(Math.max(value, 0), length - 1);
+  return {branch: within(branch + upwards, view.bands.complete[at].length), at: within(at + sideways, data.path.q.length)};
+}
+
+/** Go to the state that an address tells. */
+function followLink() {
+  const {positions, chosen} = stateOfLink(location.hash);
+  for (const name of NAMES) element(name).value = positions[name];
+  view.chosen = chosen;
+  update();
+}
+
+/** The values of the sliders in one line. */
+function valuesInWords() {
+  const letters = {spacing: 'L', exponent: 'a', foundation: 'k'};
+  return NAMES.map(name => `${letters[name]} = ${shown(name, view.state[KEYS[name]])}`).join(', ');
+}
+
+async function showRidges(file) {
+  const points = readRidges(await file.text());
+  view.ridges = onPath(data, scene, points);
+  update();
+  tell(`${view.ridges.length} of ${points.length} points of ${file.name} lie on this path.`);
+}
+
+function tell(words) {
+  element('told').textContent = words;
+}
+
+/** Let a button do something that may fail, and say what came of it. */
+function onClick(id, act) {
+  element(id).addEventListener('click', async () => {
+    try {
+      tell(await act() ?? '');
+    } catch (error) {
+      tell(`That did not work: ${error.message}.`);
+    }
+  });
+}
+
+async function copied(text, words) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return words;
+  } catch {
+    element('text').textContent = text;
+    element('text').closest('details').open = true;
+    return 'This browser forbids copying: the text stands at the end of the page.';
+  }
+}
+
+function listenToTools() {
+  onClick('link', () => {
+    history.replaceState(null, '', linkOf(view.state, view.chosen));
+    return copied(location.href, 'The address of this state is copied.');
+  });
+  onClick('copy', () => copied(sceneText(view.state), 'The scene is copied; paste it into a file of your own.'));
+  onClick('save', async () => {
+    Object.assign(document.createElement('a'), {href: await pictureOf(element('bands'), document.title, valuesInWords()),
+      download: 'bands.png'}).click();
+  });
+  onClick('hear', () => sound(MODELS.map(model => view.bands[model][view.chosen.at][view.chosen.branch]).filter(f => f > 0)));
+  onClick('open', () => element('file').click());
+  const take = file => file && showRidges(file).catch(error => tell(`${file.name} is not drawn: ${error.message}.`));
+  element('file').addEventListener('change', event => {
+    take(event.target.files[0]);
+    event.target.value = '';  // the same file can be chosen again
+  });
+  document.addEventListener('dragover', event => event.preventDefault());
+  document.addEventListener('drop', event => {
+    event.preventDefault();
+    take(event.dataTransfer.files[0]);
+  });
 }
 
 function listen() {
@@ -193,8 +275,10 @@ function listen() {
     event.preventDefault();
     choose(neighbour(view.chosen, ...steps[event.key]));
   });
+  addEventListener('hashchange', followLink);
   new ResizeObserver(() => {
-    motion.layOut();
+    reserve();
+    Object.values(motions).forEach(motion => motion.layOut());
     showMode();
   }).observe(document.querySelector('main'));
 }
@@ -207,10 +291,11 @@ function start() {
   if (!data.sliders.exponent) element('exponent').closest('.slider').innerHTML = NO_EXPONENT;
   else element('law').textContent = `the force at ${shown('spacing', scene.spacing_m)} stays ${written(data.law.force_N)}\u202fN`;
   listen();
-  update();
+  listenToTools();
+  followLink();
   let last = performance.now();
   const frame = now => {
-    if (view.playing) motion.advance(Math.min(now - last, 100) / 1000 / view.slowed);
+    if (view.playing) Object.values(motions).forEach(motion => motion.advance(Math.min(now - last, 100) / 1000 / view.slowed));
     last = now;
     requestAnimationFrame(frame);
   };
