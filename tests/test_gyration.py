@@ -16,15 +16,21 @@ from magphonon import (
     analytic_bands,
     chern_numbers,
     edge_flow,
+    frequency_response,
     group_velocities,
     lattices,
     modes,
+    propagate,
+    read_scene,
+    ready_scene,
     restored,
     verdict,
+    write_scene,
 )
 from magphonon.bands import band_gaps, bloch_modes, edge_weights, lattice_density
+from magphonon.cli.main import main
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency
-from magphonon.response import modes_below, natural_frequencies, replicas
+from magphonon.response import Place, modes_below, natural_frequencies, receptance, replicas
 from magphonon.stiffness import LinearSystem, for_ase_tools
 from magphonon.stiffness.defects import Scatter, scattered, without
 
@@ -306,13 +312,18 @@ def test_modes_of_drawn_patches_are_the_roots_and_none_of_them_works_on_another(
         modes_below(patch, 3.0)
 
 
-@pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
-def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
+def hill(g):
+    """One free particle among four held ones whose sideways push is stronger than their slope: 2 (a - 1) = -1, less its spring."""
     atoms = lattices.square(1.0, 1.0).repeat((3, 3, 1))
     atoms.pbc = False
     atoms.set_constraint(FixAtoms([n for n in range(9) if n != 4]))
-    # neighbours 1 mm away whose force has a slope weaker than its sideways push: a = 0.5 gives 2 (a - 1) = -1
     atoms.calc = MagneticRepulsion(atoms, InversePower(1.0, 0.5), foundation=0.5, gyration=g)
+    return atoms
+
+
+@pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
+def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
+    atoms = hill(g)
     K = LinearSystem.of(atoms, gyrating=True).K.toarray()
     assert np.allclose(K, -0.5 * np.eye(2))
     judged = verdict(atoms)
@@ -351,3 +362,63 @@ def test_remarks_say_what_forces_do_not_show():
     assert 'forces alone do not show it' in str(verdict(honeycomb(1.55)))
     assert verdict(honeycomb(1.55)).gyration == 1.55
     assert verdict(honeycomb(0.0)).gyration == 0.0
+
+
+def test_responses_of_drawn_patches_solve_the_equations_and_are_not_reciprocal():
+    rng = np.random.default_rng(10)
+    patch = drawn(rng)
+    for damping in 0.2, rng.uniform(0.1, 0.3, len(patch)):
+        M, C, K, P = oracle(patch, damping)
+        force = P @ rng.normal(size=(2, P.shape[1])).T @ [1, 1j]
+        omega = np.array([0.7, 2.3])
+        found = frequency_response(patch, np.pad(force.reshape(-1, 2), ((0, 0), (0, 1))), omega, damping)
+        for w, u in zip(omega, found.response[..., :2], strict=True):
+            exact = P @ np.linalg.solve(P.T @ (K - w**2 * M + 1j * w * C) @ P, P.T @ force)
+            assert abs(u.ravel() - exact).max() < 1e-12 * abs(exact).max()
+            without = P @ np.linalg.solve(P.T @ (K - w**2 * M + 1j * w * oracle(patch, damping, False)[1]) @ P, P.T @ force)
+            assert abs(without - exact).max() > 0.05 * abs(exact).max()
+    up, across = np.eye(3)[:2]
+    there, back = (receptance(patch, Place(*a), Place(*b), omega, 0.2).response
+                   for a, b in (((1, up), (4, across)), ((4, across), (1, up))))
+    assert abs(there - back).max() > 0.01 * abs(there).max()
+    patch.calc.set(gyration=-patch.calc.gyration)  # Onsager: there as back if all turn the other way
+    assert np.allclose(receptance(patch, Place(1, up), Place(4, across), omega, 0.2).response, back)
+
+
+def test_transients_of_drawn_patches_are_the_matrix_exponential():
+    rng = np.random.default_rng(11)
+    patch = drawn(rng)
+    A = flow(*oracle(patch, 0.1))
+    P = oracle(patch)[3]
+    z = 1e-6 * rng.normal(size=(2, P.shape[1]))
+    patch.positions[:, :2] += (P @ z[0]).reshape(-1, 2)
+    patch.set_momenta(np.pad((P @ z[1]).reshape(-1, 2), ((0, 0), (0, 1))) * patch.get_masses()[:, None])
+    found = propagate(patch, [1.0, 7.0], damping=0.1)
+    for t, u in zip(found.times, found.displacements, strict=True):
+        exact = P @ (expm(t * A) @ z.ravel())[: P.shape[1]]
+        assert abs(u.ravel() - exact).max() < 1e-9 * abs(exact).max()
+
+
+@pytest.mark.parametrize(('g', 'stable'), [(1.41, False), (1.42, True)])
+def test_check_judges_a_scene_on_both_sides_of_what_gyration_holds(tmp_path, capsys, g, stable):
+    write_scene(hill(g), tmp_path / 'hill.toml')
+    assert (main(['check', str(tmp_path / 'hill.toml')]) == 0) is stable
+    assert ('Gyration is too slow' in capsys.readouterr().out) is not stable
+
+
+def test_scenes_refuse_what_knows_no_gyration(tmp_path):
+    scene = ready_scene('gyro').read_text()
+    for old, new, words in (('shells = 1', 'shells = "all"', 'knows none'),
+                            ('kind = "honeycomb"', 'kind = "fcc"', 'in the plane')):
+        (tmp_path / 'scene.toml').write_text(scene.replace(old, new))
+        with pytest.raises(ValueError, match=words):
+            read_scene(tmp_path / 'scene.toml')
+
+
+def test_the_ready_scene_has_an_edge_wave_by_d0_alone(capsys, tmp_path):
+    assert main(['bands', 'gyro', '-o', str(tmp_path / 'out')]) == 0
+    words = capsys.readouterr().out
+    assert 'complete: the Chern numbers of the bands are 1, -1, 1, -1' in words
+    assert 'conventional: the Chern numbers of the bands are 1, 0, 0, -1' in words
+    assert 'none that runs one way' in words
+    assert main(['dos', 'gyro', '-o', str(tmp_path / 'dos')]) in (0, 2)

@@ -34,18 +34,21 @@ def run(options: Namespace) -> None:
     refuse_cost(scene, bands_cost(scene))
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         atoms, path = scene.perfect_cell(), scene.band_path()
+        gyrating = bool(atoms.calc.gyration)  # forces alone do not show it
         try:
-            phonon = finite_displacements(atoms, scene.supercell())
+            phonon = None if gyrating else finite_displacements(atoms, scene.supercell())
         except ValueError as error:
             given = scene.wanted('bands').supercell or scene.supercell()
             raise ValueError(f'bands.supercell = {list(given)}: {error}') from None
         bands = {model: analytic_bands(atoms, path, model, vectors=True) for model in atoms.calc.bloch_models}
-        bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
+        if phonon is not None:
+            bands['phonopy'] = phonopy_bands(phonon, path, vectors=True)
         plan = scene.wanted('bands')
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
         _draw(save, scene, bands, options.fmax)
-        report = '\n'.join([*_frequencies(scene, atoms, bands), *_decays(lossy), '', *_stability(scene, atoms, bands, phonon)])
+        report = '\n'.join([*_frequencies(scene, atoms, bands), *_decays(lossy), '',
+                            *(_topology(atoms) if gyrating else _stability(scene, atoms, bands, phonon))])
     print(report)
     print(f'pictures and data are in {options.output}')
 
@@ -65,6 +68,8 @@ def _save(folder, bands, phonon):
             names += [f'{name}_{mode + 1}_decay_per_s' for mode in range(result.decay.shape[1])]
             columns += [*result.decay.T * units.s]
     write_columns(folder / 'bands.csv', names, columns)
+    if phonon is None:
+        return
     write_band_yaml(phonon, path, folder / 'band.yaml')
     if abs(phonon.force_constants).max() > LEAST_WRITTEN_N_per_mm:
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
@@ -79,8 +84,9 @@ def _draw(save, scene, bands, highest_Hz):
     ax = plot_bands(bands['complete'], label='complete, $D^0+D^*$')
     if 'conventional' in bands:
         plot_bands(bands['conventional'], ax=ax, linestyle='--', label='conventional, $D^0$')
-    name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
-    plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
+    if 'phonopy' in bands:
+        name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
+        plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
     ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
@@ -122,11 +128,42 @@ def _frequencies(scene, atoms, bands):
         lowest = bands['complete'].frequencies_Hz.min()
         but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
         lines.append(f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}')
-    if not atoms.constraints:
+    if not (atoms.constraints or atoms.calc.gyration):
         lines += _speeds([sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models], rows) + _moduli(atoms)
 
     if 'conventional' not in bands:
         lines += ['', 'no conventional model: the sums of D0 and D* diverge separately and converge only together']
+    return lines
+
+
+def _topology(atoms):
+    """Chern numbers of bands, gaps, and the waves that run one way along an edge in each."""
+    import numpy as np
+
+    from .. import units
+    from ..bands.bloch import bloch_modes
+    from ..bands.density import band_gaps
+    from ..bands.topology import chern_numbers
+    from ..bands.zone import PLANAR
+    from ..stability.verdicts import verdict
+
+    judged = verdict(atoms)
+    lines = [judged.finding('buckling').words, judged.finding('gyration').words]
+    if tuple(atoms.pbc) != PLANAR:
+        return lines
+    for model in atoms.calc.bloch_models:
+        try:
+            numbers = chern_numbers(atoms, model)
+        except ValueError as error:
+            lines.append(f'{model}: {error}')
+            continue
+        lines.append(f'{model}: the Chern numbers of the bands are {", ".join(map(str, numbers))}')
+        at = bloch_modes(atoms, np.zeros((1, 3)), model)[0][0]
+        for low, high in band_gaps(atoms, model=model):
+            net = int(numbers[at <= (low + high) / 2].sum())  # of the bands below
+            side = f'{abs(net)} more along an edge with the rim on {"the right" if net > 0 else "the left"} than back'
+            lines.append(f'  gap from {units.hertz(low):.6g} to {units.hertz(high):.6g} Hz; waves: '
+                         f'{side if net else "none that runs one way along an edge"}')
     return lines
 
 

@@ -57,7 +57,7 @@ def run(options: Namespace) -> None:
         names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
         for model, style in (('complete', '-'), ('conventional', '--')):
             atoms, source, answer = scene.shaken(model, bench=True)
-            system = LinearSystem.of(atoms)
+            system = LinearSystem.of(atoms, gyrating=True)
             result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
             result.save(folder / f'frf_{model}.npz')
             names += [f'{model}_amplitude' + '_m_per_N' * pushed, f'{model}_phase_deg']

@@ -1,6 +1,6 @@
 """Steady response to a harmonic force, by the linear equations of motion.
 
-    (H - omega^2 M + i omega gamma M) u = F
+    (H - omega^2 M + i omega C) u = F        C = M (gamma - g (x) J)
 
 Amplitudes are complex, `u = Re(U e^{i omega t})`; a force F cos(omega t) has the amplitude F, so a response that lags
 has a negative phase.  `stepped` measures the same from time steps.
@@ -136,7 +136,7 @@ def harmonic_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arra
     >>> bool(np.allclose(solved.response, frequency_response(patch, force, [1.0], damping=0.1).response))
     True
     """
-    system = LinearSystem.of(atoms)
+    system = LinearSystem.of(atoms, gyrating=True)
     force, omega = _force_on(system, force), np.atleast_1d(omega)
     return FrequencyResponse(omega, np.array([G(force.ravel()).reshape(-1, 3) for G in resolvents(system, omega, damping)]))
 
@@ -152,7 +152,7 @@ def _force_on(system, force):
 
 def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
                damping: ArrayLike) -> Iterator[Callable[[NDArray[Any]], NDArray[np.complex128]]]:
-    """The resolvent `G = (H - omega^2 M + i omega gamma M)^-1` at one frequency after the other, as a function.
+    """The resolvent `G = (H - omega^2 M + i omega C)^-1` at one frequency after the other, as a function.
 
     G(F) takes forces of the shape (3 particles,) or (3 particles, columns) and returns displacements of the same shape;
     its arguments and errors are those of `harmonic_response`.
@@ -160,17 +160,17 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
     from scipy import sparse
     from scipy.sparse.linalg import splu
 
-    system = LinearSystem.of(atoms).moving()
+    system = LinearSystem.of(atoms, gyrating=True).moving()
     n = len(system)
     omega = finite('omega', np.atleast_1d(omega))
     rate = site_damping(damping, n)
-    refuse_unstable(system)
-    free, M = system.free.power(2).T, system.masses
+    refuse_unstable(system, rate)
+    root = sparse.diags_array(np.sqrt(system.free.power(2).T @ np.repeat(system.masses, system.dim)))
+    M, C = root @ root, root @ system.B(rate) @ root
     in_space = sparse.kron(sparse.eye_array(n), sparse.eye_array(3, system.dim)) @ system.free
     for w in tqdm(omega, desc='frequencies', delay=2, disable=None, leave=False):
-        inertia = free @ np.repeat((-(w**2) + 1j * w * rate) * M, system.dim)
         try:
-            solve = splu(sparse.csc_array(system.stiffness + sparse.diags_array(inertia))).solve
+            solve = splu(sparse.csc_array(system.stiffness - w**2 * M + 1j * w * C)).solve
         except RuntimeError as error:
             raise ValueError(f'the undamped response at omega = {w:.9g} rad/ms is infinite; '
                              'damp it or move the frequency') from error
@@ -183,9 +183,9 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
 
     A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
     about `omega_max/gamma` times the digits wanted; frequency by frequency where that would be dearer, and where the damping
-    differs from particle to particle, so that the response is no function of one matrix.  So also where the wave has died out at
-    all of the `particles`: there modes and series leave round-off of the motion at the source, while a direct solution keeps its
-    digits.
+    differs from particle to particle or particles gyrate, so that the response is no function of one matrix.  So also where the
+    wave has died out at all of the `particles`: there modes and series leave round-off of the motion at the source, while a
+    direct solution keeps its digits.
 
     Parameters
     ----------
@@ -219,13 +219,13 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     >>> answer.response.shape  # frequencies, particles, x y z
     (3, 1, 3)
     """
-    system = LinearSystem.of(atoms).moving()
+    system = LinearSystem.of(atoms, gyrating=True).moving()
     omega, rates = finite('omega', np.atleast_1d(omega)), site_damping(damping, len(system))
     force = _force_on(system, force)
     positive('tolerance', tolerance)
     particles = system.recorded(particles)
     gamma = float(rates[0])
-    if np.ptp(rates):
+    if np.ptp(rates) or system.gyration.any():
         answer = harmonic_response(system, force, omega, rates)
         return FrequencyResponse(answer.omega, answer.response[:, particles])
     s = system.shapes.T @ force[:, : system.dim].ravel()
@@ -289,7 +289,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     >>> bool(np.allclose(there.response, back.response))  # reciprocity
     True
     """
-    system, omega = LinearSystem.of(atoms), np.atleast_1d(omega)
+    system, omega = LinearSystem.of(atoms, gyrating=True), np.atleast_1d(omega)
     if not isinstance(source, Place):
         found = frequency_response(system, base_force(system, source), omega, damping, np.array([answer.particle]))
         return Transmissibility(omega, answer.direction @ source + omega**2 * (found.response[:, 0] @ answer.direction))

@@ -63,7 +63,7 @@ def stepped_response(atoms: Atoms, source: Place, answer: Place, omega: ArrayLik
     axis, omega = int(abs(answer.direction).argmax()), np.atleast_1d(omega)
     if abs(abs(answer.direction[axis]) - 1) > 1e-9:
         raise ValueError(f'a response in time steps is seen along x or y, not along {answer.direction}; turn [frf.response]')
-    many = replicas(len(omega) * [LinearSystem.of(atoms).atoms])
+    many = replicas(len(omega) * [LinearSystem.of(atoms, gyrating=True).atoms])
     first = len(atoms) * np.arange(len(omega))
     drive = Harmonic(first + source.particle, source.direction, force, omega, phase=np.pi / 2)
     dyn = DrivenVerlet(many, dt, [drive], damping)

@@ -61,6 +61,8 @@ def check(scene: Scene) -> None:
                          f"use '{ALL}', the sum over all neighbours")
     if scene.foundation is not None and scene.foundation.leans:
         _lean(scene)
+    if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
+        _gyration(scene)
     calc: Any = scene.perfect_cell().calc
     if not isinstance(scene.law, SavedLaw):  # a calculator has warned already
         _scale(scene, calc)
@@ -76,6 +78,15 @@ def check(scene: Scene) -> None:
         except ValueError as error:
             faults.append(fault(scene, error))
     raise_all(faults)
+
+
+def _gyration(scene: Scene) -> None:
+    if scene.law.shells == ALL:
+        raise ValueError(f"lattice.gyration_rad_per_s: the sum over all neighbours, law.shells = '{scene.law.asked}', knows "
+                         'none; choose a number of shells')
+    if scene.lattice.cell().pbc.all() or (scene.foundation is not None and scene.foundation.out_of_plane is not None):
+        raise ValueError('lattice.gyration_rad_per_s turns velocities in the plane, and these particles leave it; take '
+                         '[foundation.out_of_plane] out, or a planar lattice')
 
 
 def _title(scene: Scene) -> None:

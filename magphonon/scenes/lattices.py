@@ -21,6 +21,7 @@ from .fields import (
     Length,
     Mass,
     NotNegative,
+    Number,
     Positive,
     Pressure,
     Spacing,
@@ -112,6 +113,9 @@ class Lattice(Table):
     mass_kg: Mass = Field(description='the mass of a particle in kg')
     relative_masses: Annotated[tuple[Annotated[Positive, within(1e-6, 1e6, 'multiples of mass_kg')], ...], listed] | None = Field(
         None, description='a factor of mass_kg for each particle of the cell, in the order of its basis')
+    gyration_rad_per_s: Annotated[Number, within(-1e12, 1e12, 'rad/s')] = Field(
+        0.0, description='the rate in rad/s at which velocities turn clockwise in the plane: of gyroscopes, twice the rate of '
+        'a bench that turns anticlockwise, or charge times magnetic field over mass', examples=[15.0])
 
     @model_validator(mode='after')
     def _one_mass_each(self):

@@ -158,7 +158,7 @@ class Scene(Table):
         atoms = self.cell()
         with _units_told_by_keys():
             nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
-            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), bonds=nearest, **self._sites(atoms))
+            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), bonds=nearest, **self._sites(atoms) | {'gyration': 0.0})
         return enough_shells(atoms, list(self.special_points.values()), tolerance)
 
     def counted(self) -> Scene:
@@ -271,11 +271,13 @@ class Scene(Table):
         return {pair: upright(law) for pair, law in laws.items()} if isinstance(laws, dict) else upright(laws)
 
     def _sites(self, atoms: Atoms) -> dict[str, Any]:
-        """Foundation and strengths, of each site or of all, as arguments of the calculators."""
+        """Foundation, strengths and gyration, of each site or of all, as arguments of the calculators."""
         foundation = atoms.arrays.get('stiffness', self.foundation.stiffness if self.foundation else 0.0)
         if self.foundation:
             foundation = self.foundation.springs(foundation)
-        return {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
+        sites = {'foundation': foundation} | ({'strengths': atoms.arrays['strength']} if atoms.has('strength') else {})
+        gyration = getattr(self.lattice, 'gyration_rad_per_s', 0.0) / u.s
+        return sites | ({'gyration': gyration} if gyration else {})
 
     def patch_atoms(self, model: str = 'complete') -> Atoms:
         """The patch of [patch], or the finite structure, with its MagneticRepulsion, `ase.Atoms` in mm, g and ms."""
