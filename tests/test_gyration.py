@@ -313,7 +313,7 @@ def test_modes_of_drawn_patches_are_the_roots_and_none_of_them_works_on_another(
 
 
 def hill(g):
-    """One free particle among four held ones whose sideways push is stronger than their slope: 2 (a - 1) = -1, less its spring."""
+    """One free particle among four held ones whose sideways push exceeds their slope: 2 (a - 1) = -1, plus its spring."""
     atoms = lattices.square(1.0, 1.0).repeat((3, 3, 1))
     atoms.pbc = False
     atoms.set_constraint(FixAtoms([n for n in range(9) if n != 4]))
