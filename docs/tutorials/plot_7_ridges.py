@@ -8,8 +8,7 @@ as long for a fit.
 
 On the command line::
 
-    magphonon spectrum shear.csv my.toml --source row -o ridges
-    magphonon spectrum longitudinal.csv my.toml --source row -o ridges
+    magphonon spectrum shear.csv longitudinal.csv my.toml --source row -o ridges
     magphonon fit ridges/spectrum_*_ridges.csv --bands my.toml --prior force_N=0.24+-5%
 """
 
@@ -61,7 +60,7 @@ told(fit_bands(scene, points))
 # %%
 # What the source does
 # --------------------
-# Waves of a point source shift all ridges of a branch by about half a bin, which no residual shows.  Were these ridges
+# Waves of a point source shift all ridges of a branch by about a fifth of a bin, which no residual shows.  Were these ridges
 # of a point source, the honest intervals would be wider:
 
 from dataclasses import replace

@@ -55,19 +55,25 @@ def test_the_stiffness_is_the_derivative_of_the_forces(static):
     assert abs(other - (down - up) / 2).max() > 0.1 * abs(K @ u.ravel()).max()
 
 
-def test_time_steps_respond_as_the_modes_do():
+def test_the_response_is_that_of_the_modes():
     lab = small_lab(damping=40)
     k = int(np.linalg.norm(lab.rest, axis=1).argmin())
-    push, omega = bench.pushed(lab, [k], (1e-6, 0)), 2 * np.pi * 60
-    t, u = bench.motion(lab, [(push, lambda t: np.sin(omega * t) * -np.expm1(-t / 0.1))], 1.5, [k])
-    late = t > 1.4
-    parts = np.stack([np.sin(omega * t), np.cos(omega * t)], axis=1)
-    found = np.linalg.lstsq(parts[late], u[late, 0, 0])[0] @ [1, 1j]
-    exact = bench.response(lab, push, [omega])[0, k, 0]
-    assert found == pytest.approx(exact, rel=5e-3)
+    omega = 2 * np.pi * 60
+    exact = bench.response(lab, bench.pushed(lab, [k], (1e-6, 0)), [omega])[0, k, 0]
     values, shapes = bench.modes(lab)
-    modal = np.sum(shapes[k, 0] ** 2 * 1e-6 / (values**2 - omega**2 + 1j * omega * lab.damping))
-    assert exact == pytest.approx(modal, rel=1e-9)
+    assert exact == pytest.approx(np.sum(shapes[k, 0] ** 2 * 1e-6 / (values**2 - omega**2 + 1j * omega * lab.damping)), rel=1e-9)
+
+
+def test_time_steps_move_as_the_modes_do():
+    lab = small_lab(damping=40)
+    k = int(np.linalg.norm(lab.rest, axis=1).argmin())
+    drives, seen = [(bench.pushed(lab, [k], (1e-6, 2e-6)), bench.burst(60.0, 5))], [k, k + 1, k + 5]
+    t, stepped = bench.motion(lab, drives, 0.2, seen)
+    times, modal = bench.small_motion(lab, drives, 0.2, seen, bench.modes(lab))
+    assert np.array_equal(t, times)
+    assert abs(modal - stepped).max() < 5e-3 * abs(stepped).max()  # steps of a thirtieth of the shortest period: 2.4e-3
+    slack = bench.small_motion(lab, drives, 0.2, seen, bench.modes(small_lab(static=False)))[1]  # the control
+    assert abs(slack - stepped).max() > 0.2 * abs(stepped).max()
 
 
 def test_a_vibrometer_shows_what_is_there_late_noisy_and_with_dead_points():
