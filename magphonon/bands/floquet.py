@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..errors import finite, positive
+from ..errors import positive
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import LinearSystem
+from ..stiffness.rest import LinearSystem, on_mean_springs
 from ..stiffness.site_laws import Travelling
 from ..stiffness.sites import each_spring
 from .bloch import wavevectors
@@ -93,6 +93,8 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: str = 'complete', damping: 
     >>> bool(abs(bands.frequencies_Hz[0] - bands.frequencies_Hz[1]).max() > 1)  # a wave is not its mirror image
     True
     """
+    if not atoms.pbc.any():
+        raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
     hill, q = Hill(atoms, model, damping), wavevectors(q)
     tolerance, harmonics = positive('tolerance', tolerance), 1
     omega, weight = hill.solved(q, harmonics)
@@ -120,28 +122,29 @@ class Hill:
     """The matrices of Hill's method for a cell on a Travelling foundation; the arguments are those of `floquet_bands`."""
 
     def __init__(self, atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0.0) -> None:
-        calc, mean = repulsion_of(atoms), atoms.copy()
+        calc = repulsion_of(atoms)
         law = calc.parameters.foundation
         if not isinstance(law, Travelling):
             raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of foundation={law!r}; give the '
                              'calculator foundation=Travelling(k, eps, W, kap)')
-        if not atoms.pbc.any():
-            raise ValueError('the structure is not periodic and has no bands; take the unit cell of which it was made')
-        mean.calc = calc.about(calc.reference, foundation=law.k)
-        self.system, self.model, self.W = LinearSystem.of(mean).moving(), model, law.W
+        mean = on_mean_springs(atoms)
+        self.system, self.model, self.W = LinearSystem.of(mean, gyrating=True).moving(), model, law.W
         self.modes = self.system.directions
         self.kap = mean.cell.array @ law.kap / (2 * np.pi) * mean.pbc  # in fractions of the reciprocal vectors
         n, dim = len(mean), self.system.dim
         depth = np.repeat(law.eps / 2 * np.exp(-1j * law.phases(calc.anchors)), dim) * each_spring(law.k, n, dim)
         self.A = self.system.reduced(np.diag(depth))
-        P, c = self.system.free.toarray(), np.broadcast_to(finite('damping', damping), n)
-        self.B = P.T @ np.diag(np.repeat(c, dim)) @ P
+        self.B = self.system.B(damping).toarray()
 
     def solved(self, q: NDArray[np.float64], harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
         """All frequencies with so many harmonics on either side, shape (wavevectors, all), and the weights of the wave at q."""
         found = [self._at(each, np.arange(-harmonics, harmonics + 1)) for each in q]
         omega, weight = (np.array(x).reshape(len(q), -1) for x in zip(*found, strict=True)) if found else np.zeros((2, 0, 0))
         return omega, weight.real
+
+    def growth(self, q: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
+        """Rate of the fastest growth at each wavevector in 1/ms, shape (wavevectors,)."""
+        return self.solved(q, harmonics)[0].imag.max(axis=1)
 
     def _at(self, q, n):
         count, size = len(n), self.modes

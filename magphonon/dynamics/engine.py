@@ -20,7 +20,8 @@ from ..interactions.bond_laws import labels, taken
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
 from ..stiffness.matrices import hermitian_eigenvalues
-from ..stiffness.rest import LinearSystem, components, freedom, static_forces
+from ..stiffness.rest import LinearSystem, components, freedom, on_mean_springs, static_forces
+from ..stiffness.site_laws import Travelling
 from ..stiffness.sites import out_of_plane, refuse_gyration
 from .bond_increments import RANGES, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
@@ -41,7 +42,10 @@ PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds
 
 
 def refuse_long_step(atoms: Atoms, dt: float, limit: float = 2.0) -> None:
-    """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; other calculators are not checked."""
+    """Raise ValueError if `dt` (ms) exceeds limit/omega_max about rest; other calculators are not checked.
+
+    Of modulated springs at their stiffest.
+    """
     if not isinstance(atoms.calc, MagneticRepulsion):
         return
     omega = frequency_bound(atoms, dt * 2 / limit)
@@ -69,7 +73,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     >>> round(float(2 / highest_frequency(patch)), 2)  # the largest stable time step in ms
     2.13
     """
-    system = LinearSystem.nearest(atoms, gyrating=True)
+    system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
 
 
@@ -87,7 +91,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     >>> bool(frequency_bound(patch, 1e-3) >= highest_frequency(patch))
     True
     """
-    system = LinearSystem.nearest(atoms, gyrating=True)
+    system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
     bounds = (lambda: _particle_bound(system),
               lambda: np.sqrt(abs(system.K).sum(axis=1).max()),
               lambda: np.sqrt((1 + ROUGH) * _largest_eigenvalue(system.K, ROUGH)))
@@ -95,6 +99,12 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
         if (omega := bound()) * dt <= 2:
             return omega
     return highest_frequency(system)
+
+
+def _stiffest(atoms):
+    """The atoms on the stiffest springs that a modulation makes of theirs."""
+    law = None if isinstance(atoms, LinearSystem) else atoms.calc.parameters.foundation
+    return on_mean_springs(atoms, 1 + law.eps) if isinstance(law, Travelling) else atoms
 
 
 def _particle_bound(system):

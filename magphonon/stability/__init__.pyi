@@ -23,6 +23,10 @@ from .escapes import (
     Escape as Escape,
     escape_speeds as escape_speeds,
 )
+from .pumping import (
+    Growth as Growth,
+    fastest_growth as fastest_growth,
+)
 from .verdicts import (
     Buckling as Buckling,
     Finding as Finding,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..bands.force_constants import checked_supercell, default_distance
@@ -26,7 +26,8 @@ from ..interactions.bond_laws import BondLaws, groups, laws_of, taken
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
-from ..stiffness.rest import LinearSystem, freedom
+from ..stiffness.rest import LinearSystem, freedom, on_mean_springs
+from ..stiffness.site_laws import Travelling
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     Softest,
@@ -41,6 +42,7 @@ from .buckling import (
     support_needed,
 )
 from .escapes import escape_speeds
+from .pumping import Growth, fastest_growth
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
@@ -51,6 +53,7 @@ DERIVATIVE_ERROR = 1e-6  # largest relative error of the stiffness up to which a
 ROUND_OFF = 5e-17
 """Measured relative error of the stiffness from finite differences with a displacement of one bond length; the error is inversely
 proportional to the displacement."""
+GROWS = 1e-9  # rate of growth, as a fraction of the frequency of the modulation, up to which it is round-off
 CENTRAL = Yukawa, Hertz  # laws of particles that are not magnets
 DENSEST = 50e-3  # mass over the cube of the spacing, g/mm^3, above which the units are doubtful: osmium has 22.6e-3
 
@@ -99,8 +102,8 @@ class Verdict:
 
     Each check has an attribute of its name, the value that it found, and is made when this is first asked for: `residual` (N),
     `buckling` and `out_of_plane` (Buckling), `model`, `guided` (N/mm), `timestep_limit` (ms), `away` (mm), `contact`,
-    `supercell`, `displacements` (mm), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `gyration` (rad/ms),
-    `density` (g/mm^3).  It is None where the question does not arise, or was not judged.
+    `supercell`, `displacements` (mm), `pumping` (Growth), `supports` (Supports), `amplitude` (mm), `impacts` (Escape), `gyration`
+    (rad/ms), `density` (g/mm^3).  It is None where the question does not arise, or was not judged.
     """
 
     case: Case
@@ -159,7 +162,7 @@ class Verdict:
 
 
 def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] | None = None,
-            distance: float | None = None) -> Verdict:
+            distance: float | None = None, damping: ArrayLike = 0.0) -> Verdict:
     """Judge a structure before it runs.
 
     A periodic cell is judged as an infinite lattice, by its whole zone; a cell of more than 200 degrees of freedom only by waves
@@ -181,6 +184,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         Supercell for phonopy's finite displacements.
     distance : float, optional
         Their displacement in mm; by default that of `finite_displacements`.
+    damping : float or array_like, shape (particles,)
+        Force per momentum in 1/ms, against which a `Travelling` foundation makes waves grow; all else is that of its mean springs.
 
     Examples
     --------
@@ -195,7 +200,9 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     if layer is not None:
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
-    run: dict[str, Any] = {'layer': layer, 'supercell': supercell,
+    pumped = atoms if isinstance(atoms.calc, Repulsion) and isinstance(atoms.calc.parameters.foundation, Travelling) else None
+    atoms = atoms if pumped is None else on_mean_springs(pumped)
+    run: dict[str, Any] = {'layer': layer, 'pumped': pumped, 'damping': damping, 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
@@ -229,7 +236,9 @@ class Case:
         The flat layer with its motion out of the plane.
     gyrating : LinearSystem or None
         With the gyration that `system` leaves out.
-    supercell, distance
+    pumped : ase.Atoms or None
+        The structure on its Travelling foundation, where `atoms` stands on the mean of that.
+    damping, supercell, distance
         As for `verdict`.
     """
 
@@ -240,6 +249,8 @@ class Case:
     closest: float = 1.0
     layer: Atoms | None = None
     gyrating: LinearSystem | None = None
+    pumped: Atoms | None = None
+    damping: ArrayLike = 0.0
     supercell: Sequence[int] | None = None
     distance: float | None = None
 
@@ -317,9 +328,19 @@ class Case:
         growth = 0.0 if soft.needed <= spring else float(np.sqrt(-moving.lowest))
         return Buckling(spring, soft.needed, soft.q, growth), float(np.sqrt(max(moving.highest, 0.0)))
 
+    @cached_property
+    def growth(self) -> Growth | None:
+        """The wave that the modulation makes grow fastest; None without one, or if it is not judged."""
+        return fastest_growth(self.pumped, damping=self.damping) if self.pumped is not None and self.balanced else None
+
     @property
     def stable(self) -> bool:
-        return not self.grows[0] and (self.above is None or self.above[0].stable)
+        return not self.grows[0] and (self.above is None or self.above[0].stable) and not self.pumps
+
+    @property
+    def pumps(self) -> bool:
+        """Whether the modulation makes a wave grow."""
+        return self.growth is not None and self.growth.rate > GROWS * self.pumped.calc.parameters.foundation.W  # pyright: ignore[reportOptionalMemberAccess]  it has one
 
 
 @dataclass(frozen=True)
@@ -432,6 +453,24 @@ def out_of_plane(case: Case) -> Finding:
 
 
 @check
+def pumping(case: Case) -> Finding:
+    """Growth of waves by a modulation of the foundation, against the damping of the verdict."""
+    if case.pumped is None or not (case.held and case.balanced):
+        return Finding()
+    found, law = case.growth, case.pumped.calc.parameters.foundation  # pyright: ignore[reportOptionalMemberAccess]  it has one
+    if found is None:
+        return Finding(unjudged='waves that the modulation of the foundation makes grow')
+    what = f'The modulation of the foundation, {law.eps:.4g} of it at {u.hertz(law.W):.4g} Hz,'
+    if not case.pumps:
+        return Finding(found, f'{what} makes no wave grow with a damping of {np.max(case.damping) * u.s:.4g} per s.')
+    where = f' with the wavevector ({", ".join(f"{x:.4f}" for x in found.q)})' if case.pumped.pbc.any() else ''
+    needed = np.max(case.damping) + 2 * found.rate
+    return Finding(found, f'{what} makes waves grow, fastest{where} by {found.rate * u.s:.4g} per s: linear waves have no bound. '
+                   f'Take a damping of more than about {needed * u.s:.4g} per s, a shallower modulation or another frequency.',
+                   fault=True)
+
+
+@check
 def model(case: Case) -> Finding:
     """Model of the calculator."""
     if case.stable or case.calc.model == 'complete':
@@ -459,8 +498,10 @@ def guided(case: Case) -> Finding:
 @check
 def timestep_limit(case: Case) -> Finding:
     """2/omega_max in ms, infinite if no mode vibrates: of the structure, or of all waves of a lattice with a small cell."""
-    waves = case.atoms.pbc.any() and not case.large
-    highest = np.sqrt(max(highest_squared(case.system), 0.0)) if waves else highest_frequency(case.system)
+    waves, system = case.atoms.pbc.any() and not case.large, case.system
+    if case.pumped is not None:  # on its springs where they are stiffest
+        system = LinearSystem.nearest(on_mean_springs(case.pumped, 1 + case.pumped.calc.parameters.foundation.eps))  # pyright: ignore[reportOptionalMemberAccess]  it has one
+    highest = np.sqrt(max(highest_squared(system), 0.0)) if waves else highest_frequency(system)
     highest = max(float(highest), case.above[1] if case.above else 0.0)
     if not highest:
         return Finding(np.inf)

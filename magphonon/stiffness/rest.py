@@ -356,6 +356,14 @@ class LinearSystem:
         return rows, own[:, rows]
 
 
+def on_mean_springs(atoms: Atoms, factor: float = 1.0) -> Atoms:
+    """A copy of atoms on a `Travelling` foundation with its mean springs, times a factor, in its place."""
+    calc, mean = repulsion_of(atoms), atoms.copy()
+    law = calc.parameters.foundation
+    mean.calc = calc.about(calc.reference, foundation=factor * law.k)
+    return mean
+
+
 def static_forces(calc: MagneticRepulsion, push: Any = 0.0) -> NDArray[np.float64]:
     """Forces of bonds, foundation, dead load and a constant push in N, shape (particles, dim); zero where they balance.
 
