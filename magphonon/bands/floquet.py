@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
+NEAR = 0.75  # distance in harmonics of the middle of a wave from its wavevector; the middle of two that share it is at 1/2
 STILL = -1e-9  # in W: real frequencies down to this are those of growth alone, and not of the wave that runs backwards
 
 
@@ -111,7 +112,7 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: str = 'complete', damping: 
 
 def _strongest(omega, weight, hill):
     """The waves, two for each mode, that are strongest at q itself, and their weights."""
-    forward = omega.real >= STILL * hill.W
+    forward, weight = omega.real >= STILL * hill.W, weight[:, weight.shape[1] // 2]
     best = np.argsort(np.where(forward, -weight, 1.0), axis=1)[:, : 2 * hill.modes]
     omega, weight = (np.take_along_axis(x, best, axis=1) for x in (omega, weight))
     order = np.argsort(omega.real, axis=1)
@@ -137,14 +138,23 @@ class Hill:
         self.B = self.system.B(damping).toarray()
 
     def solved(self, q: NDArray[np.float64], harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-        """All frequencies with so many harmonics on either side, shape (wavevectors, all), and the weights of the wave at q."""
+        """All frequencies with so many harmonics on either side, shape (wavevectors, all), and the weights of harmonics in each.
+
+        The weights have the shape (wavevectors, harmonics, all).
+        """
         found = [self._at(each, np.arange(-harmonics, harmonics + 1)) for each in q]
-        omega, weight = (np.array(x).reshape(len(q), -1) for x in zip(*found, strict=True)) if found else np.zeros((2, 0, 0))
-        return omega, weight.real
+        omega, weight = zip(*found, strict=True) if found else ((), ())
+        size = 2 * self.modes * (2 * harmonics + 1)
+        return np.reshape(omega, (len(q), size)), np.reshape(weight, (len(q), 2 * harmonics + 1, size))
 
     def growth(self, q: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
-        """Rate of the fastest growth at each wavevector in 1/ms, shape (wavevectors,)."""
-        return self.solved(q, harmonics)[0].imag.max(axis=1)
+        """Rate of the fastest growth at each wavevector in 1/ms, shape (wavevectors,).
+
+        Of waves around that wavevector: at the last harmonics, beyond which nothing follows, they are not those of the lattice.
+        """
+        omega, weight = self.solved(q, harmonics)
+        centre = np.einsum('n,qnw->qw', np.arange(-harmonics, harmonics + 1), weight)
+        return np.where(abs(centre) <= NEAR, omega.imag, -np.inf).max(axis=1)
 
     def _at(self, q, n):
         count, size = len(n), self.modes
@@ -159,4 +169,4 @@ class Hill:
         K, B = (x.reshape(count * size, -1) for x in (K, B))
         s, y = np.linalg.eig(np.block([[0 * K, np.eye(len(K))], [-K, -B]]))
         share = (abs(y[: len(K)].reshape(count, size, -1)) ** 2).sum(axis=1)
-        return 1j * s, share[count // 2] / share.sum(axis=0)
+        return 1j * s, share / share.sum(axis=0)

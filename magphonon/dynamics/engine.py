@@ -21,13 +21,14 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
 from ..stiffness.matrices import hermitian_eigenvalues
 from ..stiffness.rest import LinearSystem, components, freedom, on_mean_springs, static_forces
-from ..stiffness.site_laws import Travelling
+from ..stiffness.site_laws import SiteLaw, Travelling
 from ..stiffness.sites import out_of_plane, refuse_gyration
 from .bond_increments import RANGES, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
 from .drives import Constant, Drives, constant_push
 from .kernels_numpy import Kernel, Motion, largest
 from .memory_layout import aligned_zeros, arrange
+from .site_forces import site_forces
 from .splittings import SPLITTINGS, Splitting
 
 ROUGH, FINE = 1e-3, 1e-7
@@ -111,7 +112,8 @@ def _particle_bound(system):
     """Gershgorin's bound by particle, without the Hessian: `w^2 <= k/m_i + sum_b |K_b| (1/m_i + 1/sqrt(m_i m_j))`."""
     calc, masses = system.calc, system.masses
     bonds, K = calc.bonds, calc.rest_stiffness(calc.model)
-    k = np.broadcast_to(calc.foundation, (len(masses), calc.dim)).max(axis=1)
+    k = calc.site_stiffness
+    k = np.broadcast_to(abs(k).sum(axis=2) if np.ndim(k) == 3 else k, (len(masses), calc.dim)).max(axis=1)
     norm = abs(hermitian_eigenvalues(K)).max(axis=1)
     squares = k / masses
     for i, j in ((bonds.i, bonds.j), (bonds.j, bonds.i)):
@@ -171,6 +173,16 @@ def refusal(atoms: Atoms) -> str | None:
     return None
 
 
+def not_compiled(calc: Any) -> str | None:
+    """Why compiled steps cannot integrate what blocks in NumPy can, or None if they can."""
+    law = calc.parameters.foundation
+    if not isinstance(law, SiteLaw):
+        return None
+    if not isinstance(law, Travelling):
+        return f'the foundation is {law!r}, a function in Python'
+    return 'modulated springs are not slack at rest' if calc.slack.any() else None
+
+
 @cache
 def can_compile() -> bool:
     """Whether the compiled kernel can be loaded; with a warning, once, where the numba that is installed does not serve."""
@@ -223,8 +235,8 @@ class Blocks:
         decay = layout.scatter(E.real)
         if np.iscomplexobj(E):
             decay = decay + 1j * layout.scatter(E.imag)
-        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobile / masses),
-                              layout.scatter(calc.foundation) if isinstance(calc.foundation, np.ndarray) else calc.foundation,
+        k, site = site_forces(calc, layout)
+        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobile / masses), k, site,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
@@ -297,7 +309,7 @@ class Blocks:
         times = self.dt * np.append(first, kicks)
         forces = self._external(times)
         while True:
-            beyond, *extent = self._try(forces)
+            beyond, *extent = self._try(forces, times)
             if not beyond or self._exact:
                 break
             with np.errstate(over='ignore', invalid='ignore'):
@@ -311,13 +323,13 @@ class Blocks:
                 self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare, self._extent = self._spare, self._state, extent
 
-    def _try(self, forces):
+    def _try(self, forces, times):
         """Fill the spare state with the end of the block; returns what `Kernel.advance` does."""
         if not self._stale:
-            return self._kernel.advance(self._state, forces[1:], out=self._spare)
-        beyond = self._kernel.accelerate(self._state, forces[0])
+            return self._kernel.advance(self._state, forces[1:], times[1:], out=self._spare)
+        beyond = self._kernel.accelerate(self._state, forces[0], times[0])
         self._stale = False
-        found, *extent = self._kernel.advance(self._state, forces[1:], out=self._spare)
+        found, *extent = self._kernel.advance(self._state, forces[1:], times[1:], out=self._spare)
         return beyond or found, *extent
 
     def _external(self, times):

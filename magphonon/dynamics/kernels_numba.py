@@ -279,9 +279,13 @@ def _total(b, x, places, pad, i):
 
 
 class Outer(NamedTuple):
-    """Forces that are no bonds: springs and static ones, see `at`, and those of each run on driven and guided slots."""
+    """Forces that are no bonds: springs and static ones, see `at`, and those of each run on driven and guided slots.
+
+    `waves`, shape (2, 2, slots), is what a modulation adds to the springs, times cos and sin of its phase; None without one.
+    """
 
     springs: np.ndarray
+    waves: np.ndarray | None
     static: np.ndarray
     driven: np.ndarray
     row: np.ndarray
@@ -300,6 +304,32 @@ def _times(slots, turns, row, i, x, y):
     if isinstance(turns, types.NoneType):
         return lambda slots, turns, row, i, x, y: (slots[row, i] * x, slots[row, i] * y)
     return lambda slots, turns, row, i, x, y: (slots[row, i] * x - turns[row, i] * y, slots[row, i] * y + turns[row, i] * x)
+
+
+@part
+def modulate(now, k, waves, c, s, first, last):
+    """The springs of some slots at this moment."""
+    vectorise()
+    for x in range(2):
+        row = np.uint64(x) * np.uint64(waves.shape[2])
+        for i in range(first, last):
+            now[0, row + i] = at(k, 0, row + i) + c * waves[0, x, i] + s * waves[1, x, i]
+
+
+def springs_of(outer, now, beat, s, e):
+    """The springs of the slots s to e, in memory of the thread where they change."""
+
+
+@overload(springs_of)
+def _springs_of(outer, now, beat, s, e):
+    if isinstance(outer.types[1], types.NoneType):
+        return lambda outer, now, beat, s, e: outer.springs
+
+    def modulated(outer, now, beat, s, e):
+        modulate(now, outer.springs, outer.waves, beat[0], beat[1], s, e)
+        return now
+
+    return modulated
 
 
 @part
@@ -399,8 +429,8 @@ def finish(work, slots, turns, s, e, half, before):
 
 
 @kept
-def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, turns, outer, forces,
-            half, before, drifts, begin, low, high, last, together, first, end):
+def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider, near, far, places, pad, slots, turns, outer,
+            forces, beats, half, before, drifts, begin, low, high, last, together, first, end):
     """Kicks `low` to `high` of the runs `first` to `end`, and of those beside them that these need; the last makes accelerations.
 
     The stages of a step take their turns, with the drift that follows each.
@@ -434,7 +464,8 @@ def advance(state, work, b, runs, segments, within, lag, bonds, law, wider, near
                     wide |= out
                 stage = (n - 1) % (len(drifts) - 1)
                 v, row, drift = (2, FORGET, 0.0) if ends else (1, CARRY + 2 * stage, drifts[1 + stage])
-                move(work, b, places, pad, slots, turns, outer.springs, outer.static, v, row, s, e, drift)
+                springs = springs_of(outer, now, beats[n - 1], s, e)
+                move(work, b, places, pad, slots, turns, springs, outer.static, v, row, s, e, drift)
                 correct(work, slots, turns, outer, forces[n - 1], v, row, r, drift)
                 if ends and half > 0:
                     x, y = finish(work, slots, turns, s, e, half, before)
@@ -523,15 +554,23 @@ class CompiledKernel(Kernel):
             turns[:] = known.imag
         self._flow = self.half, self.before, np.append(self.first, self.drifts)
         springs, static = (np.atleast_1d(np.asarray(x, float)) for x in (m.foundation, 0.0 if m.static is None else m.static))
-        outer = Outer(*(x if x.ndim == 1 else _flat(x) for x in (springs, static)),
-                      *_by_run(m.driven, order, np.arange(len(m.driven))), *_by_run(m.guided, order, m.barred))
+        springs, static = (x if x.ndim == 1 else _flat(x) for x in (springs, static))
+        outer = Outer(springs, m.site and m.site.waves, static, *_by_run(m.driven, order, np.arange(len(m.driven))),
+                      *_by_run(m.guided, order, m.barred))
         self._runs, self._room = order.runs, order.room
         self._lag = max(1, int((np.searchsorted(order.runs[:, 0], order.reach) - 1 - np.arange(len(order.runs))).max()))
         unsigned = (x.astype(np.uint64) for x in (order.runs, order.segments))
         self._given = (*unsigned, order.within, self._lag, bonds, *laws, *[None] * (2 - len(laws)), order.near, order.far,
                        order.places, np.uint64(order.pad), slots, turns, outer)
-        self._rooms, self._between, self._pool = [aligned_zeros(order.room)], None, None
+        self._rooms, self._between, self._pool = [self._new_room()], None, None
         self._slot = None if layout.whole else layout.slot.astype(np.uint64)
+
+    def _new_room(self):
+        """Memory of a thread for the forces of bonds, and for springs that change."""
+        return aligned_zeros(self._room), aligned_zeros((1, 2 * self.layout.length if self.motion.site else 1))
+
+    def _beats(self, times):
+        return self.motion.site.beats(times) if self.motion.site else np.zeros((len(times), 2))
 
     def _law(self, fitted, reach, order):
         """A law as it is compiled: polynomials, or pieces; of kinds, or of each bond where these have their own."""
@@ -562,15 +601,16 @@ class CompiledKernel(Kernel):
                                                           for p, root in zip(fitted, roots, strict=True)), strict=True))
         return PiecesOfAll(*numbers, start, c, child if (child >= 0).any() else None, centre, factors)
 
-    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], out: NDArray[np.float64]) -> Found:
-        steps, count = len(forces), len(self._runs)
+    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], times: NDArray[np.float64],
+                out: NDArray[np.float64]) -> Found:
+        steps, count, beats = len(forces), len(self._runs), self._beats(times)
         threads = max(1, min(self.threads, count // (2 * self._lag)))
         if threads == 1:
-            return advance(state, out, self._rooms[0], *self._given, forces, *self._flow, KICK, 1, steps, steps, TOGETHER, 0,
-                           count)
+            return advance(state, out, *self._rooms[0], *self._given, forces, beats, *self._flow, KICK, 1, steps, steps, TOGETHER,
+                           0, count)
         size = max(1, count // threads // (SHARE * self._lag))
         while len(self._rooms) < 1 + threads:
-            self._rooms.append((aligned_zeros(self._room), aligned_zeros(state.shape)))
+            self._rooms.append((*self._new_room(), aligned_zeros(state.shape)))
         if self._between is None:
             self._between = np.zeros_like(out)
         shares = [*pairwise(count * n // threads for n in range(threads + 1))]
@@ -580,9 +620,9 @@ class CompiledKernel(Kernel):
             target = out if (steps - high + size - 1) // size % 2 == 0 else self._between
 
             def share(room, first, end, state=state, target=target, low=low, high=high):
-                b, work = room
-                found = advance(state, work, b, *self._given, forces, *self._flow, KICK if low == 1 else COPY, low, high, steps,
-                                TOGETHER, first, end)
+                b, now, work = room
+                found = advance(state, work, b, now, *self._given, forces, beats, *self._flow, KICK if low == 1 else COPY, low,
+                                high, steps, TOGETHER, first, end)
                 s, e = self._runs[first, 0], self._runs[end - 1, 1]
                 target[..., s:e] = work[..., s:e]
                 return found
@@ -591,10 +631,10 @@ class CompiledKernel(Kernel):
             state = target
         return tuple(max(x) for x in zip(*found, strict=True))  # pyright: ignore[reportReturnType]  three of them
 
-    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64], time: float = 0.0) -> bool:
         state[2] = 0
-        given = *self._given, force[None], 0.0, *self._flow[1:]  # with no half kick
-        return advance(state, state, self._rooms[0], *given, GO_ON, 1, 1, 1, 1, 0, len(self._runs))[0]
+        given = *self._given, force[None], self._beats(np.array([time])), 0.0, *self._flow[1:]  # with no half kick
+        return advance(state, state, *self._rooms[0], *given, GO_ON, 1, 1, 1, 1, 0, len(self._runs))[0]
 
     def _shared(self, function, tasks):
         """Results of the tasks, the first of which is done by this thread."""

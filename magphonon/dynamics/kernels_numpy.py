@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ..stiffness.sites import Foundation
     from .bond_increments import Increments, Pieces
     from .memory_layout import Layout
+    from .site_forces import SiteForces
     from .splittings import Splitting
 
     Found = tuple[bool, float, float]
@@ -55,6 +56,8 @@ class Motion:
         1/m in 1/g; zero for held particles and empty slots.
     foundation : float or ndarray, shape (2, slots)
         k in N/mm, of all particles or along each displacement.
+    site : SiteForces or None
+        Forces of the sites beyond these springs.
     static : ndarray, shape (2, slots), or None
         Forces in N that do not change; None if they are counted among those on the driven slots, or zero.
     driven : ndarray of int
@@ -71,6 +74,7 @@ class Motion:
     decay: np.ndarray
     mobility: np.ndarray
     foundation: Foundation
+    site: SiteForces | None
     static: np.ndarray | None
     driven: np.ndarray
     guided: np.ndarray
@@ -114,7 +118,8 @@ class Kernel:
         self.scratch = np.empty((2, max(RUN, layout.length if self.forces.whole else 0)))
 
     @np.errstate(over='ignore', invalid='ignore')  # a run that goes wrong is noticed by its end
-    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], out: NDArray[np.float64]) -> Found:
+    def advance(self, state: NDArray[np.float64], forces: NDArray[np.float64], times: NDArray[np.float64],
+                out: NDArray[np.float64]) -> Found:
         """Fill `out` with displacements, velocities and accelerations after a block of steps; `state` stays as it is.
 
         Returns whether any bond has been beyond the reach of the law on the way, and the largest components in the end.
@@ -124,6 +129,8 @@ class Kernel:
         state, out : ndarray, shape (3, 2, slots)
         forces : ndarray, shape (steps * stages, driven, 2)
             External forces at all kicks but the first.
+        times : ndarray, shape (steps * stages,)
+            When these are, in ms.
         """
         u, v, a = out
         (u0, v0, a0), d = state, self.motion.decay
@@ -131,32 +138,35 @@ class Kernel:
         turn(v, d)
         v += self.half * a0
         u[:] = u0 + self.first * v
-        beyond = self._turns(u, v, forces[:-1], self.carry, self.push, self.drifts)
-        beyond |= self.accelerate(out, forces[-1])
+        beyond = self._turns(u, v, forces[:-1], times, self.carry, self.push, self.drifts)
+        beyond |= self.accelerate(out, forces[-1], times[-1])
         v *= self.before
         v += self.half * a
         turn(v, d)
         return beyond, largest(u), largest(v)
 
-    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+    def accelerate(self, state: NDArray[np.float64], force: NDArray[np.float64], time: float = 0.0) -> bool:
         """Fill in the accelerations: what a kick of one, after which nothing drifts, would leave as velocities.
 
         Returns whether any bond is beyond the reach of the law.
         """
         u, _, a = state
         a[:] = 0
-        return self._turns(u, a, force[None], [self.forget], [self.motion.mobility], [0.0])
+        return self._turns(u, a, force[None], [time], [self.forget], [self.motion.mobility], [0.0])
 
     @np.errstate(over='ignore', invalid='ignore')
-    def _turns(self, u, v, forces, carries, pushes, drifts):
+    def _turns(self, u, v, forces, times, carries, pushes, drifts):
         np.setbufsize(512)  # NumPy would copy shorter rows than its buffer to broadcast them; ends with errstate
         m, k = self.motion, np.asarray(self.motion.foundation)
         whole = not k.ndim
         self.forces.strain = 0.0
-        for force, carry, push, dt in zip(forces, cycle(carries), cycle(pushes), cycle(drifts), strict=False):
+        for force, time, carry, push, dt in zip(forces, times, cycle(carries), cycle(pushes), cycle(drifts), strict=False):
+            site = None if m.site is None else m.site(u, time)
             for s, e in self.forces.fill(self.f, u):
                 us, vs, fs, t = u[:, s:e], v[:, s:e], self.f[:, s:e], self.scratch[:, : e - s]
                 fs -= np.multiply(k if whole else k[:, s:e], us, out=t)
+                if site is not None:
+                    fs += site[:, s:e]
                 if m.static is not None:
                     fs += m.static[:, s:e]
                 turn(fs, push[s:e])

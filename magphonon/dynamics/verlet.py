@@ -33,9 +33,10 @@ from tqdm import tqdm
 from ..errors import finite, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
+from ..stiffness.site_laws import SiteLaw
 from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
-from .engine import Blocks, can_compile, half_step, refusal, refuse_long_step, refuse_turns
+from .engine import Blocks, can_compile, half_step, not_compiled, refusal, refuse_long_step, refuse_turns
 from .splittings import SPLITTINGS
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
@@ -219,6 +220,9 @@ class DrivenVerlet(VelocityVerlet):
             momenta = self.atoms.get_momenta()
             momenta[self._sum_of_drives.particles] += share * self.dt / 2 * self._sum_of_drives.forces(np.array([t]))[0]
             self.atoms.set_momenta(momenta)
+        law = self.atoms.calc.parameters.foundation if isinstance(self.atoms.calc, MagneticRepulsion) else None
+        if isinstance(law, SiteLaw) and law.changes:
+            self.atoms.set_momenta(self.atoms.get_momenta() + share * self.dt / 2 * self.atoms.calc.pumped(self.atoms, t))
 
     def irun(self, steps: int = 50) -> Iterator[bool]:
         """The iterator of ASE's `irun`, which yields where observers look, and after some hundred steps at most."""
@@ -302,8 +306,9 @@ class DrivenVerlet(VelocityVerlet):
     def _setting(self):
         """All that forces and motion depend on, but for the state itself."""
         atoms, calc = self.atoms, self.atoms.calc
-        of_sites = (calc.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
-        changeable = getattr(calc, 'model', None), *(np.asarray(values).tobytes() for values in of_sites)
+        of_sites = (calc.parameters.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
+        changeable = getattr(calc, 'model', None), *(
+            values if isinstance(values, SiteLaw) else np.asarray(values).tobytes() for values in of_sites)
         return (calc, self.dt, self._sum_of_drives, changeable, [constraint.todict() for constraint in atoms.constraints],
                 *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
 
@@ -343,8 +348,11 @@ class DrivenVerlet(VelocityVerlet):
 def _engine_for(atoms, asked, long=False):
     """The engine that integrates `atoms` where `asked` is one of ENGINES, refused where blocks cannot."""
     reason = None if asked == 'ase' else refusal(atoms)
+    slow = None if reason or asked == 'ase' else not_compiled(atoms.calc)
     if asked == 'auto':
-        return 'ase' if reason else 'compiled' if long else 'numpy'
+        return 'ase' if reason else 'compiled' if long and not slow else 'numpy'
+    if asked == 'compiled' and slow:
+        raise ValueError(f"engine='compiled' cannot integrate these atoms: {slow}; use engine='numpy'")
     if reason:
         raise ValueError(f"engine='{asked}' cannot integrate these atoms: {reason}; use engine='ase'")
     return asked

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize
 
-from ..bands.bloch import bloch_modes
 from ..bands.floquet import Hill
+from ..stiffness.matrices import poles
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -25,6 +25,7 @@ LINES = {1: 400, 2: 24, 3: 8}  # points of the mesh along each period, by the nu
 ORDERS = 3  # largest n; growth goes as eps^n, and what is damped at all is damped more than by eps^4
 SECANTS = 3  # steps to a zero between two points of the mesh, where frequencies are nearly straight
 CLIMBED = 6  # number of places from which the growth is climbed
+SETTLED, MOST = 1e-7, 20  # change of the growth, in W, at which no harmonic is added, and how many there are at most
 SMALL = 60  # largest number of free directions of a finite structure whose growth is computed
 
 
@@ -65,7 +66,7 @@ def fastest_growth(atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0
     hill = Hill(atoms, model, damping)
     periodic = np.flatnonzero(atoms.pbc)
     if not len(periodic):
-        return Growth(hill.growth(np.zeros((1, 3)), ORDERS)[0], np.zeros(3)) if hill.modes <= SMALL else None
+        return Growth(_settled(hill, np.zeros(3), ORDERS), np.zeros(3)) if hill.modes <= SMALL else None
     places = _resonances(hill, periodic)
     rates = hill.growth(places, ORDERS)
 
@@ -83,7 +84,16 @@ def fastest_growth(atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0
             q = np.zeros(3)
             q[periodic] = found.x
             top = Growth(float(-found.fun), q)
-    return top
+    return Growth(_settled(hill, top.q, ORDERS), top.q)
+
+
+def _settled(hill, q, harmonics):
+    """The growth at a wavevector with as many harmonics as it needs."""
+    rate, before = hill.growth(q[None], harmonics)[0], np.inf
+    while abs(rate - before) > SETTLED * hill.W and harmonics < MOST:
+        harmonics += 1
+        rate, before = hill.growth(q[None], harmonics)[0], rate
+    return float(rate)
 
 
 def _resonances(hill, periodic) -> NDArray[np.float64]:
@@ -94,7 +104,8 @@ def _resonances(hill, periodic) -> NDArray[np.float64]:
     found = [[corner * np.isin(range(3), periodic) for corner in product((0, 0.5), repeat=3)]]
 
     def frequencies(q):
-        return bloch_modes(hill.system, q.reshape(-1, 3), hill.model)[0].reshape(*q.shape[:-1], -1)
+        found = np.sort(poles(hill.B, hill.system.bloch(q.reshape(-1, 3), hill.model)).imag, axis=1)[:, hill.modes :]
+        return found.reshape(*q.shape[:-1], hill.modes)
 
     def detuning(q, a, b, n):
         pairs = frequencies(q), frequencies(q - n * hill.kap)

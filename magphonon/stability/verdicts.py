@@ -185,7 +185,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     distance : float, optional
         Their displacement in mm; by default that of `finite_displacements`.
     damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms, against which a `Travelling` foundation makes waves grow; all else is that of its mean springs.
+        Force per momentum in 1/ms, against which a `Travelling` foundation makes waves grow; all else is judged on its
+        mean springs.
 
     Examples
     --------
@@ -473,7 +474,7 @@ def pumping(case: Case) -> Finding:
 @check
 def model(case: Case) -> Finding:
     """Model of the calculator."""
-    if case.stable or case.calc.model == 'complete':
+    if case.stable or case.pumps or case.calc.model == 'complete':
         return Finding(case.calc.model)
     return Finding(case.calc.model, f"The {case.calc.model} model does not show this, because it leaves out D*. Use "
                    "model='complete'.", fault=True)

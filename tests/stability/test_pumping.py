@@ -1,0 +1,65 @@
+"""Growth by a modulated foundation: against dense searches of the test's own, and the verdict on each side of its threshold."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from magphonon import InversePower, MagneticRepulsion, Travelling, floquet_bands, lattices, read_scene, units as u, verdict
+from magphonon.bands import bloch_modes
+from magphonon.stability import fastest_growth
+
+
+def chain(eps, W, kap, k=5.0):
+    cell = lattices.chain(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=Travelling(k, eps, W, kap))
+    return cell
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_no_wave_grows_faster(seed):
+    rng = np.random.default_rng(seed)
+    cell = chain(rng.uniform(0.1, 0.6), rng.uniform(2.2, 8), (rng.uniform(-3, 3), 0))
+    found = fastest_growth(cell)
+    every = floquet_bands(cell, np.outer(np.arange(200) / 200, [1, 0, 0]), tolerance=1e-2).growth
+    assert 0.01 < every.max() <= found.rate + 1e-4
+
+
+def test_a_mesh_would_miss_it():
+    cell = chain(0.004, 4.3, (0, 0))
+    found = fastest_growth(cell)
+    assert found.rate > 1e-3
+    assert floquet_bands(cell, found.q, tolerance=1e-10).growth[0] == pytest.approx(found.rate, abs=1e-8)
+    assert floquet_bands(cell, np.outer(np.arange(24) / 24, [1, 0, 0])).growth.max() < 1e-6
+
+
+def test_a_finite_structure():
+    patch = lattices.chain(1.0, 1.0).repeat((3, 1, 1))
+    patch.set_pbc(False)
+    law = Travelling(8.0, 0.5, 6.0, (1.0, 0.4))
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=law).balanced(range(len(patch)))
+    calc, n = patch.calc, 2 * len(patch)
+    K = calc.about(calc.reference, foundation=8.0).rest_hessian().toarray()
+
+    def motion(t, y):
+        x, v = y.reshape(2, n, n * 2)
+        pumped = np.repeat(law.eps * np.cos(law.W * t - patch.positions @ law.kap), 2)
+        return np.stack([v, -K @ x - 8.0 * pumped[:, None] * x]).ravel()
+
+    T = 2 * np.pi / law.W
+    end = solve_ivp(motion, (0, T), np.eye(2 * n).ravel(), 'DOP853', rtol=1e-9, atol=1e-9).y[:, -1].reshape(2 * n, 2 * n)
+    rate = np.log(abs(np.linalg.eigvals(end)).max()) / T
+    assert rate > 0.1
+    assert fastest_growth(patch).rate == pytest.approx(rate, abs=1e-5)
+
+
+@pytest.mark.parametrize(('eps', 'stable'), [(0.0816, True), (0.0818, False)])
+def test_the_verdict_on_both_sides_of_the_threshold(eps, stable):
+    """The shear wave half way to M grows from eps = 0.0817 on, against a damping of 4 per s."""
+    cell = read_scene('prototype').perfect_cell()
+    W = 2 * bloch_modes(cell, [[0, 0.25, 0]])[0][0, 0]
+    cell.calc = cell.calc.about(cell, foundation=Travelling(cell.calc.foundation, eps, W, (0, 0)))
+    judged = verdict(cell, damping=4 / u.s)
+    assert judged.stable == stable
+    assert judged.finding('pumping').fault != stable
+    assert not verdict(cell).stable  # without damping
+    assert judged.timestep_limit < verdict(read_scene('prototype').perfect_cell()).timestep_limit
