@@ -25,7 +25,7 @@ from .escapes import (
 )
 from .pumping import (
     Growth as Growth,
-    fastest_growth as fastest_growth,
+    pumped_growth as pumped_growth,
 )
 from .verdicts import (
     Buckling as Buckling,

@@ -45,7 +45,7 @@ class Growth:
     q: np.ndarray
 
 
-def fastest_growth(atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0.0) -> Growth | None:
+def pumped_growth(atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0.0) -> Growth | None:
     """The wave that a `Travelling` foundation makes grow fastest; None for a finite structure of too many particles.
 
     Parameters
@@ -56,11 +56,11 @@ def fastest_growth(atoms: Atoms, model: str = 'complete', damping: ArrayLike = 0
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, Travelling, lattices
-    >>> from magphonon.stability import fastest_growth
+    >>> from magphonon.stability import pumped_growth
     >>> cell = lattices.chain(1.0, 1.0)
     >>> k = Travelling(5.0, 0.1, W=4.0, kap=(0, 0))  # twice the frequency of a wave
     >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=k)
-    >>> fastest_growth(cell).rate > 0.05, fastest_growth(cell, damping=0.2).rate > 0
+    >>> pumped_growth(cell).rate > 0.05, pumped_growth(cell, damping=0.2).rate > 0
     (True, False)
     """
     hill = Hill(atoms, model, damping)

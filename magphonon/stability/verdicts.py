@@ -42,7 +42,7 @@ from .buckling import (
     support_needed,
 )
 from .escapes import escape_speeds
-from .pumping import Growth, fastest_growth
+from .pumping import Growth, pumped_growth
 
 LARGE = 0.1  # largest amplitude, as a fraction of the spacing, up to which perturbation theory is trusted
 LINEAR_ERROR = 0.01  # relative error of a frequency up to which the linear theory is accepted
@@ -332,7 +332,7 @@ class Case:
     @cached_property
     def growth(self) -> Growth | None:
         """The wave that the modulation makes grow fastest; None without one, or if it is not judged."""
-        return fastest_growth(self.pumped, damping=self.damping) if self.pumped is not None and self.balanced else None
+        return pumped_growth(self.pumped, damping=self.damping) if self.pumped is not None and self.balanced else None
 
     @property
     def stable(self) -> bool:
