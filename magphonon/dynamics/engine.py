@@ -30,6 +30,7 @@ from .kernels_numpy import Kernel, Motion, largest
 from .memory_layout import aligned_zeros, arrange
 from .site_forces import site_forces
 from .splittings import SPLITTINGS, Splitting
+from .thermostat import Bath
 
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
@@ -39,6 +40,7 @@ MANY_LOADED = 1 / 8
 whose particles are displaced at random; below it, for these particles only."""
 MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bonds have their own
 ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
+FAST = 2.0  # speed in thermal ones at which a particle in a bath is expected at any time
 PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
 
 
@@ -210,13 +212,15 @@ class Blocks:
     splitting : Splitting
     threads : int
         Number of threads of compiled blocks; the bits of the results do not depend on it.
+    bath : Bath, optional
+        Noise of the damping.
     """
 
     def __init__(self, atoms: Atoms, dt: float, drives: Sequence[Any], damping: NDArray[np.float64],
-                 splitting: Splitting = SPLITTINGS[2], threads: int = 1) -> None:
+                 splitting: Splitting = SPLITTINGS[2], threads: int = 1, bath: Bath | None = None) -> None:
         calc: MagneticRepulsion = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
         masses = atoms.get_masses()
-        self.atoms, self.calc, self.dt, self.threads = atoms, calc, dt, threads
+        self.atoms, self.calc, self.dt, self.threads, self.bath = atoms, calc, dt, threads, bath
         self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
         mobile, guided, barred = freedom(atoms)
         static = static_forces(calc, constant_push(drives, len(atoms)))
@@ -224,6 +228,7 @@ class Blocks:
         everywhere = len(loaded) > MANY_LOADED * len(atoms)
         driven = loaded[: len(loaded) * (not everywhere)]
         driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
+        driven = self._driven = np.flatnonzero(mobile) if bath else driven
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
         self._static = static[driven] * (not everywhere)
 
@@ -308,8 +313,9 @@ class Blocks:
         kicks = (np.arange(first, first + steps)[:, None] + self._splitting.times).ravel()
         times = self.dt * np.append(first, kicks)
         forces = self._external(times)
+        noise = self._heat(forces, first, self.bath) if self.bath else None
         while True:
-            beyond, *extent = self._try(forces, times)
+            beyond, *extent = self._try(forces, times, noise)
             if not beyond or self._exact:
                 break
             with np.errstate(over='ignore', invalid='ignore'):
@@ -323,14 +329,34 @@ class Blocks:
                 self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare, self._extent = self._spare, self._state, extent
 
-    def _try(self, forces, times):
+    def _try(self, forces, times, noise):
         """Fill the spare state with the end of the block; returns what `Kernel.advance` does."""
-        if not self._stale:
-            return self._kernel.advance(self._state, forces[1:], times[1:], out=self._spare)
-        beyond = self._kernel.accelerate(self._state, forces[0], times[0])
+        beyond = self._stale and self._kernel.accelerate(self._state, forces[0], times[0])
         self._stale = False
-        found, *extent = self._kernel.advance(self._state, forces[1:], times[1:], out=self._spare)
-        return beyond or found, *extent
+        before, after = noise or (0.0, 0.0)
+        begin = self._state + before if noise else self._state
+        found, far, fast = self._kernel.advance(begin, forces[1:], times[1:], out=self._spare)
+        if self.bath:
+            self._spare += after
+            fast = max(largest(self._spare[1]), FAST * self.bath.thermal)
+        return beyond or found, far, fast
+
+    def _heat(self, forces: NDArray[np.float64], first: int, bath: Bath) -> list[NDArray[np.float64]]:
+        """Add the noise between the steps of a block to its forces; returns that before and after it, as parts of states.
+
+        A kick pushes by (1 + E^2) dt/2m times the force; what ends a step decays as the next begins.
+        """
+        E, last = bath.decay, first + len(forces) - 2
+        push = (1 + E**2) * self.dt / (2 * self._masses)
+        for row, step in enumerate(range(first, last), start=1):
+            between = E * _complex(bath.kicks(step)[1]) + _complex(bath.kicks(step + 1)[0])
+            forces[row] += _vectors(between / push)[self._driven]
+        noise = []
+        for v in (_vectors(_complex(bath.kicks(first)[0]) / E), bath.kicks(last)[1]):
+            v = np.where(self._mobile, v, 0.0)
+            v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
+            noise.append(self.layout.scatter(np.stack([0 * v, v, 0 * v], axis=1)))
+        return noise
 
     def _external(self, times):
         """Static and external forces on the driven slots, shape (times, driven, 2)."""
@@ -411,3 +437,11 @@ class Blocks:
             mine[:] = state[name]
         self._measure()
         self._stale = bool(state['stale'])
+
+
+def _complex(v):
+    return v[:, 0] + 1j * v[:, 1]
+
+
+def _vectors(z):
+    return np.stack([z.real, z.imag], axis=1)

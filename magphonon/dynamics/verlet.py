@@ -30,7 +30,7 @@ from ase.md.verlet import VelocityVerlet
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
-from ..errors import finite, one_of, positive, whole
+from ..errors import finite, not_negative, one_of, positive, whole
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
 from ..stiffness.site_laws import SiteLaw
@@ -38,6 +38,7 @@ from .cages import Cages, Diverged
 from .drives import Drives, refuse_held_drives
 from .engine import Blocks, can_compile, half_step, not_compiled, refusal, refuse_long_step, refuse_turns
 from .splittings import SPLITTINGS
+from .thermostat import Bath
 
 ENGINES = ('auto', 'ase', 'numpy', 'compiled')
 ENOUGH = 20_000  # number of particles from which on another thread pays
@@ -83,6 +84,11 @@ class DrivenVerlet(VelocityVerlet):
         For times in ms and energies in mJ, see `magphonon.dynamics.verlet`; '-' is the terminal.
     loginterval : int
         Steps between two lines of the log, and between two frames of the trajectory.
+    temperature_mJ : float
+        kT: with noise that belongs to the damping, the particles are in a bath of this temperature (Langevin's equation).
+        Boltzmann's constant times 300 K is 4.14e-18 mJ.
+    seed : int
+        Of the noise, which depends on it and on the number of the step alone.
     threads : int, optional
         Of compiled blocks; the bits do not depend on them.  By default one for each 20 000 particles, at most OMP_NUM_THREADS, or
         as many as there are idle cores.
@@ -108,7 +114,7 @@ class DrivenVerlet(VelocityVerlet):
 
     def __init__(self, atoms: Atoms, timestep: float, drives: Sequence[Any] = (), damping: ArrayLike = 0.0, engine: str = 'auto',
                  order: int = 2, allow_unstable: bool = False, logfile: str | Path | IO[str] | None = None, loginterval: int = 1,
-                 threads: int | None = None, **kwargs: Any) -> None:
+                 threads: int | None = None, temperature_mJ: float = 0.0, seed: int = 0, **kwargs: Any) -> None:
         self.threads = threads_for(len(atoms)) if threads is None else whole('threads', threads)
         self.asked_engine = one_of('engine', engine, ENGINES)
         self.splitting = SPLITTINGS[one_of('order', order, tuple(SPLITTINGS))]
@@ -129,6 +135,8 @@ class DrivenVerlet(VelocityVerlet):
             self.attach(self.closelater(EnergyLog(self, atoms, logfile, self.comm)), loginterval)
         self.allow_unstable = allow_unstable
         self.recorders = []
+        self.temperature_mJ, self.seed = not_negative('temperature_mJ', temperature_mJ, 'mJ'), whole('seed', seed, 0)
+        self._bath = self._new_bath()
         self._start = atoms.get_positions()
         self._blocks, self._cages, self._unseen, self._good = None, None, 0.0, None
         self._prepared = self._setting(), None
@@ -182,14 +190,14 @@ class DrivenVerlet(VelocityVerlet):
         try:
             if self.splitting.stages > 1:
                 return self._in_stages(t, forces)
-            self._decay()
+            self._decay(0)
             self._kick(t)
             forces = super().step(forces)
         except ValueError as error:
             self._inspect(t_next)  # the calculator's words for particles that coincide or left for infinity
             raise error
         self._kick(t_next)
-        self._decay()
+        self._decay(1)
         return forces
 
     def _in_stages(self, t, forces):
@@ -205,15 +213,34 @@ class DrivenVerlet(VelocityVerlet):
                 forces = atoms.get_forces(md=True)
         return forces
 
-    def _decay(self):
-        """Half a step of losses and gyration."""
+    def _half_step(self):
+        """What losses and gyration leave of velocities in half a step; None if there are neither."""
         gyration = getattr(self.atoms.calc, 'gyration', 0.0)
         if not (self.damping.any() or np.any(gyration)):
+            return None
+        return half_step(self.damping, gyration, freedom(self.atoms)[1] if np.any(gyration) else [], self.dt)
+
+    def _new_bath(self):
+        """The noise that belongs to the present damping and masses."""
+        if not self.temperature_mJ:
+            return None
+        E = self._half_step()
+        if self.splitting.stages > 1 or E is None or not self.damping.any():
+            raise ValueError('the noise of a temperature belongs to damping, in steps of order 2: give damping=..., and order=2')
+        return Bath(self.temperature_mJ, self.atoms.get_masses(), E, self.seed, getattr(self.atoms.calc, 'dim', 3))
+
+    def _decay(self, half):
+        """The first (0) or the second half of what losses, gyration and noise do in a step."""
+        E = self._half_step()
+        if E is None:
             return
-        p, guided = self.atoms.get_momenta(), freedom(self.atoms)[1] if np.any(gyration) else []
-        E = half_step(self.damping, gyration, guided, self.dt)
+        p = self.atoms.get_momenta()
         turned = E * (p[:, 0] + 1j * p[:, 1])
-        self.atoms.set_momenta(np.column_stack([turned.real, turned.imag, abs(E) * p[:, 2]]))
+        p = np.column_stack([turned.real, turned.imag, abs(E) * p[:, 2]])
+        if self._bath:
+            noise = self._bath.kicks(self.nsteps)[half]
+            p[:, : noise.shape[1]] += self.atoms.get_masses()[:, None] * noise
+        self.atoms.set_momenta(p)
 
     def _kick(self, t, share=1.0):
         if self._sum_of_drives:
@@ -291,10 +318,11 @@ class DrivenVerlet(VelocityVerlet):
             if not self.allow_unstable:
                 refuse_long_step(self.atoms, self.dt, self.splitting.limit)
             refuse_turns(self.atoms, self.splitting)
+            self._bath = self._new_bath()
         self.engine = _engine_for(self.atoms, self.asked_engine, long)
         blocks = cages = None
         if self.engine != 'ase':
-            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads)
+            blocks = Blocks(self.atoms, self.dt, self._drives, self.damping, self.splitting, self.threads, self._bath)
             blocks.use(self.engine)
             if self._blocks is not None and self._blocks.current:
                 blocks.adopt(self._blocks)

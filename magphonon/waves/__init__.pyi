@@ -24,6 +24,10 @@ from .spectrum import (
     ridge as ridge,
     wavenumber_frequency as wavenumber_frequency,
 )
+from .thermal import (
+    ThermalBands as ThermalBands,
+    thermal_bands as thermal_bands,
+)
 from .vibrometer import (
     sampled as sampled,
 )

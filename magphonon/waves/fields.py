@@ -111,11 +111,8 @@ class Field:
         return 2 * np.pi / (self.frames * self.dt)
 
     def window(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """A Hann window over the distance from the hull of the points, shape (points,), and its gradient, shape (points, 2)."""
-        faces = ConvexHull(self.sites).equations
-        depths = self.spacing / 2 - self.sites @ faces[:, :2].T - faces[:, 2]
-        depth, phase = depths.min(axis=1).max(), np.pi * depths.min(axis=1) / depths.min(axis=1).max()
-        return (1 - np.cos(phase)) / 2, -(np.pi / (2 * depth) * np.sin(phase))[:, None] * faces[depths.argmin(axis=1), :2]
+        """The `hull_window` of the points."""
+        return hull_window(self.sites, self.spacing)
 
     def transforms(self, top: float) -> Iterator[tuple[NDArray[np.float64], list[NDArray[np.complex128]]]]:
         """Of each segment its angular frequencies up to `top`, and the motions over these with a Hann window and its derivative.
@@ -151,6 +148,14 @@ class FieldMap(units.InHertz, Saved, kind='field maps', units={
     q: np.ndarray
     omega: np.ndarray
     power: np.ndarray
+
+
+def hull_window(sites: NDArray[np.float64], spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A Hann window over the distance from the hull of points, shape (points,), and its gradient, shape (points, 2)."""
+    faces = ConvexHull(sites).equations
+    depths = spacing / 2 - sites @ faces[:, :2].T - faces[:, 2]
+    depth, phase = depths.min(axis=1).max(), np.pi * depths.min(axis=1) / depths.min(axis=1).max()
+    return (1 - np.cos(phase)) / 2, -(np.pi / (2 * depth) * np.sin(phase))[:, None] * faces[depths.argmin(axis=1), :2]
 
 
 def is_field(places: NDArray[np.float64], cell: Atoms) -> bool:

@@ -1,0 +1,52 @@
+"""Thermal noise of damped particles: exact half steps of the Ornstein-Uhlenbeck process.
+
+With E what half a step of damping and gyration leaves of a velocity (v_x + i v_y of particles that gyrate), and independent
+normal numbers xi, half a step is
+
+    v <- E v + sqrt((1 - |E|^2) kT/m) xi
+
+which keeps the Maxwell distribution whatever the time step.  Around a step of velocity Verlet it makes Langevin's equation,
+
+    m u'' = F(u) - m gamma u' + sqrt(2 m gamma kT) xi(t)
+
+whose positions have the distribution exp(-V/kT), of harmonic forces with kT/(k (1 - (w dt)^2/4)) for kT/k.  The numbers depend on
+the seed and the number of the step alone: a run cut in two, or by another engine, has the same noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+DRAWN = 2**17  # about how many normal numbers are drawn at a time
+
+
+class Bath:
+    """What the half steps of a run add to velocities.
+
+    Parameters
+    ----------
+    temperature : float
+        kT in mJ.
+    masses : ndarray, shape (particles,)
+        In g.
+    decay : ndarray, shape (particles,)
+        E; complex where particles gyrate.
+    seed : int
+    dim : int
+        Number of directions of motion.
+    """
+
+    def __init__(self, temperature: float, masses: NDArray[np.float64], decay: NDArray[np.float64], seed: int, dim: int) -> None:
+        self.decay, self.seed, self.thermal = decay, seed, float(np.sqrt(temperature / masses.min()))
+        self._spread = np.sqrt((1 - abs(decay) ** 2) * temperature / masses)[:, None]
+        self._shape = max(1, DRAWN // (2 * len(masses) * dim)), 2, len(masses), dim
+        self._part, self._drawn = -1, np.zeros(0)
+
+    def kicks(self, step: int) -> NDArray[np.float64]:
+        """Velocities in mm/ms that the half steps at the beginning and the end of a step add, shape (2, particles, dim)."""
+        part, row = divmod(step, self._shape[0])
+        if part != self._part:
+            numbers = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, part]))
+            self._part, self._drawn = part, self._spread * numbers.normal(size=self._shape)
+        return self._drawn[row]

@@ -1,0 +1,174 @@
+"""Stiffness of waves from thermal motion: what a wave of the wavevector q resists, k(q) = kT/<|u_q|^2>.
+
+With the window h over the particles and the modes e of the linear lattice, of which D(q) is the Bloch matrix,
+
+    u_q = sum_j h_j u_j e^{-i k.R_j}/sqrt(sum h^2)       C = <u_q u_q^+> - <u_q><u_q>^+       w^2 = e^+ M^-1/2 kT C^-1 M^-1/2 e
+
+Equipartition says no more than this: harmonic forces have C = kT D^-1 at any temperature, and how C differs from that shows
+anharmonic ones, as kT grows.  Three things spoil the number, and are taken off or told:
+
+- few frames: the inverse of a mean of M frames is too large by some n/M.  The frames, in order, are cut into segments longer than
+  they remember, and the record without each of them gives this bias, and the error (jackknife).
+- a window: waves of all q' within 1/width of q take part.  By how much depends on the linear stiffness, which is known.
+- the time step dt of a run: velocity Verlet samples the stiffness k (1 - (w dt)^2/4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from .. import units
+from ..bands.bloch import bloch_modes, wavevectors
+from ..errors import finite, positive
+from ..files import Saved
+from ..lattices.bonds import image_of
+from ..stiffness.rest import LinearSystem
+from .fields import hull_window
+
+SEGMENTS = 20  # of a record: their scatter knows the error to 1/sqrt(2 SEGMENTS) of itself
+FITS = 1e-6  # periods by which a wave may miss the supercell
+FEWEST = 5  # frames of a segment
+
+
+@dataclass(frozen=True)
+class ThermalBands(units.InHertz, Saved, kind='thermal bands', units={
+    'q': ('reciprocal vectors', 'wavevectors', 'vectors'), 'omega': ('rad/ms', 'wavevectors', 'branches'),
+    'error': ('rad/ms', 'wavevectors', 'branches'), 'bias': ('rad/ms', 'wavevectors', 'branches'),
+    'linear': ('rad/ms', 'wavevectors', 'branches'),
+}):
+    """Frequencies that belong to the stiffness of thermal waves, along the modes of the linear lattice.
+
+    Attributes
+    ----------
+    q : ndarray, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors.
+    omega : ndarray, shape (wavevectors, branches)
+        In rad/ms, without the bias.
+    error : ndarray, shape (wavevectors, branches)
+        One standard error of omega.
+    bias : ndarray, shape (wavevectors, branches)
+        What was taken off, by few frames, window and time step together.
+    linear : ndarray, shape (wavevectors, branches)
+        Of the linear lattice, for comparison.
+    """
+
+    q: np.ndarray
+    omega: np.ndarray
+    error: np.ndarray
+    bias: np.ndarray
+    linear: np.ndarray
+
+
+def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, temperature_mJ: float, cell: Atoms, q: ArrayLike,
+                  dt: float = 0.0, particles: ArrayLike | None = None) -> ThermalBands:
+    """Stiffness of waves from a record of thermal motion.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms or LinearSystem
+        The supercell or the patch that moves, at rest, with its MagneticRepulsion.
+    displacements : array_like, shape (frames, particles, dim)
+        From rest, in mm, in thermal equilibrium from the first frame.
+    temperature_mJ : float
+        kT.
+    cell : ase.Atoms
+        One cell of the lattice, with its MagneticRepulsion.
+    q : array_like, shape (wavevectors, 3)
+        In fractions of the reciprocal vectors of the cell; of a periodic supercell those that fit into it.
+    dt : float
+        Time step in ms of the run of velocity Verlet that made the record; 0 of a measurement.
+    particles : array_like of int, optional
+        Those that were recorded; all if not given.  Of a patch, or if not all are, a Hann window reaches from edge to edge.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
+    >>> from magphonon.waves import thermal_bands
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=8.0)
+    >>> atoms = cell.repeat((4, 4, 1))
+    >>> atoms.calc = cell.calc.on(atoms)
+    >>> dyn = DrivenVerlet(atoms, 0.1, damping=2.0, temperature_mJ=1e-6)
+    >>> dyn.run(100)  # into equilibrium
+    True
+    >>> recorder = Recorder(dyn)
+    >>> dyn.run(4000)
+    True
+    >>> found = thermal_bands(atoms, recorder.displacements, 1e-6, cell, [(0.5, 0, 0)], dt=0.1)
+    >>> bool((abs(found.omega - found.linear) < 4 * found.error).all())
+    True
+    """
+    system, q = LinearSystem.of(atoms), wavevectors(q)
+    particles, u = system.recorded(particles), finite('displacements', displacements)
+    if u.shape[1:] != (len(particles), system.dim):
+        raise ValueError(f'displacements must have the shape (frames, {len(particles)}, {system.dim}), not {u.shape}')
+    if len(u) < FEWEST * SEGMENTS:
+        raise ValueError(f'{len(u)} frames are too few for an error; record {FEWEST * SEGMENTS} or more')
+    waves, masses = _waves(system, cell, q, particles), np.repeat(cell.get_masses(), system.dim)
+    linear, shapes = bloch_modes(cell, q, vectors=True)
+    shapes = shapes.reshape(*linear.shape, -1) / np.sqrt(masses)  # pyright: ignore[reportOptionalMemberAccess]  asked for
+    recorded = (particles[:, None] * system.dim + np.arange(system.dim)).ravel()
+    kT = positive('temperature_mJ', temperature_mJ, 'mJ')
+
+    def squares(C):
+        """Of matrices <u_q u_q^+>, shape (wavevectors, rows, rows)."""
+        return kT * np.einsum('qbi,qij,qbj->qb', shapes.conj(), np.linalg.inv(C), shapes).real
+
+    u_q = np.einsum('qrp,fp->fqr', waves[:, :, recorded].conj(), u.reshape(len(u), -1))
+    parts = np.array_split(u_q, SEGMENTS)
+    counts, means = np.array([len(part) for part in parts]), np.array([part.sum(axis=0) for part in parts])
+    products = np.array([np.einsum('fqr,fqs->qrs', part, part.conj()) for part in parts])
+
+    def without(part):
+        n, mean = len(u) - counts[part].sum(), (means.sum(axis=0) - means[part].sum(axis=0)) / (len(u) - counts[part].sum())
+        C = (products.sum(axis=0) - products[part].sum(axis=0)) / n - mean[:, :, None] * mean[:, None, :].conj()
+        return squares(C)
+
+    whole, left = without([]), np.array([without([k]) for k in range(SEGMENTS)])
+    found = SEGMENTS * whole - (SEGMENTS - 1) * left.mean(axis=0)
+    error = np.sqrt((SEGMENTS - 1) * left.var(axis=0))
+    if dt:  # x = (w dt/2)^2 is seen as x (1 - x)
+        root = np.sqrt(np.maximum(1 - found * dt**2, 0.25))
+        found, error = 2 * (1 - root) / dt**2, error / root
+    seen = linear**2 / squares(kT * waves.conj() @ compliant(system, waves))
+    omega = np.sqrt(np.maximum(found * seen, 0))
+    error = error * seen / (2 * np.sqrt(np.maximum(found * seen, error * seen)))
+    return ThermalBands(q, omega, error, np.sqrt(whole) - omega, linear)
+
+
+def _waves(system, cell, q, particles):
+    """What takes u_q^* from displacements of the particles, shape (wavevectors, rows of the cell, rows of the structure)."""
+    atoms, dim = system.atoms, system.dim
+    home = image_of(cell, atoms)
+    n = (atoms.positions - cell.positions[home]) @ np.linalg.inv(cell.cell.array)
+    h = np.zeros(len(atoms))
+    if atoms.pbc.any() and len(particles) == len(atoms):
+        across = (q @ (atoms.cell.array @ np.linalg.inv(cell.cell.array)).T)[:, atoms.pbc]
+        for k in np.flatnonzero(abs(across - np.rint(across)).max(axis=1) > FITS)[:1]:
+            raise ValueError(f'the wave q = ({q[k, 0]:.4g}, {q[k, 1]:.4g}, {q[k, 2]:.4g}) does not fit into the supercell; '
+                             'choose wavevectors whose waves do, or a supercell of other repeats')
+        h[:] = 1
+    elif dim == 2 and len(particles) > 2:
+        h[particles] = hull_window(atoms.positions[particles, :2], system.calc.bonds.lengths.min())[0]
+    else:
+        raise ValueError('a window needs points of a plane; record all particles of a periodic supercell')
+    h = h * system.mobile
+    rows = (home == np.arange(len(cell))[:, None]) * h
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    waves = np.einsum('kp,qp->qkp', rows, np.exp(2j * np.pi * q @ n.T))
+    return np.einsum('qkp,xy->qkxpy', waves, np.eye(dim)).reshape(len(q), len(cell) * dim, -1)
+
+
+def compliant(system: LinearSystem, waves: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Static displacements by forces like `waves`, shape (wavevectors, rows, rows of the structure), the last two swapped."""
+    P, forces = system.free, waves.reshape(-1, waves.shape[-1]).T
+    factors = sparse.linalg.splu(sparse.csc_array(system.stiffness), 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
+                                 options={'SymmetricMode': True})
+    moved = P @ (factors.solve(P.T @ forces.real) + 1j * factors.solve(P.T @ forces.imag))
+    return moved.T.reshape(waves.shape).swapaxes(1, 2)

@@ -1,0 +1,168 @@
+"""Thermal noise and the stiffness that it shows: runs against each other, records drawn from exact distributions, a potential."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms, FixedLine
+from scipy.integrate import quad
+from structures import structure
+
+from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices
+from magphonon.bands import bloch_modes
+from magphonon.stiffness import LinearSystem
+from magphonon.waves import thermal_bands
+
+LAW = InversePower(1.0, 4.0)
+
+
+def states(case, engine, parts, gyration=0.0):
+    atoms = case.atoms.copy()
+    atoms.calc = case.atoms.calc
+    if gyration:
+        atoms.calc = atoms.calc.about(atoms, gyration=gyration)
+    damping = np.linspace(0.0, 0.3, len(atoms) + 1)[1:]
+    dyn = DrivenVerlet(atoms, 0.1, damping=damping, engine=engine, temperature_mJ=1e-3, seed=3, allow_unstable=True)
+    record = Recorder(dyn, interval=7)
+    for steps in parts:
+        dyn.run(steps)
+    return record.displacements, dyn.velocities
+
+
+@pytest.mark.parametrize('seed', [6, 16])
+def test_every_engine_has_the_same_noise(seed):
+    """Of drawn structures, with guided and held particles, turning ones, and in runs that are cut elsewhere."""
+    case, gyration = structure(seed), 0.5 * (seed == 16)
+    expected, last = states(case, 'ase', [70], gyration)
+    assert abs(expected).max() > 0.05  # mm
+    for engine, parts in ('numpy', [33, 37]), ('compiled', [70]):
+        found, velocities = states(case, engine, parts, gyration)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)  # ASE's constraints leave 1e-12
+        np.testing.assert_allclose(velocities, last, rtol=0, atol=1e-11)
+
+
+def test_other_seeds_and_times_have_other_noise():
+    case = structure(7)
+    first, _ = states(case, 'numpy', [70])
+    atoms = case.atoms.copy()
+    atoms.calc = case.atoms.calc
+    dyn = DrivenVerlet(atoms, 0.1, damping=0.3, temperature_mJ=1e-3, seed=4, allow_unstable=True)
+    record = Recorder(dyn, interval=7)
+    dyn.run(70)
+    assert abs(record.displacements[-1] - first[-1]).max() > 1e-3
+    assert abs(np.diff(record.displacements, 2, axis=0)).min() > 0
+
+
+def test_a_temperature_without_damping_is_refused():
+    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 2.0)
+    patch.calc = MagneticRepulsion(patch, LAW, foundation=5.0)
+    for wrong in ({}, {'damping': 0.1, 'order': 4}):
+        with pytest.raises(ValueError, match='belongs to damping'):
+            DrivenVerlet(patch, 0.01, temperature_mJ=1e-3, **wrong)
+    with pytest.raises(ValueError, match='temperature_mJ'):
+        DrivenVerlet(patch, 0.01, damping=0.1, temperature_mJ=-1.0)
+
+
+def test_equipartition_at_any_time_step():
+    """Independent particles on springs, turning or not: <m v^2> = kT exactly, <k u^2> = kT/(1 - (w dt)^2/4) without turns."""
+    rng = np.random.default_rng(0)
+    atoms = lattices.square(10.0, 1.0).repeat((20, 20, 1))
+    atoms.pbc = False
+    atoms.set_masses(rng.uniform(0.5, 2, 400))
+    k, kT, dt = 2.0, 1e-12, 0.9
+    for gyration in (0.0, 0.7):
+        atoms.calc = MagneticRepulsion(atoms, InversePower(1e-9, 4.0), foundation=k, gyration=gyration)
+        dyn = DrivenVerlet(atoms, dt, damping=1.0, temperature_mJ=kT, engine='numpy')
+        dyn.run(30)
+        u2, v2 = [], []
+        for _ in range(150):
+            dyn.run(3)
+            u2.append((dyn.displacements**2).mean(axis=1))
+            v2.append((dyn.velocities**2).mean(axis=1))
+        m = atoms.get_masses()
+        kinetic = (np.mean(v2, axis=0) * m).mean() / kT
+        potential = (np.mean(u2, axis=0) * k * (1 - k / m * dt**2 / 4)).mean() / kT
+        assert kinetic == pytest.approx(1, abs=0.02)  # 120 000 numbers, a few of which depend on each other
+        assert potential == pytest.approx(1, abs=0.02)
+        assert abs((np.mean(u2, axis=0) * k).mean() / kT - 1) > 0.1  # the control: without what the step adds
+
+
+def drawn_record(system, kT, frames, rng):
+    """Independent frames of the exact distribution of harmonic forces."""
+    P, K = system.free.toarray(), system.stiffness.toarray()
+    squares, modes = np.linalg.eigh(K)
+    y = rng.normal(size=(frames, len(squares))) * np.sqrt(kT / squares)
+    return (y @ modes.T @ P.T).reshape(frames, len(system), -1)
+
+
+def misses(seed, kT=1e-3, partial=False, model='complete'):
+    """(found - true)/error of drawn cells in supercells, or of hexagons and parts of them; (wavevectors, branches)."""
+    rng = np.random.default_rng([seed, 7])
+    cell = getattr(lattices, ['triangular', 'honeycomb', 'square', 'kagome'][seed % 4])(1.0, 1.0)
+    cell.set_masses(rng.uniform(0.5, 2, len(cell)))
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=rng.uniform(7, 10))
+    if partial:
+        atoms, q = lattices.hexagon(cell, 4.0), [(0.21, 0.1, 0), (0.5, 0, 0)]
+        atoms.calc = MagneticRepulsion(atoms, LAW, foundation=cell.calc.foundation).balanced(np.arange(len(atoms)))
+    else:
+        atoms, q = cell.repeat((4, 3, 1)), [(0.25, 0, 0), (0.5, 1 / 3, 0), (0, 0, 0)]
+        atoms.calc = cell.calc.on(atoms)
+    drawn = atoms.copy()
+    drawn.calc = atoms.calc.about(atoms, model=model) if model != 'complete' else atoms.calc
+    u = drawn_record(LinearSystem.of(drawn), kT, 200, rng)
+    found = thermal_bands(atoms, u, kT, cell, q)
+    np.testing.assert_allclose(found.linear, bloch_modes(cell, q)[0])
+    return (found.omega - found.linear) / found.error, found
+
+
+@pytest.mark.parametrize('partial', [False, True])
+def test_the_error_covers_what_is_true(partial):
+    z = np.concatenate([misses(seed, partial=partial)[0].ravel() for seed in range(8)])
+    # of about 100 numbers, of 19 degrees of freedom each; the control is a record of D0 alone
+    assert abs(z.mean()) < 0.4
+    assert 0.8 < z.std() < 1.35
+    wrong = np.concatenate([misses(seed, partial=partial, model='conventional')[0].ravel() for seed in range(4)])
+    assert abs(wrong).max() > 10
+
+
+def test_few_frames_and_a_window_are_taken_off():
+    _, found = misses(1)
+    assert (found.bias > 0).all()  # of the inverse of a mean
+    z, found = misses(4, partial=True)
+    assert abs(found.bias / found.error).max() > 1  # a narrow window at a curved branch
+    assert abs(z).max() < 4
+
+
+def test_particles_between_held_ones_have_the_distribution_of_their_potential():
+    """A row in which every other particle is held and the others move along it: <u^2> by quadrature of the energy."""
+    row = lattices.chain(1.0, 1.0).repeat((401, 1, 1))
+    row.pbc = False
+    row.set_constraint([FixAtoms(range(0, 401, 2)), *(FixedLine(k, (1, 0, 0)) for k in range(1, 401, 2))])
+    row.calc = MagneticRepulsion(row, LAW, foundation=2.0)
+    kT = 0.2
+    dyn = DrivenVerlet(row, 0.05, damping=3.0, temperature_mJ=kT, engine='numpy')
+    dyn.run(100)
+    u2 = []
+    for _ in range(60):
+        dyn.run(16)
+        u2.append((dyn.displacements[1::2, 0] ** 2).mean())
+
+    def energy(x):
+        return ((1 + x) ** -3 + (1 - x) ** -3) / 3 - 2 / 3 + x**2
+
+    weight, moment = (quad(lambda x, n=n: x**n * np.exp(-energy(x) / kT), -0.95, 0.95)[0] for n in (0, 2))
+    # 12 000 numbers, of which some three in a row are alike
+    assert np.mean(u2) == pytest.approx(moment / weight, rel=0.04)
+    assert moment / weight < 0.9 * kT / 10  # the control: what harmonic forces would do
+
+
+def test_what_does_not_serve_is_refused():
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, LAW, foundation=4.0)
+    atoms = cell.repeat((4, 3, 1))
+    atoms.calc = cell.calc.on(atoms)
+    u = np.random.default_rng(0).normal(size=(200, 12, 2))
+    with pytest.raises(ValueError, match='does not fit'):
+        thermal_bands(atoms, u, 1e-3, cell, [(0.3, 0, 0)])
+    with pytest.raises(ValueError, match='too few'):
+        thermal_bands(atoms, u[:50], 1e-3, cell, [(0.25, 0, 0)])
+    with pytest.raises(ValueError, match='shape'):
+        thermal_bands(atoms, u[:, :5], 1e-3, cell, [(0.25, 0, 0)])
