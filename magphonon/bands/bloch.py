@@ -130,11 +130,12 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
     B, n, found = system.B(gamma).toarray(), system.directions, []
     for K in (system.bloch(part, model) for part in in_batches(q, calc)):
         s, z = _poles_and_shapes(B, K)
-        real = abs(s.imag) < ROUND_OFF * abs(s).max()
-        best = np.lexsort((-s.real, -np.where(real, 0, s.imag)), axis=-1)[:, :n]  # one of each pair; of real ones the slow half
-        s, real = np.take_along_axis(s, best, axis=1), np.take_along_axis(real, best, axis=1)
-        omega = np.where(real, 0.0 - s.real.clip(min=0), s.imag)
-        decay = np.where(abs(s.real) > EPS * abs(s).max() * n, -s.real, 0.0)
+        rate, turn = np.real(s), np.imag(s)
+        real = abs(turn) < ROUND_OFF * abs(s).max()
+        best = np.lexsort((-rate, -np.where(real, 0, turn)), axis=-1)[:, :n]  # one of each pair; of real ones the slow half
+        rate, turn, real = (np.take_along_axis(part, best, axis=1) for part in (rate, turn, real))
+        omega = np.where(real, 0.0 - rate.clip(min=0), turn)
+        decay = np.where(abs(rate) > EPS * abs(s).max() * n, -rate, 0.0)
         order = np.lexsort((decay, omega), axis=-1)
         shapes = np.take_along_axis(np.take_along_axis(z, best[:, None], axis=2), order[:, None], axis=2)
         found.append((np.take_along_axis(omega, order, axis=1), np.take_along_axis(decay, order, axis=1), shapes))

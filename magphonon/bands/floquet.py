@@ -57,7 +57,7 @@ class FloquetBands(units.InHertz):
     @property
     def growth(self) -> NDArray[np.float64]:
         """Rate of the fastest growth at each wavevector in 1/ms, shape (wavevectors,); negative where all waves die out."""
-        return self.omega.imag.max(axis=1)
+        return np.imag(self.omega).max(axis=1)
 
 
 def floquet_bands(atoms: Atoms, q: ArrayLike, model: str = 'complete', damping: ArrayLike = 0.0,
@@ -114,9 +114,9 @@ def _strongest(omega, weight, hill):
     """The waves, two for each mode, that are strongest at q itself, and their weights."""
     forward, weight = omega.real >= STILL * hill.W, weight[:, weight.shape[1] // 2]
     best = np.argsort(np.where(forward, -weight, 1.0), axis=1)[:, : 2 * hill.modes]
-    omega, weight = (np.take_along_axis(x, best, axis=1) for x in (omega, weight))
-    order = np.argsort(omega.real, axis=1)
-    return tuple(np.take_along_axis(x, order, axis=1) for x in (omega, weight))
+    omega, weight = np.take_along_axis(omega, best, axis=1), np.take_along_axis(weight, best, axis=1)
+    order = np.argsort(np.real(omega), axis=1)
+    return np.take_along_axis(omega, order, axis=1), np.take_along_axis(weight, order, axis=1)
 
 
 class Hill:

@@ -18,6 +18,8 @@ from ..stiffness.rest import LinearSystem
 from .bloch import in_batches
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from ase import Atoms
     from numpy.typing import NDArray
 
@@ -160,7 +162,7 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str = 'complete'
 
     mesh = np.arange(STEPS + 1) / STEPS
     ends = np.concatenate([np.linalg.eigvalsh(at(part)) for part in np.array_split(mesh, STEPS // 10)])
-    found = [(brentq(lambda q, n=n: np.linalg.eigvalsh(at(q)[0])[n], mesh[k], mesh[k + 1], xtol=1e-12), n)
+    found: list[tuple[Any, int]] = [(brentq(lambda q, n=n: np.linalg.eigvalsh(at(q)[0])[n], mesh[k], mesh[k + 1], xtol=1e-12), n)
              for k, n in np.argwhere((ends[1:] > 0) != (ends[:-1] > 0))]
     period, P = atoms.cell.array[along], system.free.toarray()
     length = np.linalg.norm(period)
@@ -177,5 +179,5 @@ def edge_flow(strip: Atoms | LinearSystem, omega: float, model: str = 'complete'
             raise ValueError(f'at {omega:.6g} rad/ms the wave at q = {q:.4g} runs along neither edge: {100 * share:.0f} % of it '
                              'is in the half on the right. The frequency is in no gap of the lattice, or the strip is too narrow')
         at_right[k] = share > 0.5
-    net = [int(np.sign(velocity[side]).sum()) for side in (at_right, ~at_right)]
-    return EdgeFlow(*net, np.array([q for q, _ in found]), velocity, at_right)
+    right, left = (int(np.sign(velocity[side]).sum()) for side in (at_right, ~at_right))
+    return EdgeFlow(right, left, np.array([q for q, _ in found]), velocity, at_right)

@@ -222,9 +222,10 @@ def _fit_bands(options):
         print(f'\nthe picture and this text are in {options.output}')
 
 
-def _fixed(options, keys):
+def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
     """The parameters that --fix names, with their unit or without."""
-    return [keys.get(name.strip(), name.strip()) for name in options.fix.split(',')] if options.fix else []
+    names: list[str] = [name.strip() for name in options.fix.split(',')] if options.fix else []
+    return [keys.get(name, name) for name in names]
 
 
 def _prior(text, keys):

@@ -237,7 +237,7 @@ class Blocks:
         self._splitting = splitting
         rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
         E = half_step(damping - rate, calc.gyration, guided, dt)
-        decay = layout.scatter(E.real)
+        decay = layout.scatter(np.real(E))
         if np.iscomplexobj(E):
             decay = decay + 1j * layout.scatter(E.imag)
         k, site = site_forces(calc, layout)

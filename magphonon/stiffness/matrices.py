@@ -277,9 +277,10 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
             omega, modes = (np.array(part) for part in zip(*found, strict=True))
             return omega.reshape(K.shape[:-1]), modes.reshape(K.shape)
         s, z = np.linalg.eig(_companion(B, K))
-        grows = s.real > GROWS * abs(s).max()
-        first = np.lexsort((-s.real, s.imag))[:n]  # those with e^{-iwt}, w > 0
-        omega, modes = np.where(grows, -s.real, -s.imag)[first], z[:n, first]
+        rate, turn = np.real(s), np.imag(s)
+        grows = rate > GROWS * abs(s).max()
+        first = np.lexsort((-rate, turn))[:n]  # those with e^{-iwt}, w > 0
+        omega, modes = np.where(grows, -rate, -turn)[first], z[:n, first]
         order = np.argsort(omega)
         return omega[order], modes[:, order] / np.linalg.norm(modes[:, order], axis=0)
     modes = z[..., n:, n:]
