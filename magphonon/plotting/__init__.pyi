@@ -16,6 +16,7 @@ from .bands import (
     mode_names as mode_names,
     name_branches as name_branches,
     plot_bands as plot_bands,
+    plot_edge_bands as plot_edge_bands,
 )
 from .density import (
     plot_density as plot_density,

@@ -83,6 +83,40 @@ def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None
     return ax
 
 
+def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | None = None) -> Axes:
+    """Bands of a strip, in which the waves along its edges are marked: arrows in colour for those of either edge.
+
+    Parameters
+    ----------
+    bands : Bands
+        Of a strip, with modes (`vectors=True`).
+    weights : ndarray, shape (wavevectors, modes, 2)
+        `magphonon.bands.edge_weights(strip, bands)`; waves with more than half of their motion at an edge are marked.
+    ax : matplotlib.axes.Axes, optional
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+    >>> from magphonon.bands import edge_weights
+    >>> from magphonon.plotting import plot_edge_bands
+    >>> strip = lattices.ribbon(lattices.honeycomb(1.0, 1.0), 6)
+    >>> strip.calc = MagneticRepulsion(strip, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55)
+    >>> path = strip.cell.bandpath([[-0.5, 0, 0], [0.5, 0, 0]], npoints=20, pbc=strip.pbc)
+    >>> bands = analytic_bands(strip, path, 'conventional', vectors=True)
+    >>> ax = plot_edge_bands(bands, edge_weights(strip, bands))
+    """
+    ax = new_axes() if ax is None else ax
+    x, f = np.broadcast_arrays(bands.path.get_linear_kpoint_axis()[0][:, None], bands.frequencies_Hz)
+    ax.plot(x[:, 0], f, color='0.7', linewidth=0.5)
+    for edge, (name, marker) in enumerate((('right edge', '>'), ('left edge', '<'))):
+        own = weights[..., edge] > 0.5
+        ax.scatter(x[own], f[own], s=9, marker=marker, color=COLOURS[edge], linewidths=0, zorder=3, label=name)
+    label_path(ax, bands.path)
+    label_frequencies(ax.yaxis)
+    legend_above(ax, ncols=2)
+    return ax
+
+
 def label_path(ax: Axes, path: BandPath) -> None:
     """Let the axis of wavevectors run along the path, with the names of its special points."""
     x, ticks, names = path.get_linear_kpoint_axis()
