@@ -12,7 +12,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, [
 ], {
     'bands': ['Bands', 'analytic_bands', 'chern_numbers', 'complex_bands', 'edge_flow', 'finite_displacements',
               'floquet_bands', 'group_velocities', 'phonopy_bands', 'sound_speeds'],
-    'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst'],
+    'dynamics': ['Constant', 'Diverged', 'DrivenVerlet', 'Harmonic', 'Recorder', 'ToneBurst', 'Wall'],
     'errors': ['NotAtRest', 'PhysicsError', 'Unstable'],
     'interactions': ['Cuboid', 'Hertz', 'InversePower', 'Ring', 'Sphere', 'Tabulated', 'Yukawa', 'magnet_law'],
     'lattices': ['explicit_bonds', 'find_bonds'],

@@ -34,6 +34,7 @@ from .dynamics import (
     Harmonic as Harmonic,
     Recorder as Recorder,
     ToneBurst as ToneBurst,
+    Wall as Wall,
 )
 from .errors import (
     NotAtRest as NotAtRest,

@@ -42,7 +42,7 @@ def run(options: Namespace) -> None:
     scene = read_scene(options.scene)
     refuse_costly(scene, 'frf')
     plan, axes, lines = scene.wanted('frf'), None, [scene.title]
-    pushed = plan.base_deg is None
+    pushed = plan.base_deg is None and plan.wall is None
     unit = units.m / units.N if pushed else 1.0
     measured = []
     if options.measured is not None:
@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
     with results(options, scene, *tables) as folder, drawing(options, folder, scene.title) as save:
         names, columns = ['frequency_Hz'], [units.hertz(plan.omega)]
         for model, style in (('complete', '-'), ('conventional', '--')):
-            atoms, source, answer = scene.shaken(model, bench=True)
+            atoms, source, answer = scene.shaken(model, bench=True, wall=True)
             system = LinearSystem.of(atoms, gyrating=True)
             result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
             result.save(folder / f'frf_{model}.npz')

@@ -5,6 +5,7 @@ from .drives import (
     Constant as Constant,
     Harmonic as Harmonic,
     ToneBurst as ToneBurst,
+    Wall as Wall,
 )
 from .engine import (
     highest_frequency as highest_frequency,

@@ -1,4 +1,5 @@
-"""External forces on chosen particles, as functions of time: harmonic, tone burst, constant, or any callable.
+"""External forces on chosen particles, as functions of time: harmonic, tone burst, constant, or any callable; and walls, held
+particles that move as prescribed.
 
 A drive is called with the time t in ms and returns the force in N on each of its `particles`, shape
 (particles, 3).  The drives of this module take several times at once, shape (times,), and then return
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from ase import Atoms
+from ase.constraints import FixAtoms
 from numpy.typing import NDArray
 
 from ..errors import finite, positive
@@ -146,6 +148,48 @@ class ToneBurst:
         return _along(self.direction, self.amplitude * window * np.sin(x))
 
 
+@dataclass(frozen=True)
+class Wall:
+    """Held particles that move as prescribed, such as a row on a shaker: what a drive is in N, their displacement is in mm.
+
+    Parameters
+    ----------
+    course : drive or function of the time
+        Displacements from the reference in mm, as those of a Harmonic, a ToneBurst, or a function of the time in ms that returns
+        the shape (particles, 3).
+    particles : array_like of int, optional
+        Which ones, for a plain function.  FixAtoms must hold them: forces on them change nothing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magphonon import DrivenVerlet, Harmonic, InversePower, MagneticRepulsion, Wall, lattices
+    >>> row = lattices.chain(1.0, 1.0).repeat((20, 1, 1))
+    >>> row.pbc = False
+    >>> row.calc = MagneticRepulsion(row, InversePower(1.0, 4.0), foundation=1.0).balanced([0, 19])
+    >>> from ase.constraints import FixAtoms
+    >>> row.set_constraint(FixAtoms([0]))
+    >>> DrivenVerlet(row, 0.05, [Wall(Harmonic([0], (1, 0), 1e-3, omega=2.0))]).run(100)  # to t = 5 ms
+    True
+    >>> bool(np.isclose(row.positions[0, 0] - row.calc.reference.positions[0, 0], 1e-3 * np.sin(10)))
+    True
+    """
+
+    course: Any
+    particles: Prepared = None
+
+    def __post_init__(self) -> None:
+        own = getattr(self.course, 'particles', self.particles)
+        if not callable(self.course) or own is None:
+            raise ValueError('the course of a wall must be a drive, read in mm, or a function of the time beside '
+                             f'particles=[...], not {self.course!r}')
+        object.__setattr__(self, 'particles', np.atleast_1d(own))
+
+    def __call__(self, t: Any) -> Any:
+        """Displacements in mm at the time `t` in ms."""
+        return self.course(t)
+
+
 def _prepare(drive, *strengths):
     """Check and normalise the fields that the drives share; those of `strengths` get a number for each particle."""
     try:
@@ -180,13 +224,27 @@ def constant_push(drives: Sequence[Any], count: int) -> NDArray[np.float64]:
 
 
 def refuse_held_drives(drives: Sequence[Any], atoms: Atoms) -> None:
-    """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push."""
+    """`refuse_held` for each of the drives of this module; of a plain function nobody knows what it will push.
+
+    A wall of particles that are free is refused, too.
+    """
     for drive in drives:
+        if isinstance(drive, Wall):
+            held = [k for constraint in atoms.constraints if isinstance(constraint, FixAtoms) for k in constraint.index]
+            for free in np.setdiff1d(drive.particles[drive.particles < len(atoms)], held)[:1]:
+                raise ValueError(f'a wall moves held particles, and particle {free} is free; hold it, with '
+                                 'atoms.set_constraint([*atoms.constraints, FixAtoms([...])]), or push it with a drive')
         if isinstance(drive, Constant | Harmonic | ToneBurst) and drive.particles.max() < len(atoms):
             force = np.zeros((len(atoms), 3))
             strength = drive.force if isinstance(drive, Constant) else drive.amplitude
             force[drive.particles] = _along(drive.direction, strength)
             refuse_held(force, atoms, f'the drive {type(drive).__name__}')
+
+
+def forces_and_walls(drives: Sequence[Any], count: int) -> tuple[Drives, Drives]:
+    """The sum of the forces among the drives, and that of the displacements of walls."""
+    walls = [drive for drive in drives if isinstance(drive, Wall)]
+    return Drives([drive for drive in drives if not isinstance(drive, Wall)], count), Drives(walls, count, walls=True)
 
 
 class Drives:
@@ -197,6 +255,8 @@ class Drives:
     drives : sequence of drives or functions of the time
     count : int
         Number of particles in the structure.
+    walls : bool
+        Whether they are walls, and the sum is one of displacements in mm; otherwise a wall is refused.
 
     Attributes
     ----------
@@ -204,16 +264,19 @@ class Drives:
         All particles that are driven.
     """
 
-    def __init__(self, drives: Sequence[Any], count: int) -> None:
+    def __init__(self, drives: Sequence[Any], count: int, walls: bool = False) -> None:
         self._parts = []
         for drive in drives:
+            if isinstance(drive, Wall) and not walls:
+                raise ValueError('a Wall is for DrivenVerlet and propagate, and for frequency_response as walls=; here only '
+                                 'forces are known')
             if not callable(drive):
                 raise ValueError(f'a drive must be a Harmonic, ToneBurst, Constant or a function of the time, not {drive!r}')
             own = getattr(drive, 'particles', None)
             particles = np.arange(count) if own is None else np.atleast_1d(own)
             if particles.max(initial=-1) >= count:
                 raise ValueError(f'a drive acts on particle {particles.max()}, but the structure has particles 0 to {count - 1}')
-            self._parts.append((drive, particles))
+            self._parts.append((drive.course if isinstance(drive, Wall) else drive, particles))
         found = [particles for _, particles in self._parts]
         self.particles = np.unique(np.concatenate(found)) if found else np.zeros(0, int)
         self._rows = [np.searchsorted(self.particles, particles) for particles in found]

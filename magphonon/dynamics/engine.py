@@ -25,7 +25,7 @@ from ..stiffness.site_laws import SiteLaw, Travelling
 from ..stiffness.sites import out_of_plane, refuse_gyration
 from .bond_increments import RANGES, Increments, Pieces, pieces
 from .cages import BROKEN_BOND, CONTACT, Cages
-from .drives import Constant, Drives, constant_push
+from .drives import Constant, constant_push, forces_and_walls
 from .kernels_numpy import Kernel, Motion, largest
 from .memory_layout import aligned_zeros, arrange
 from .site_forces import site_forces
@@ -39,6 +39,8 @@ MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
 MOST_LAWS = 64  # number of laws up to which each is cut into pieces although bonds have their own
+INERT = 1e-30
+"""Mobility of a wall in 1/g: no force between particles moves it, and the one that leads it is no number that overflows."""
 ANY_DIRECTION = 2**0.5  # largest ratio of the length of a vector in the plane to its larger component
 FAST = 2.0  # speed in thermal ones at which a particle in a bath is expected at any time
 PIECES = len(RANGES)  # level of the piecewise law, from contact to broken bonds; at the next level the law itself is evaluated
@@ -221,14 +223,16 @@ class Blocks:
         calc: MagneticRepulsion = atoms.calc  # pyright: ignore[reportAssignmentType]  of which `refusal` has made sure
         masses = atoms.get_masses()
         self.atoms, self.calc, self.dt, self.threads, self.bath = atoms, calc, dt, threads, bath
-        self._varying = Drives([drive for drive in drives if not isinstance(drive, Constant)], len(atoms))
+        self._varying, self._walls = forces_and_walls([d for d in drives if not isinstance(d, Constant)], len(atoms))
+        led = self._walls.particles
         mobile, guided, barred = freedom(atoms)
         static = static_forces(calc, constant_push(drives, len(atoms)))
         loaded = np.flatnonzero(mobile & static.any(axis=1))
         everywhere = len(loaded) > MANY_LOADED * len(atoms)
         driven = loaded[: len(loaded) * (not everywhere)]
         driven = np.union1d(driven, self._varying.particles[mobile[self._varying.particles]])
-        driven = self._driven = np.flatnonzero(mobile) if bath else driven
+        driven = self._driven = np.union1d(np.flatnonzero(mobile) if bath else driven, led)
+        self._led = np.searchsorted(driven, led)
         _, self._to, self._from = np.intersect1d(driven, self._varying.particles, return_indices=True)
         self._static = static[driven] * (not everywhere)
 
@@ -236,14 +240,16 @@ class Blocks:
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._splitting = splitting
         rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
-        E = half_step(damping - rate, calc.gyration, guided, dt)
+        E, mobility = np.array(half_step(damping - rate, calc.gyration, guided, dt)), mobile / masses
+        E[led], mobility[led] = 1.0, INERT
         decay = layout.scatter(np.real(E))
         if np.iscomplexobj(E):
             decay = decay + 1j * layout.scatter(E.imag)
         k, site = site_forces(calc, layout)
-        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobile / masses), k, site,
+        self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k, site,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)
         self._mobile, self._masses, self._guided = mobile[:, None], masses, guided
+        self._follows = (mobile | np.isin(np.arange(len(atoms)), led))[:, None]
         self._kernel_class, self._level, self._kernel = Kernel, 0, None
         self.cages = Cages(atoms)
         self._read()
@@ -314,6 +320,8 @@ class Blocks:
         times = self.dt * np.append(first, kicks)
         forces = self._external(times)
         noise = self._heat(forces, first, self.bath) if self.bath else None
+        if self._walls:
+            self._lead(times, forces)
         while True:
             beyond, *extent = self._try(forces, times, noise)
             if not beyond or self._exact:
@@ -325,9 +333,33 @@ class Blocks:
         if not self.cages.still(extent[0]):
             u = self.layout.gather(self._spare[0])
             if self._exact or not self.cages.clear(u):
-                u = np.where(self._mobile, u.T, self.displacements)  # a held one has any force
+                u = np.where(self._follows, u.T, self.displacements)  # a held one has any force
                 self.cages.look(u, times[-1], bonded=self._exact)
         self._state, self._spare, self._extent = self._spare, self._state, extent
+        self._state[1:, :, self.layout.slot[self._walls.particles]] = 0.0  # as of all that is held
+
+    def place_walls(self, time: float) -> None:
+        """Put the walls where they are at `time` in ms."""
+        slots = self.layout.slot[self._walls.particles]
+        u = components(self._walls.forces(np.array([time])), 2)[0].T
+        self._stale |= bool((self._state[0][:, slots] != u).any())
+        self._state[0][:, slots] = u
+        self.write()
+
+    def _lead(self, times, forces):
+        """Put walls where they are at the first of the times, and fill in the forces that take them along their course.
+
+        A wall is a particle of next to no mobility, which only these forces move: the drift that follows each kick must lead to
+        where it is at the next.
+        """
+        kernel, slots = self._kernel, self.layout.slot[self._walls.particles]
+        u = components(self._walls.forces(times), 2)
+        stage = np.arange(len(times) - 2) % len(kernel.carry)
+        drifts = np.append(kernel.first, np.asarray(kernel.drifts)[stage])
+        v = np.diff(u, axis=0) / drifts[:, None, None]
+        carry, push = (np.array([row[slots].real for row in rows])[stage, :, None] for rows in (kernel.carry, kernel.push))
+        forces[1:-1, self._led] = (v[1:] - carry * v[:-1]) / push
+        self._state[0][:, slots], self._state[1][:, slots], self._state[2][:, slots] = u[0].T, v[0].T, 0.0
 
     def _try(self, forces, times, noise):
         """Fill the spare state with the end of the block; returns what `Kernel.advance` does."""

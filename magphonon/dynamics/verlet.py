@@ -35,7 +35,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import freedom
 from ..stiffness.site_laws import SiteLaw
 from .cages import Cages, Diverged
-from .drives import Drives, refuse_held_drives
+from .drives import forces_and_walls, refuse_held_drives
 from .engine import Blocks, can_compile, half_step, not_compiled, refusal, refuse_long_step, refuse_turns
 from .splittings import SPLITTINGS
 from .thermostat import Bath
@@ -119,7 +119,7 @@ class DrivenVerlet(VelocityVerlet):
         self.asked_engine = one_of('engine', engine, ENGINES)
         self.splitting = SPLITTINGS[one_of('order', order, tuple(SPLITTINGS))]
         self._drives = tuple(drives)
-        self._sum_of_drives = Drives(self._drives, len(atoms))
+        self._sum_of_drives, self._walls = forces_and_walls(self._drives, len(atoms))
         self._damping = _damping_of(damping, len(atoms), self.splitting)
         if atoms.calc is None:
             raise ValueError('the atoms have no calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...)')
@@ -159,7 +159,8 @@ class DrivenVerlet(VelocityVerlet):
     def drives(self, drives: Sequence[Any]) -> None:
         drives = tuple(drives)
         refuse_held_drives(drives, self.atoms)
-        self._drives, self._sum_of_drives = drives, Drives(drives, len(self.atoms))
+        self._drives = drives
+        self._sum_of_drives, self._walls = forces_and_walls(drives, len(self.atoms))
 
     @property
     def displacements(self) -> NDArray[np.float64]:
@@ -192,6 +193,9 @@ class DrivenVerlet(VelocityVerlet):
                 return self._in_stages(t, forces)
             self._decay(0)
             self._kick(t)
+            if self._walls:
+                forces = self.atoms.get_forces(md=True) if forces is None else forces
+                self._move_walls(t_next)
             forces = super().step(forces)
         except ValueError as error:
             self._inspect(t_next)  # the calculator's words for particles that coincide or left for infinity
@@ -210,6 +214,7 @@ class DrivenVerlet(VelocityVerlet):
             if k < len(drifts):
                 atoms.set_positions(atoms.get_positions() + drifts[k] * atoms.get_momenta() / masses)
                 atoms.set_momenta(damped[k] * atoms.get_momenta())
+                self._move_walls(t + dt * self.splitting.times[k])
                 forces = atoms.get_forces(md=True)
         return forces
 
@@ -241,6 +246,11 @@ class DrivenVerlet(VelocityVerlet):
             noise = self._bath.kicks(self.nsteps)[half]
             p[:, : noise.shape[1]] += self.atoms.get_masses()[:, None] * noise
         self.atoms.set_momenta(p)
+
+    def _move_walls(self, t):
+        if self._walls:
+            moved = self._walls.particles
+            self.atoms.positions[moved] = self._at_rest[moved] + self._walls.forces(np.array([t]))[0]
 
     def _kick(self, t, share=1.0):
         if self._sum_of_drives:
@@ -330,6 +340,15 @@ class DrivenVerlet(VelocityVerlet):
         elif isinstance(self.atoms.calc, MagneticRepulsion):
             cages = Cages(self.atoms)
         self._blocks, self._cages, self._good, self._prepared = blocks, cages, None, (now, long)
+        if self._walls:
+            self._at_rest = self._start
+            if isinstance(self.atoms.calc, MagneticRepulsion):
+                self._at_rest = self.atoms.get_positions()
+                self._at_rest[:, : self.atoms.calc.dim] -= self.atoms.calc.displacements(self.atoms)
+            if blocks is not None:
+                blocks.place_walls(self.get_time())
+            else:
+                self._move_walls(self.get_time())
 
     def _setting(self):
         """All that forces and motion depend on, but for the state itself."""

@@ -150,6 +150,16 @@ def _force_on(system, force):
     return force
 
 
+def _moved(system, walls):
+    """Amplitudes of walls, shape (particles, 3), complex; refused where a particle could move by itself."""
+    walls = np.asarray(walls, dtype=complex)
+    finite('walls', abs(walls), (len(system), 3))
+    components(walls, system.dim)
+    for k in np.flatnonzero(walls.any(axis=1) & system.mobile)[:1]:
+        raise ValueError(f'walls move held particles, and particle {k} is free; hold it with FixAtoms, or push it with a force')
+    return walls
+
+
 def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
                damping: ArrayLike) -> Iterator[Callable[[NDArray[Any]], NDArray[np.complex128]]]:
     """The resolvent `G = (H - omega^2 M + i omega C)^-1` at one frequency after the other, as a function.
@@ -177,8 +187,9 @@ def resolvents(atoms: Atoms | LinearSystem, omega: ArrayLike,
         yield lambda F, solve=solve: in_space @ solve(in_space.T @ F)
 
 
-def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: ArrayLike, damping: ArrayLike,
-                       particles: ArrayLike | None = None, tolerance: float = 1e-9) -> FrequencyResponse:
+def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, omega: ArrayLike, damping: ArrayLike,
+                       particles: ArrayLike | None = None, tolerance: float = 1e-9,
+                       walls: ArrayLike | None = None) -> FrequencyResponse:
     """Steady response to a harmonic force at many frequencies, which `harmonic_response` solves one by one.
 
     A small structure by its modes; a large one by the Chebyshev series of `(K - omega^2 + i gamma omega)^-1`, whose length is
@@ -191,8 +202,8 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     ----------
     atoms : ase.Atoms or LinearSystem
         At rest, with MagneticRepulsion; its FixAtoms, FixedLine and FixedPlane are respected.
-    force : array_like of complex, shape (particles, 3)
-        Amplitudes of e^{i omega t} in N per N of the drive.
+    force : array_like of complex, shape (particles, 3), or None
+        Amplitudes of e^{i omega t} in N per N of the drive; None where only walls move.
     omega : array_like, shape (frequencies,)
         In rad/ms.
     damping : float or array_like, shape (particles,)
@@ -201,11 +212,13 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
         Where the response is wanted; everywhere if not given.
     tolerance : float
         At each frequency, of the largest displacement of the `particles`.
+    walls : array_like of complex, shape (particles, 3), optional
+        Amplitudes in mm of held particles that move, zero for all others: F = -H_fh u_h drives those that are free.
 
     Returns
     -------
     FrequencyResponse
-        Its `response` has the shape (frequencies, particles, 3).
+        Its `response` has the shape (frequencies, particles, 3); without a force it is a Transmissibility, in mm per mm.
 
     Examples
     --------
@@ -221,9 +234,15 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
     """
     system = LinearSystem.of(atoms, gyrating=True).moving()
     omega, rates = finite('omega', np.atleast_1d(omega)), site_damping(damping, len(system))
-    force = _force_on(system, force)
     positive('tolerance', tolerance)
     particles = system.recorded(particles)
+    if walls is not None:
+        push, walls = np.zeros((len(system), 3)) if force is None else _force_on(system, force), _moved(system, walls)
+        pull, dim = np.zeros_like(walls), system.dim
+        pull[:, :dim] = -(system.free @ (system.free.T @ (system.hessian @ walls[:, :dim].ravel()))).reshape(-1, dim)
+        found = frequency_response(system, push + pull, omega, damping, particles, tolerance).response + walls[particles]
+        return (Transmissibility if force is None else FrequencyResponse)(omega, found)
+    force = _force_on(system, force)
     gamma = float(rates[0])
     if np.ptp(rates) or system.gyration.any():
         answer = harmonic_response(system, force, omega, rates)
@@ -251,7 +270,7 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike, omega: Arr
 class Transmissibility(FrequencyResponse, kind='transmissibilities', units={
     'omega': ('rad/ms', 'frequencies'), 'response': ('', 'frequencies', '...'), 'transient': ('',),
 }):
-    """Displacement per displacement of a shaken bench, both as seen from the floor."""
+    """Displacement per displacement of a wall or of a shaken bench, both as seen from the floor."""
 
     per_bench = True
 
@@ -264,8 +283,9 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     ----------
     atoms, omega, damping
         As for `frequency_response`.
-    source : Place or ndarray, shape (3,)
-        Where the force acts; or the direction d in which the whole bench is shaken by u_b, walls and feet of pillars with it.
+    source : Place or ndarray, shape (3,) or (particles, 3)
+        Where the force acts; the displacements of `walls`, as of `frequency_response`, in an array of the shape (particles, 3);
+        or the direction d in which the whole bench is shaken by u_b, walls and feet of pillars with it.
         Relative to the bench the displacements w obey `M w'' + gamma M w' + H w = -M d u_b''`, with held particles at rest and
         damping by what moves with the bench; seen from the floor, the answer is w plus that of the bench.
     answer : Place
@@ -290,6 +310,9 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     True
     """
     system, omega = LinearSystem.of(atoms, gyrating=True), np.atleast_1d(omega)
+    if np.ndim(source) == 2:
+        found = frequency_response(system, None, omega, damping, [answer.particle], walls=source)
+        return Transmissibility(omega, found.response[:, 0] @ answer.direction)
     if not isinstance(source, Place):
         found = frequency_response(system, base_force(system, source), omega, damping, np.array([answer.particle]))
         return Transmissibility(omega, answer.direction @ source + omega**2 * (found.response[:, 0] @ answer.direction))

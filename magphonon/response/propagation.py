@@ -21,8 +21,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import sparse
 
-from ..dynamics.drives import Constant, Drives, ToneBurst, constant_push, refuse_held_drives
+from ..dynamics.drives import Constant, ToneBurst, Wall, constant_push, forces_and_walls, refuse_held_drives
 from ..dynamics.motion import MOTION_UNITS, Motion
 from ..errors import Unstable, finite, positive
 from ..stiffness.rest import LinearSystem, components, static_forces
@@ -217,7 +218,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         Increasing, in ms.
     drives : sequence of drives
         See `magphonon.dynamics.drives`; a plain function of the time returns the forces on all particles, shape (particles, 3).
-        It should be smooth but for kinks and steps, and have no pulse shorter than the shortest period.
+        It should be smooth but for kinks and steps, and have no pulse shorter than the shortest period.  So should the course of
+        a Wall, whose velocity is left at zero, as that of all held particles.
     damping : float or array_like, shape (particles,)
         gamma in 1/ms; where it differs from particle to particle, or particles gyrate, the motion takes three times as many
         products.
@@ -249,7 +251,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         system, push = LinearSystem.nearest(atoms, push, gyrating=True).balanced(), 0.0
     particles = system.recorded(particles)
     rows, shapes = system.rows(particles)
-    state, load = _initial_state(atoms, system), _Load(system, drives, push, tolerance)
+    load = _Load(system, drives, push, tolerance)
+    state = _initial_state(atoms, system, load.walls.particles)
     turning = abs(system.gyration).max()
     alike = not (np.ptp(rates) or turning)
     K = products_of(system) if alike else system.K
@@ -259,6 +262,8 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         asked = _Asked(K, interval, float(rates[0]), first_order, load, rows, sizes(shapes), tolerance)
         y, error, products = _propagate(asked, state, times)
         motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
+        _, seen, led = np.intersect1d(particles, load.walls.particles, return_indices=True)
+        motion[:, 0, seen] = components(load.walls.forces(times), system.dim)[:, led]
         return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
 
     try:
@@ -274,9 +279,11 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
     return moved(interval)
 
 
-def _initial_state(atoms, system):
-    """Displacements and velocities in reduced coordinates, shape (free, 2)."""
-    u = system.calc.displacements(atoms).ravel()
+def _initial_state(atoms, system, walls):
+    """Displacements and velocities in reduced coordinates, shape (free, 2); walls are where their course takes them."""
+    u = system.calc.displacements(atoms)
+    u[walls] = 0.0
+    u = u.ravel()
     momenta = atoms.get_momenta()[:, : system.dim].ravel()
     y = system.shapes.T @ (np.repeat(system.masses, system.dim) * u)
     outside = abs(system.shapes @ y - u)
@@ -287,18 +294,25 @@ def _initial_state(atoms, system):
 
 
 class _Load:
-    """Forces on a structure, as time courses times patterns."""
+    """Forces on a structure, as time courses times patterns; walls push their neighbours by F = -H_fh u_h."""
 
     def __init__(self, system, drives, push, tolerance):
         varying = [drive for drive in drives if not isinstance(drive, Constant)]
         self.static = system.shapes.T @ static_forces(system.calc, push).ravel()
-        self._varying, self._dim, self._tolerance = Drives(varying, len(system)), system.dim, tolerance
-        driven = self._varying.particles[:, None] * system.dim + np.arange(system.dim)
-        self._shapes = system.shapes[driven.ravel()]
-        self._kinks = np.array([t for d in varying if isinstance(d, ToneBurst) for t in (d.start, d.end)])
+        (self._varying, self.walls), self._dim = forces_and_walls(varying, len(system)), system.dim
+        self._tolerance = tolerance
+        driven, led = ((those.particles[:, None] * system.dim + np.arange(system.dim)).ravel()
+                       for those in (self._varying, self.walls))
+        pull = -system.hessian[led].T if len(led) else sparse.csr_array((len(system) * system.dim, 0))
+        beside = np.unique(pull.nonzero()[0])
+        self._shapes, self._pull = sparse.vstack([system.shapes[driven], system.shapes[beside]]), pull[beside].T
+        courses = [d.course if isinstance(d, Wall) else d for d in varying]
+        self._kinks = np.array([t for d in courses if isinstance(d, ToneBurst) for t in (d.start, d.end)])
 
     def _forces(self, times):
-        return components(self._varying.forces(times), self._dim).reshape(len(times), -1)
+        pushes, walls = (components(those.forces(times), self._dim).reshape(len(times), -1)
+                         for those in (self._varying, self.walls))
+        return np.concatenate([pushes, walls @ self._pull], axis=1)
 
     def between(self, start, stops, rate):
         """Panels from `start` through the `stops`: edges, courses (panels, nodes, terms), patterns (free, terms)."""

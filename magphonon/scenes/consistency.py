@@ -264,9 +264,14 @@ def _bands(scene: Scene) -> None:
 
 
 def _frf(scene: Scene) -> None:
-    if scene.frf.base_deg is not None and scene.frf.force is not None:
-        raise ValueError('frf has both base_deg and [frf.force]; shake the bench or push a particle')
-    for name in ('response',) if scene.frf.base_deg is not None else ('force', 'response'):
+    driven = [key for key, given in (('base_deg', scene.frf.base_deg), ('[frf.wall]', scene.frf.wall),
+                                     ('[frf.force]', scene.frf.force)) if given is not None]
+    if len(driven) > 1:
+        raise ValueError(f'frf has both {" and ".join(driven)}; shake the bench, move a wall or push a particle')
+    if scene.frf.wall is not None and (scene.single or isinstance(scene.patch, Supercell)):
+        raise ValueError('frf.wall: a wall is a side of the held rim of a patch or a finite structure, which there is none; take '
+                         '[frf.wall] out')
+    for name in ('response',) if driven and driven != ['[frf.force]'] else ('force', 'response'):
         given = getattr(scene.frf, name) is not None
         if given and scene.single:
             raise ValueError(f'frf.{name}: the oscillator is driven and measured along its guide; take [frf.{name}] out')

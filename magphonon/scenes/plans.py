@@ -94,6 +94,23 @@ class Pick(Table):
         return Place(int(particle), np.array([np.cos(angle), np.sin(angle), 0]))
 
 
+class MovingWall(Table):
+    """A side of the held rim that moves to and fro, on a shaker, in place of a force."""
+
+    side_deg: Angle = Field(description='the direction in degrees from the x axis in which the side lies: of the held particles, '
+                            'those that are farther in this direction than all free ones move', examples=[270.0])
+    direction_deg: Angle = Field(description='the direction in degrees from the x axis in which they move', examples=[0.0])
+
+    def of(self, patch: Atoms) -> NDArray[np.float64]:
+        """Displacements of the wall per unit of its amplitude, zero for all other particles; shape (particles, 3)."""
+        side, along = (np.array([np.cos(angle), np.sin(angle)]) for angle in (self.side_deg * u.deg, self.direction_deg * u.deg))
+        free, reach = freedom(patch)[0], patch.positions[:, :2] @ side
+        wall = ~free & (reach > reach[free].max() + 1e-6 * patch.calc.bonds.lengths.min())
+        if not wall.any():
+            raise ValueError(f'.side_deg = {self.side_deg!r}: no particle is held on this side of the free ones')
+        return wall[:, None] * np.append(along, 0.0)
+
+
 class FrfPlan(Damped):
     """Displacement per harmonic force over frequency; in a patch, where the force acts and where it is answered."""
 
@@ -105,6 +122,7 @@ class FrfPlan(Damped):
                                    'is shaken, in place of [frf.force]; the response is then per displacement of the bench, seen '
                                    'from the floor', examples=[90.0])
     force: Pick | None = None
+    wall: MovingWall | None = None
     response: Pick | None = None
 
     @model_validator(mode='after')

@@ -334,27 +334,31 @@ class Scene(Table):
                                        **sites)
         return patch
 
-    def shaken(self, model: str = 'complete', bench: bool = False) -> tuple[Atoms, Any, Place]:
+    def shaken(self, model: str = 'complete', bench: bool = False, wall: bool = False) -> tuple[Atoms, Any, Place]:
         """The system of [frf]: the oscillator or the patch, and the particle and direction of the force and of the response.
 
         As `magphonon.response.frf.receptance` takes them; with `frf.base_deg` the direction of the bench in place of the force,
-        for who can shake a `bench`.
+        for who can shake a `bench`, and with [frf.wall] the displacements of a `wall`.
         """
         plan = self.wanted('frf')
         if plan.base_deg is not None and not bench:
             raise ValueError('frf.base_deg: a shaken bench is for "magphonon frf" and "magphonon fit --frf"; give [frf.force] '
                              'here')
+        if plan.wall is not None and not wall:
+            raise ValueError('frf.wall: a wall that moves is for "magphonon frf"; give [frf.force] here')
         if self.single:
             atoms, free = self.perfect_cell(), Place(Oscillator.free, np.array([0.0, 1.0, 0.0]))
             atoms.calc.set(model=model)
             picked: dict[str, Any] = {'force': free, 'response': free}
         else:
             atoms, picked = self.patch_atoms(model), {}
-            for name in ('force', 'response'):
+            for name in ('force', 'wall', 'response'):
                 try:
                     picked[name] = pick.of(atoms) if (pick := getattr(plan, name)) is not None else None
                 except ValueError as error:
                     raise ValueError(f'frf.{name}{error}') from None
+        if plan.wall is not None:
+            picked['force'] = picked['wall']
         if plan.base_deg is not None:
             picked['force'] = np.array([np.cos(plan.base_deg * u.deg), np.sin(plan.base_deg * u.deg), 0.0])
         return atoms, picked['force'], picked['response']
