@@ -38,6 +38,10 @@ def local_modes():
     return f[(f > 71) & (f < 86)]
 
 
+# of shear waves at 40 Hz along Gamma-M with 4 /s, per row: f^2 = cut-off^2 + (edge sin(xi/2))^2
+DECAY = (2 * np.arcsin(np.sqrt(40**2 + 1j * 40 * 4 / (2 * np.pi) - 26.550686524**2) / 51.8276683282)).imag
+
+
 def far_shells():
     """Share of the stiffness phi'' of the fcc crystal beyond its second shell, of distances from 1 on."""
     n = np.arange(-8, 9)
@@ -85,6 +89,8 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
                                                      @ [[1, -0.998], [-0.998, 1]] @ [0.095, x])},
     'vacancy': {'at `78.83` Hz twice': lambda: local_modes()[0], 'at `80.27` Hz': lambda: local_modes()[2],
                 "prototype's `20` N/m": lambda: PILLAR, '`0.1` Hz': lambda: 40 / 400},
+    'walls': {'cut-off of `26.55` Hz': lambda: hertz(PILLAR / MASS), 'peaks `0.6` Hz wide': lambda: 4 / (2 * np.pi),
+              '`0.4` Hz apart': lambda: 50 / 125, 'factor of `1.50`': lambda: np.exp(20 * DECAY)},
     'wigner': {'`4.4e6` electrons': lambda: 1e-4 * 2 / np.sqrt(3) / 5.1e-6**2},
 }
 
