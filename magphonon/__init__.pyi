@@ -77,6 +77,7 @@ from .stability import (
 from .stiffness import (
     AllNeighbours as AllNeighbours,
     MagneticRepulsion as MagneticRepulsion,
+    OnSite as OnSite,
     Travelling as Travelling,
     for_ase_tools as for_ase_tools,
     relaxed as relaxed,

@@ -178,7 +178,7 @@ def _lowest_by_inverse(system, q, model, count, vectors):
     calc, S, squares = system.calc, system.shapes, None
     K = calc.rest_stiffness(model)
     for at in tqdm(q, desc='wavevectors', delay=2, disable=None, leave=False):
-        D = sparse.csr_array(S.T @ hessian(calc.bonds, K, calc.foundation, at) @ S)
+        D = sparse.csr_array(S.T @ hessian(calc.bonds, K, calc.site_stiffness, at) @ S)
         squares, columns = lowest_eigenpairs(D, count, squares)
         yield squares[None], (system.free @ columns)[None] if vectors else None
 

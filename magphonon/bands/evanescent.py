@@ -30,7 +30,7 @@ from scipy import linalg
 from .. import units
 from ..errors import finite, one_of
 from ..stiffness.rest import LinearSystem
-from ..stiffness.sites import each_spring, site_damping
+from ..stiffness.sites import site_blocks, site_damping
 
 LINK = 1e-11
 """Fraction of the largest coefficient below which a singular value belongs to a link of a chain.  In 150 random cells of up to
@@ -240,7 +240,7 @@ def _laurent(calc, model, exponents):
     np.subtract.at(D, (P + exponents, i, j), K)
     np.subtract.at(D, (P - exponents, j, i), K)
     D = D.swapaxes(2, 3).reshape(2 * P + 1, n * calc.dim, -1)
-    D[P] += np.diag(each_spring(calc.foundation, n, calc.dim))
+    D[P] += linalg.block_diag(*site_blocks(calc.site_stiffness, n, calc.dim))
     return D
 
 

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 class SiteForces:
-    """What a `SiteLaw` adds to the constant springs `k` at the time t: of Travelling springs `-(cos Wt A + sin Wt B)(slack + u)`.
+    """What a `SiteLaw` adds to constant springs at the time t: of Travelling springs `-(cos Wt A + sin Wt B)(slack + u)`.
+
+    Of others `-g(t) V'(slack + u) + V'(slack)`, as static forces count the last term already.
 
     Attributes
     ----------
@@ -31,10 +33,12 @@ class SiteForces:
     def __init__(self, calc: MagneticRepulsion, layout: Layout) -> None:
         law = calc.parameters.foundation
         self.law, self.layout = law, layout
-        self.slack, self.waves = layout.scatter(calc.slack[:, :2]), None
+        self.slack, self.waves, self.anchors = layout.scatter(calc.slack[:, :2]), None, calc.anchors
         if isinstance(law, Travelling):
             phase, k = law.phases(calc.anchors), np.broadcast_to(law.k, (len(calc.reference), 2))
             self.waves = layout.scatter(law.eps * np.stack([np.cos(phase), np.sin(phase)], axis=1)[..., None] * k[:, None])
+        else:
+            self.at_rest = law.slope(calc.slack[:, :2])  # which is among the static forces
 
     def beats(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Cos Wt and sin Wt, shape (times, 2)."""
@@ -42,6 +46,10 @@ class SiteForces:
 
     def __call__(self, u: NDArray[np.float64], t: float) -> NDArray[np.float64]:
         """In N, shape (2, slots), at the displacements u from rest."""
+        if self.waves is None:
+            d = self.layout.gather(self.slack + u).T
+            pumped = self.law.pumped(d, t, self.anchors) - self.law.slope(d) + self.at_rest
+            return self.layout.scatter(pumped)
         return -np.tensordot(self.beats(np.array([t]))[0], self.waves, 1) * (self.slack + u)
 
 

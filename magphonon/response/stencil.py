@@ -92,14 +92,14 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
         return None
     bonds = calc.bonds
     layout = arrange(calc.reference, bonds, mobile)
-    if layout.offset is None or len(layout.offset) > MOST_GROUPS:
+    if layout.offset is None or len(layout.offset) > MOST_GROUPS or np.ndim(calc.site_stiffness) == 3:
         return None
     weight = mobile / np.sqrt(system.masses)
     other = bonds.i != bonds.j  # a bond to one's own image never changes
     K, i, j = calc.rest_stiffness(calc.model)[other], bonds.i[other], bonds.j[other]
     K = np.stack([K[:, 0, 0], K[:, 0, 1], K[:, 1, 1]])
     own = np.stack([np.bincount(i, k, n) + np.bincount(j, k, n) for k in K])
-    own[::2] += np.broadcast_to(calc.foundation, (n, 2)).T
+    own[::2] += np.broadcast_to(calc.site_stiffness, (n, 2)).T
     own *= weight**2
     K = -weight[i] * weight[j] * K
     margin = int(layout.offset.max()) + -int(layout.offset.max()) % LINE

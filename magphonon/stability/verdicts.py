@@ -209,6 +209,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
         return Verdict(Case(atoms, atoms, np.zeros(1), **run))
     calc = repulsion_of(atoms)
+    np.max(calc.foundation)  # refuses laws of the site, whose springs several checks vary
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported

@@ -44,5 +44,6 @@ from .restart import (
     restored as restored,
 )
 from .site_laws import (
+    OnSite as OnSite,
     Travelling as Travelling,
 )

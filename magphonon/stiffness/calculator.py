@@ -330,16 +330,20 @@ class MagneticRepulsion(Repulsion):
         return self.load[:, : self.dim] - bonds - given.gradient(self.slack[:, : self.dim] + u)
 
     def pumped(self, atoms: Atoms, t: float) -> NDArray[np.float64]:
-        """What a foundation that changes with time adds at the time `t` in ms to the forces of the calculator."""
-        law, forces = self.parameters.foundation, np.zeros((len(atoms), 3))
-        d = self.displacements(atoms) + self.slack[:, : self.dim]
-        forces[:, : self.dim] = ((1 - law.factor(t, self.anchors)) * law.gradient(d).T).T
+        """What a foundation that changes adds to the forces of the calculator at the time `t` in ms: N, shape (particles, 3)."""
+        forces = np.zeros((len(atoms), 3))
+        forces[:, : self.dim] = self.parameters.foundation.pumped(self.displacements(atoms) + self.slack[:, : self.dim], t,
+                                                                  self.anchors)
         return forces
+
+    def site_stiffness_at(self, u: NDArray[np.float64] | float) -> Any:
+        """Stiffness of each site at displacements u: one number, or shape (particles, dim) or (particles, dim, dim), in N/mm."""
+        given = self.parameters.foundation
+        return given.stiffness(self.slack[:, : self.dim] + u) if isinstance(given, SiteLaw) else given
 
     @property
     def site_stiffness(self) -> Any:
-        given = self.parameters.foundation
-        return given.stiffness(self.slack[:, : self.dim]) if isinstance(given, SiteLaw) else given
+        return self.site_stiffness_at(0.0)
 
     def rest_stiffness(self, model: str = 'complete') -> NDArray[np.float64]:
         """Stiffness of each bond at rest, shape (bonds, dim, dim), in N/mm."""
@@ -378,14 +382,13 @@ class MagneticRepulsion(Repulsion):
             In N/mm, with the components in ASE's order.  Rows along z are empty for planar particles.
         """
         one_of('part', part, HESSIAN_PARTS)
-        u, given = self.displacements(atoms), self.parameters.foundation
+        u = self.displacements(atoms)
         vectors, _ = self._displaced(u)
         D0, Dstar = self.interaction.stiffness(vectors)
         if self.model == 'conventional':
             Dstar = np.zeros_like(Dstar)
         K = {'D0': D0, 'Dstar': Dstar, 'foundation': 0 * D0, 'all': D0 + Dstar}[part]
-        k = given.stiffness(self.slack[:, : self.dim] + u) if isinstance(given, SiteLaw) else given
-        k = k if part in ('all', 'foundation') else 0.0
+        k = self.site_stiffness_at(u) if part in ('all', 'foundation') else 0.0
         H = hessian(self.bonds, K, k)
         to_space = sparse.kron(sparse.eye_array(len(atoms)), sparse.eye_array(3, self.dim), format='csr')
         return sparse.csr_array(to_space @ H @ to_space.T)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
-from .sites import each_spring
+from .sites import each_spring, site_blocks
 
 if TYPE_CHECKING:
     from typing import Any
@@ -37,7 +37,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
     bonds : Bonds
     K : ndarray, shape (bonds, dim, dim)
         Stiffness of each bond in N/mm.
-    foundation : float or ndarray, shape (particles, dim)
+    foundation : float or ndarray, shape (particles, dim) or (particles, dim, dim)
         Stiffness k of the spring that ties each particle to its anchor, in N/mm.
     q : three numbers
         Wavevector in fractions of the reciprocal vectors, for a periodic structure.
@@ -53,7 +53,11 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
         incidence = incidence.real
     C = sparse.kron(incidence, sparse.eye_array(dim), format='csr')
     D = sparse.bsr_array((K, np.arange(b), np.arange(b + 1)), shape=(b * dim, b * dim))
-    k = sparse.diags_array(each_spring(foundation, bonds.particles, dim))
+    if np.ndim(foundation) == 3:
+        n = np.arange(bonds.particles + 1)
+        k = sparse.bsr_array((np.array(site_blocks(foundation, bonds.particles, dim)), n[:-1], n))
+    else:
+        k = sparse.diags_array(each_spring(foundation, bonds.particles, dim))
     return sparse.csr_array(C.conj().T @ D @ C + k)
 
 
@@ -84,7 +88,7 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
         Stiffness of each bond in N/mm.
     q : ndarray, shape (wavevectors, 3)
         Wavevectors in fractions of the reciprocal lattice vectors.
-    foundation : float or ndarray, shape (particles, dim)
+    foundation : float or ndarray, shape (particles, dim) or (particles, dim, dim)
         Foundation stiffness k in N/mm.
 
     Returns
@@ -95,7 +99,10 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
     shifts, shift = bonds.distinct_shifts
     phase = np.exp(2j * np.pi * (shifts @ np.transpose(q)))
     own, x = _own(bonds, K), np.arange(K.shape[1])
-    own[:, x, x] += foundation
+    if np.ndim(foundation) == 3:
+        own += foundation
+    else:
+        own[:, x, x] += foundation
     return _bloch_sum(bonds, K, own[..., None], phase, shift)
 
 

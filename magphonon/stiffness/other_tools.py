@@ -21,6 +21,7 @@ from ase.data import atomic_masses
 from .calculator import stress_per_volume
 from .repulsion import Repulsion, masses_of
 from .rest import freedom
+from .site_laws import refuse_changes
 from .sites import refuse_gyration
 from .supercells import fitted, sites_of, strayed
 
@@ -107,6 +108,7 @@ def for_ase_tools(atoms: Atoms) -> Atoms:
     if not isinstance(calc, Repulsion):
         raise ValueError(f'the atoms carry {calc!r} as calculator; attach atoms.calc = MagneticRepulsion(atoms, law, ...) first')
     refuse_gyration(calc, 'tools that see forces alone')
+    refuse_changes(calc, 'tools that see forces alone')
     mobile, guided, _ = freedom(atoms)
     if len(guided) or not mobile.all():
         raise ValueError(f'the atoms hold the constraint {atoms.constraints[0]}, which the supercells of other tools do not '

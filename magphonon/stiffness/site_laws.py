@@ -1,8 +1,8 @@
 """What ties particles to their places other than springs that stay the same: springs that a wave modulates, laws of the site.
 
-A foundation is a number, an array of spring constants, or a `SiteLaw`.  Every answer of a calculator that does not know the time
-is that of the law without its `factor`; time steps multiply the law by it.  What supposes constant springs asks
-`calc.foundation`, which refuses here in words; what takes any site asks `calc.site_stiffness`.
+A foundation is a number, an array of spring constants, or a `SiteLaw`.  A calculator, which does not know the time, answers for
+the law that stays the same; time steps add what is `pumped`.  What supposes constant springs asks `calc.foundation`, which
+refuses here in words; what takes any site asks `calc.site_stiffness`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import finite, positive
-from .sites import of_sites, range_of, site_springs
+from .sites import of_sites, range_of, site_blocks, site_springs
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from typing import Any, Self
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 
 class SiteLaw:
@@ -27,7 +28,7 @@ class SiteLaw:
     Attributes
     ----------
     changes : bool
-        Whether the law is multiplied by a `factor` that depends on time.
+        Whether the law depends on time.
     """
 
     changes: bool | ClassVar[bool]
@@ -45,8 +46,8 @@ class SiteLaw:
         """V'' in N/mm: one number, shape (particles, dim), or (particles, dim, dim)."""
         raise NotImplementedError
 
-    def factor(self, t: float, anchors: NDArray[np.float64]) -> Any:
-        """By what the law is multiplied at the time `t` in ms, one number or one for each anchor (mm, shape (particles, 3))."""
+    def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the time `t` in ms adds to the force -V' in N, shape (particles, dim); anchors in mm, shape (particles, 3)."""
         raise NotImplementedError
 
     def of(self, particles: int, dim: int) -> Self:
@@ -56,6 +57,13 @@ class SiteLaw:
     def on(self, image: NDArray[np.intp]) -> Self:
         """The same law on other sites, of which `image` tells which one each was."""
         raise NotImplementedError
+
+
+def refuse_changes(calc: Any, what: str) -> None:
+    """Refuse a foundation that changes with time, of which `what` sees nothing."""
+    law = calc.parameters.foundation
+    if isinstance(law, SiteLaw) and law.changes:
+        raise ValueError(f'{what} know no time, but {law!r} changes with it: {law.known}')
 
 
 def on_sites(foundation: Any, image: NDArray[np.intp]) -> Any:
@@ -126,8 +134,8 @@ class Travelling(SiteLaw):
         """kap.R at each anchor, shape (particles,)."""
         return anchors @ self.kap
 
-    def factor(self, t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
-        return 1 + self.eps * np.cos(self.W * t - self.phases(anchors))
+    def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
+        return -self.eps * np.cos(self.W * t - self.phases(anchors))[:, None] * self.k * d
 
     def of(self, particles: int, dim: int) -> Self:
         return replace(self, k=site_springs(self.k, particles, dim))
@@ -136,17 +144,110 @@ class Travelling(SiteLaw):
         return replace(self, k=of_sites(self.k, image))
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class OnSite(SiteLaw):
+    """Energy V(d) of each particle by its displacement d from its anchor: several wells, a tensor, a magnet below.
+
+    Linear tools take V'' at rest, time steps the whole law.  A function of the time makes it `g(t) V(d)`: electromagnets.
+
+    Parameters
+    ----------
+    energy, slope, curvature : callable
+        V in mJ, V' in N and V'' in N/mm, of shapes (particles,), (particles, dim) and (particles, dim, dim), of displacements in
+        mm, shape (particles, dim).  `OnSite.along` and `OnSite.tensor` make them.
+    k : float or array_like
+        Springs beside it, as a foundation.
+    g : callable, optional
+        One number, or one for each particle, by the time in ms.  A calculator, which knows no time, takes 1; linear tools refuse.
+
+    K : array_like, optional
+        Of `OnSite.tensor`.
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, OnSite, analytic_bands, lattices
+    >>> cell = lattices.chain(1.0, 1.0)
+    >>> wells = OnSite.along((1, 0), lambda u: u**4 / 4 - u**2 / 2, lambda u: u**3 - u, lambda u: 3 * u**2 - 1, k=[[3.0, 5.0]])
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=wells)
+    >>> (analytic_bands(cell, 'GX').omega[0] ** 2).round(9).tolist()  # 3 - 1 along the chain, 5 across it
+    [2.0, 5.0]
+    """
+
+    energy: Callable[[Any], Any]
+    slope: Callable[[Any], Any]
+    curvature: Callable[[Any], Any]
+    k: Any = 0.0
+    g: Callable[[float], Any] | None = None
+    K: Any = None
+    known: ClassVar[str] = 'bands, modes, responses and time steps (DrivenVerlet) know it'
+
+    @classmethod
+    def along(cls, direction: ArrayLike, V: Callable[[Any], Any], dV: Callable[[Any], Any], d2V: Callable[[Any], Any],
+              k: Any = 0.0, g: Callable[[float], Any] | None = None) -> Self:
+        """V(u), V'(u) and V''(u) of the displacement u along a direction, functions of arrays in mJ, N and N/mm."""
+        n = finite('direction', direction)
+        n = n / np.linalg.norm(n)
+        nn = np.outer(n, n)
+        return cls(lambda d: V(d @ n), lambda d: dV(d @ n)[:, None] * n, lambda d: d2V(d @ n)[:, None, None] * nn, k, g)
+
+    @classmethod
+    def tensor(cls, K: ArrayLike, g: Callable[[float], Any] | None = None) -> Self:
+        """V = d.K.d/2 with a symmetric K for all or for each particle, shape (dim, dim) or (particles, dim, dim), in N/mm."""
+        K = finite('K', K)
+        if K.ndim not in (2, 3) or K.shape[-1] != K.shape[-2] or abs(K - K.swapaxes(-1, -2)).max() > 1e-12 * abs(K).max():
+            raise ValueError(f'K must be a symmetric matrix, shape (dim, dim), or one for each particle, not of shape {K.shape}')
+        return cls(lambda d: np.einsum('...x,...xy,...y->...', d, K, d) / 2, lambda d: np.einsum('...xy,...y->...x', K, d),
+                   lambda d: np.broadcast_to(K, (len(d), *K.shape[-2:])), 0.0, g, K)
+
+    @property
+    def changes(self) -> bool:
+        return self.g is not None
+
+    def __repr__(self) -> str:
+        what, when = 'V' if self.K is None else 'tensor', ', changing with time' if self.changes else ''
+        return f'OnSite({what}, k={range_of(self.k)}{when})'
+
+    def energies(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.energy(d) + (self.k * d**2).sum(axis=1) / 2
+
+    def gradient(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.slope(d) + self.k * d
+
+    def stiffness(self, d: NDArray[np.float64]) -> Any:
+        return self.curvature(d) + site_blocks(self.k, *d.shape)
+
+    def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
+        g = 1.0 if self.g is None else self.g(t)
+        return ((1 - g) * self.slope(d).T).T
+
+    def of(self, particles: int, dim: int) -> Self:
+        zero = np.zeros((particles, dim))
+        try:
+            for name, shape in (('energy', (particles,)), ('slope', (particles, dim)), ('curvature', (particles, dim, dim))):
+                finite(f'{name} of the law of the sites at their anchors', getattr(self, name)(zero), shape)
+        except IndexError as error:
+            raise ValueError(f'the law of the sites does not take displacements of shape {zero.shape}: {error}') from None
+        return replace(self, k=site_springs(self.k, particles, dim))
+
+    def on(self, image: NDArray[np.intp]) -> Self:
+        if np.ndim(self.K) == 3:
+            return type(self).tensor(self.K[image], self.g)
+        return replace(self, k=on_sites(self.k, image))
+
+
 def foundation_to_dict(given: Any) -> Any:
     """A foundation as files of ASE hold it."""
     if isinstance(given, Travelling):
         return {'kind': 'Travelling', 'k': given.k, 'eps': given.eps, 'W': given.W, 'kap': given.kap}
-    return given
+    return {'kind': 'OnSite'} if isinstance(given, OnSite) else given
 
 
 def foundation_from_dict(given: Any) -> Any:
     """The foundation that `foundation_to_dict` wrote."""
     if not isinstance(given, dict):
         return given
+    if given.get('kind') == 'OnSite':
+        raise ValueError('the law of the sites is made of functions in Python, which no file holds; make the calculator again')
     try:
         return Travelling(*(given[name] for name in ('k', 'eps', 'W', 'kap')))
     except KeyError as missing:

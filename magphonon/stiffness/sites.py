@@ -128,6 +128,13 @@ def each_spring(foundation: Foundation, particles: int, dim: int) -> NDArray[np.
     return np.broadcast_to(foundation, (particles, dim)).ravel()
 
 
+def site_blocks(stiffness: Any, particles: int, dim: int) -> NDArray[np.float64]:
+    """Stiffness of each site as a tensor, shape (particles, dim, dim), from that or from springs along the components."""
+    if np.ndim(stiffness) == 3:
+        return np.broadcast_to(stiffness, (particles, dim, dim))
+    return each_spring(stiffness, particles, dim).reshape(particles, dim, 1) * np.eye(dim)
+
+
 def refuse_height(atoms: Atoms, bonds: Bonds, dim: int, central: bool) -> None:
     """Refuse different z of planar particles (`dim` 2), or if forces are not `central`; periodic images count."""
     height = max(np.ptp(atoms.positions[:, 2]), abs(bonds.vectors[:, 2]).max())

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .site_laws import refuse_changes
 from .sites import refuse_gyration
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ def fitted(calc: Repulsion, atoms: Atoms) -> tuple[Repulsion, Atoms]:
     if T is None:
         return calc, atoms
     refuse_gyration(calc, 'other tools, which displace particles of supercells of their own,')
+    refuse_changes(calc, 'other tools, which displace particles of supercells of their own,')
     atoms = atoms.copy()
     atoms.pbc = own.pbc
     for on in calc.supercells:
