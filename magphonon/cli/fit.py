@@ -450,7 +450,7 @@ def _causes(found):
 def _fit_frf(options):
     from ..plotting.response import plot_transfer
     from ..response.transfer_functions import read_transfer
-    from ..scenes.frf_fits import GAIN, KEYS, fit_frf
+    from ..scenes.frf_fits import GAIN, KEYS, fit_frf, in_place, misread
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
     from .results import results
@@ -466,6 +466,8 @@ def _fit_frf(options):
     functions = [one for file in options.files for one in read_transfer(file)]
     fixed = _fixed(options, KEYS)
     gain = GAIN if options.gain_sigma is None else options.gain_sigma
+    if (doubt := misread(scene, in_place(scene, functions))) is not None:
+        print(f'These look like {doubt}: see to it before what follows is believed.\n')
     found = fit_frf(scene, functions, fixed, dict(_prior(text, KEYS) for text in options.priors), gain)
     text = frf_report(found, fixed)
     if options.output is not None:
@@ -479,7 +481,7 @@ def _fit_frf(options):
 
 def frf_report(found, fixed: list[str]) -> str:
     """The parameters in both models with their intervals, what the lattice cannot follow, and which model does."""
-    from ..scenes.frf_fits import CLEARLY, UNITS
+    from ..scenes.frf_fits import UNITS
 
     fits, values = found.fits, {model: found.values(model) for model in found.fits}
     points = sum(len(one.omega) for one in found.functions)
@@ -496,7 +498,7 @@ def frf_report(found, fixed: list[str]) -> str:
              *('  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows), '',
              'Intervals of 95 %, and in brackets values of a model that does not follow the data; force and bond stiffness '
              '-df/dr are those at the spacing.']
-    better = fits['complete' if found.ratio >= 1 else 'conventional']
+    better = found.better
     if not better.follows:
         lines.append(f'The lattice is not this model: its sites would have to scatter by {100 * better.site_scatter:.0f} %, so '
                      'that no interval is given. Check mass, spacing, shells, places and directions of points, units.')
@@ -510,11 +512,10 @@ def frf_report(found, fixed: list[str]) -> str:
         if 'damping' in better.names:
             bias = 100 * better.bias[better.names.index('damping')]
             lines.append(f'Scatter broadens peaks: {bias:.2g} % of damping are taken off, half of it is in the interval.')
-    ratio = max(found.ratio, 1 / found.ratio)
-    clear = ratio > CLEARLY or (stated and not better.site_scatter and abs(
-        fits['conventional'].square - fits['complete'].square) > 9)
     worse = 'conventional' if found.ratio >= 1 else 'complete'
-    lines.append(f'The residual of the {worse} model is {ratio:.3g} times as large: ' + (
-        f'the data speak for {"D0 + D*" if found.ratio >= 1 else "D0 alone"}.' if clear and better.follows else
-        'this cannot decide between the models.'))
+    lines.append(f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {
+        'complete': 'the data speak for D0 + D*.',
+        'conventional': 'D0 alone follows the data and D0 + D* does not; they speak for D0 alone'
+                        + (', and the complete model ends without static forces.' if found.endless else '.'),
+        None: 'this cannot decide between the models.'}[found.verdict])
     return '\n'.join(lines)

@@ -47,7 +47,7 @@ def run(options: Namespace) -> None:
     measured = []
     if options.measured is not None:
         from ..response.transfer_functions import read_transfer
-        from ..scenes.frf_fits import in_place, responses_of  # which loads time steps
+        from ..scenes.frf_fits import in_place, misread, responses_of  # which loads time steps
 
         measured = in_place(scene, read_transfer(options.measured, options.estimator))
     if (relaxation := scene.relaxation()) is not None:
@@ -71,6 +71,8 @@ def run(options: Namespace) -> None:
             curves = {model: responses_of(scene, model, measured) for model in ('complete', 'conventional')}
             save(plot_transfer(measured, curves), 'frf_measured')
             lines += ['', *_compared(measured, curves)]
+            if (doubt := misread(scene, measured)) is not None:
+                lines[-1] = f'They look like {doubt}: mend the table, or the name of its column, first.'
     print('\n'.join(lines))
     print(f'picture and data are in {options.output}')
 

@@ -278,7 +278,7 @@ def fit_transfer(build: Callable[[dict[str, float]], Built], names: tuple[str, .
     found = solved(begin, few, ROUGH)
     if not known or 2 * found.cost > FAR * len(found.fun):
         for rate in _rates(functions, build(dict(zip(names, np.exp(begin).tolist(), strict=True))).damping):
-            begin = solved(begin, [_widened(one, rate) for one in few], ROUGH, 2 * rate).x
+            begin = solved(begin, [with_wide_peaks(one, rate) for one in few], ROUGH, 2 * rate).x
         found = min(found, solved(begin, few, ROUGH), key=lambda one: one.cost)
     hopeless = 2 * found.cost > HOPELESS * np.sum(abs(_weights(few) * np.concatenate([one.response for one in few])) ** 2)
     found = solved(found.x, functions, ROUGH if hopeless else FINE)
@@ -350,7 +350,7 @@ def _rates(functions, damping):
         rate /= 2
 
 
-def _widened(one, rate):
+def with_wide_peaks(one: TransferFunction, rate: float) -> TransferFunction:
     """A function with more damping: `H(w - i eta)` is the mean of H under a Lorentzian of the half width eta."""
     kernel = rate / ((one.omega[:, None] - one.omega) ** 2 + rate**2) * np.gradient(one.omega)
     step = min(rate / np.median(np.diff(one.omega)), len(one.omega) / FEWEST)

@@ -206,6 +206,8 @@ def _table(path, estimator):
         raise ValueError(f'{path}: {", ".join(table.header[name] for name in parts)} and sigma must have one unit')
     (ending,) = endings
     if 'amplitude' in table:
+        if (table['amplitude'] < 0).any():
+            raise ValueError(f'{path}: {table.header["amplitude"]} is negative; was it exchanged with {table.header["phase"]}?')
         h = table['amplitude'] * np.exp(1j * table['phase'])
     else:
         h = table['re'] + 1j * table['im']

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units as u
+from ..design.least_squares import MOST_FACTOR
+from ..design.misreadings import misreading
 from ..design.transfer_fits import Built, TransferFit, fit_transfer, responses, with_site_scatter
 from ..errors import not_negative, one_of
 from ..response.frf import Place
@@ -32,6 +34,9 @@ GAIN = 0.01
 """Relative standard uncertainty of the calibration of an instrument, force and motion together, where nothing else is said."""
 CLEARLY = 1.5
 """Ratio of the residuals of the two models from which on one of them is ruled out where sites scatter, chosen by judgement."""
+
+
+EVIDENCE = 3.0  # sigmas between the models from which on data with a stated noise decide, where no sites scatter
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,28 @@ class FrfFits:
         """Residual without D* over that with it; above 1 the complete model follows the data better."""
         fits = self.fits
         return float(np.sqrt(fits['conventional'].square / fits['complete'].square))
+
+    @property
+    def better(self) -> TransferFit:
+        """The fit of the model with the smaller residual."""
+        return self.fits['complete' if self.ratio >= 1 else 'conventional']
+
+    @property
+    def endless(self) -> bool:
+        """Whether the complete model ends at the largest change of its force: it wants no static forces."""
+        fit = self.fits['complete']
+        return 'force' in fit.names and bool(np.log(fit.factors[fit.names.index('force')]) < -0.99 * np.log(MOST_FACTOR))
+
+    @property
+    def verdict(self) -> str | None:
+        """The model for which the data speak; None where they cannot decide, or where the lattice is neither."""
+        better, (complete, conventional) = self.better, (self.fits[model].square for model in band_fits.MODELS)
+        if not better.follows:
+            return None
+        sure = all(one.sigma is not None for one in self.functions) and not better.site_scatter
+        if max(self.ratio, 1 / self.ratio) > CLEARLY or (sure and abs(conventional - complete) > EVIDENCE**2):
+            return better.model
+        return 'conventional' if self.endless and self.ratio < 1 else None
 
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit; the gain is that of the instrument and stays out."""
@@ -157,6 +184,11 @@ def responses_of(scene: Scene, model: str, functions: Sequence[TransferFunction]
     factors = dict(factors or {})
     h = responses(_built(scene, model, factors), functions) * factors.get('gain', 1.0)
     return np.split(h, np.cumsum([len(one.omega) for one in functions])[:-1])
+
+
+def misread(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:
+    """What functions that are `in_place` look like if their file does not say what was measured; else None."""
+    return misreading(_built(scene, 'complete', {}), functions)
 
 
 def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[TransferFunction]:

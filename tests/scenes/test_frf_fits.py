@@ -7,12 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import DrivenVerlet, Harmonic, Recorder, read_scene, units as u
+from magphonon.cli.fit import frf_report
 from magphonon.cli.main import main
 from magphonon.design.sensitivities import hessian_changes
 from magphonon.response import Place, TransferFunction, estimated, lock_in, read_transfer, receptance
 from magphonon.response.frf import base_force
 from magphonon.scenes import fit_frf
-from magphonon.scenes.frf_fits import in_place, responses_of
+from magphonon.scenes.frf_fits import in_place, misread, responses_of
 from magphonon.stiffness import LinearSystem
 
 HEXAGON = '''title = "hexagon"
@@ -57,7 +58,7 @@ def scene_of(folder, *changes, name='hexagon.toml'):
     return read_scene(folder / name)
 
 
-def dense(force=0.2369, a=4.5824, foundation=19.6757, damping=4.0, mass=7e-4):
+def dense(force=0.2369, a=4.5824, foundation=19.6757, damping=4.0, mass=7e-4, static=True):
     """Responses of the hexagon in m/N, shape (6, 70), by loops over pairs and dense matrices in SI: nothing of the package."""
     n = [(i, j) for i in range(-6, 7) for j in range(-6, 7) if abs(i + j) <= 6]
     x = 0.01 * np.array([(i + j / 2, j * np.sqrt(3) / 2) for i, j in n])
@@ -70,7 +71,7 @@ def dense(force=0.2369, a=4.5824, foundation=19.6757, damping=4.0, mass=7e-4):
             if 0 < r < 0.0101:
                 d = (x[p] - x[q]) / r
                 f = force * (0.01 / r) ** a
-                K = a * f / r * np.outer(d, d) - f / r * (np.eye(2) - np.outer(d, d))
+                K = a * f / r * np.outer(d, d) - static * f / r * (np.eye(2) - np.outer(d, d))
                 H[2 * p : 2 * p + 2, 2 * p : 2 * p + 2] += K
                 H[2 * p : 2 * p + 2, 2 * q : 2 * q + 2] -= K
     rows = np.ravel([[2 * k, 2 * k + 1] for k in free])
@@ -313,6 +314,7 @@ def test_the_place_of_a_measurement(tmp_path):
     ('frequency_Hz,re_m_per_N,im_m_per_N,direction_deg', '{f},1,1,90', 'direction_deg alone'),
     ('frequency_Hz,re_m_per_N,im_m_per_N,drive_deg', '{f},1,1,90', 'drive_deg alone'),
     ('time_s,drive_N,answer_m,x_m,y_m', '{f},1,1,0,0', 'x_m, y_m alone'),
+    ('frequency_Hz,amplitude_m_per_N,phase_deg', '{f},-90,1', 'exchanged with phase_deg'),
     ('frequency_Hz,re_m_per_N,im_m_per_N', '{f},0,0', 'is zero at every frequency'),
 ])
 def test_tables_that_say_half_a_place_or_nothing(tmp_path, header, row, words):
@@ -361,3 +363,47 @@ def test_the_same_curve_twice_is_refused(tmp_path):
     twice = [TransferFunction(name, omega, omega + 0j) for name in ('a.csv', 'b.csv')]
     with pytest.raises(ValueError, match=r'a\.csv and b\.csv hold the same numbers'):
         fit_frf(scene, twice)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('static', [False, True])
+@pytest.mark.parametrize('stated', [False, True])
+def test_the_verdict_on_both_kinds_of_lattice(tmp_path, static, stated):
+    """D0 alone follows a lattice of slack springs and D0 + D* does not, whether or not the noise is known; and the other way."""
+    scene = scene_of(tmp_path, ('force_N = 0.2369', 'force_N = 0.23'))
+    fits = fit_frf(scene, measured(dense(static=static), np.random.default_rng(5), sigma=stated))
+    told = frf_report(fits, [])
+    assert fits.verdict == ('complete' if static else 'conventional')
+    assert ('D0 alone follows the data and D0 + D* does not' in told) != static
+    assert 'not this model' not in told
+
+
+MISTAKES = {
+    'numbers 1000 times too large, mm': lambda w, h: 1e3 * h,
+    'numbers 1e+06 times too large, um': lambda w, h: 1e6 * h,
+    'numbers 1000 times too small, m ': lambda w, h: 1e-3 * h,
+    'a velocity that is called a displacement': lambda w, h: 1j * w * h,
+    'an acceleration that is called a displacement': lambda w, h: -(w**2) * h,
+    'a displacement that is called a velocity': lambda w, h: h / (1j * w),
+    'phases of the other sign': lambda w, h: h.conj(),
+    'real and imaginary part exchanged': lambda w, h: 1j * h.conj(),
+    'phases in rad': lambda w, h: abs(h) * np.exp(1j * np.angle(h) * np.pi / 180),
+    'frequencies in rad/s': None,
+}
+
+
+def test_what_a_file_may_say_wrongly(tmp_path, exact):
+    """Ten mistakes, drawn lattices that are known to ten percent; and right files, of which nothing is said."""
+    rng = np.random.default_rng(6)
+    for _ in range(4):
+        force, a, foundation = (1 + rng.uniform(-0.1, 0.1, 3)).tolist()
+        scene = scene_of(tmp_path, ('0.2369', f'{0.2369 * force}'), ('4.5824', f'{4.5824 * a}'),
+                         ('19.6757', f'{19.6757 * foundation}'), ('= 4.0\n', f'= {rng.uniform(3, 8)}\n'))
+        chosen = in_place(scene, measured(exact, rng)[: rng.integers(1, 7)])
+        assert misread(scene, chosen) is None
+        for words, spoil in MISTAKES.items():
+            if spoil is None:
+                spoilt = [replace(one, omega=2 * np.pi * one.omega) for one in chosen]
+            else:
+                spoilt = [replace(one, response=spoil(one.omega * 1e3, one.response)) for one in chosen]
+            assert str(misread(scene, spoilt)).startswith(words), ((force, a, foundation), words)

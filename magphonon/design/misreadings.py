@@ -1,0 +1,73 @@
+"""What may be wrong with a file of transfer functions: its unit, the sign of its phase, what was measured.
+
+Peaks of the lattice as it is known stand beside those that were measured, and no two curves agree.  So the peaks of both are
+widened to a ninth of the range; what then remains, size, phase and how they go with frequency, a wrong unit changes by far more
+than a lattice that is known to ten percent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import units as u
+from .transfer_fits import WIDEST, responses, with_wide_peaks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..response.transfer_functions import TransferFunction
+    from .transfer_fits import Built
+
+STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # of all frequencies, by a lattice that is stiffer or softer than known
+BETTER, NEAR = 0.5, 1.0
+"""A mistake is named where undoing it leaves so much of the distance from the lattice, and less than so much of the response."""
+SCALES = {f'numbers {factor:g} times too {word}': factor**sign for factor, unit in ((1e3, 'mm'), (1e6, 'um'))
+          for sign, word in ((-1, f'large, {unit} where m is said'), (1, f'small, m where {unit} is said'))}
+WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity that is called a displacement, or an acceleration '
+         'that is called a velocity', 1: 'a displacement that is called a velocity, or a velocity that is called an acceleration',
+         2: 'a displacement that is called an acceleration'}
+
+
+def misreading(built: Built, functions: Sequence[TransferFunction]) -> str | None:
+    """What these transfer functions look like if something else was measured than their file says; None where nothing does.
+
+    Parameters
+    ----------
+    built : Built
+        The lattice, known to some ten percent.
+    functions : sequence of TransferFunction
+        In their places (`magphonon.scenes.frf_fits.in_place`), all read in one way.
+    """
+    slow = [replace(one, omega=one.omega / (2 * np.pi)) for one in functions]
+    undone = {'phases of the other sign, e^{-i omega t}': lambda w, h: h.conj(),
+              'real and imaginary part exchanged': lambda w, h: 1j * h.conj(),
+              'phases in rad where degrees are said': lambda w, h: abs(h) * np.exp(1j * np.angle(h) / u.deg)}
+    if not any(one.shaken for one in functions):
+        undone |= {words: lambda w, h, factor=factor: factor * h for words, factor in SCALES.items()}
+        undone |= {words: lambda w, h, order=order: (1j * w * u.s) ** order * h for order, words in WORDS.items()}
+    readings = {None: functions} | {words: [replace(one, response=mend(one.omega, one.response)) for one in functions]
+                                    for words, mend in undone.items()} | {'frequencies in rad/s where Hz is said': slow}
+    wide = {words: np.concatenate([_wide(one) for one in own]) for words, own in readings.items()}
+    off = dict.fromkeys(readings, np.inf)
+    for stretch in STRETCHES:
+        for words, own in readings.items():
+            if words is None or own is slow:  # the others have the frequencies of the first
+                computed = _computed(built, own, stretch)
+            size = np.sqrt(np.linalg.norm(wide[words]) * np.linalg.norm(computed))
+            off[words] = min(off[words], np.linalg.norm(wide[words] - computed) / size)
+    best = min(off, key=lambda words: off[words])
+    return best if off[best] < BETTER * off[None] and off[best] < NEAR else None
+
+
+def _computed(built, functions, stretch):
+    """Responses, with wide peaks, of a lattice whose frequencies are `stretch` times as high."""
+    there = [replace(one, omega=one.omega / stretch) for one in functions]
+    h = np.split(responses(built, there), np.cumsum([len(one.omega) for one in there])[:-1])
+    return np.concatenate([_wide(replace(one, response=own / stretch**2)) for one, own in zip(functions, h, strict=True)])
+
+
+def _wide(one):
+    return with_wide_peaks(one, np.ptp(one.omega) / WIDEST).response
