@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from ase.io import read, write
-from scipy.linalg import eigvals, expm
+from scipy.linalg import eigvals, expm, sqrtm
 
 from magphonon import (
     AllNeighbours,
@@ -76,7 +76,7 @@ def flow(M, C, K, P):
     return np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
 
 
-@pytest.mark.parametrize('engine', ['ase', 'numpy', 'compiled'])
+@pytest.mark.parametrize('engine', ['ase', 'numpy', pytest.param('compiled', marks=pytest.mark.slow)])
 def test_time_steps_turn_velocities_as_the_matrix_exponential_does_to_second_order(engine):
     rng = np.random.default_rng(1)
     for alike in False, True:
@@ -110,7 +110,8 @@ def test_time_steps_turn_velocities_as_the_matrix_exponential_does_to_second_ord
         assert abs(without - exact).max() > 0.2 * abs(exact).max()  # what it would be if nothing turned
 
 
-def test_compiled_threads_and_tables_turn_as_numpy_does():
+@pytest.mark.slow
+def test_compiled_threads_turn_as_numpy_does():
     ends = []
     for engine in 'numpy', 'compiled':
         patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 40.0)
@@ -429,3 +430,31 @@ def test_the_command_tells_chern_numbers_and_leaves_phonopy_out(capsys, tmp_path
     assert 'conventional: the Chern numbers of the bands are 1, 0, 0, -1' in words
     assert 'none that runs one way' in words
     assert not list((tmp_path / 'out').glob('*.yaml'))
+
+
+@pytest.mark.peer
+def test_chern_numbers_are_those_of_pythtb():
+    """Its fluxes of states by the root of K, which share nothing with ours but K; drawn masses, gyration and foundation."""
+    pythtb = pytest.importorskip('pythtb')
+    rng = np.random.default_rng(12)
+    steps, found = 30, set()
+    for _ in range(3):
+        cell = honeycomb(rng.uniform(0.8, 2.5, 2), k=rng.uniform(5, 8))
+        cell.set_masses(rng.uniform(0.8, 1.2, 2))
+        g = np.kron(np.diag(np.broadcast_to(cell.calc.gyration, 2)), J)
+        root_m = np.repeat(cell.get_masses(), 2) ** -0.5
+        model = pythtb.tb_model(2, 2, np.eye(2), np.zeros((8, 2)))
+        states = pythtb.wf_array(model, [steps + 1, steps + 1])
+        for i in range(steps):
+            for j in range(steps):
+                K = cell.calc.bloch_matrix(np.array([[i, j, 0]]) / steps)[0] * np.outer(root_m, root_m)
+                R = sqrtm(K)
+                states[i, j] = np.linalg.eigh(np.block([[0 * K, 1j * R], [-1j * R, 1j * g]]))[1].T
+        states.impose_pbc(0, 0)
+        states.impose_pbc(1, 1)
+        theirs = [states.berry_flux([n]) / (2 * np.pi) for n in range(4, 8)]
+        ours = chern_numbers(cell).tolist()
+        assert abs(abs(np.round(theirs)) - np.abs(theirs)).max() < 1e-9
+        assert (-np.round(theirs)).tolist() == ours  # with i<u|du> for <u|du> of Fukui, Hatsugai and Suzuki
+        found.add(tuple(ours))
+    assert len(found) > 1

@@ -47,7 +47,8 @@ def chern_numbers(cell: Atoms | LinearSystem, model: str = 'complete') -> NDArra
     Returns
     -------
     ndarray of int, shape (bands,)
-        From the lowest band up; their sum is zero.
+        From the lowest band up; their sum is zero.  With the connection <u|du> of these authors; with i<u|du> the
+        signs are opposite.
 
     Raises
     ------
