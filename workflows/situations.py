@@ -192,12 +192,12 @@ class Waveform:
     def plan(self, tolerance):
         return plan_waveform(self._atoms, *self._burst, tolerance)
 
-    def _verlet(self, dt, model='complete', share=1.0):
+    def _verlet(self, dt, model='complete', share=1.0, order=2):
         """Displacements of the row at FRAMES equal times, with steps of at most dt."""
         drive, row, damping, duration = self._burst
         interval = int(np.ceil(duration / dt / FRAMES))
         dyn = DrivenVerlet(as_model(self._atoms, model), duration / interval / FRAMES,
-                           [replace(drive, amplitude=share * drive.amplitude)], damping, engine='numpy')
+                           [replace(drive, amplitude=share * drive.amplitude)], damping, engine='numpy', order=order)
         record = Recorder(dyn, row, interval)
         dyn.run(interval * FRAMES)
         return record.displacements[1:] / share, duration / interval / FRAMES
@@ -217,7 +217,7 @@ class Waveform:
 
     def truth(self, method):
         if method.settings.dt is not None:
-            return difference(self._verlet(method.settings.dt)[0], self._true)
+            return difference(self._verlet(method.settings.dt, order=method.settings.order)[0], self._true)
         return difference(self._linear[method.settings.model], self._true)
 
 

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ..errors import finite, whole
 from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
-from ..stiffness.matrices import gyrating_modes, hermitian_eigenvalues, hessian, signed_root
+from ..stiffness.matrices import eigenvalues_of_two, gyrating_modes, hermitian_eigenvalues, hessian, signed_root
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import site_damping
 
@@ -73,7 +73,8 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     count = every = system.directions
-    parts = _by_lapack(system, q, model, vectors)
+    alone = len(system) == 1 and every == 2 == system.dim and calc.pairwise and not vectors and not system.gyration.any()
+    parts = _of_one_particle(system, q, model) if alone else _by_lapack(system, q, model, vectors)
     if branches is not None:
         count = whole('branches', branches)
         if count > every:
@@ -171,6 +172,18 @@ def _by_lapack(system, q, model, vectors):
         else:
             squares, columns = map(np.stack, zip(*map(eigh, K), strict=True))
         yield squares, system.free.toarray() @ columns if system.atoms.constraints else columns
+
+
+def _of_one_particle(system, q, model):
+    """All squared frequencies of batches of wavevectors where bonds lead to images alone: K = k + sum_b (2 - 2 cos q.R_b) K_b."""
+    calc, m = system.calc, system.masses[0]
+    K = calc.rest_stiffness(model).reshape(-1, 4)[:, [0, 1, 3]] * (2 / m)
+    kx, ky = (calc.foundation * np.ones((1, 2)))[0] / m
+    own = K.sum(axis=0) + np.array([kx, 0, ky])
+    lead = 2 * np.pi * calc.bonds.shift.T
+    for part in in_batches(q, calc):
+        a, b, c = own[:, None] - K.T @ np.cos(part @ lead).T
+        yield eigenvalues_of_two(a, b, c), None
 
 
 def _lowest_by_inverse(system, q, model, count, vectors):

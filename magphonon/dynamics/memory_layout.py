@@ -235,15 +235,16 @@ def _kinds(r0, labels):
 
 def _alike(*columns):
     """The first row of each kind of rows, in their order, and the kind of each row: `np.unique(axis=0)` without its sorting."""
-    kind = np.zeros(len(columns[0]), int)
+    kind, first = np.zeros(len(columns[0]), int), np.zeros(1, int)
     for column in columns:
+        if not len(column) or (column == column[first][kind]).all():
+            continue
         values = _distinct(column)
         kind = len(values) * kind + np.searchsorted(values, column)
         kind = np.searchsorted(_distinct(kind), kind)
-    first = np.empty(kind.max(initial=-1) + 1, int)
-    rows = np.arange(len(kind))[::-1]
-    first[kind[::-1]] = rows  # the last one that is written is the first row
-    return first, kind
+        first = np.empty(kind.max() + 1, int)
+        first[kind[::-1]] = np.arange(len(kind))[::-1]  # the last one that is written is the first row
+    return first[: len(kind)], kind
 
 
 def _distinct(values):

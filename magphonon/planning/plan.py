@@ -27,7 +27,7 @@ EIGENSOLVE = 10
 """Number of multiplications of an eigenvalue problem, vectors included, divided by the cube of its size: about 9 by the QR
 algorithm (Golub and Van Loan, Matrix Computations, Sec. 8.3)."""
 LONGEST_STEP = 0.5
-"""Largest time step of a run, as a fraction of the stability limit 2/omega_max.  The frequency error of a vibration at omega_max
+"""Largest time step of a run, as a fraction of the limit 2/omega_max of Verlet.  The frequency error of a vibration at omega_max
 is then 13 % larger than in proportion to the square of the step, and with longer steps the difference grows fast."""
 STEP_ERROR_FRACTION = 0.6
 """Fraction of the tolerance allotted to the time-step error: what is left is its own uncertainty, half of it in bursts."""
@@ -102,11 +102,14 @@ class Settings:
         Number of neighbour shells.
     dt : float, optional
         Time step in ms; None where no time steps are made.
+    order : int
+        Of the time steps.
     """
 
     model: str
     shells: int | str = 1
     dt: float | None = None
+    order: int = 2
 
 
 @dataclass(frozen=True)

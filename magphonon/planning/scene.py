@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units as u
+from ..dynamics.splittings import SPLITTINGS
 from ..files import write_columns
 from .plan import ALL, Plan, Settings, engine_costs
 
@@ -168,7 +169,9 @@ def _time_steps(plan, particles, duration):
     """What the time steps cost, if the plan recommends any."""
     if not any(method.meets(plan.tolerance) for method in plan.methods) or plan.choice.settings.dt is None:
         return ()
-    return (f'{engine_costs(particles, int(np.ceil(duration / plan.choice.settings.dt)))}.',)
+    settings = plan.choice.settings
+    evaluations = int(np.ceil(duration / settings.dt)) * SPLITTINGS[settings.order].stages
+    return (f'{engine_costs(particles, evaluations)}.',)
 
 
 def _write_waveform(scene, file, row, burst, settings):
@@ -184,8 +187,10 @@ def _write_waveform(scene, file, row, burst, settings):
         times = np.arange(0, burst.duration, frame)
         motion = propagate(patch, times, [burst.drive], burst.damping, row)
     else:
-        dyn = DrivenVerlet(patch, dt, [burst.drive], burst.damping)
-        recorder = Recorder(dyn, row, max(1, int(frame / dt)))
+        each = max(1, int(frame / dt)) if settings.order == 2 else int(np.ceil(frame / dt))  # long steps must fit into a frame
+        dt = dt if settings.order == 2 else frame / each
+        dyn = DrivenVerlet(patch, dt, [burst.drive], burst.damping, order=settings.order)
+        recorder = Recorder(dyn, row, each)
         dyn.run(int(burst.duration / dt))
         motion = recorder.motion
     write_scan(file.with_name(file.name + '.csv'), motion)

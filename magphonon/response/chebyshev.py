@@ -104,21 +104,22 @@ class Matrix:
         """A copy of vectors, shape (free, columns), as `advance` takes them."""
         return s.copy()
 
-    def taken(self, x: NDArray[np.float64], rows: Any) -> NDArray[np.float64]:
-        """Some rows of vectors, shape (rows, columns)."""
-        return x[rows]
-
     @cached_property
     def _parts(self):
         return [(np.s_[k : k + ROWS], self._K[k : k + ROWS]) for k in range(0, self._K.shape[0], ROWS)]
 
-    def advance(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Put K x - y into y; returns the sums y.y and y.x of each column, shape (2, columns)."""
-        sums = np.zeros((2, x.shape[1]))
-        for rows, part in self._parts:
-            own = y[rows]
-            np.subtract(part @ x, own, out=own)
-            sums += np.einsum('ik,ik->k', own, own), np.einsum('ik,ik->k', own, x[rows])
+    def advance(self, x: NDArray[np.float64], y: NDArray[np.float64], count: int = 1, rows: Any = (),
+                taken: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """As that of a Stencil: put K x - y into y, then K y - x into x, and so on."""
+        sums = np.zeros((2, count, x.shape[1]))
+        for n in range(count):
+            if taken is not None:
+                taken[n] = x[rows].T
+            for some, part in self._parts:
+                own = y[some]
+                np.subtract(part @ x, own, out=own)
+                sums[:, n] += np.einsum('ik,ik->k', own, own), np.einsum('ik,ik->k', own, x[some])
+            x, y = y, x
         return sums
 
 
@@ -174,7 +175,7 @@ def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], ro
 
     Yields
     ------
-    ndarray, shape (BLOCK, rows, columns)
+    ndarray, shape (BLOCK, columns, rows)
         One array for all blocks, which the next one overwrites: the operating system would clear the pages of each new one.
     """
     X2 = _products(K).scaled(2 / interval.radius, interval.centre)
@@ -182,13 +183,10 @@ def chebyshev_blocks(K: Products, interval: Interval, s: NDArray[np.float64], ro
     now, before = X2.enter(s), X2.enter(np.zeros_like(s))
     X2.advance(now, before)
     before /= 2  # T_{-1} = T_1
-    block = np.empty((BLOCK, *s[rows].shape))
+    block = np.empty((BLOCK, *s[rows].T.shape))
     with tqdm(total=terms, desc='products', delay=2, disable=None, leave=False) as progress:
         while True:
-            for k in range(BLOCK):
-                block[k] = X2.taken(now, rows)
-                squared = X2.advance(now, before)[0]
-                before, now = now, before
+            squared = X2.advance(now, before, BLOCK, rows, block)[0, -1]
             if not (squared <= LARGEST_GROWTH**2 * length).all():
                 raise Outside
             progress.update(BLOCK)
@@ -240,18 +238,17 @@ def moments(X2: Matrix | Stencil, s: NDArray[np.float64], count: int) -> NDArray
     -------
     ndarray, shape (count, columns)
     """
-    mu = np.empty((count, s.shape[1]))
-    before, now = X2.enter(s), X2.enter(np.zeros_like(s))
-    squared, crossed = X2.advance(before, now)
+    before, now, terms = X2.enter(s), X2.enter(np.zeros_like(s)), count // 2
+    first = X2.advance(before, now) / np.array([4.0, 2.0])[:, None, None]
     now /= 2
-    mu[0], mu[1], squared = (s**2).sum(axis=0), crossed / 2, squared / 4
-    for n in range(1, count // 2):
-        mu[2 * n] = 2 * squared - mu[0]
-        squared, crossed = X2.advance(now, before)
-        if not (squared <= LARGEST_GROWTH**2 * mu[0]).all():
+    sums = [np.stack([(s**2).sum(axis=0), 0 * first[1, 0]])[:, None], first]  # t_n.t_n and t_n.t_n-1
+    for n in range(2, terms + 1, BLOCK):
+        sums.append(X2.advance(now, before, min(BLOCK, terms + 1 - n + (terms + 1 - n) % 2)))
+        if not (sums[-1][0] <= LARGEST_GROWTH**2 * sums[0][0]).all():
             raise Outside
-        mu[2 * n + 1] = 2 * crossed - mu[1]
-        before, now = now, before
+    squared, crossed = np.concatenate(sums, axis=1)
+    mu = np.empty((count, s.shape[1]))
+    mu[::2], mu[1::2] = 2 * squared[:terms] - squared[0], 2 * crossed[1 : terms + 1] - crossed[1]
     return mu
 
 

@@ -298,7 +298,7 @@ class _Load:
 
     def __init__(self, system, drives, push, tolerance):
         varying = [drive for drive in drives if not isinstance(drive, Constant)]
-        self.static = system.shapes.T @ static_forces(system.calc, push).ravel()
+        self.static = system.shapes.T @ (static_forces(system.calc, push) if np.any(push) else system.static).ravel()
         (self._varying, self.walls), self._dim = forces_and_walls(varying, len(system)), system.dim
         self._tolerance = tolerance
         driven, led = ((those.particles[:, None] * system.dim + np.arange(system.dim)).ravel()
@@ -407,7 +407,7 @@ def _part(asked, state, start, stops, last):
         for n, block in enumerate(chebyshev_blocks(K, interval, s, rows if last else slice(None), c.shape[-1])):
             used = (n + 1) * BLOCK
             own = c[..., used - BLOCK : used]
-            block = block[: own.shape[-1]].swapaxes(1, 2)  # terms, columns, rows
+            block = block[: own.shape[-1]]
             if not last:
                 end += np.tensordot(own[-1], block, ((2, 1), (0, 1)))
                 block = block[..., rows]

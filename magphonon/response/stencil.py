@@ -6,7 +6,8 @@ a row of K y is a sum over shifted slices,
     (K y)_i = D_i y_i + sum_g (A_g,i y_{i+g} + A_g,i-g y_{i-g})        A = -K_b / sqrt(m_i m_j)
 
 with one A for each group where all its bonds are alike, and one for each bond elsewhere.  A sparse matrix reads 264 bytes of each
-particle; this reads 40, or 130, and the recurrence of Chebyshev vectors needs no pass of its own.
+particle; this reads 40, or 130, and the recurrence of Chebyshev vectors needs no pass of its own.  A few products go over the
+slots together, each a run or more behind the one before, while their vectors are in the cache of the processor.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from ase.constraints import FixAtoms
 from numba import njit
 from numba.extending import overload
 
-from ..dynamics.kernels_numba import GAP, OPTIONS, RUN, kept, part, unrolled, vectorise
+from ..dynamics.kernels_numba import GAP, OPTIONS, kept, unrolled, vectorise
 from ..dynamics.memory_layout import LINE, aligned_zeros, arrange
+from ..stiffness.bloch_bound import multiples, no_wave_grows
 
 if TYPE_CHECKING:
     from typing import Any
@@ -30,7 +32,11 @@ if TYPE_CHECKING:
     from ..stiffness.rest import LinearSystem
 
 MOST_GROUPS = 9  # three shells of the triangular lattice; each number of groups is compiled by itself, ever longer
-ALIKE = 1e-13  # relative difference of stiffness below which the bonds of a group are one
+ALIKE = 1e-14
+"""Relative difference of stiffness below which the bonds of a group are one, for each bond that the structure is long, and ten.
+Round-off of positions makes 2e-15 of it, in patches of up to a million particles."""
+RUN = 512  # slots processed at a time
+CACHE = 2**20  # bytes of the vectors and coefficients that the products which go over the slots together have in hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,21 +51,44 @@ class Stencil:
         1 where a particle can move, 0 elsewhere.
     runs : ndarray of int, shape (runs, 2)
         First slots and last + 1 of stretches with particles.
+    lag : int
+        How many runs behind the one before a product must be.
     offsets : tuple of int
         Of each group of bonds.
-    D, A : ndarray, shape (3, 1) and (3, groups), or (3, 1, slots) and (3, groups, slots)
-        Components xx, xy, yy.
     row_sum : float
         The largest sum of moduli of a row, which bounds the highest eigenvalue.
+    R : ndarray, shape (groups, 2)
+        Rest vector of a bond of each group, mm.
+    D, A : ndarray, shape (3, 1) and (3, groups), or (3, 1, slots) and (3, groups, slots)
+        Components xx, xy, yy.
+    scatter : float
+        By how much an eigenvalue may differ because bonds are taken as alike; infinite where they are not.
     """
 
     places: np.ndarray
     free: np.ndarray
     runs: np.ndarray
+    lag: int
     offsets: tuple[int, ...]
+    row_sum: float
+    R: np.ndarray
     D: np.ndarray
     A: np.ndarray
-    row_sum: float
+    scatter: float
+
+    @property
+    def proves_stable(self) -> bool:
+        """Whether Bloch waves prove that no eigenvalue is negative; only of bonds that are alike.
+
+        Every two free slots that are as far apart as a group of bonds leads are bonded: K is a part of the matrix of an endless
+        row of slots, whose waves are among those of a lattice in which the groups lead along whole steps that add up alike.
+        """
+        if self.D.ndim == 3 or (c := multiples(self.R)) is None:
+            return False
+        offsets, K = np.array(self.offsets), np.moveaxis(-self.A[[[0, 1], [1, 2]]], 2, 0)
+        base = np.rint(np.linalg.lstsq(c, offsets.astype(float))[0])
+        springs = self.D[[[0, 1], [1, 2]], 0] - 2 * K.sum(axis=0)
+        return np.array_equal(c @ base, offsets) and no_wave_grows(springs, c, K, self.scatter)
 
     def enter(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Vectors of coordinates, shape (free, columns), in slots."""
@@ -67,33 +96,43 @@ class Stencil:
         slots.reshape(len(slots), -1)[:, self.places] = s.T
         return slots
 
-    def taken(self, x: NDArray[np.float64], rows: Any) -> NDArray[np.float64]:
-        """Some rows of vectors, shape (rows, columns)."""
-        return x.reshape(len(x), -1)[:, self.places[rows]].T
-
     def scaled(self, factor: float, shift: float) -> Stencil:
         """The same of factor (K - shift)."""
         D = self.D.copy()
         D[::2] -= shift
-        return replace(self, D=factor * D, A=factor * self.A, row_sum=abs(factor) * self.row_sum)
+        return replace(self, D=factor * D, A=factor * self.A, row_sum=abs(factor) * self.row_sum,
+                       scatter=abs(factor) * self.scatter)
 
-    def advance(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Put K x - y into y; returns the sums y.y and y.x of each column, shape (2, columns)."""
-        sums = np.zeros((2, len(x)))
-        offsets = tuple(np.array(self.offsets, np.uint64))
-        advance(x, y, self.D, self.A, self.free, offsets, self.runs, sums)
+    def advance(self, x: NDArray[np.float64], y: NDArray[np.float64], count: int = 1, rows: Any = (),
+                taken: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Put K x - y into y, then K y - x into x, and so on, `count` times; returns the sums of each new vector with itself and
+        with the one before, shape (2, count, columns).  Some rows of the vector before each product are `taken`, an array of the
+        shape (count, columns, rows).
+        """
+        slots, offsets = len(self.free), tuple(np.array(self.offsets, np.uint64))
+        sums, places = np.zeros((2, count, len(x))), self.places[:0] if taken is None else self.places[rows]
+        taken = np.empty((count, len(x), 0)) if taken is None else taken
+        order = np.argsort(places % slots, kind='stable')
+        first = np.append(np.searchsorted(places[order] % slots, self.runs[:, 0]), len(places))
+        in_hand = 8 * (5 + (self.D.ndim == 3) * (self.D.size + self.A.size) // slots) * self.lag * RUN
+        together = max(2, CACHE // in_hand // 2 * 2)
+        for n in range(0, count, together):
+            some = np.s_[n : n + together]
+            advance(x, y, self.D, self.A, self.free, offsets, self.runs, self.lag, sums[:, some], (places[order], order), first,
+                    taken[some])
         return sums
 
 
 def stencil_of(system: LinearSystem) -> Stencil | None:
     """The stencil of K, or None where the bonds lie on no grid, particles are guided, or leave the plane."""
-    calc, mobile, n = system.calc, system.mobile, len(system)
+    calc, mobile = system.calc, system.mobile
     if system.dim != 2 or not all(isinstance(constraint, FixAtoms) for constraint in system.atoms.constraints):
         return None
     bonds = calc.bonds
     layout = arrange(calc.reference, bonds, mobile)
     if layout.offset is None or len(layout.offset) > MOST_GROUPS or np.ndim(calc.site_stiffness) == 3:
         return None
+<<<<<<< HEAD
     weight = mobile / np.sqrt(system.masses)
     other = bonds.i != bonds.j  # a bond to one's own image never changes
     K, i, j = calc.rest_stiffness(calc.model)[other], bonds.i[other], bonds.j[other]
@@ -107,32 +146,48 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     slot = margin + layout.slot
     D, A = aligned_zeros((3, 1, slots)), aligned_zeros((3, len(layout.offset), slots))
     D[:, 0, slot], A[:, layout.group, margin + layout.i] = own, K
+=======
+    other = slice(None) if (bonds.i != bonds.j).all() else bonds.i != bonds.j  # a bond to one's own image never changes
+    offsets = layout.offset
+    margin = int(offsets.max()) + -int(offsets.max()) % LINE
+    slots, slot = layout.length + margin, margin + layout.slot
+    stiffness, K = calc.rest_stiffness(calc.model), aligned_zeros((3, len(offsets), slots))
+    for part, (x, y) in zip(K, ((0, 0), (0, 1), (1, 1)), strict=True):
+        part[layout.group, margin + layout.i] = stiffness[other, x, y]
+    D, weight, free = aligned_zeros((3, 1, slots)), np.zeros(slots), aligned_zeros((slots,))
+    D[::2, 0, slot] = np.broadcast_to(calc.foundation, (len(system), 2)).T
+    weight[slot], free[slot] = mobile / np.sqrt(system.masses), mobile
+    for g, o in enumerate(offsets):
+        D[:, 0, o:] += K[:, g, :-o]
+        D[:, 0] += K[:, g]
+        K[:, g, :-o] *= -weight[:-o] * weight[o:]
+    D *= weight**2
+    rows = abs(D[:, 0])
+    for g, o in enumerate(offsets):
+        rows += abs(K[:, g])
+        rows[:, o:] += abs(K[:, g, :-o])
+    row_sum = max((rows[0] + rows[1]).max(), (rows[1] + rows[2]).max())
+>>>>>>> 92a19ad (Products by stencils go over the slots together while these are in the cache, and bonds count as alike up to the round-off of their places: 1.5 ns a magnet at any size; a stencil proves patches stable; bands of one particle in closed form; plans offer steps of order 4 and 6)
     places = np.stack([slot, slots + slot], axis=1)[mobile].ravel()
-    rows = abs(D)[:, 0, slot]
-    for k, at in ((abs(K), i), (abs(K), j)):
-        rows = rows + np.stack([np.bincount(at, part, n) for part in k])
-    row_sum = max((rows[0] + rows[1])[mobile].max(), (rows[1] + rows[2])[mobile].max())
-    free = aligned_zeros((slots,))
-    free[slot] = mobile
-    shared = _shared(D, A, free, layout.offset)
-    runs = (margin + layout.runs(GAP, RUN)).astype(np.uint64)
-    return Stencil(places, free, runs, tuple(map(int, layout.offset)), *(shared or (D, A)), float(row_sum))
+    extent = abs(calc.reference.positions).max() / bonds.lengths.min()
+    shared = _shared(D, K, free, offsets, ALIKE * (10 + extent))
+    runs = margin + layout.runs(GAP, RUN)
+    above = np.searchsorted(runs[:, 0], runs[:, 1] + offsets.max()) - 1  # the last run that a bond of each one reaches
+    lag = int((above - np.arange(len(runs))).max(initial=1))
+    R = np.array([layout.R[(layout.group == g).argmax()] for g in range(len(offsets))])
+    return Stencil(places, free, runs.astype(np.uint64), lag, tuple(map(int, offsets)), float(row_sum), R,
+                   *(shared or (D, K, np.inf)))
 
 
-def _shared(D, A, free, offsets):
-    """One D and one A of each group, if all free slots have the same, and every two free slots that far apart are bonded."""
-    first = D[..., free > 0]
-    alike = abs(first - first[..., :1]).max() <= ALIKE * abs(first).max()
-    of_group = []
-    for g, offset in enumerate(offsets):
-        both = np.flatnonzero(free[:-offset] * free[offset:])
-        if not len(both):
-            of_group.append(np.zeros(3))
-            continue
-        own = A[:, g, both]
-        alike &= abs(own - own[:, :1]).max() <= ALIKE * abs(first).max()
-        of_group.append(own[:, 0])
-    return (first[..., 0], np.array(of_group).T) if alike else None
+def _shared(D, A, free, offsets, error):
+    """One D and one A of each group, if all free slots have the same, and every two free slots that far apart are bonded; and by
+    how much what they stand for may shift an eigenvalue.
+    """
+    every = [D[:, 0, free > 0], *(A[:, g, :-o][:, free[:-o] * free[o:] > 0] for g, o in enumerate(offsets))]
+    of_all = np.array([x[:, 0] if x.size else np.zeros(3) for x in every]).T
+    apart = np.array([abs(x - x[:, :1]).max(initial=0.0) for x in every])
+    alike = apart.max() <= error * abs(of_all).max()
+    return (of_all[:, :1], of_all[:, 1:], 2 * apart[0] + 4 * apart[1:].sum()) if alike else None
 
 
 def shared(D, A, offsets):
@@ -165,33 +220,35 @@ def _component(k, c, D, A, x, i, offsets):
     return unrolled('k, c, D, A, x, i, offsets', ' + '.join(terms))
 
 
-@part
+@njit(no_cpython_wrapper=True, **OPTIONS | {'fastmath': {'contract', 'reassoc'}})  # pyright: ignore[reportCallIssue]  sums in any order
 def row(x, y, D, A, free, offsets, s, e):
-    """Put K x - y into y in the slots s to e of one column."""
+    """Put K x - y into y in the slots s to e of one column; returns the sums y.y and y.x there."""
     vectorise()  # pyright: ignore[reportCallIssue]  an intrinsic of numba
-    c = shared(D, A, offsets)
+    c, squared, crossed = shared(D, A, offsets), 0.0, 0.0
     for i in range(s, e):
         px, py = component(0, c, D, A, x, i, offsets), component(1, c, D, A, x, i, offsets)
-        y[0, i], y[1, i] = free[i] * px - y[0, i], free[i] * py - y[1, i]
-
-
-@njit(no_cpython_wrapper=True, **OPTIONS | {'fastmath': {'contract', 'reassoc'}})  # pyright: ignore[reportCallIssue]  sums in any order
-def products(x, y, s, e):
-    """Sums y.y and y.x over the slots s to e of one column."""
-    squared = crossed = 0.0
-    for k in range(2):
-        for i in range(s, e):
-            squared += y[k, i] * y[k, i]
-            crossed += y[k, i] * x[k, i]
+        px, py = free[i] * px - y[0, i], free[i] * py - y[1, i]
+        y[0, i], y[1, i] = px, py
+        squared += px * px + py * py
+        crossed += px * x[0, i] + py * x[1, i]
     return squared, crossed
 
 
 @kept
-def advance(x, y, D, A, free, offsets, runs, sums):
-    """`row` for all columns, run by run, and the `products`."""
-    for start, end in runs:
-        for c in range(len(x)):
-            row(x[c], y[c], D, A, free, offsets, start, end)
-            squared, crossed = products(x[c], y[c], start, end)
-            sums[0, c] += squared
-            sums[1, c] += crossed
+def advance(x, y, D, A, free, offsets, runs, lag, sums, rows, first, taken):
+    """`row` for all columns, in turns from x to y and from y to x: each product `lag` runs behind the one before, whose slots it
+    reads and whose source it overwrites.
+    """
+    places, to = rows
+    for c in range(len(x)):
+        for m in range(len(runs) + (len(taken) - 1) * lag):
+            for n in range(len(taken)):
+                r = m - n * lag
+                if r < 0 or r >= len(runs):
+                    continue
+                source, target = (x[c], y[c]) if n % 2 == 0 else (y[c], x[c])
+                for k in range(first[r], first[r + 1]):
+                    taken[n, c, to[k]] = source[places[k] // len(free), places[k] % len(free)]
+                squared, crossed = row(source, target, D, A, free, offsets, runs[r, 0], runs[r, 1])
+                sums[0, n, c] += squared
+                sums[1, n, c] += crossed

@@ -201,11 +201,18 @@ def hermitian_eigenvalues(D: NDArray[Any]) -> NDArray[np.float64]:
     """
     if D.shape[-1] != 2:
         return np.linalg.eigvalsh(D)
-    a, c, b = np.real(D[..., 0, 0]), np.real(D[..., 1, 1]), abs(D[..., 1, 0])
+    return eigenvalues_of_two(np.real(D[..., 0, 0]), abs(D[..., 1, 0]), np.real(D[..., 1, 1]))
+
+
+def eigenvalues_of_two(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[np.float64]:
+    """Eigenvalues of the real matrices [[a, b], [b, c]], ascending, shape (..., 2)."""
     far = (a + c + np.copysign(np.hypot(a - c, 2 * b), a + c)) / 2
     divisor = np.where(far == 0, 1.0, far)  # only D = 0 has no eigenvalue other than zero
     near = a / divisor * c - b / divisor * b
-    return np.stack([np.minimum(near, far), np.maximum(near, far)], axis=-1)
+    found = np.empty((*np.shape(near), 2))
+    np.minimum(near, far, out=found[..., 0])
+    np.maximum(near, far, out=found[..., 1])
+    return found
 
 
 def poles(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:

@@ -173,7 +173,8 @@ class LinearSystem:
 
     def moving(self) -> Self:
         """The same system, or ValueError if nothing is free: a structure that cannot move has no modes and no response."""
-        freedom(self.atoms)  # refuses constraints that are not supported
+        if self.atoms.constraints:
+            freedom(self.atoms)  # refuses those that are not supported
         if not self.directions:
             raise ValueError('the constraints hold every particle; free one')
         return self
@@ -214,11 +215,16 @@ class LinearSystem:
         return masses_of(self.atoms)
 
     @cached_property
+    def static(self) -> NDArray[np.float64]:
+        """The static forces at this rest in N, shape (particles, dim)."""
+        return static_forces(self.calc)
+
+    @cached_property
     def left(self) -> NDArray[np.float64]:
         """The unbalanced static forces along free directions, in N, shape (particles,); zero if less than BALANCED."""
         calc: Any = self.atoms.calc
         if calc.pairwise:
-            forces = static_forces(calc)
+            forces = self.static
         elif len(self) == 1:
             return np.zeros(1)  # by symmetry
         else:
@@ -251,6 +257,10 @@ class LinearSystem:
             mobile, guided, barred = freedom(self.atoms)
         except ValueError:
             mobile, guided, barred = np.ones(n, bool), [], []
+        if not len(guided):
+            free = np.repeat(mobile, dim)
+            ends = np.append(0, np.cumsum(free))
+            return sparse.csr_array((np.ones(ends[-1]), np.arange(ends[-1]), ends), shape=(n * dim, ends[-1]))
         blocks = np.zeros((n, dim, dim))
         blocks[mobile] = np.eye(dim)
         for particle, projector in zip(guided, barred, strict=True):

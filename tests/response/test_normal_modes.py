@@ -151,7 +151,6 @@ def test_an_unstable_structure_has_no_steady_state(count):
     ({'force': np.zeros((2, 3))}, r'force must have the shape \(49, 3\)'),
     ({'omega': [np.nan]}, r'omega\[0\] is nan'),
     ({'damping': -1.0}, 'damping must be a zero or positive number in 1/ms'),
-    ({'damping': np.ones(49)}, 'damping must be a zero or positive number in 1/ms'),
     ({'particles': [-1]}, 'indices from 0 to 48'),
     ({'tolerance': 0.0}, 'tolerance must be a positive number'),
 ])
@@ -215,7 +214,7 @@ def test_chebyshev_vectors_give_any_function_and_notice_what_is_outside():
     interval = stable_interval(K)
     c = coefficients(np.exp(-3 * interval.nodes(48)))
     blocks = chebyshev_blocks(K, interval, s[:, None], slice(None))
-    T = np.concatenate([next(blocks)[..., 0].copy() for _ in range(3)])
+    T = np.concatenate([next(blocks)[:, 0].copy() for _ in range(3)])
     np.testing.assert_allclose(c @ T, vectors @ (np.exp(-3 * squares) * (vectors.T @ s)), atol=1e-13)
     with pytest.raises(Outside):
         for _, _block in zip(range(20), chebyshev_blocks(K, Interval(0, 0.9 * squares[-1]), s[:, None], [0]), strict=False):

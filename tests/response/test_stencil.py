@@ -21,19 +21,47 @@ def test_products_of_drawn_structures():
             continue
         factor, shift = rng.uniform(0.1, 2), rng.uniform(-1, 1)
         x, y = rng.normal(size=(2, system.directions, 3))
-        slots, into = stencil.enter(x), stencil.enter(y)
-        sums = stencil.scaled(factor, shift).advance(slots, into)
-        expected = factor * (system.K @ x - shift * x) - y
-        size = abs(expected).max()
-        np.testing.assert_allclose(stencil.taken(into, slice(None)), expected, atol=1e-12 * size)
-        assert np.count_nonzero(into) <= expected.size  # nothing moves in slots of held particles, and in empty ones
-        np.testing.assert_allclose(sums, [(expected**2).sum(axis=0), (expected * x).sum(axis=0)], atol=1e-11 * size**2 * len(x))
+        slots, into, scaled = stencil.enter(x), stencil.enter(y), stencil.scaled(factor, shift)
+        count, rows = int(rng.choice([1, 2, 6])), rng.permutation(system.directions)[: rng.integers(1, 9)]
+        taken = np.full((count, 3, len(rows)), np.nan)
+        sums = scaled.advance(slots, into, count, rows, taken)
+        source, target = x, y
+        for n in range(count):
+            np.testing.assert_allclose(taken[n], source[rows].T, atol=1e-12 * abs(source).max())
+            source, target = factor * (system.K @ source - shift * source) - target, source
+            largest = max(abs(source).max(), abs(target).max())
+            expected = [(source**2).sum(axis=0), (source * target).sum(axis=0)]
+            np.testing.assert_allclose(sums[:, n], expected, atol=1e-11 * largest**2 * len(x))
+        last = into if count == 1 else slots
+        assert np.count_nonzero(last) <= source.size  # nothing moves in slots of held particles, and in empty ones
+        np.testing.assert_allclose(last.reshape(3, -1)[:, stencil.places].T, source, atol=1e-12 * abs(source).max())
         row_sum = abs(system.K).sum(axis=1).max()
         assert stencil.row_sum >= (1 - 1e-12) * row_sum
         if not atoms.pbc.any():  # in small cells bonds of opposite sign join the same two
             assert stencil.row_sum == pytest.approx(row_sum, rel=1e-12)
+        if stencil.proves_stable:
+            assert np.linalg.eigvalsh(system.K.toarray())[0] >= -1e-11 * row_sum
         on_grids, each = on_grids + 1, each + (stencil.D.ndim == 3)
     assert min(each, on_grids - each) > 2
+
+
+def test_stable_patches_are_proved_so_up_to_the_softest_wave():
+    law, cell = InversePower(1.0, 0.5), lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, law)
+    q = np.stack([*np.meshgrid(*[np.arange(0, 1, 1 / 120)] * 2), np.zeros((120, 120))], axis=-1).reshape(-1, 3)
+    softest = -np.linalg.eigvalsh(LinearSystem.of(cell).bloch(q))[:, 0].min()  # what springs must make up for
+    assert softest > 0.1
+
+    def proved(foundation, masses=1.0, strengths=1.0):
+        patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 9.0)
+        patch.set_masses(np.broadcast_to(masses, len(patch)))
+        patch.calc = MagneticRepulsion(patch, law, foundation=foundation, strengths=np.broadcast_to(strengths, len(patch)))
+        return stencil_of(LinearSystem.about(patch.calc, patch)).proves_stable
+
+    assert proved(1.001 * softest)
+    assert not proved(0.999 * softest)  # though a patch this small would be stable
+    assert not proved(2 * softest, masses=np.linspace(1, 1.1, 271))  # not by this proof: bonds are not alike
+    assert not proved(2 * softest, strengths=np.linspace(1, 1.1, 271))
 
 
 @pytest.mark.parametrize('scattered', [0.0, 0.2], ids=['alike', 'own strengths'])
