@@ -1,6 +1,6 @@
 """How Sphinx builds the site: `python -m sphinx -W docs docs/_build`, without a network.
 
-`-t online` links to the pages of other projects; `-t all` lets the gallery run the longer workflows too.
+`-t online` links to the pages of other projects; `-t all` runs the longer workflows for their pages, too.
 """
 
 import sys
@@ -18,7 +18,7 @@ version = release = magphonon.__version__
 
 extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.intersphinx',
               'sphinx.ext.viewcode', 'sphinx_gallery.gen_gallery', 'matplotlib.sphinxext.plot_directive']
-exclude_patterns = ['_build', 'tutorials/*.rst', 'generate']
+exclude_patterns = ['_build', 'tutorials/*.rst', 'gallery/*.rst', 'generate']
 suppress_warnings = ['config.cache']  # functions in the settings of sphinx-gallery
 
 myst_enable_extensions = ['dollarmath', 'amsmath', 'deflist', 'colon_fence']
@@ -36,8 +36,8 @@ intersphinx_mapping = {
 } if tags.has('online') else {}  # noqa: F821  Sphinx gives the tags
 
 sphinx_gallery_conf = {
-    'examples_dirs': 'tutorials',
-    'gallery_dirs': 'generated/tutorials',
+    'examples_dirs': ['tutorials', 'gallery'],
+    'gallery_dirs': ['generated/tutorials', 'generated/gallery'],
     'filename_pattern': '.',
     'image_scrapers': ('generate.scraper.figures',),
     'within_subsection_order': 'FileNameSortKey',

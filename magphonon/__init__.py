@@ -2,7 +2,7 @@
 
 import lazy_loader
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'
 
 # The names repeat those of the stub file __init__.pyi, which type checkers read: reading it here would add a third to the import
 # time.

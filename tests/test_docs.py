@@ -26,16 +26,20 @@ def test_every_room_and_every_command_has_its_page(generate):
     assert set(generate.commands.EXAMPLES) == set(generate.commands.COMMANDS)
 
 
-def test_every_public_name_is_on_the_page_of_its_room(generate):
+def test_every_public_name_has_its_page_and_stands_in_the_list_of_its_room(generate, tmp_path):
     import magphonon.bands
 
-    page = generate.api.page('bands')
-    assert [name for name in magphonon.bands.__all__ if f':: magphonon.bands.{name}\n' not in page] == []
+    generate.api.write(tmp_path)
+    room = (tmp_path / 'bands.rst').read_text(encoding='utf-8')
+    for name in magphonon.bands.__all__:
+        assert f'   {name} <bands.{name}>\n' in room
+        assert f':: magphonon.bands.{name}\n' in (tmp_path / f'bands.{name}.rst').read_text(encoding='utf-8')
 
 
 def test_links_to_names_lead_to_their_pages(generate):
     """Sphinx says nothing of a link to a name that no page describes."""
-    known = {name for room in generate.api.rooms() for name in re.findall(r':: (magphonon[\w.]+)', generate.api.page(room))}
+    known = {f'magphonon.{room}.{name}' for room in generate.api.rooms() for name in generate.api.public(room)}
+    known |= {f'magphonon.{room}' for room in generate.api.rooms()}
     pages = {page: page.read_text(encoding='utf-8') for page in (ROOT / 'docs').glob('[rt]*/*.md')}
     links = {(page.name, name) for page, text in pages.items() for name in re.findall(r'\{py:\w+\}`~?(magphonon[\w.]+)`', text)}
     assert len(links) > 20
@@ -60,6 +64,22 @@ def test_drawings_and_tutorials_are_those_of_the_pages():
     drawn = set(re.findall(r'plot:: theory/(\w+)\.py', pages))
     assert drawn == {file.stem for file in (ROOT / 'docs/theory').glob('*.py')}
     assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 7
+
+
+def test_examples_of_the_gallery_are_short_and_import_what_is_public():
+    scripts = sorted((ROOT / 'docs/gallery').glob('plot_*.py'))
+    assert len(scripts) == 20
+    for file in scripts:
+        text = file.read_text(encoding='utf-8')
+        tree = ast.parse(text)
+        title, line = ast.get_docstring(tree).splitlines()[:2]
+        assert len(title.split()) <= 6  # it stands in the side bar
+        assert line == '=' * len(title)
+        assert len(text.splitlines()) <= 32
+        froms = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        assert {name for name in froms if name.count('.') > 1} == set()  # a room, not a file in it
+        plain = {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
+        assert {name.partition('.')[0] for name in froms | plain} <= {'magphonon', 'numpy', 'importlib'}
 
 
 def test_the_scene_of_own_positions_on_its_page_is_stable(tmp_path):

@@ -27,6 +27,8 @@ def test_one_version_licence_description_and_author():
             recipe['about']['license']} == {PROJECT['license']}
     assert {codemeta['name'], recipe['package']['name']} == {PROJECT['name']}
     assert {zenodo['description'], codemeta['description'], recipe['about']['summary']} == {PROJECT['description']}
+    headings = re.findall(r'^## (.*)$', (ROOT / 'CHANGELOG.md').read_text(encoding='utf-8'), re.M)
+    assert re.fullmatch(rf'{re.escape(magphonon.__version__)} \(\d{{4}}-\d\d-\d\d\)', headings[0])  # with its date
     assert cff['title'] == zenodo['title']
     for authors in (cff['authors'], zenodo['creators'], codemeta['author']):
         assert [author['name'] for author in authors] == [developers]

@@ -3,16 +3,16 @@
 import shutil
 from functools import partial
 
-from . import api, commands, explorers, gallery, keys, thresholds
+from . import api, commands, explorers, keys, thresholds, workflows
 
 
 def write_all(folder, every=False):
     """Write all generated pages into `folder`, whose earlier pages are removed, but not what sphinx-gallery keeps there.
 
-    `every` lets the gallery run the longer workflows too.
+    `every` runs the longer workflows too.
     """
     for name, write in {'api': api.write, 'commands': commands.write, 'explorers': explorers.write,
-                        'gallery': partial(gallery.write, every=every),
+                        'workflows': partial(workflows.write, every=every),
                         'scene': keys.write, 'validity': thresholds.write}.items():
         shutil.rmtree(folder / name, ignore_errors=True)
         (folder / name).mkdir(parents=True)

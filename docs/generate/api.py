@@ -1,4 +1,4 @@
-"""A page for each room of the package, with all that its stub exports, and one for the names of `magphonon` itself."""
+"""A page for each public name, a list of them for each room of the package, and one for the names of `magphonon` itself."""
 
 import inspect
 from importlib import import_module
@@ -36,6 +36,8 @@ def write(folder):
     (folder / 'index.rst').write_text(INDEX.format(contents=contents, front=front_door()), encoding='utf-8')
     for room in rooms():
         (folder / f'{room}.rst').write_text(page(room), encoding='utf-8')
+        for name in public(room):
+            (folder / f'{room}.{name}.rst').write_text(page_of(room, name), encoding='utf-8')
 
 
 def heading(text, line='='):
@@ -72,18 +74,28 @@ def escape_docstring(app, what, name, thing, options, lines):
     lines[:] = [line if '``' in line or '>>>' in line else escaped(line) for line in lines]
 
 
-def page(room):
-    """One room: its docstring, a list of its names, and all of them in full."""
+def public(room):
+    """The names that a room exports, without its modules."""
     module = import_module(f'magphonon.{room}')
-    names = [name for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
-    parts = [heading(f'magphonon.{room}'), TITLES.get(room, '') + '.' * (room in TITLES), '',
-             f'.. automodule:: magphonon.{room}', '   :no-members:', '',
-             *(f'* :py:obj:`~magphonon.{room}.{name}`: {summary(getattr(module, name))}' for name in names), '']
-    for name in names:
-        thing = getattr(module, name)
-        kind = 'autoclass' if inspect.isclass(thing) else 'autofunction' if callable(thing) else 'autodata'
-        parts += [f'.. {kind}:: magphonon.{room}.{name}', *(['   :members:'] if kind == 'autoclass' else []), '']
-    return '\n'.join(parts)
+    return [name for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
+
+
+def page(room):
+    """One room: its docstring and a list of its names, each of which has a page of its own."""
+    module, names = import_module(f'magphonon.{room}'), public(room)
+    contents = '\n   '.join(f'{name} <{room}.{name}>' for name in names)
+    return '\n'.join([
+        heading(f'magphonon.{room}'), TITLES.get(room, '') + '.' * (room in TITLES), '',
+        f'.. automodule:: magphonon.{room}', '   :no-members:', '',
+        *(f'* :py:obj:`~magphonon.{room}.{name}`: {summary(getattr(module, name))}' for name in names), '',
+        '.. toctree::', '   :hidden:', '', f'   {contents}', ''])
+
+
+def page_of(room, name):
+    """One name in full."""
+    thing = getattr(import_module(f'magphonon.{room}'), name)
+    kind = 'autoclass' if inspect.isclass(thing) else 'autofunction' if callable(thing) else 'autodata'
+    return '\n'.join([heading(name), f'.. {kind}:: magphonon.{room}.{name}', *(['   :members:'] if kind == 'autoclass' else []), ''])
 
 
 INDEX = """

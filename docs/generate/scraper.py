@@ -17,7 +17,7 @@ def figures(block, block_vars, gallery_conf):
         if isinstance(figure, Figure) and figure not in SEEN:
             SEEN.add(figure)
             path = next(block_vars['image_path_iterator'])
-            figure.savefig(path, dpi=120)
+            figure.savefig(path, dpi=160)
             paths.append(path)
     plt.close('all')
     return figure_rst(paths, gallery_conf['src_dir'])

@@ -103,3 +103,10 @@ print(f'lowest frequency with D*: {complete.frequencies_Hz.min():.1f} Hz')
 from magphonon import verdict
 
 print(verdict(square))
+
+# %%
+# Its softest motion at X, the rows that slide past each other:
+
+from magphonon import plot_mode
+
+ax = plot_mode(square, analytic_bands(square, path, vectors=True), 'X', 0)

@@ -59,9 +59,9 @@ for engine in ('ase', 'numpy'):
 # %%
 # The difference is that of the time step, of order (omega dt)^2.
 
-import matplotlib.pyplot as plt
+from magphonon.plotting import new_axes
 
-figure, ax = plt.subplots(figsize=(6, 3), layout='constrained')
+ax = new_axes(6, 3)
 middle = len(at_rest()) // 2
 ax.plot(times, 1e3 * linear.displacements[:, middle, 1])
 ax.set(xlabel='time (ms)', ylabel='driven magnet (µm)')
@@ -88,7 +88,7 @@ for force in forces:
     errors.append(abs(full - force / (1e-4 * u.N) * linear.displacements).max() / abs(full).max())
     print(f'{force:g} N: largest displacement {abs(full).max():.3f} mm, linear off by {errors[-1]:.1e}')
 
-figure, ax = plt.subplots(figsize=(4.5, 3), layout='constrained')
+ax = new_axes(4.5, 3)
 ax.loglog(forces, errors, 'o-')
 ax.set(xlabel='force (N)', ylabel='error of the linear answer')
 

@@ -42,11 +42,10 @@ except ValueError as error:
 rest = relaxed(holed)
 print(f'moved by up to {rest.shift:.2f} mm; force left: {rest.after:.1e} N')
 
-import matplotlib.pyplot as plt
-
+from magphonon.plotting import new_axes
 from magphonon.plotting.axes import COLOURS
 
-figure, ax = plt.subplots(figsize=(5, 4.2), layout='constrained')
+ax = new_axes(5, 4.2)
 moved = rest.atoms.positions - holed.positions
 ax.plot(*rest.atoms.positions[:, :2].T, 'o', color='0.7', markersize=5)
 ax.quiver(*holed.positions[:, :2].T, *5 * moved[:, :2].T, angles='xy', scale_units='xy', scale=1, color=COLOURS[1])
@@ -71,7 +70,7 @@ order = np.argsort(share)[:4]
 for k in order:
     print(f'{local.frequencies_Hz[k]:8.3f} Hz moves {100 * share[k]:.0f} % of the magnets')
 
-figure, ax = plt.subplots(figsize=(6, 3), layout='constrained')
+ax = new_axes(6, 3)
 ax.plot(whole.frequencies_Hz, participation(whole), '.', color='0.7', label='perfect')
 ax.plot(local.frequencies_Hz, share, '.', color=COLOURS[0], label='one magnet missing')
 ax.set(xlabel='frequency (Hz)', ylabel='participation ratio')
@@ -82,7 +81,7 @@ ax.legend(frameon=False)
 # it, where nothing pushes back.
 
 k = order[0]
-figure, ax = plt.subplots(figsize=(5, 4.2), layout='constrained')
+ax = new_axes(5, 4.2)
 ax.plot(*rest.atoms.positions[:, :2].T, 'o', color='0.7', markersize=5)
 arrows = local.shapes[k] / abs(local.shapes[k]).max() * 8
 ax.quiver(*rest.atoms.positions[:, :2].T, *arrows[:, :2].T, angles='xy', scale_units='xy', scale=1, color=COLOURS[0])

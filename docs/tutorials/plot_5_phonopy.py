@@ -107,3 +107,10 @@ patch.calc = MagneticRepulsion(patch, law, foundation=19.6757 * u.N / u.m)
 burst = ToneBurst(len(patch) // 2, (0, 1), 1e-4 * u.N, omega=2 * np.pi * 40 * u.Hz, cycles=5)
 write_lammps_input(folder, patch, timestep=0.05 * u.ms, steps=2000, drives=[burst], damping=4 / u.s, interval=40)
 print(Path(folder, 'in.lammps').read_text())
+
+# %%
+# The patch that LAMMPS gets, its rim held:
+
+from magphonon.plotting import plot_patch
+
+ax = plot_patch(patch)

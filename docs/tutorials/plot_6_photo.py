@@ -16,10 +16,10 @@ the truth is known.
 import tempfile
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, read_scene, relaxed, units as u
+from magphonon.plotting import new_axes
 from magphonon.plotting.axes import COLOURS
 from magphonon.stiffness import Scatter, scattered
 
@@ -103,7 +103,7 @@ for k in range(4):
 (folder / 'feet.toml').write_text(text.replace('"rest"', '"anchors"'), encoding='utf-8')
 twice = modes(read_scene(folder / 'feet.toml').atoms())
 
-figure, ax = plt.subplots(figsize=(6, 3), layout='constrained')
+ax = new_axes(6, 3)
 first, count = truth.frequencies_Hz[:20], np.arange(1, 21)
 ax.errorbar(count, 100 * (found.frequencies_Hz[:20] / first - 1), 100 * 1.96 * std[:20] / first, fmt='o', color=COLOURS[0],
             label='positions at rest, 95 %')
@@ -127,3 +127,7 @@ lines = [f'{k + 1},{truth.frequencies_Hz[k]},{x},{y},{truth.shapes[k, i, 0]}' fo
 comparison = compared(folder / 'shapes.csv', scene.atoms(), found)
 for name, mac, least in zip(comparison.names, comparison.mac, comparison.least, strict=True):
     print(f'measured mode {name}: mode {mac.argmax() + 1}, MAC {mac.max():.2f} (a match needs {least:.2f})')
+
+from magphonon.plotting import plot_comparison
+
+ax = plot_comparison(comparison, found)

@@ -81,3 +81,7 @@ print('biased:', known.biased)
 # %%
 # A ridge that does not fit is first a question: are neighbours missing in the scene, is the mass right, what sent the
 # wave?  One that is left out, `without=[...]` or ``--without``, widens all intervals by what the fit misses of it.
+
+from magphonon.plotting import plot_band_fits
+
+figure = plot_band_fits(known.points, {model: (known.fitted(model).atoms(), fit) for model, fit in known.fits.items()})

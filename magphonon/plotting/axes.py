@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import logging
 from contextlib import contextmanager
+from functools import wraps
 from logging.handlers import QueueHandler
 from pathlib import Path
 from queue import SimpleQueue
 from shutil import which
 from string import ascii_lowercase
 from typing import TYPE_CHECKING
+from weakref import WeakSet
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from os import PathLike
-    from typing import Any
+    from typing import Any, ParamSpec, TypeVar
 
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure, FigureBase
     from matplotlib.legend import Legend
     from numpy.typing import NDArray
+
+    Arguments, Drawn = ParamSpec('Arguments'), TypeVar('Drawn')
 
 STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
@@ -34,6 +38,9 @@ COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8
 UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
 """Style of every region where modes are unstable."""
 MARKERS = 40  # on each branch: few enough to see the line behind them
+HOUSE: WeakSet[FigureBase] = WeakSet()
+"""Figures that the package made outside of a `print_style`: all that it draws on them is in the style of the house."""
+IN_FORCE: list[str] = []  # the styles within which we are
 
 
 @contextmanager
@@ -63,7 +70,11 @@ def print_style(*sheets: str | PathLike[str]) -> Iterator[None]:
         if rcParams['text.usetex'] and which('latex') is None:
             asking = sheets[-1] if sheets else 'matplotlibrc'
             raise ValueError(f'{asking} asks for LaTeX (text.usetex), which is not installed; take this line out of it')
-        yield
+        IN_FORCE.append('print')
+        try:
+            yield
+        finally:
+            IN_FORCE.pop()
 
 
 def _load(sheet):
@@ -82,6 +93,32 @@ def _load(sheet):
     if not faults.empty():
         fault = faults.get().getMessage().strip().splitlines()[0]
         raise ValueError(f'{sheet} is no style sheet of matplotlib: {fault}')
+
+
+def in_house_style(draw: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
+    """Let a function draw in the style of the house, unless another is in force or its axes are the caller's own."""
+    @wraps(draw)
+    def drawn(*args: Arguments.args, **options: Arguments.kwargs) -> Drawn:
+        given = [figure for value in (*args, *options.values()) for figure in _figures(value)]
+        if IN_FORCE or not HOUSE.issuperset(given):
+            return draw(*args, **options)
+        with print_style():
+            found = draw(*args, **options)
+            for figure in (_figures(found[0] if isinstance(found, tuple) else found)):
+                HOUSE.add(figure)
+                for ax in figure.axes:  # matplotlib makes ticks as late as it can, and in the style of that time
+                    _ = [(axis.majorTicks, axis.minorTicks) for axis in (ax.xaxis, ax.yaxis)]
+        return found
+
+    return drawn
+
+
+def _figures(value):
+    """The figure that is an argument or holds it, in a list; an empty one of what is no picture."""
+    from matplotlib.artist import Artist
+
+    first = value.flat[0] if isinstance(value, np.ndarray) and value.dtype == object and value.size else value
+    return [first.get_figure(root=True)] if isinstance(first, Artist) and first.get_figure() is not None else []
 
 
 def prefix_power(value: float) -> int:
@@ -134,8 +171,12 @@ def end_frequencies(figure: Figure, highest_Hz: float) -> None:
                 label_frequencies(axis)
 
 
+@in_house_style
 def new_axes(width: float | None = None, height: float | None = None) -> Axes:
     """Axes of a figure of its own, `width` x `height` in inches, by default as large as the style in force has it.
+
+    This is the style of the house, or that of a `print_style` around it.  For matplotlib's own, or yours, pass axes that you made
+    to the functions that draw: ``plot_bands(bands, ax=plt.figure().gca())``.
 
     Examples
     --------
@@ -146,8 +187,9 @@ def new_axes(width: float | None = None, height: float | None = None) -> Axes:
     return new_figure(width, height).add_subplot()
 
 
+@in_house_style
 def new_figure(width: float | None = None, height: float | None = None) -> Figure:
-    """A figure that pyplot never sees, whose axes leave room for their labels; its size as in `new_axes`."""
+    """A figure that pyplot never sees, whose axes leave room for their labels; its size and style as in `new_axes`."""
     from matplotlib import rcParams
     from matplotlib.figure import Figure
 
@@ -155,6 +197,7 @@ def new_figure(width: float | None = None, height: float | None = None) -> Figur
     return Figure((width or usual[0], height or usual[1]), layout='compressed')
 
 
+@in_house_style
 def panels(rows: int, columns: int, width: float | None = None,
            height: float | None = None) -> tuple[Figure, NDArray[np.object_]]:
     """A figure with `rows x columns` panels, as wide as a column of the journal for one column of panels, or as its page.
@@ -185,6 +228,7 @@ def panels(rows: int, columns: int, width: float | None = None,
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
+@in_house_style
 def letter_panels(axes: NDArray[np.object_] | Sequence[Axes], names: Sequence[str] = ()) -> None:
     """Put (a), (b), ... above the left corner of each panel, row by row, before its name: one of `names`, or the one it has."""
     flat = np.ravel(np.asarray(axes))
@@ -192,12 +236,14 @@ def letter_panels(axes: NDArray[np.object_] | Sequence[Axes], names: Sequence[st
         ax.set_title(f'({letter}) {name}'.rstrip(), loc='left')
 
 
+@in_house_style
 def legend_above(ax: Axes, **options: Any) -> Legend:
     """Legend above the axes, where it covers no data, in as many columns as the figure is wide enough for."""
     options = {'loc': 'lower center', 'bbox_to_anchor': (0.5, 1.0), 'frameon': False} | options
     return _fitting(ax.legend, ax.figure.bbox.width, options)
 
 
+@in_house_style
 def legend_of_set(figure: Figure, **options: Any) -> Legend:
     """One legend above all panels of a figure, in which each name of their curves stands once."""
     named = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}

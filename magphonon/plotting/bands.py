@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .axes import COLOURS, MARKERS, UNSTABLE, label_frequencies, legend_above, new_axes, point_name
+from .axes import COLOURS, MARKERS, UNSTABLE, in_house_style, label_frequencies, legend_above, new_axes, point_name
 from .structures import halo
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ TRIED, DRAWN = 150, 600
 """Largest number of wavevectors at which a name is tried, and of points of a curve that it avoids: as fine as a picture shows."""
 
 
+@in_house_style
 def plot_bands(bands: Bands, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Frequencies along the path; unstable modes below zero, as -|f|, in a shaded region.
 
@@ -164,6 +165,7 @@ def mode_names(bands: Bands) -> NDArray[np.str_]:
     return names.astype(str)
 
 
+@in_house_style
 def name_branches(ax: Axes, bands: Bands) -> None:
     """Write each name beside one branch that has it, where it is farthest from all curves; nothing where there is no room.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .axes import COLOURS, label_frequencies, legend_above, new_axes
+from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_axes
 from .bands import NEGLIGIBLE, label_path
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ TALL = 6.0  # peaks above this multiple of the ninth decile are cut; a flat bran
 DECADES = 3  # range of a spectral function that is shown, in powers of ten below its highest value
 
 
+@in_house_style
 def plot_density(density: DensityOfStates, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Share of all modes per Hz over the frequency, so that a lattice and a patch can be compared; shaded: two standard errors.
 
@@ -70,6 +71,7 @@ def _write_cut_peaks(ax, top):
                         gid='cut', va='top', ha='left' if side > 0 else 'right', color=line.get_color())
 
 
+@in_house_style
 def plot_spectral_function(spectral: SpectralFunction, path: BandPath, *, ax: Axes | None = None) -> Axes:
     """Map of A(k, omega) along a path, over which `plot_bands` draws the branches of the perfect lattice.
 

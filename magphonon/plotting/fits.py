@@ -10,7 +10,7 @@ from .. import units as u
 from ..bands.bloch import bloch_modes
 from ..interactions.fits import NORMAL
 from ..interactions.pair_laws import repulsion
-from .axes import COLOURS, COLUMN_in, label, legend_above, letter_panels, new_figure, prefix_power
+from .axes import COLOURS, COLUMN_in, in_house_style, label, legend_above, letter_panels, new_figure, prefix_power
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MODEL_LINES = {'complete': (COLOURS[0], '-', 'o'), 'conventional': (COLOURS[1], '--', 's')}
 
 
+@in_house_style
 def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, DispersionFit]]) -> Figure:
     """Measured points with the branches of both models, over the residuals in standard uncertainties.
 
@@ -73,6 +74,7 @@ def plot_band_fits(points: RidgePoints, fits: Mapping[str, tuple[Atoms, Dispersi
     return figure
 
 
+@in_house_style
 def plot_fit(forces: Forces, fit: Fit) -> Figure:
     """Measured forces and the fitted law on logarithmic axes, over the residuals in standard deviations of the noise.
 

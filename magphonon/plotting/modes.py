@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import units
 from ..bands.zone import ROUND_OFF
-from .axes import COLOURS, label_frequencies, label_places, legend_above, legend_of_set, new_axes, point_name
+from .axes import COLOURS, in_house_style, label_frequencies, label_places, legend_above, legend_of_set, new_axes, point_name
 from .bands import mode_names
 from .structures import FREE, SIZE, draw_bonds, draw_particles, frame, in_cells, mark_defects, seen_about, spacing, window
 
@@ -29,6 +29,7 @@ ARROW = 0.39  # longest arrow of a mode shape of a lattice in bond lengths
 LONG_ARROW, STILL = 1.4, 0.03
 
 
+@in_house_style
 def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes | None = None) -> Axes:
     """Shape of a mode: particles at rest, their orbits, and their displacements at the time of the largest one.
 
@@ -87,6 +88,7 @@ def plot_mode(atoms: Atoms, bands: Bands, q: str | int, mode: int, *, ax: Axes |
     return ax
 
 
+@in_house_style
 def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = None, title: str = '',
                centre: ArrayLike | None = None, defects: ArrayLike = ()) -> Axes:
     """Shape of a mode of a patch: an arrow on every particle, and darker the more of the kinetic energy it has.
@@ -122,6 +124,7 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     return ax
 
 
+@in_house_style
 def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tuple[float, float]] = ()) -> Axes:
     """How many particles take part in each mode, over its frequency; shaded: where the lattice has bands.
 
@@ -146,6 +149,7 @@ def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tupl
     return ax
 
 
+@in_house_style
 def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = None) -> Axes:
     """MAC of measured shapes, in rows, with the computed ones most like them, in columns; matches are framed.
 

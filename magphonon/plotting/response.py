@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from .axes import COLOURS, label_frequencies, legend_above, new_axes, new_figure
+from .axes import COLOURS, in_house_style, label_frequencies, legend_above, new_axes, new_figure
 from .bands import plot_bands
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ MOST_ROWS = 4  # number of transfer functions that are drawn
 MOST_BARS = 8  # largest number of natural frequencies drawn as bars of full height, as in the paper; more are ticks at the bottom
 
 
+@in_house_style
 def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, label: str | None = None, **line: Any) -> Axes:
     """Bands with a ribbon of two standard deviations around each branch; `line` as in `plot_bands`."""
     ax = plot_bands(bands, ax=ax, label=label, **line)
@@ -51,6 +52,7 @@ def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, l
     return ax
 
 
+@in_house_style
 def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: float = 1.0, *, ax: Axes | None = None,
                          label: str | None = None, **line: Any) -> Axes:
     """Amplitude of a response per `force` (N) over the angular frequencies `omega`, with a ribbon of two standard deviations."""
@@ -72,6 +74,7 @@ def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: floa
     return ax
 
 
+@in_house_style
 def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None = None) -> Axes:
     """Bars of the standard deviation that each parameter causes alone, correlated ones together, and of all.
 
@@ -100,6 +103,7 @@ def plot_contributions(spread: Spread, labels: Sequence[str], *, ax: Axes | None
     return ax
 
 
+@in_house_style
 def response_axes(ylabel: str = 'displacement per force (m/N)') -> NDArray[np.object_]:
     """Two axes of a figure of its own, for amplitude and phase."""
     axes = new_figure(height=3.4).subplots(2, sharex=True, height_ratios=(2, 1))
@@ -110,6 +114,7 @@ def response_axes(ylabel: str = 'displacement per force (m/N)') -> NDArray[np.ob
     return axes
 
 
+@in_house_style
 def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes: NDArray[np.object_] | None = None,
                   label: str | None = None, **line: Any) -> NDArray[np.object_]:
     """Amplitude and phase of a response, and the natural frequencies in its range.
@@ -159,6 +164,7 @@ def plot_response(response: FrequencyResponse, natural: ArrayLike = (), *, axes:
     return axes
 
 
+@in_house_style
 def plot_transfer(functions: Sequence[TransferFunction], curves: Mapping[str, Sequence[NDArray[np.complex128]]]) -> Figure:
     """Measured transfer functions over those computed in both models: amplitude and phase, a row for each of the first ones.
 

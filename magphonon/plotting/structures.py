@@ -12,7 +12,7 @@ from .. import units
 from ..errors import finite
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
-from .axes import COLOURS, label_places, legend_above, new_axes
+from .axes import COLOURS, in_house_style, label_places, legend_above, new_axes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +32,7 @@ FREE: dict[str, Any] = {'facecolors': 'white', 'edgecolors': '0.25'}
 HELD: dict[str, Any] = {'facecolors': '0.6', 'edgecolors': '0.25'}
 
 
+@in_house_style
 def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
     """A planar lattice about one of its cells, with its bonds and its primitive vectors.
 
@@ -67,6 +68,7 @@ def plot_lattice(atoms: Atoms, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def plot_patch(patch: Atoms, site: Site | None = None, *, ax: Axes | None = None) -> Axes:
     """A planar structure with its bonds: squares for the particles that are held, circles for those that move.
 

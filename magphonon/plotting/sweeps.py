@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .axes import COLOURS, UNSTABLE, new_axes
+from .axes import COLOURS, UNSTABLE, in_house_style, new_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +18,7 @@ SMALL = 0.1  # values below this many m or s are drawn in mm or ms
 WIDE = 30.0  # answers that are positive, the largest more than this multiple of the smallest, are drawn on a logarithmic scale
 
 
+@in_house_style
 def plot_sweep(answers: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     """Draw one answer of a sweep: over one axis as a line, over two as a map.
 

@@ -13,6 +13,7 @@ from .axes import (
     PREFIXES,
     COLUMN_in,
     PAGE_in,
+    in_house_style,
     label_frequencies,
     legend_above,
     legend_of_set,
@@ -45,6 +46,7 @@ BESIDE_in = 0.9  # room for names, legend and colour bar beside panels whose sid
 SATURATED = 0.02  # share of the particles, those next to the source, that are beyond the scale of a picture of crests
 
 
+@in_house_style
 def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
     """Wavenumber-frequency map with the branches of both models and the ridge over it.
 
@@ -74,6 +76,7 @@ def plot_wave(wave: Wave, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def plot_waves(table: Sequence[Sequence[Wave | None]], names: Sequence[str] = (),
                carriers_Hz: Sequence[float] = ()) -> tuple[Figure, NDArray[np.object_]]:
     """A set of wavenumber-frequency maps on equal axes, with letters, one legend and one colour bar.
@@ -156,6 +159,7 @@ def _draw_map(ax, wave, top):
     return image
 
 
+@in_house_style
 def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Axes | None = None) -> Axes:
     """All particles of a patch at one time: crests and troughs of their motion, with the source and the measured row.
 
@@ -184,6 +188,7 @@ def plot_snapshot(patch: Atoms, field: Motion, frame: int, site: Site, *, ax: Ax
     return ax
 
 
+@in_house_style
 def plot_crossing(passages: Mapping[str, tuple[Atoms, Site, Passage]]) -> Figure:
     """One moment of a burst in several simulations, each on its own scale: when the first has reached the middle of the row.
 

@@ -12,7 +12,7 @@ from ase.dft.kpoints import resolve_kpt_path_string
 from .. import units
 from ..bands.bands import band_path
 from ..bands.zone import PLANAR, ROUND_OFF, first_zone, frequency_ratio
-from .axes import COLOURS, UNSTABLE, label_wavevectors, legend_above, new_axes, point_name
+from .axes import COLOURS, UNSTABLE, in_house_style, label_wavevectors, legend_above, new_axes, point_name
 from .structures import draw_arrow, halo
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ BESIDE_AXES = np.radians(40)
 """Angle by which names of special points are turned about their points, beside the axes of the phases."""
 
 
+@in_house_style
 def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
     """First Brillouin zone with its irreducible part, the path of a band diagram and its special points, in its upper half.
 
@@ -64,6 +65,7 @@ def plot_zone(path: BandPath, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@in_house_style
 def plot_ratio(complete: ZoneMap, conventional: ZoneMap, branch: int, *, ax: Axes | None = None) -> Axes:
     """Map of `omega_complete/omega_conventional` of one branch over the zone.
 

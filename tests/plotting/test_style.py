@@ -6,8 +6,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from figures import drawn
+from matplotlib.figure import Figure
 
-from magphonon.plotting import legend_of_set, letter_panels, new_axes, panels, print_style
+from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices
+from magphonon.plotting import legend_of_set, letter_panels, new_axes, panels, plot_bands, print_style
 from magphonon.plotting.axes import COLOURS
 
 TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
@@ -95,3 +97,37 @@ def test_one_legend_names_each_curve_once_and_covers_no_panel():
     box = legend.get_window_extent()
     assert box.width < figure.bbox.width
     assert not any(box.overlaps(ax.get_tightbbox()) for ax in axes.flat)
+
+
+def test_pictures_of_the_package_have_its_style_without_asking_and_axes_of_the_caller_keep_theirs():
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
+    bands = analytic_bands(cell, cell.cell.bandpath('GMKG', npoints=20, pbc=cell.pbc))
+    before, own = dict(mpl.rcParams), Figure().add_subplot()
+    house = plot_bands(bands, label='first')
+    plot_bands(bands, ax=house, label='second')  # drawn later, by another call
+    plot_bands(bands, ax=own, label='own')
+    drawn(house.figure)
+    drawn(own.figure)
+    assert dict(mpl.rcParams) == before
+
+    def looks(ax):
+        texts = [ax.yaxis.label, *ax.get_yticklabels(), *ax.get_legend().get_texts()]
+        return {text.get_fontfamily()[0] for text in texts}, {line.get_linewidth() for line in ax.lines}
+
+    assert looks(house) == ({'STIXGeneral'}, {1.2})
+    assert looks(own) == ({before['font.family'][0]}, {before['lines.linewidth']})
+    assert house.figure.get_figwidth() == 3.4
+    with print_style():
+        again = plot_bands(bands, label='asked')
+    assert looks(again)[1] == {1.2}
+
+
+def test_a_style_that_is_asked_for_is_not_replaced_by_that_of_the_house(tmp_path):
+    sheet = tmp_path / 'own.mplstyle'
+    sheet.write_text('axes.labelsize: 17\n', encoding='utf-8')
+    with print_style(sheet):
+        figure, axes = panels(1, 2)
+        assert new_axes().yaxis.label.get_size() == 17
+    assert axes[0, 0].yaxis.label.get_size() == 17
+    assert panels(1, 2)[1][0, 0].yaxis.label.get_size() == 9

@@ -1,4 +1,4 @@
-"""The gallery: what the workflows find and draw, each with its pictures, its numbers beside their references, and its script."""
+"""What the workflows find and draw, each with its pictures, its numbers beside their references, and its script."""
 
 import contextlib
 import io
@@ -15,12 +15,11 @@ from workflows.chapters import (  # noqa: E402
 
 QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'phonopy_comparison', 'matter', 'uncertainty')
 """Those that take a second or two each."""
-HEAD = """# Gallery
+HEAD = """# Figures with numbers
 
 What the workflows compute: the figures of the paper, and what goes beyond it. Each picture leads to a page with all pictures, the
-numbers beside their references, and the script that made them. `python -m workflows NAME` runs one, `python -m workflows` all of
-them. To change spacing, exponent and foundation yourself and to watch the bands follow, there is the
-[explorer](../../reference/explorer.md).
+numbers beside their references, and the script that made them. `magphonon reproduce NAME` runs one, `magphonon reproduce` all of
+them. Short scripts for your own work are in the [gallery](../gallery/index.rst).
 """
 TILE = """:::{{container}} tile
 [![{title}]({picture})]({name}.md)

@@ -1,0 +1,13 @@
+"""
+A mode
+======
+
+How the magnets move in the shear mode at M, the edge of the zone.
+"""
+
+from magphonon import analytic_bands, plot_mode, read_scene
+
+cell = read_scene('prototype').atoms()
+path = cell.cell.bandpath('GMKG', npoints=50, pbc=cell.pbc)
+bands = analytic_bands(cell, path, vectors=True)
+ax = plot_mode(cell, bands, 'M', 0)

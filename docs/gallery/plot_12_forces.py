@@ -1,0 +1,15 @@
+"""
+A law from measured forces
+==========================
+
+A table of forces of a load cell, and the inverse power that is fitted to it at a spacing of 10 mm.
+"""
+
+from importlib.resources import files
+
+from magphonon import units as u
+from magphonon.interactions import SharedErrors, fit_forces, read_forces
+from magphonon.plotting import plot_fit
+
+forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')           # your own table: columns r_mm,f_N
+figure = plot_fit(forces, fit_forces(forces, 10 * u.mm, SharedErrors(distance=0.05 * u.mm)))

@@ -1,0 +1,16 @@
+"""
+A map over two parameters
+=========================
+
+The shear frequency at M over the exponent of the law and the height of the pillars, at one force between neighbours.
+"""
+
+import numpy as np
+
+from magphonon import read_scene, sweep
+from magphonon.plotting import plot_sweep
+
+scene = read_scene('prototype')
+over = {'law.a': np.linspace(3, 6, 13), 'foundation.pillar.height_m': np.linspace(0.1, 0.3, 11), 'law.force_N': [0.2369]}
+answers = sweep(scene, over, 'bands.M.1', workers=1)
+ax = plot_sweep(answers, 'bands.M.1')

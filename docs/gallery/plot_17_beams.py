@@ -1,0 +1,20 @@
+"""
+Where energy goes
+=================
+
+Contours of equal frequency of the shear branch: energy flows across them, so that flat sides send it in beams.
+"""
+
+from magphonon import read_scene, units as u
+from magphonon.bands import zone_map
+from magphonon.plotting import letter_panels, panels
+
+cell = read_scene('square').atoms()
+figure, axes = panels(1, 2, height=3.0)
+for ax, model in zip(axes[0], ('complete', 'conventional')):
+    found = zone_map(cell, 60, model)
+    k = found.wavevectors * 10 * u.mm                     # per spacing
+    drawn = ax.contour(k[..., 0], k[..., 1], found.frequencies_Hz[..., 0], levels=7, cmap='cividis')
+    ax.clabel(drawn, fmt='%.0f Hz', fontsize=8)
+    ax.set(aspect='equal', xlabel='$k_x L$', ylabel='$k_y L$')
+letter_panels(axes, ['with D*', 'without D*'])

@@ -1,0 +1,22 @@
+"""
+Force between ring magnets
+==========================
+
+From size and remanence, as a datasheet tells them, and the dipoles that they become far away.
+"""
+
+import numpy as np
+
+from magphonon import Ring, magnet_law, units as u
+from magphonon.plotting import legend_above, new_axes
+
+ring = Ring(6.35 * u.mm, 1.5875 * u.mm, 3.175 * u.mm, remanence=1.3 * u.T)
+r = np.geomspace(7, 60, 200) * u.mm
+force = -magnet_law(ring).dphi(r)
+ax = new_axes()
+ax.loglog(r, force, label='ring magnets')
+ax.loglog(r, force[-1] * (r / r[-1])**-4.0, '--', label='dipoles, $r^{-4}$')
+ax.set(xlabel='distance (mm)', ylabel='force (N)')
+ax.set_xticks([10, 20, 40], ['10', '20', '40'])
+ax.minorticks_off()
+legend_above(ax)

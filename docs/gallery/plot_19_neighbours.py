@@ -1,0 +1,15 @@
+"""
+How many neighbours?
+====================
+
+Nearest neighbours alone, two shells of them, and all: what distant magnets add to the bands.
+"""
+
+from magphonon import MagneticRepulsion, analytic_bands, plot_bands, read_scene
+
+cell = read_scene('prototype').atoms()
+path = cell.cell.bandpath('GMKG', npoints=200, pbc=cell.pbc)
+law, foundation, ax = cell.calc.law, cell.calc.foundation, None
+for shells, line in ((1, ':'), (2, '--'), (12, '-')):
+    cell.calc = MagneticRepulsion(cell, law, shells=shells, foundation=foundation)
+    ax = plot_bands(analytic_bands(cell, path), ax=ax, linestyle=line, label=f'{shells} shell{"s" * (shells > 1)}')
