@@ -5,7 +5,7 @@ Modes about a vacancy
 Take one magnet out, let the others find their new rest, and ask which modes only a few magnets take part in.
 """
 
-from magphonon import MagneticRepulsion, lattices, modes, read_scene, relaxed, units as u
+from magphonon import MagneticRepulsion, modes, read_scene, relaxed, units as u
 from magphonon.plotting import plot_extents
 from magphonon.response import extents
 

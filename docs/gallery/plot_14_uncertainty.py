@@ -13,7 +13,8 @@ from magphonon.plotting import plot_band_ribbons
 
 cell = read_scene('prototype').atoms()
 law = cell.calc.law
-changes = {'force': Change(law=force_change(law)), 'exponent': Change(law=exponent_change(law, 10 * u.mm)), 'mass': Change(mass=1.0)}
+changes = {'force': Change(law=force_change(law)), 'exponent': Change(law=exponent_change(law, 10 * u.mm)),
+           'mass': Change(mass=1.0)}
 tolerances = Tolerances(changes, np.diag([0.05, 0.03, 0.02])**2)                 # relative standard deviations
 path = cell.cell.bandpath('GMKG', npoints=120, pbc=cell.pbc)
 ax = None

@@ -11,7 +11,7 @@ from magphonon.plotting import letter_panels, panels
 
 cell = read_scene('square').atoms()
 figure, axes = panels(1, 2, height=3.0)
-for ax, model in zip(axes[0], ('complete', 'conventional')):
+for ax, model in zip(axes[0], ('complete', 'conventional'), strict=True):
     found = zone_map(cell, 60, model)
     k = found.wavevectors * 10 * u.mm                     # per spacing
     drawn = ax.contour(k[..., 0], k[..., 1], found.frequencies_Hz[..., 0], levels=7, cmap='cividis')

@@ -95,7 +95,7 @@ def page_of(room, name):
     """One name in full."""
     thing = getattr(import_module(f'magphonon.{room}'), name)
     kind = 'autoclass' if inspect.isclass(thing) else 'autofunction' if callable(thing) else 'autodata'
-    return '\n'.join([heading(name), f'.. {kind}:: magphonon.{room}.{name}', *(['   :members:'] if kind == 'autoclass' else []), ''])
+    return f'{heading(name)}\n.. {kind}:: magphonon.{room}.{name}\n' + '   :members:\n' * (kind == 'autoclass')
 
 
 INDEX = """

@@ -10,7 +10,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from shutil import which
 from string import ascii_lowercase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 from weakref import WeakSet
 
 import numpy as np
@@ -18,15 +18,13 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from os import PathLike
-    from typing import Any, ParamSpec, TypeVar
+    from typing import Any
 
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure, FigureBase
     from matplotlib.legend import Legend
     from numpy.typing import NDArray
-
-    Arguments, Drawn = ParamSpec('Arguments'), TypeVar('Drawn')
 
 STYLE = Path(__file__).parent / 'magphonon.mplstyle'
 """A style sheet of matplotlib: fonts, lines, ticks and colours for a column of Physical Review B."""
@@ -40,6 +38,7 @@ UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth':
 MARKERS = 40  # on each branch: few enough to see the line behind them
 HOUSE: WeakSet[FigureBase] = WeakSet()
 """Figures that the package made outside of a `print_style`: all that it draws on them is in the style of the house."""
+Draw = TypeVar('Draw', bound='Callable[..., Any]')
 IN_FORCE: list[str] = []  # the styles within which we are
 
 
@@ -95,30 +94,31 @@ def _load(sheet):
         raise ValueError(f'{sheet} is no style sheet of matplotlib: {fault}')
 
 
-def in_house_style(draw: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
+def in_house_style(draw: Draw) -> Draw:
     """Let a function draw in the style of the house, unless another is in force or its axes are the caller's own."""
     @wraps(draw)
-    def drawn(*args: Arguments.args, **options: Arguments.kwargs) -> Drawn:
+    def drawn(*args, **options):
         given = [figure for value in (*args, *options.values()) for figure in _figures(value)]
         if IN_FORCE or not HOUSE.issuperset(given):
             return draw(*args, **options)
         with print_style():
             found = draw(*args, **options)
-            for figure in (_figures(found[0] if isinstance(found, tuple) else found)):
+            for figure in _figures(found[0] if isinstance(found, tuple) else found):
                 HOUSE.add(figure)
                 for ax in figure.axes:  # matplotlib makes ticks as late as it can, and in the style of that time
                     _ = [(axis.majorTicks, axis.minorTicks) for axis in (ax.xaxis, ax.yaxis)]
         return found
 
-    return drawn
+    return drawn  # pyright: ignore[reportReturnType]  it takes and returns the same
 
 
-def _figures(value):
+def _figures(value: Any) -> list[FigureBase]:
     """The figure that is an argument or holds it, in a list; an empty one of what is no picture."""
     from matplotlib.artist import Artist
 
     first = value.flat[0] if isinstance(value, np.ndarray) and value.dtype == object and value.size else value
-    return [first.get_figure(root=True)] if isinstance(first, Artist) and first.get_figure() is not None else []
+    figure = first.get_figure(root=True) if isinstance(first, Artist) else None
+    return [] if figure is None else [figure]
 
 
 def prefix_power(value: float) -> int:

@@ -127,7 +127,7 @@ def test_a_style_that_is_asked_for_is_not_replaced_by_that_of_the_house(tmp_path
     sheet = tmp_path / 'own.mplstyle'
     sheet.write_text('axes.labelsize: 17\n', encoding='utf-8')
     with print_style(sheet):
-        figure, axes = panels(1, 2)
+        axes = panels(1, 2)[1]
         assert new_axes().yaxis.label.get_size() == 17
     assert axes[0, 0].yaxis.label.get_size() == 17
     assert panels(1, 2)[1][0, 0].yaxis.label.get_size() == 9
