@@ -36,7 +36,7 @@ COLOURS = ('#00428F', '#E77245', '#000000', '#008A66', '#8F457C', '#E7A221', '#8
 UNSTABLE = {'facecolor': '0.9', 'edgecolor': '0.6', 'hatch': '///', 'linewidth': 0}
 """Style of every region where modes are unstable."""
 MARKERS = 40  # on each branch: few enough to see the line behind them
-HOUSE: WeakSet[FigureBase] = WeakSet()
+HOUSE: WeakSet[Figure] = WeakSet()
 """Figures that the package made outside of a `print_style`: all that it draws on them is in the style of the house."""
 Draw = TypeVar('Draw', bound='Callable[..., Any]')
 IN_FORCE: list[str] = []  # the styles within which we are
@@ -112,7 +112,7 @@ def in_house_style(draw: Draw) -> Draw:
     return drawn  # pyright: ignore[reportReturnType]  it takes and returns the same
 
 
-def _figures(value: Any) -> list[FigureBase]:
+def _figures(value: Any) -> list[Figure]:
     """The figure that is an argument or holds it, in a list; an empty one of what is no picture."""
     from matplotlib.artist import Artist
 
