@@ -132,21 +132,6 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     layout = arrange(calc.reference, bonds, mobile)
     if layout.offset is None or len(layout.offset) > MOST_GROUPS or np.ndim(calc.site_stiffness) == 3:
         return None
-<<<<<<< HEAD
-    weight = mobile / np.sqrt(system.masses)
-    other = bonds.i != bonds.j  # a bond to one's own image never changes
-    K, i, j = calc.rest_stiffness(calc.model)[other], bonds.i[other], bonds.j[other]
-    K = np.stack([K[:, 0, 0], K[:, 0, 1], K[:, 1, 1]])
-    own = np.stack([np.bincount(i, k, n) + np.bincount(j, k, n) for k in K])
-    own[::2] += np.broadcast_to(calc.site_stiffness, (n, 2)).T
-    own *= weight**2
-    K = -weight[i] * weight[j] * K
-    margin = int(layout.offset.max()) + -int(layout.offset.max()) % LINE
-    slots = layout.length + margin
-    slot = margin + layout.slot
-    D, A = aligned_zeros((3, 1, slots)), aligned_zeros((3, len(layout.offset), slots))
-    D[:, 0, slot], A[:, layout.group, margin + layout.i] = own, K
-=======
     other = slice(None) if (bonds.i != bonds.j).all() else bonds.i != bonds.j  # a bond to one's own image never changes
     offsets = layout.offset
     margin = int(offsets.max()) + -int(offsets.max()) % LINE
@@ -155,7 +140,7 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     for part, (x, y) in zip(K, ((0, 0), (0, 1), (1, 1)), strict=True):
         part[layout.group, margin + layout.i] = stiffness[other, x, y]
     D, weight, free = aligned_zeros((3, 1, slots)), np.zeros(slots), aligned_zeros((slots,))
-    D[::2, 0, slot] = np.broadcast_to(calc.foundation, (len(system), 2)).T
+    D[::2, 0, slot] = np.broadcast_to(calc.site_stiffness, (len(system), 2)).T
     weight[slot], free[slot] = mobile / np.sqrt(system.masses), mobile
     for g, o in enumerate(offsets):
         D[:, 0, o:] += K[:, g, :-o]
@@ -167,7 +152,6 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
         rows += abs(K[:, g])
         rows[:, o:] += abs(K[:, g, :-o])
     row_sum = max((rows[0] + rows[1]).max(), (rows[1] + rows[2]).max())
->>>>>>> 92a19ad (Products by stencils go over the slots together while these are in the cache, and bonds count as alike up to the round-off of their places: 1.5 ns a magnet at any size; a stencil proves patches stable; bands of one particle in closed form; plans offer steps of order 4 and 6)
     places = np.stack([slot, slots + slot], axis=1)[mobile].ravel()
     extent = abs(calc.reference.positions).max() / bonds.lengths.min()
     shared = _shared(D, K, free, offsets, ALIKE * (10 + extent))

@@ -101,13 +101,8 @@ def _star(system):
     if abs(away).max() > SAME_VECTOR * np.linalg.norm(star, axis=1).min() or not each_once or c is None:
         return None
     scatter = np.concatenate([K - K_of_star[which], K_of_star[backward] - K_of_star])
-<<<<<<< HEAD
     springs = np.broadcast_to(calc.site_stiffness, (len(system), calc.dim))[mobile].min(axis=0)
-    return springs, c[half], K_of_star[half], 2 * len(star) * np.linalg.norm(scatter, axis=(1, 2)).max()
-=======
-    springs = np.broadcast_to(calc.foundation, (len(system), calc.dim))[mobile].min(axis=0)
     return np.diag(springs), c[half], K_of_star[half], 2 * len(star) * np.linalg.norm(scatter, axis=(1, 2)).max()
->>>>>>> 92a19ad (Products by stencils go over the slots together while these are in the cache, and bonds count as alike up to the round-off of their places: 1.5 ns a magnet at any size; a stencil proves patches stable; bands of one particle in closed form; plans offer steps of order 4 and 6)
 
 
 def multiples(vectors: NDArray[np.float64]) -> NDArray[np.float64] | None:
