@@ -74,7 +74,8 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
     calc: Any = system.atoms.calc
     count = every = system.directions
     alone = len(system) == 1 and every == 2 == system.dim and calc.pairwise and not vectors and not system.gyration.any()
-    parts = _of_one_particle(system, q, model) if alone else _by_lapack(system, q, model, vectors)
+    by_cosines = alone and np.ndim(calc.site_stiffness) < 3
+    parts = _of_one_particle(system, q, model) if by_cosines else _by_lapack(system, q, model, vectors)
     if branches is not None:
         count = whole('branches', branches)
         if count > every:
@@ -178,7 +179,7 @@ def _of_one_particle(system, q, model):
     """All squared frequencies of batches of wavevectors where bonds lead to images alone: K = k + sum_b (2 - 2 cos q.R_b) K_b."""
     calc, m = system.calc, system.masses[0]
     K = calc.rest_stiffness(model).reshape(-1, 4)[:, [0, 1, 3]] * (2 / m)
-    kx, ky = (calc.foundation * np.ones((1, 2)))[0] / m
+    kx, ky = (calc.site_stiffness * np.ones((1, 2)))[0] / m
     own = K.sum(axis=0) + np.array([kx, 0, ky])
     lead = 2 * np.pi * calc.bonds.shift.T
     for part in in_batches(q, calc):
