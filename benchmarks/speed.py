@@ -1,4 +1,5 @@
-"""What is fast, and by how much: `python benchmarks/speed.py [ROW ...] [--chart FILE.png]` measures and prints one table.
+"""What is fast, and by how much: `python benchmarks/speed.py [ROW ...] [--chart FILE.png]` measures and prints one table,
+and once more in the form of docs/measured.md.
 
 A line is a job and its peer, run in turns in one process, of which the least time of several rounds counts; a peer that is
 not installed is left out.  A line says what error the time bought, what ratio was wished for, and whether it was reached.
@@ -73,6 +74,14 @@ class Result:
     @property
     def ratio(self):
         return self.by_peer / self.taken
+
+    @property
+    def row(self):
+        """As a row of a table of docs/measured.md."""
+        show, error = EngFormatter(self.unit, places=1), '' if np.isnan(self.error) else f'{self.error:.0e}'
+        met = 'met' if self.ratio >= self.goal else f'{self.ratio / self.goal:.0%}'
+        return (f'| {self.job} | {show(self.taken)} | {self.peer} | {show(self.by_peer)} | {self.ratio:.1f} | '
+                f'{self.goal:.2g}: {met} | {error} |')
 
     def __str__(self):
         met = 'met' if self.ratio >= self.goal else f'{self.ratio / self.goal:.0%} of it'
@@ -165,7 +174,7 @@ def exact(start, steps=100):
 
 
 @contextmanager
-def lammps_stepper(atoms, displacements, suffix, every):
+def lammps_stepper(atoms, displacements, suffix, every, dt=DT):
     """LAMMPS at its fastest honest setting on one core: `run(steps)` that stops whenever an observer would look.
 
     A tabulated pair force with linear interpolation, foundation springs, a neighbour list that is built once, no output.
@@ -176,7 +185,7 @@ def lammps_stepper(atoms, displacements, suffix, every):
     start.positions += displacements
     expected = atoms.calc.get_forces(start)
     with TemporaryDirectory() as directory:
-        write_lammps_input(directory, atoms, DT, steps=0, interpolation='linear', points=100_000)
+        write_lammps_input(directory, atoms, dt, steps=0, interpolation='linear', points=100_000)
         with_pairs(Path(directory, 'in.lammps'), atoms.calc.bonds.cutoff)
         with lammps_session(directory, *suffix) as lammps:
             x = start.positions.ravel()
@@ -186,13 +195,25 @@ def lammps_stepper(atoms, displacements, suffix, every):
             forces = np.array(lammps.gather_atoms('f', 1, 3)).reshape(-1, 3)
             free = abs(displacements).any(axis=1)  # LAMMPS sums no forces between fixed particles
             error = apart(forces[free], expected[free])
-            if not error < 1e-7:  # a linear table of 100 000 points is good for 1e-8
+            # a linear table of 100 000 points is good for 1e-8 of the forces of bonds, whose sum falls with the displacements
+            if not error < 1e-7 * max(1, 0.04 / abs(displacements).max()):
                 raise RuntimeError(f'LAMMPS {suffix} has forces of its own: they differ by {error:.1e} of the largest force')
 
             def run(steps):
                 for _ in range(steps // every):
                     lammps.command(f'run {every} pre no post no')
 
+            def moved(steps):
+                """Displacements after some steps from the start at rest, and the seconds of the steps."""
+                lammps.scatter_atoms('x', 1, 3, (ctypes.c_double * len(x))(*x))
+                lammps.command('velocity all set 0 0 0')
+                lammps.command('run 0 post no')
+                begin = thread_time()
+                lammps.command(f'run {steps} pre no post no')
+                taken = thread_time() - begin
+                return taken, np.array(lammps.gather_atoms('x', 1, 3)).reshape(-1, 3)[:, :2] - atoms.positions[:, :2]
+
+            run.moved = moved
             run(100)
             yield run
 
@@ -262,6 +283,58 @@ def steps(job, start, goals, every=10):
         peer = min((other for other in best if other.startswith(name)), key=best.get, default=None)
         if peer:
             yield Result(f'{job}, {count} magnets', peer, own / count, best[peer] / count, error, goal)
+
+
+def time_to_error(strain, n=100, duration=100 * u.ms):
+    """(seconds, error) of runs with shorter and shorter steps, by method; `n x n` magnets, displaced at random up to a strain."""
+    atoms, displacements = patch(n)
+    start = moving(atoms, 0 * displacements)
+    i, j = start.calc.bonds.i, start.calc.bonds.j
+    displacements *= strain * 10 / abs(displacements[j] - displacements[i]).max()
+
+    def run(order, steps):
+        dyn = DrivenVerlet(moving(atoms, displacements), duration / steps, engine='compiled', threads=1, order=order)
+        dyn.run(0)
+        begin = thread_time()
+        dyn.run(steps)
+        return thread_time() - begin, dyn.displacements
+
+    exact, found = run(6, 700)[1], {}
+    for order, counts in (2, (500, 1000, 2000, 5000, 10_000)), (4, (50, 65, 80, 120, 200)), (6, (32, 40, 50, 70, 100)):
+        for steps in counts:
+            runs = [run(order, steps) for _ in range(3)]
+            found.setdefault(f'order {order}', []).append((min(s for s, _ in runs), apart(runs[0][1], exact)))
+    try:
+        for steps in 500, 1000, 2000, 5000, 10_000:
+            with lammps_stepper(start, displacements, (), 10, duration / steps) as stepper:
+                runs = [stepper.moved(steps) for _ in range(2)]
+            found.setdefault('LAMMPS', []).append((min(s for s, _ in runs), apart(runs[0][1], exact)))
+    except ImportError:
+        print('motion: LAMMPS is not installed')
+    return found
+
+
+CHARTED = {}
+"""What `time_to_error` found for each strain, for the chart."""
+
+
+def motion():
+    """100 ms of nonlinear motion at equal error: the fastest order against LAMMPS, whose steps are of order two."""
+    for strain in 1e-4, 1e-2, 1e-1:
+        CHARTED[strain] = found = time_to_error(strain)
+        for error, goal in (1.5e-3, 25), (2e-4, 50):
+            seconds = {name: at_error(runs, error) for name, runs in found.items()}
+            own = min((name for name in seconds if name != 'LAMMPS'), key=seconds.get)
+            for peer in ('LAMMPS', 'order 2'):
+                if peer in seconds and peer != own:
+                    yield Result(f'100 ms, 10000 magnets, strain {strain:g}, {own}', f'{peer}, same error', seconds[own],
+                                 seconds[peer], error, goal if peer == 'LAMMPS' else 1)
+
+
+def at_error(runs, error):
+    """Seconds that reach an error, between those of runs; infinite where no run is as good."""
+    seconds, errors = np.log(np.array(sorted(runs, reverse=True))).T
+    return float(np.exp(np.interp(np.log(error), errors, seconds, left=np.inf)))
 
 
 def disorder():
@@ -385,17 +458,17 @@ def cells(lattice=lattices.triangular, side=1, scatter=0.0):
 
 
 def bands():
-    """A path of 300 wavevectors: the Bloch matrix, and phonopy's displacements in the smallest supercell and a larger one."""
+    """A path of 300 wavevectors: from the atoms, and with the objects of both ready."""
     cell = cells()
+    system, phonon = LinearSystem.of(cell), finite_displacements(cell)
     path = cell.cell.bandpath('GMKG', npoints=300, pbc=cell.pbc)
-    for side, goal in ((3, 20), (10, 100)):
-        supercell = side, side, 1
-        best, found = answered(
-            own=lambda: analytic_bands(cell, path),
-            phonopy=lambda supercell=supercell: phonopy_bands(finite_displacements(cell, supercell=supercell), path))
-        error = apart(found['phonopy'].omega, found['own'].omega)
-        yield Result('bands of the prototype, 300 wavevectors', f'phonopy, {side}x{side}, error {error:.0e}', best['own'],
-                     best['phonopy'], np.nan, goal)
+    best, found = answered(own=lambda: analytic_bands(cell, path).omega,
+                           phonopy=lambda: phonopy_bands(finite_displacements(cell), path).omega,
+                           ready=lambda: bloch_modes(system, path.kpts)[0], theirs=lambda: phonon.run_qpoints(path.kpts))
+    error = apart(found['phonopy'], found['own'])
+    for job, own, peer, goal in ('from the atoms', 'own', 'phonopy', 20), ('objects ready', 'ready', 'theirs', 5):
+        yield Result(f'300 wavevectors, {job}', f'phonopy, error {error:.0e}', best[own], best[peer],
+                     apart(found['ready'], found['own']), goal)
 
 
 def large_cells(side, goals):
@@ -412,7 +485,7 @@ def large_cells(side, goals):
 
 def mesh():
     """A million wavevectors, each, and phonopy's at some thousands of them."""
-    for name in ('triangular', 'honeycomb'):
+    for name, goal in ('triangular', 8), ('honeycomb', 1):
         cell = cells(getattr(lattices, name))
         phonon = finite_displacements(cell, supercell=(3, 3, 1))
         q = np.random.default_rng(0).uniform(size=(10**6, 3)) * cell.pbc
@@ -424,7 +497,7 @@ def mesh():
         np.put_along_axis(theirs, out_of_plane, np.inf, axis=1)
         theirs = np.sort(theirs, axis=1)[:, : own.shape[1]]
         yield Result(f'a mesh of 1e6 wavevectors, {name}', f'phonopy, error {apart(theirs, own):.0e}', best['own'] / 1e6,
-                     best['phonopy'] / 4000, np.nan, 1)
+                     best['phonopy'] / 4000, np.nan, goal)
 
 
 # --- linear tools, from the atoms to the answer
@@ -501,8 +574,30 @@ def linear_tools(particles):
     best, found = answered(own=lambda: frequency_response(atoms, force, OMEGA, GAMMA, row, 1e-6).response[CHOSEN, :, :2],
                            LU=partial(factorised, atoms))
     reference = factorised(atoms, refined=True)
-    yield Result(f'frequency_response, {len(atoms)} magnets', f'sparse LU, error {apart(found["LU"], reference):.0e}',
+    yield Result(f'each of 100 frequencies, {len(atoms)} magnets', f'sparse LU, error {apart(found["LU"], reference):.0e}',
                  best['own'] / len(OMEGA), best['LU'], apart(found['own'], reference), 1)
+
+
+def linear_goals(particles):
+    """What the linear tools take from the atoms to the answer, bonds known, against the seconds that were wished for."""
+    atoms = kicked(particles)
+    quiet = atoms.copy()
+    quiet.set_momenta(np.zeros((len(atoms), 3)))
+    force, row = middle_force(atoms)
+    burst, times = ToneBurst(row[0], (0, 1), 1e-6 * u.N, omega=2 * np.pi * 40 * u.Hz, cycles=1), np.arange(1.0, 21.0) * u.ms
+
+    def anew(tool, *arguments):
+        quiet.calc = MagneticRepulsion(quiet, LAW, foundation=FOUNDATION, bonds=atoms.calc.bonds)
+        return tool(quiet, *arguments)
+
+    jobs = {'propagate a burst': (0.12, partial(anew, propagate, times, [burst], GAMMA, row)),
+            '100 frequencies': (0.5, partial(anew, frequency_response, force, OMEGA, GAMMA, row, 1e-6)),
+            'density_of_states, 512 x 8': (0.5, partial(anew, density_of_states, None, 512, 8)),
+            'the calculator alone': (np.nan, partial(anew, lambda patch: None))}
+    best, _ = answered(**{name: job for name, (_, job) in jobs.items()})
+    calculator = best.pop('the calculator alone')
+    for name, seconds in best.items():
+        yield Result(f'{name}, {len(atoms)} magnets', 'wished for', seconds - calculator, jobs[name][0], np.nan, 1)
 
 
 def modes_below():
@@ -554,6 +649,7 @@ ROWS = {
     # on no grid any more; LAMMPS would see pairs come and go at the end of its reach
     'irregular 1e4': lambda: steps('15 % off their places', (*disordered(100, 0.15), 10 * STIFF), {'NumPy': 2}),
     'disorder': disorder,
+    'motion': motion,
     'threads': threads,
     'large motion': large_motion,
     'engines 1e3': lambda: engines(32),
@@ -565,9 +661,29 @@ ROWS = {
     'mesh': mesh,
     'linear tools 1e4': lambda: linear_tools(1e4),
     'linear tools 1e5': lambda: linear_tools(1e5),
+    'linear goals': lambda: linear_goals(1e5),
     'modes': modes_below,
     'sweeps': sweeps,
 }
+
+
+LONG = {'patch 1e6', 'seldom 1e5', 'scattered 1e5', 'threads', 'engines 1e5', 'linear tools 1e5', 'memory', 'sweeps'}
+"""Rows that are measured only if they are named: the others take less than six minutes together."""
+
+
+def draw_motion(charted, file):
+    """Error against time for each strain."""
+    from matplotlib import pyplot as plt
+
+    figure, panels = plt.subplots(1, len(charted), figsize=(3.2 * len(charted), 3.2), sharey=True, layout='constrained')
+    for ax, (strain, found) in zip(np.atleast_1d(panels), charted.items(), strict=True):
+        for (name, runs), style in zip(found.items(), ('o-', 's-', '^-', 'kx--'), strict=False):
+            ax.loglog(*np.array(runs).T, style, label=name.replace('order 2', 'order 2 (velocity Verlet)'), markersize=5)
+        ax.set(title=f'strain {strain:g}', xlabel='processor time (s)')
+    np.atleast_1d(panels)[0].set_ylabel('error / largest displacement')
+    np.atleast_1d(panels)[-1].legend(fontsize=8)
+    figure.suptitle('100 ms of 10 000 magnets: time to an error', fontsize=10)
+    figure.savefig(file, dpi=150)
 
 
 def draw(results, file):
@@ -589,16 +705,23 @@ def draw(results, file):
 
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('rows', nargs='*', metavar='ROW', help=f'of {", ".join(ROWS)}; all by default')
+    parser.add_argument('rows', nargs='*', metavar='ROW',
+                        help=f'of {", ".join(ROWS)}; by default all but {", ".join(sorted(LONG))}')
     parser.add_argument('--chart', metavar='FILE.png')
     options = parser.parse_args()
     if unknown := set(options.rows) - set(ROWS):
         parser.error(f'no row {", ".join(map(repr, unknown))}; there are {", ".join(ROWS)}')
     begin, results = perf_counter(), []
-    for name in options.rows or ROWS:
+    for name in options.rows or [row for row in ROWS if row not in LONG]:
+        before = perf_counter()
         for result in ROWS[name]():
             print(result, flush=True)
             results.append(result)
-    print(f'{len(results)} lines in {perf_counter() - begin:.0f} s; {sum(r.ratio >= r.goal for r in results)} goals met')
+        print(f'  ({name}: {perf_counter() - before:.0f} s)', flush=True)
+    print(f'{len(results)} lines in {perf_counter() - begin:.0f} s; {sum(r.ratio >= r.goal for r in results)} goals met\n')
+    print('| job | takes | beside | takes | ratio | goal | error |\n|---|---|---|---|---|---|---|')
+    print('\n'.join(result.row for result in results))
     if options.chart:
         draw(results, options.chart)
+        if CHARTED:
+            draw_motion(CHARTED, Path(options.chart).with_stem(Path(options.chart).stem + '_motion'))
