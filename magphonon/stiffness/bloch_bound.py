@@ -84,8 +84,6 @@ def _star(system):
     if np.ndim(calc.site_stiffness) == 3:
         return None
     bonds, stiffness = calc.bonds, calc.rest_stiffness(calc.model)
-    if np.ndim(calc.site_stiffness) > 2:
-        return None
     mobile, ends = np.flatnonzero(system.mobile), np.append(bonds.i, bonds.j)
     own = system.mobile[ends]
     ends, R, K = ends[own], np.concatenate([bonds.vectors, -bonds.vectors])[own], np.concatenate([stiffness, stiffness])[own]
