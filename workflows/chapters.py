@@ -104,7 +104,7 @@ CHAPTERS = (
     Chapter('sites', 'beyond', 'closed forms of chains, the theory written out for small supercells, transfer matrices'),
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),
     Chapter('losses', 'beyond', 'closed forms of the prototype and of a chain'),
-    Chapter('walls', 'beyond', 'closed forms of the prototype, the solitary wave of Toda, a chain of springs of both signs'),
+    Chapter('walls', 'beyond', 'closed forms of the prototype, the solitary wave of Toda'),
     Chapter('gyration', 'beyond', 'closed forms, and a program of its own for gaps, Chern numbers and the strip'),
     Chapter('bench', 'beyond', 'a simulated laboratory that shares no code with the package'),
     Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),

@@ -46,7 +46,7 @@ def main(out):
 
 
 def closed(f, model='complete', c=C):
-    """Shear along Gamma-M: `f^2 + i f c/2 pi = cut-off^2 + (edge sin(xi/2))^2`; with D* the edge is that of 2 (a - 3), else 2 a."""
+    """Shear along Gamma-M, `f^2 + i f c/2 pi = cut-off^2 + (edge sin(xi/2))^2`; with D* the edge is that of 2 (a - 3)."""
     known, mass, L = reference()['prototype'], 7.07e-4, 0.01
     a = 4.5824
     edge = np.sqrt((2 * a - 6 * (model == 'complete')) * 1.6209e-10 * L**-a / (L * mass)) / (2 * np.pi)
@@ -54,7 +54,7 @@ def closed(f, model='complete', c=C):
 
 
 def shear(cell, f, model='complete'):
-    """The complex wavenumber of the shear wave per row: that of the slower decay at these frequencies is the longitudinal one."""
+    """The complex wavenumber of the shear wave per row; at these frequencies the longitudinal one is smaller."""
     xi = complex_bands(cell, GAMMA_M, [2 * np.pi * f * u.Hz], model, damping=C / u.s).xi[0]
     return xi[xi.real.argmax()]
 

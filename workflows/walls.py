@@ -1,4 +1,4 @@
-"""Walls that move, and couplings that attract: a strip shaken at its side, the solitary wave of Toda, a chain that needs pillars."""
+"""Walls that move: a strip shaken at its side, the solitary wave of Toda."""
 
 import numpy as np
 from ase.constraints import FixAtoms, FixedLine
@@ -53,7 +53,7 @@ def main(out):
     times, found, exact, linear = toda()
     checks += [Check('Toda chain, end pushed by its solitary wave: largest misfit (mm)', abs(found - exact).max(), 0.0, 1e-5),
                Check('control: Toda chain, linear answer: largest misfit (mm)', abs(linear - exact).max(), 0.0, 0.3, control=True)]
-    return Outcome(checks + attracting(), [picture(out, steady, true), toda_picture(out, times, found, exact)])
+    return Outcome(checks, [picture(out, steady, true), toda_picture(out, times, found, exact)])
 
 
 def strip(rows, model='complete'):
@@ -108,15 +108,10 @@ def toda():
     return seen.times, seen.displacements[:, inner, 0], exact(inner, seen.times[:, None]), straight
 
 
-def attracting():
-    """The chain with springs k1 = 1 and k2 = -1/2: `w^2 = k - 2 cos(xi) (1 - cos(xi))`, lowest at pi/3."""
-    return []
-
-
 def picture(out, steady, true):
     """Amplitudes of the rows and the closed form."""
     ax, n = new_axes(), np.arange(SEEN)
-    for (model, row), mark, label in zip(steady.items(), 'os', ('complete, $D^0+D^*$', 'conventional, $D^0$'), strict=True):
+    for row, mark, label in zip(steady.values(), 'os', ('complete, $D^0+D^*$', 'conventional, $D^0$'), strict=True):
         ax.plot(n, abs(row), mark, fillstyle='none', label=label)
     ax.plot(n, abs(true), '-', color='black', label='$|e^{i\\xi n}|$')
     ax.set(xlabel='rows behind the shaken side', ylabel='amplitude per that of the side', ylim=(0, 1.02))
