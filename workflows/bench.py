@@ -17,7 +17,8 @@ from magphonon.bands import band_path
 from magphonon.design import frequency_spread, mode_scatter
 from magphonon.interactions.fits import SharedErrors, fit_forces
 from magphonon.interactions.force_tables import Forces
-from magphonon.scenes import fit_bands
+from magphonon.response import TransferFunction
+from magphonon.scenes import fit_bands, fit_frf
 from magphonon.scenes.tolerances import varied
 from magphonon.waves import Scan, field_of, field_ridges, read_ridges, scan_waves, write_points, write_ridges
 
@@ -247,5 +248,52 @@ def forces():
                   [[f, -slope, -slope * SPACING / f]] * 10, found[exact], least=0.8, without='no errors that all rows share')
 
 
-PATHS = (forces, partial(ridges, 'row'), partial(ridges, 'point'), designed, photographed, noise_of_the_plane)
+def transfer_functions():
+    """`fit --frf`: one magnet pushed, three others seen along x and y, noise of 1 % of the peak; the last for control."""
+    law, rng = bench.tabulated(bench.disc_force(2.5e-3, 5e-3, 1.32), 6e-3, REACH + 5e-3), np.random.default_rng(3)
+    places, names = bench.sites(bench.triangular(SPACING), 0.085, 0.075), ('force', 'foundation_x', 'foundation_y')
+    found, truths = [], []
+    for cutoff in (REACH, REACH, 13e-3):
+        if len(found) < 2:
+            lab = bench.built(places, law, REACH, rng)
+            functions, free = tapped(lab, places, rng), ~lab.held
+            truths.append([float(law(SPACING)[0]) * lab.strengths[free].mean() ** 2, *lab.springs[free].mean(axis=0)])
+        values = fit_frf(scene_of_particles(lab, places, cutoff), functions).values()
+        stated = {name: value * np.exp(np.array([-1.96, 1.96]) * sigma) if np.isfinite(sigma) else [np.nan] * 2
+                  for name, (value, sigma) in values.items()}  # of what is not this model no interval is stated, and none holds
+        found.append([stated[name] for name in names])
+    return judged('transfer functions', ('force (N)', 'foundation x (N/m)', 'foundation y (N/m)'), found[:2], truths, found[2:],
+                  control_truths=truths[1:])
+
+
+def tapped(lab, places, rng, noise=0.01):
+    """Transfer functions of the laboratory's lattice, the magnet in the middle pushed at 40 degrees."""
+    near = [int(np.linalg.norm(places - at, axis=1).argmin()) for at in ((0, 0), (0.01, 0), (-0.015, 0.017), (0, -0.026))]
+    omega, angle = 2 * np.pi * np.linspace(8, 160, 80), np.deg2rad(40)
+    moved = bench.response(lab, bench.pushed(lab, near[0], (np.cos(angle), np.sin(angle))), omega)[:, near[1:]]
+    sigma = noise * abs(moved).max()
+    moved = moved + sigma * (rng.standard_normal(moved.shape) + 1j * rng.standard_normal(moved.shape))
+    drive = np.array([*1e3 * places[near[0]], angle])
+    return [TransferFunction(f'{k}{axis}', 1e-3 * omega, 1e3 * moved[:, k, axis], 1e3 * sigma, 0,
+                             np.array([*1e3 * places[near[1 + k]], axis * np.pi / 2]), drive)
+            for k in range(3) for axis in (0, 1)]
+
+
+def scene_of_particles(lab, places, cutoff):
+    """The scene of this lattice as it was drawn, not as it was built, with parameters some ten percent off."""
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [f'{x},{y},{int(held)}' for (x, y), held in zip(places.tolist(), lab.held, strict=True)]
+        Path(folder, 'places.csv').write_text('\n'.join(['x_m,y_m,held', *rows]), encoding='utf-8')
+        (file := Path(folder, 'bench.toml')).write_text(
+            'title = "bench"\n[lattice]\nkind = "file"\nfile = "places.csv"\nmass_kg = 8e-4\npositions = "anchors"\n'
+            f'cutoff_m = {cutoff}\n[law]\nkind = "magnets"\nremanence_T = 1.27\nshells = 1\n[law.disc]\ndiameter_m = 5e-3\n'
+            'height_m = 5e-3\n[foundation]\n'
+            'stiffness_N_per_m = 22.0\nstiffness_y_N_per_m = 22.5\n[frf]\nfrom_Hz = 8.0\nto_Hz = 160.0\npoints = 140\n'
+            'damping_per_s = 7.0\n[frf.force]\nat_m = [0.0, 0.0]\ndirection_deg = 40.0\n[frf.response]\n'
+            'at_m = [0.01, 0.0]\ndirection_deg = 0.0\n', encoding='utf-8')
+        return read_scene(file)
+
+
+PATHS = (forces, partial(ridges, 'row'), partial(ridges, 'point'), designed, photographed, transfer_functions,
+         noise_of_the_plane)
 """One function for each path; it returns rows, see `judged`."""
