@@ -206,7 +206,7 @@ def _fit_bands(options):
         raise ValueError(f'{options.files[0]} holds ridges of both models, such as {points.names[0]!r}, as "magphonon burst" '
                          'writes them; no lattice fits both: keep the lines of one model')
     fixed = _fixed(options, KEYS)
-    priors = dict(_prior(text, KEYS) for text in options.priors)
+    priors = _priors(options, KEYS)
     try:
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
@@ -226,6 +226,14 @@ def _fixed(options: Namespace, keys: dict[str, str]) -> list[str]:
     """The parameters that --fix names, with their unit or without."""
     names: list[str] = [name.strip() for name in options.fix.split(',')] if options.fix else []
     return [keys.get(name, name) for name in names]
+
+
+def _priors(options, keys):
+    """Value and standard uncertainty of each parameter that --prior names."""
+    told = [_prior(text, keys) for text in options.priors]
+    if len(dict(told)) < len(told):
+        raise ValueError('--prior names a parameter twice; keep one of them, or combine them')
+    return dict(told)
 
 
 def _prior(text, keys):
@@ -468,7 +476,7 @@ def _fit_frf(options):
     gain = GAIN if options.gain_sigma is None else options.gain_sigma
     if (doubt := misread(scene, in_place(scene, functions))) is not None:
         print(f'These look like {doubt}: see to it before what follows is believed.\n')
-    found = fit_frf(scene, functions, fixed, dict(_prior(text, KEYS) for text in options.priors), gain)
+    found = fit_frf(scene, functions, fixed, _priors(options, KEYS), gain)
     text = frf_report(found, fixed)
     if options.output is not None:
         with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:

@@ -241,6 +241,7 @@ def test_what_makes_a_fit_doubtful_is_said_although_it_is_accepted(tmp_path):
     (['--fix', 'foundation_N_per_m', '--prior', 'foundation=20+-2'], 'foundation is fixed and has a prior'),
     (['--fix', 'b'], "the fixed parameter must be one of 'force', 'a', 'foundation', not 'b'"),
     (['--spacing', '0.01'], '--spacing belongs to a fit of forces'),
+    (['--prior', 'force=0.3+-0.1', '--prior', 'force_N=0.2+-0.1'], '--prior names a parameter twice'),
     (['--prior', 'forces=0.3+-0.1'], "the parameter of --prior must be one of 'force_N', 'a'"),
     (['--prior', 'force_N=0.3'], 'is no parameter, value and standard uncertainty, as force_N=0.288+-0.01'),
     (['--without', 'x'], 'the ridge that is left out must be one of'),
