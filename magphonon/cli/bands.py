@@ -46,8 +46,11 @@ def run(options: Namespace) -> None:
         plan = scene.wanted('bands')
         lossy = analytic_bands(atoms, path, damping=plan.damping_of(atoms)) if plan.damping_per_s is not None else None
         _save(folder, bands | ({'damped': lossy} if lossy is not None else {}), phonon)
-        _draw(save, scene, bands, options.fmax)
-        report = '\n'.join([*_frequencies(scene, atoms, bands), *_decays(lossy), '',
+        hot = _thermal_run(plan, scene, atoms, path) if plan.temperature_J is not None else None
+        if hot is not None:
+            hot.save(folder / 'bands_thermal.npz')
+        _draw(save, scene, bands, hot, options.fmax)
+        report = '\n'.join([*_frequencies(scene, atoms, bands), *_decays(lossy), *_thermal(hot, path), '',
                             *(_topology(atoms) if gyrating else _stability(scene, atoms, bands, phonon))])
     print(report)
     print(f'pictures and data are in {options.output}')
@@ -75,9 +78,9 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands, highest_Hz):
+def _draw(save, scene, bands, hot, highest_Hz):
     from ..bands.zone import PLANAR
-    from ..plotting.bands import name_branches, plot_bands
+    from ..plotting.bands import name_branches, plot_bands, plot_thermal
     from ..plotting.zone import plot_zone
     from ..scenes.lattices import ALL
 
@@ -87,6 +90,8 @@ def _draw(save, scene, bands, highest_Hz):
     if 'phonopy' in bands:
         name = 'phonopy' if scene.law.shells != ALL else 'phonopy, interpolated'
         plot_bands(bands['phonopy'], ax=ax, linestyle='', marker='o', fillstyle='none', label=name)
+    if hot is not None:
+        plot_thermal(ax, hot, bands['complete'].path)
     ax.set_ylim(top=highest_Hz)  # before the names of the branches, which are placed within the visible range
     name_branches(ax, bands['complete'])
     save(ax.figure, 'bands')
@@ -183,6 +188,37 @@ def _decays(lossy):
             ratio = decay / np.hypot(w, decay) if w > 0 else np.nan
             said = f'{ratio:16.4g}' if w > 0 else f'{"overdamped" if decay >= 0 else "grows":>16}'
             lines.append(f'{f"  {name}, branch {branch + 1}":18}{units.hertz(max(w, 0.0)):16.7g}{decay * units.s:14.6g}{said}')
+    return lines
+
+
+def _thermal_run(plan, scene, atoms, path):
+    """Thermal bands at the special points that fit into the supercell."""
+    import numpy as np
+
+    from .. import units
+    from ..waves.thermal import fits, thermal_run
+
+    repeats = scene.supercell()
+    q = np.array([path.special_points[name] for name in sorted(path.special_points) if name in path.path])
+    q = q[fits(q, np.diag(repeats))]
+    return thermal_run(atoms, repeats, plan.temperature_J * units.J, q)
+
+
+def _thermal(hot, path):
+    """Frequencies in thermal motion at the special points, beside the linear ones."""
+    import numpy as np
+
+    from .. import units
+
+    if hot is None:
+        return []
+    lines = ['', f'{"in thermal motion":18}{"frequency (Hz)":>16}{"+-":>10}{"linear (Hz)":>16}{"change of stiffness":>22}']
+    for q, *rows in zip(hot.q, hot.omega, hot.error, hot.linear, strict=True):
+        name = next(name for name, point in path.special_points.items() if np.allclose(point, q))
+        for branch, (w, error, linear) in enumerate(zip(*rows, strict=True)):
+            change = f'{100 * ((w / linear) ** 2 - 1):+.2g} %' if linear > 0 else ''
+            lines.append(f'{f"  {name}, branch {branch + 1}":18}{units.hertz(w):16.6g}{units.hertz(error):10.2g}'
+                         f'{units.hertz(linear):16.6g}{change:>22}')
     return lines
 
 

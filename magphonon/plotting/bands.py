@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..units import hertz
 from .axes import COLOURS, MARKERS, UNSTABLE, in_house_style, label_frequencies, legend_above, new_axes, point_name
 from .structures import halo
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..bands.bands import Bands
+    from ..waves.thermal import ThermalBands
 
 NEGLIGIBLE = 3e-5
 """Frequencies below this fraction of the highest one are zero in a picture, whatever their sign.
@@ -116,6 +118,19 @@ def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | No
     label_frequencies(ax.yaxis)
     legend_above(ax, ncols=2)
     return ax
+
+
+def plot_thermal(ax: Axes, hot: ThermalBands, path: BandPath) -> None:
+    """Frequencies in thermal motion, with two standard errors, wherever the path passes their wavevectors."""
+    x, marks, at = path.get_linear_kpoint_axis()[0], [], []
+    for k, q in enumerate(path.kpts):
+        for row in np.flatnonzero(abs(hot.q - q).max(axis=1) < 1e-9)[:1]:
+            at.append(x[k])
+            marks.append(row)
+    for branch in range(hot.omega.shape[1]):
+        ax.errorbar(at, hot.frequencies_Hz[marks, branch], 2 * hertz(hot.error[marks, branch]), fmt='s', color='black',
+                    fillstyle='none', capsize=3, label=None if branch else 'in thermal motion')
+    legend_above(ax)
 
 
 def label_path(ax: Axes, path: BandPath) -> None:

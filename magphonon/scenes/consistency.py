@@ -249,6 +249,12 @@ def _bands(scene: Scene) -> None:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
     if scene.bands.damping_per_s is not None:
         _refuse(scene, ('uncertainty', 'design'), 'it knows bands without damping; take [{0}] or bands.damping_per_s out')
+    if scene.bands.temperature_J is not None:
+        cell = scene.perfect_cell()
+        leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours
+        if scene.law.shells == ALL or leaves or getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
+            raise ValueError('bands.temperature_J takes time steps of a planar lattice with a number of shells, whose particles '
+                             'neither turn nor leave the plane; take it out, or what asks for more')
     if scene.bands.path is None:
         return
     known = scene.special_points

@@ -27,6 +27,7 @@ from .spectrum import (
 from .thermal import (
     ThermalBands as ThermalBands,
     thermal_bands as thermal_bands,
+    thermal_run as thermal_run,
 )
 from .vibrometer import (
     sampled as sampled,

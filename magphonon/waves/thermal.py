@@ -24,6 +24,9 @@ from scipy import sparse
 
 from .. import units
 from ..bands.bloch import bloch_modes, wavevectors
+from ..dynamics.engine import highest_frequency
+from ..dynamics.recorder import Recorder
+from ..dynamics.verlet import DrivenVerlet
 from ..errors import finite, positive
 from ..files import Saved
 from ..lattices.bonds import image_of
@@ -32,6 +35,9 @@ from .fields import hull_window
 
 SEGMENTS = 20  # of a record: their scatter knows the error to 1/sqrt(2 SEGMENTS) of itself
 FITS = 1e-6  # periods by which a wave may miss the supercell
+STEPS, STEP, DAMPED, EVERY = 20_000, 0.3, 0.3, 8
+"""Of runs: steps of STEP/w_max, with damping of DAMPED w_max, by which slow and fast waves forget soon, and a frame every few."""
+COLD = 1e-8  # temperature, as a share, at which forces are harmonic
 FEWEST = 5  # frames of a segment
 
 
@@ -65,7 +71,7 @@ class ThermalBands(units.InHertz, Saved, kind='thermal bands', units={
 
 
 def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, temperature_mJ: float, cell: Atoms, q: ArrayLike,
-                  dt: float = 0.0, particles: ArrayLike | None = None) -> ThermalBands:
+                  dt: float = 0.0, particles: ArrayLike | None = None, still: ArrayLike | None = None) -> ThermalBands:
     """Stiffness of waves from a record of thermal motion.
 
     Parameters
@@ -84,6 +90,9 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
         Time step in ms of the run of velocity Verlet that made the record; 0 of a measurement.
     particles : array_like of int, optional
         Those that were recorded; all if not given.  Of a patch, or if not all are, a Hann window reaches from edge to edge.
+    still : array_like, shape (frames, particles, dim), optional
+        What harmonic forces would have made of the same noise: chance, window and time step are then those of both records, and
+        only what is anharmonic remains.
 
     Examples
     --------
@@ -117,29 +126,36 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     kT = positive('temperature_mJ', temperature_mJ, 'mJ')
 
     def squares(C):
-        """Of matrices <u_q u_q^+>, shape (wavevectors, rows, rows)."""
-        return kT * np.einsum('qbi,qij,qbj->qb', shapes.conj(), np.linalg.inv(C), shapes).real
+        """Of matrices <u_q u_q^+>, shape (..., wavevectors, rows, rows)."""
+        return kT * np.einsum('qbi,...qij,qbj->...qb', shapes.conj(), np.linalg.inv(C), shapes).real
 
-    u_q = np.einsum('qrp,fp->fqr', waves[:, :, recorded].conj(), u.reshape(len(u), -1))
-    parts = np.array_split(u_q, SEGMENTS)
-    counts, means = np.array([len(part) for part in parts]), np.array([part.sum(axis=0) for part in parts])
-    products = np.array([np.einsum('fqr,fqs->qrs', part, part.conj()) for part in parts])
+    def of_record(u):
+        """Squares by all frames, and without each segment."""
+        parts = np.array_split(np.einsum('qrp,fp->fqr', waves[:, :, recorded].conj(), u.reshape(len(u), -1)), SEGMENTS)
+        sums = zip(*((len(z), z.sum(axis=0), np.einsum('fqr,fqs->qrs', z, z.conj())) for z in parts), strict=True)
+        n, mean, C = (np.concatenate([x.sum(axis=0)[None], x.sum(axis=0) - x]) for x in map(np.array, sums))
+        n = n[:, None, None]
+        return squares(C / n[..., None] - (mean / n)[..., None] * (mean / n).conj()[..., None, :])
 
-    def without(part):
-        n, mean = len(u) - counts[part].sum(), (means.sum(axis=0) - means[part].sum(axis=0)) / (len(u) - counts[part].sum())
-        C = (products.sum(axis=0) - products[part].sum(axis=0)) / n - mean[:, :, None] * mean[:, None, :].conj()
-        return squares(C)
-
-    whole, left = without([]), np.array([without([k]) for k in range(SEGMENTS)])
+    found = of_record(u)
+    if still is not None:
+        found = found / of_record(finite('still', still, u.shape)) * linear**2
+    whole, left = found[0], found[1:]
     found = SEGMENTS * whole - (SEGMENTS - 1) * left.mean(axis=0)
     error = np.sqrt((SEGMENTS - 1) * left.var(axis=0))
-    if dt:  # x = (w dt/2)^2 is seen as x (1 - x)
+    if still is None and dt:  # x = (w dt/2)^2 is seen as x (1 - x)
         root = np.sqrt(np.maximum(1 - found * dt**2, 0.25))
         found, error = 2 * (1 - root) / dt**2, error / root
-    seen = linear**2 / squares(kT * waves.conj() @ compliant(system, waves))
+    seen = 1.0 if still is not None else linear**2 / squares(kT * waves.conj() @ _compliant(system, waves))
     omega = np.sqrt(np.maximum(found * seen, 0))
     error = error * seen / (2 * np.sqrt(np.maximum(found * seen, error * seen)))
     return ThermalBands(q, omega, error, np.sqrt(whole) - omega, linear)
+
+
+def fits(q: NDArray[np.float64], repeats: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether waves repeat over the vectors of a supercell, in those of the cell, shape (vectors, 3)."""
+    across = q @ repeats.T
+    return abs(across - np.rint(across)).max(axis=1) < FITS
 
 
 def _waves(system, cell, q, particles):
@@ -149,8 +165,7 @@ def _waves(system, cell, q, particles):
     n = (atoms.positions - cell.positions[home]) @ np.linalg.inv(cell.cell.array)
     h = np.zeros(len(atoms))
     if atoms.pbc.any() and len(particles) == len(atoms):
-        across = (q @ (atoms.cell.array @ np.linalg.inv(cell.cell.array)).T)[:, atoms.pbc]
-        for k in np.flatnonzero(abs(across - np.rint(across)).max(axis=1) > FITS)[:1]:
+        for k in np.flatnonzero(~fits(q, (atoms.cell.array @ np.linalg.inv(cell.cell.array))[atoms.pbc]))[:1]:
             raise ValueError(f'the wave q = ({q[k, 0]:.4g}, {q[k, 1]:.4g}, {q[k, 2]:.4g}) does not fit into the supercell; '
                              'choose wavevectors whose waves do, or a supercell of other repeats')
         h[:] = 1
@@ -165,10 +180,54 @@ def _waves(system, cell, q, particles):
     return np.einsum('qkp,xy->qkxpy', waves, np.eye(dim)).reshape(len(q), len(cell) * dim, -1)
 
 
-def compliant(system: LinearSystem, waves: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _compliant(system, waves):
     """Static displacements by forces like `waves`, shape (wavevectors, rows, rows of the structure), the last two swapped."""
     P, forces = system.free, waves.reshape(-1, waves.shape[-1]).T
     factors = sparse.linalg.splu(sparse.csc_array(system.stiffness), 'MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
                                  options={'SymmetricMode': True})
     moved = P @ (factors.solve(P.T @ forces.real) + 1j * factors.solve(P.T @ forces.imag))
     return moved.T.reshape(waves.shape).swapaxes(1, 2)
+
+
+def thermal_run(cell: Atoms, repeats: ArrayLike, temperature_mJ: float, q: ArrayLike, steps: int = STEPS,
+                seed: int = 0) -> ThermalBands:
+    """The thermal bands of a planar lattice, from a run of a supercell in a bath, and one in a bath that is all but cold.
+
+    Both have the same noise, so that most of what is chance in one is chance in the other.
+
+    Parameters
+    ----------
+    cell : ase.Atoms
+        With its MagneticRepulsion.
+    repeats : array_like of int, shape (3,)
+        Of the cell.
+    temperature_mJ : float
+        kT.
+    q : array_like, shape (wavevectors, 3)
+        Waves that fit into the supercell.
+    steps : int
+        Of DAMPED/w_max each, after a tenth of them into equilibrium.
+    seed : int
+
+    Examples
+    --------
+    >>> from magphonon import InversePower, MagneticRepulsion, lattices
+    >>> from magphonon.waves import thermal_run
+    >>> cell = lattices.triangular(1.0, 1.0)
+    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=4.0)
+    >>> thermal_run(cell, (2, 2, 1), 0.01, [(0.5, 0, 0)], steps=2000).omega.shape
+    (1, 2)
+    """
+    atoms, records = cell.repeat(np.asarray(repeats)), []
+    atoms.calc = cell.calc.on(atoms)  # pyright: ignore[reportOptionalMemberAccess]  which `thermal_bands` refuses
+    fastest = highest_frequency(atoms)
+    dt = STEP / fastest
+    for share in (1.0, COLD):
+        moved = atoms.copy()
+        moved.calc = atoms.calc
+        dyn = DrivenVerlet(moved, dt, damping=DAMPED * fastest, temperature_mJ=share * temperature_mJ, seed=seed)
+        dyn.run(steps // 10)
+        recorder = Recorder(dyn, interval=EVERY)
+        dyn.run(steps)
+        records.append(recorder.displacements / np.sqrt(share))
+    return thermal_bands(atoms, records[0], temperature_mJ, cell, q, dt, still=records[1])
