@@ -178,6 +178,7 @@ def test_gyration_is_kept_by_files_supercells_and_places(tmp_path):
     assert without(patch, [3]).calc.gyration.tolist() == np.delete(own, 3).tolist()
     assert scattered(patch, Scatter(mass=0.1), 1).calc.gyration.tolist() == own.tolist()
     assert replicas([patch, patch]).calc.gyration.tolist() == 2 * own.tolist()
+    assert 'gyration=<1 to 2>' in repr(cell.calc)
     assert not cell.calc.gyration.flags.writeable
     cell.calc.set(gyration=0.0)
     assert cell.calc.gyration == 0.0
@@ -241,6 +242,25 @@ def test_bands_are_the_roots_of_the_quadratic_eigenproblem_on_drawn_cells():
         slopes = np.array([(a - b) / (2 * h) for a, b in ends]).reshape(2, 2, -1)  # by fractions of the reciprocal vectors
         expected = np.einsum('xf,qfm->qmx', cell.cell.array[:2, :2].T / (2 * np.pi), slopes)
         assert np.allclose(group_velocities(cell, q[:2]).velocity, expected, atol=1e-7)
+
+
+def test_waves_that_grow_have_minus_their_rate_on_drawn_cells_that_stiffness_does_not_hold():
+    rng = np.random.default_rng(7)
+    growing = 0
+    for _ in range(6):
+        g = rng.uniform(0, 4, 2) * [1, rng.integers(2)]
+        cell = honeycomb(g, k=rng.uniform(0.5, 2.9))
+        q = np.append(rng.uniform(-1, 1, (4, 2)), np.zeros((4, 1)), axis=1)
+        for K, found in zip(cell.calc.bloch_matrix(q), bloch_modes(cell, q)[0], strict=True):
+            w = quadratic(K, g, np.ones(2))
+            rates = np.sort(w.imag[w.imag > 1e-6])
+            assert np.allclose(np.sort(-found[found < 0]), rates, atol=1e-7)
+            above = np.sort(w.real[(abs(w.imag) < 1e-6) & (w.real > 0)])[::-1]
+            rest = np.sort(found[found >= 0])[::-1]
+            both = min(len(above), len(rest))
+            assert np.allclose(rest[:both], above[:both], atol=1e-6)
+            growing += len(rates)
+    assert growing > 5
 
 
 def test_the_middle_gap_closes_at_gamma_at_the_g_of_the_formula_and_d0_is_wrong():

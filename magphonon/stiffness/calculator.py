@@ -245,6 +245,7 @@ class MagneticRepulsion(Repulsion):
 
     def __repr__(self) -> str:
         own = f', strengths={range_of(self.strengths)}' if (self.strengths != 1).any() else ''
+        own += f', gyration={range_of(self.gyration)}' if np.any(self.gyration) else ''
         return (f'{type(self).__name__}({self.laws!r}, {self._reach}, foundation={range_of(self.parameters.foundation)}{own}, '
                 f'model={self.model!r}) of {len(self.reference)} particles')
 

@@ -291,10 +291,9 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
             omega, modes = (np.array(part) for part in zip(*found, strict=True))
             return omega.reshape(K.shape[:-1]), modes.reshape(K.shape)
         s, z = np.linalg.eig(_companion(B, K))
-        rate, turn = np.real(s), np.imag(s)
-        grows = rate > GROWS * abs(s).max()
-        first = np.lexsort((-rate, turn))[:n]  # those with e^{-iwt}, w > 0
-        omega, modes = np.where(grows, -rate, -turn)[first], z[:n, first]
+        rate, turn, round_off = np.real(s), np.imag(s), GROWS * abs(s).max()
+        first = np.lexsort((-rate, np.rint(turn / round_off)))[:n]  # e^{-iwt}, w > 0; what grows before its mirror, which decays
+        omega, modes = np.where(rate > round_off, -rate, abs(turn))[first], z[:n, first]
         order = np.argsort(omega)
         return omega[order], modes[:, order] / np.linalg.norm(modes[:, order], axis=0)
     modes = z[..., n:, n:]

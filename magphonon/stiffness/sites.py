@@ -100,8 +100,9 @@ def refuse_gyration(calc: Repulsion, what: str) -> None:
     largest = np.max(abs(np.asarray(calc.gyration)))
     if largest:
         raise ValueError(f'{what} know no gyration, but these particles have up to {1e3 * largest:.4g} rad/s of it; '
-                         'analytic_bands, modes, frequency_response, propagate, DrivenVerlet and verdict do. To leave it out: '
-                         'atoms.calc.set(gyration=0), and in a scene no gyration_rad_per_s')
+                         'analytic_bands, modes, frequency_response, propagate, DrivenVerlet and verdict do, and the '
+                         'commands bands, check and frf. To leave it out: atoms.calc.set(gyration=0), and in a scene take '
+                         'gyration_rad_per_s out')
 
 
 def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:
