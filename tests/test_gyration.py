@@ -263,6 +263,20 @@ def test_waves_that_grow_have_minus_their_rate_on_drawn_cells_that_stiffness_doe
     assert growing > 5
 
 
+def test_damped_bands_are_the_poles_of_drawn_cells():
+    rng = np.random.default_rng(13)
+    for alike in True, False:
+        cell = honeycomb(rng.normal(size=2) * 2)
+        gamma = 0.3 if alike else np.array([0.1, 0.6])
+        q = np.append(rng.uniform(-1, 1, (3, 2)), np.zeros((3, 1)), axis=1)
+        bands = analytic_bands(cell, cell.cell.bandpath(q, npoints=3, pbc=cell.pbc), damping=gamma)
+        for K, omega, decay in zip(cell.calc.bloch_matrix(bands.path.kpts), bands.omega, bands.decay, strict=True):
+            C = np.kron(np.diag(np.broadcast_to(gamma, 2)), np.eye(2)) - np.kron(np.diag(cell.calc.gyration), J)
+            s = eigvals(np.block([[np.zeros((4, 4)), np.eye(4)], [-K, -C]]))
+            assert np.allclose(np.sort(-s.imag)[4:], omega, atol=1e-10)  # e^{-(decay + i omega) t}
+            assert np.allclose(-s.real[np.argsort(-s.imag)[4:]], decay, atol=1e-10)
+
+
 def test_the_middle_gap_closes_at_gamma_at_the_g_of_the_formula_and_d0_is_wrong():
     for model, D in ('complete', 9.0), ('conventional', 12.0):
         g = D / np.sqrt(24 + 2 * D)

@@ -92,7 +92,7 @@ def bloch_modes(atoms: Atoms | LinearSystem, q: ArrayLike, model: str = 'complet
 
 def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'complete',
                  vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128] | None]:
-    """Frequencies and decays of a periodic structure with losses, whose modes move as `e^{(-decay +- i omega) t}`.
+    """Frequencies and decays of a periodic structure with losses, whose modes move as `e^{-(decay + i omega) t}`.
 
     Parameters
     ----------
@@ -119,10 +119,10 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
     >>> decay.tolist()
     [[0.002, 0.002]]
     """
-    system, q = LinearSystem.of(atoms).moving(), wavevectors(q)
+    system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
     calc: Any = system.atoms.calc
     gamma = site_damping(damping, len(system))
-    if not np.ptp(gamma):  # every mode loses the same
+    if not (np.ptp(gamma) or system.gyration.any()):  # every mode loses the same
         omega, modes = bloch_modes(system, q, model, vectors)
         squares, half = np.sign(omega) * omega**2, gamma[0] / 2
         under = np.sqrt(abs(squares - half**2))
@@ -132,7 +132,7 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
     B, n, found = system.B(gamma).toarray(), system.directions, []
     for K in (system.bloch(part, model) for part in in_batches(q, calc)):
         s, z = _poles_and_shapes(B, K)
-        rate, turn = np.real(s), np.imag(s)
+        rate, turn = np.real(s), -np.imag(s)  # of waves e^{i(k.R - omega t)}
         real = abs(turn) < ROUND_OFF * abs(s).max()
         best = np.lexsort((-rate, -np.where(real, 0, turn)), axis=-1)[:, :n]  # one of each pair; of real ones the slow half
         rate, turn, real = (np.take_along_axis(part, best, axis=1) for part in (rate, turn, real))

@@ -162,7 +162,7 @@ def test_bands_with_losses_of_each_site_are_the_poles_of_a_cell():
         for found, falls, own, matrix in zip(omega, decay, shapes, K, strict=True):
             n = len(matrix)
             A = np.block([[np.zeros((n, n)), np.eye(n)], [-matrix, -np.diag(np.repeat(gamma, case.dim))]])
-            poles, s = np.linalg.eigvals(A), -falls + 1j * np.where(falls < 0, 0, found)
+            poles, s = np.linalg.eigvals(A), -falls - 1j * np.where(falls < 0, 0, found)
             assert len(found) == n
             assert (np.diff(found) >= 0).all()
             assert max(abs(poles - one).min() for one in s) < 1e-6 * abs(poles).max()
