@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import DrivenVerlet, Harmonic, Recorder, read_scene, units as u
+from magphonon import DrivenVerlet, Harmonic, Recorder, modes, read_scene, units as u
 from magphonon.cli.fit import frf_report
 from magphonon.cli.main import main
 from magphonon.design.sensitivities import hessian_changes
@@ -283,19 +283,30 @@ def test_sixty_fits_scatter_as_the_bound(tmp_path, exact):
 
 
 def test_sdypy_finds_the_same_poles(tmp_path):
-    """A small patch by sdypy-EMA's least-squares complex frequency method."""
+    """All answers of a small patch, by sdypy-EMA's least-squares complex frequency method: the modes that the force excites."""
     ema = pytest.importorskip('sdypy.EMA')
-    scene = scene_of(tmp_path, ('side_m = 0.06', 'side_m = 0.02'), ('points = 70', 'points = 2000'),
-                     ('from_Hz = 20.0', 'from_Hz = 1.0'))
-    atoms, source, answer = scene.shaken()
-    h = receptance(atoms, source, answer, scene.frf.omega, scene.frf.damping)
-    model = ema.Model(h.response[None], u.hertz(h.omega), lower=20, upper=160, pol_order_high=30)
+    scene = scene_of(tmp_path, ('side_m = 0.06', 'side_m = 0.02'), ('points = 70', 'points = 4000'),
+                     ('from_Hz = 20.0', 'from_Hz = 1.0'), ('to_Hz = 160.0', 'to_Hz = 200.0'))
+    system, conventional = (LinearSystem.of(scene.shaken(model)[0]) for model in ('complete', 'conventional'))
+    source, omega = scene.shaken()[1], scene.frf.omega
+    answers = [Place(k, np.eye(3)[axis]) for k in np.flatnonzero(system.mobile) for axis in (0, 1)]
+    h = np.array([receptance(system, source, answer, omega, scene.frf.damping).response for answer in answers])
+    model = ema.Model(h * u.N / u.m, u.hertz(omega), lower=20, upper=180, pol_order_high=60)
     model.get_poles(show_progress=False)
-    from magphonon.response import natural_frequencies
-    ours = u.hertz(natural_frequencies(atoms))
-    theirs = np.array([abs(p) for p in np.ravel(model.all_poles[-1]) if p.imag > 0]) / (2 * np.pi)
-    for f in ours[(ours > 30) & (ours < 150)]:
-        assert abs(theirs / f - 1).min() < 1e-3
+    poles = np.array([p for p in np.ravel(model.all_poles[-1]) if p.imag > 0])
+    theirs = abs(poles) / (2 * np.pi)
+
+    def excited(system):
+        found = modes(system)
+        driven = abs(source.seen(found.shapes))
+        return u.hertz(found.omega[driven > 1e-6 * driven.max()])
+
+    ours = excited(system)
+    assert len(ours) == 6  # three pairs that symmetry unites
+    nearest = abs(theirs / ours[:, None] - 1).argmin(axis=1)
+    assert_allclose(theirs[nearest], ours, rtol=1e-3)
+    assert_allclose(-2 * poles.real[nearest], 4.0, rtol=0.1)  # damping, 1/s
+    assert (abs(theirs / excited(conventional)[:, None] - 1).min(axis=1) > 1e-3).all()  # the control
 
 
 def test_the_place_of_a_measurement(tmp_path):
