@@ -51,6 +51,11 @@ rows = [f'{x:.1f},{y:.1f},{h:d}' for (x, y), h in zip(seen, held, strict=True)]
 print('\n'.join(['x_px,y_px,held', *rows[:3]]))
 
 # %%
+# Two marks cannot tell a mirrored photo: with ``x_px`` and ``y_px`` exchanged, or y counted upwards, a lattice comes out that has
+# the same frequencies at other places.  Look at the picture of ``magphonon modes photo.toml``, which shows the patch as it is
+# understood: does the missing magnet, or a corner that you know, stand where you see it on the bench?
+
+# %%
 # The scene
 # ---------
 # ``positions = "rest"`` says that the magnets stand there.  ``[uncertainty]`` says what each of them may differ by.  The shell

@@ -34,6 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from .costs import refuse_cost
+    from .neighbours import neighbours
     from .results import results
 
     scene = read_scene(options.scene)
@@ -51,7 +52,7 @@ def run(options: Namespace) -> None:
                 path = scene.lattice.path(scene.bands.path, WAVEVECTORS)  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
                 report += _unfolded(folder, save, lattice, patch, path)
         save(axes.figure, 'dos')
-    print('\n'.join(report))
+    print('\n'.join([*report, *neighbours(scene)]))
     print(f'pictures and data are in {options.output}')
 
 

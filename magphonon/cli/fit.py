@@ -74,7 +74,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--magnet', metavar='SCENE', help='a scene whose law is that of magnets of this shape: it narrows the '
                                                           'answer, and loses against the free curve where the data contradict it')
     parser.add_argument('--contact', metavar='R', type=length,
-                        help='distance of the centres at contact: measurements below it are refused')
+                        help='distance of the centres at contact: measurements below it are refused (default: that of --magnet)')
     parser.add_argument('-o', '--output', metavar='DIR',
                         help='directory for the picture and the entry for a scene file (default: none, the entry is printed)')
     add_pictures(parser, frequencies=False)
@@ -105,9 +105,9 @@ def run(options: Namespace) -> None:
         raise ValueError('--pdf, --title and --style apply to the picture; name with -o DIR the directory to write it to')
     given = {name: getattr(options, f'{name}_sigma') for name in ('distance', 'zero', 'hysteresis', 'backlash', 'gain')}
     shared = SharedErrors(**{name: value for name, value in given.items() if value is not None})
-    forces = read_forces(options.file, not_negative('--contact', options.contact or 0.0, 'mm'))  # its messages name the file
+    shape, contact = (None, 0.0) if options.magnet is None else _shape(options.magnet)
+    forces = read_forces(options.file, not_negative('--contact', options.contact or contact, 'mm'))  # its messages name the file
     spacing = forces.middle if options.spacing is None else positive('--spacing', options.spacing, 'mm')
-    shape = None if options.magnet is None else _shape(options.magnet)
     try:
         fit = fit_forces(forces, spacing, shared, shape)
     except ValueError as error:
@@ -132,7 +132,7 @@ def _shape(name):
     law = read_scene(name).law
     if law.kind != 'magnets':
         raise ValueError(f'--magnet: the law of {name} is {law.kind}; name a scene whose law is that of magnets, as disc')
-    return law.potential()
+    return law.potential(), law.magnet().contact
 
 
 def _report(options, forces, fit, shared):

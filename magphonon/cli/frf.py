@@ -37,6 +37,7 @@ def run(options: Namespace) -> None:
     from ..scenes.scene import read_scene
     from ..stiffness.rest import LinearSystem
     from .costs import refuse_costly
+    from .neighbours import neighbours
     from .results import results
 
     scene = read_scene(options.scene)
@@ -73,7 +74,7 @@ def run(options: Namespace) -> None:
             lines += ['', *_compared(measured, curves)]
             if (doubt := misread(scene, measured)) is not None:
                 lines[-1] = f'They look like {doubt}: mend the table, or the name of its column, first.'
-    print('\n'.join(lines))
+    print('\n'.join([*lines, *neighbours(scene)]))
     print(f'picture and data are in {options.output}')
 
 

@@ -19,6 +19,7 @@ MOST_DIRECTIONS = 3000
 LOWEST = 60  # number of the lowest modes of a larger patch
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
 MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are drawn at each special point
+FAR = 0.25  # relative distance in frequency beyond which shapes alike are no match; a law known to 10 % gives a fifth
 OUTSIDE = 1e-4
 """Distance of a local mode from the bands, as a fraction of the highest frequency: the bands may be wider between
 points of the mesh."""
@@ -205,7 +206,6 @@ def _compared(folder, save, system, found, table):
     """Table, picture and lines of the report of measured shapes beside the computed ones."""
     import numpy as np
 
-    from .. import units
     from ..files import write_columns
     from ..plotting.modes import plot_comparison
     from ..response.measured_shapes import compared
@@ -215,14 +215,26 @@ def _compared(folder, save, system, found, table):
     write_columns(folder / 'mac.csv', ['mode', 'frequency_Hz', *(f'mac_{k + 1}' for k in range(len(comparison.names)))],
                   [np.arange(len(f)) + 1, f, *comparison.mac])
     save(plot_comparison(comparison, found).figure, 'mac')
-    lines = ['', 'measured shapes (MAC of 1 is the same shape; columns of mac.csv in this order):']
+    return ['', *matches(comparison, found)]
+
+
+def matches(comparison, found) -> list[str]:
+    """A line for each measured shape: the computed mode that is most like it."""
+    import numpy as np
+
+    from .. import units
+
+    f = found.frequencies_Hz
+    lines = ['measured shapes (MAC of 1 is the same shape; columns of mac.csv in this order):']
     for name, omega, mac, least in zip(comparison.names, comparison.omega, comparison.mac, comparison.least, strict=True):
         best, measured = int(mac.argmax()), units.hertz(omega)
         known = not np.isnan(measured)
         what = f'  {name}{f", {measured:.6g} Hz" if known else ""}: '
         off = f' ({100 * (f[best] / measured - 1):+.2g} %)' if known else ''
         if mac[best] > least:
-            lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}')
+            far = bool(abs(f[best] / measured - 1) > FAR)  # not, if unknown
+            lines.append(f'{what}mode {best + 1}, {f[best]:.6g} Hz{off}, MAC {mac[best]:.3f}'
+                         + (', too far in frequency for one mode: are u_x and u_y exchanged, or is the law another?' * far))
         else:
             lines.append(f'{what}no mode alike; the nearest is mode {best + 1}, {f[best]:.6g} Hz{off}, with MAC {mac[best]:.3f}, '
                          f'and a match needs {least:.3f} with so many measured directions')

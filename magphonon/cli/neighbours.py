@@ -18,7 +18,8 @@ MOST_SHOWN = 6
 
 
 def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, atoms: Atoms | None = None,
-               within: Mapping[tuple[str, int], float] | None = None, speeds: bool = False) -> list[str]:
+               within: Mapping[tuple[str, int], float] | None = None, speeds: bool = False,
+               limit: str = 'the 95 % interval') -> list[str]:
     """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
 
     Parameters
@@ -32,6 +33,8 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     within : dict, optional
         Half widths of the 95 % intervals stated beside it, as fractions of the frequencies, by point and branch from 1: shifts
         that exceed them are named in a second line.
+    limit : str
+        What these widths are, in words that end before "of M, branch 1".
     speeds : bool
         Tell the shift of the speeds of long waves along x, too: they need many more neighbours than a frequency.
     """
@@ -50,7 +53,7 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
         return ['All neighbours count (shells = "all").' if scene.law.asked == 'all' else f'{told}.']
     if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:
         return [f'{told}; what the others would change is not computed for so large a cell.']
-    told = _shifts(scene, told, atoms, _points(scene) if points is None else points, within or {})
+    told = _shifts(scene, told, atoms, _points(scene) if points is None else points, within or {}, limit)
     return told + (_speeds(atoms) if speeds and not atoms.constraints else [])
 
 
@@ -73,7 +76,7 @@ def _points(scene):
     return {name: path.special_points[name] for name in named}
 
 
-def _shifts(scene, told, atoms, points, within):
+def _shifts(scene, told, atoms, points, within, limit):
     import numpy as np
 
     from .. import units as u
@@ -101,8 +104,8 @@ def _shifts(scene, told, atoms, points, within):
     exceeding = [place for x, place, _, which in shifts if abs(x) > within.get(which, np.inf)]
     if exceeding:
         few = 'NEAREST' if scene.law.shells == 1 else 'SO FEW'
-        lines.append(f'NOT WITH {few} NEIGHBOURS: the shift is more than the 95 % interval or the tolerance of '
-                     f'{"; ".join(exceeding)}, which does not hold for real magnets.')
+        lines.append(f'NOT WITH {few} NEIGHBOURS: the shift is more than {limit} of {"; ".join(exceeding)}, '
+                     'which does not hold for real magnets.')
     if not found.known:
         lines[-1] += ' Measure the force farther away, or give the shape of the magnets.'
     elif isinstance(scene.law.asked, int):

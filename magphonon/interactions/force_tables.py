@@ -118,7 +118,7 @@ def read_forces(path: str | PathLike[str], contact: float = 0.0) -> Forces:
     table.refuse('direction', np.array([word not in DIRECTIONS for word in told]), 'be approach or return')
     faults = [_fault(table, *column) for column in (
         ('r', u.m, 'm', max(DISTANCES_m[0], contact / u.m), DISTANCES_m[1],
-         f'the particles touch at {contact / u.m:g} m, as you say; give distances of the centres, not gaps' if contact else
+         f'the particles touch at {contact / u.m:g} m; give distances of the centres, not gaps' if contact else
          'distances are those of the centres; check the unit'),
         ('f', u.N, 'N', -FORCES_N[1], FORCES_N[1], 'check the unit'),
         ('sigma', u.N, 'N', *FORCES_N, 'leave the column out if the uncertainty is not known, and check its unit'))]

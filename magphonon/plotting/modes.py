@@ -163,8 +163,9 @@ def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = Non
     best = np.argsort(found.mac, axis=1)[:, -2:]
     shown = np.unique(best)
     picture = ax.imshow(found.mac[:, shown], cmap='Greys', vmin=0, vmax=1, aspect='auto')
-    for row, column in zip(*np.nonzero(found.mac[:, shown] > found.least[:, None]), strict=True):
-        ax.plot(column, row, 's', markersize=9, markerfacecolor='none', color=COLOURS[1])
+    rows = np.flatnonzero(found.mac.max(axis=1) > found.least)
+    columns = np.searchsorted(shown, found.mac[rows].argmax(axis=1))
+    ax.plot(columns, rows, 's', markersize=9, markerfacecolor='none', color=COLOURS[1], label='match')
     frequencies = units.hertz(found.omega)
     measured = [name if np.isnan(f) else f'{name}: {f:.4g} Hz' for name, f in zip(found.names, frequencies, strict=True)]
     ax.set_xticks(range(len(shown)), [f'{k + 1}: {f:.4g} Hz' for k, f in zip(shown, computed.frequencies_Hz[shown], strict=True)],
@@ -172,6 +173,8 @@ def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = Non
     ax.set_yticks(range(len(measured)), measured)
     ax.set(xlabel='computed mode', ylabel='measured mode')
     ax.figure.colorbar(picture, ax=ax, label='MAC')
+    if len(rows):
+        ax.legend(loc='lower left', bbox_to_anchor=(0, 1), frameon=False)
     return ax
 
 

@@ -87,10 +87,10 @@ GOOD = [f'{r / 1e3},{repulsion(LAW, r)}' for r in R[:8].tolist()]
     (['\x89PNG\r', 'x'], 'a table of forces has the columns'),
     (['r_m,f_N', *GOOD[:2]], '2 rows cannot tell the law and their noise: measure at least 6'),
     (['# a comment', 'r_m,f_N', *GOOD, '0.02'], 'line 11 of '),
-    (['r_m,f_N', '0,1', *GOOD], 'is 0 m in line 2: the particles touch at 0.00635 m, as you say; give distances of the centres'),
+    (['r_m,f_N', '0,1', *GOOD], 'is 0 m in line 2: the particles touch at 0.00635 m; give distances of the centres'),
     (['r_m,f_N,sigma_N', *(row + ',0' for row in GOOD)], '0 N in line 5, 0 N in line 6 and 3 more: leave the column out'),
-    (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, and is 0.005 m in line 2: the particles touch at 0.00635 m, as '
-                                    'you say; give distances of the centres'),
+    (['r_m,f_N', '0.005,2', *GOOD], 'between 0.00635 and 1e+06 m, and is 0.005 m in line 2: the particles touch at 0.00635 m; '
+                                    'give distances of the centres'),
     (['r_m,f_N', *(f'{0.01 * k},{0.01 * k}' for k in range(1, 9))], 'the forces need not fall with the distance'),
     (['r_m,f_N', *(row.replace(',', ',-') for row in GOOD)], 'the forces are negative, and repulsion is positive'),
     (['r_m,f_N,direction', *(row + ',sideways' for row in GOOD)], "direction must be approach or return, not 'sideways'"),
@@ -135,3 +135,12 @@ def test_a_spacing_outside_the_data_has_wide_intervals():
     assert (outside.half_widths > 1.5 * inside.half_widths).all()
     truth = np.array([np.log(repulsion(rings(), 20.0)), local_exponent(rings(), 20.0)])
     assert (abs(np.array([np.log(outside.force), outside.exponent]) - truth) < outside.half_widths[[0, 2]]).all()
+
+
+def test_gaps_between_faces_are_refused_where_the_magnet_is_named(tmp_path, capsys):
+    """Discs of 5 mm: the same forces over the distance of the centres pass."""
+    for add, code in ((0.0, 2), (5.0, 0)):
+        rows = [f'{gap + add},{(5 / (gap + 5)) ** 3}' for gap in (0.65, 1, 2, 3, 4, 5, 7, 9)]
+        (tmp_path / 'gaps.csv').write_text('\n'.join(['r_mm,f_N', *rows]))
+        assert main(['fit', str(tmp_path / 'gaps.csv'), '--spacing', '10mm', '--magnet', 'disc']) == code
+        assert ('give distances of the centres, not gaps' in capsys.readouterr().err) == (code == 2)

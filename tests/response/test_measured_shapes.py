@@ -122,3 +122,13 @@ def test_one_direction_of_one_magnet_matches_nothing(patch, tmp_path):
     comparison = compared(tmp_path / 'shapes.csv', patch, modes(patch))
     assert comparison.mac.max() == pytest.approx(1)
     assert not (comparison.mac > comparison.least[:, None]).any()
+
+
+@pytest.mark.parametrize(('factor', 'told'), [(1.0, False), (1.2, False), (0.5, True)])
+def test_a_match_far_off_in_frequency_gets_a_word(factor, told, patch, tmp_path):
+    from magphonon.cli.modes import matches
+
+    found = modes(patch)
+    table = written(tmp_path, patch.positions[:, :2], found.shapes[:3], frequencies=factor * found.frequencies_Hz[:3])
+    lines = matches(compared(table, patch, found), found)
+    assert [('too far in frequency' in line) for line in lines[1:]] == [told] * 3
