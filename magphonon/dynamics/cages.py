@@ -36,6 +36,7 @@ length."""
 APART = 1.1
 """Distance at rest, in shortest bonds, below which a pair without a bond is taken as intended, such as two replicas; then no
 unbonded distance is checked."""
+SHORT_RUN = 16  # number of blocks cut short by fast particles before the clearance is surveyed, which takes as long as these
 STRIDE = 0.1  # largest path of the fastest particle between two checks, as a fraction of the shortest bond
 
 
@@ -88,7 +89,7 @@ class Cages:
             self.mobile = freedom(atoms)[0]
         except ValueError:  # a constraint that it does not know
             self.mobile = np.ones(len(atoms), bool)
-        self.nearest = bonds.lengths.min(initial=np.inf)
+        self.nearest, self._hurried = bonds.lengths.min(initial=np.inf), 0
 
     @cached_property
     def clearance(self) -> float:
@@ -108,9 +109,12 @@ class Cages:
         unseen it would have to gain twice the speed.
         """
         way = STRIDE * self.nearest
-        if speed * dt * most > way and largest < self.clearance:
+        if speed * dt * most <= way:
+            return most
+        self._hurried += 1
+        if ('clearance' in vars(self) or self._hurried > SHORT_RUN) and largest < self.clearance:
             way = max(way, self.clearance - largest)
-        return most if speed * dt * most <= way else max(1, int(way / (speed * dt)))
+        return max(1, min(most, int(way / (speed * dt))))
 
     def clear(self, u: NDArray[np.float64]) -> bool:
         """Whether no pair without a bond can meet at the displacements `u` in mm, shape (dim, particles); False for no number.
