@@ -19,7 +19,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('tables', metavar='SCAN', nargs='+',
                         help='table (.csv) with the columns time_s, point, x_m, y_m and u_x_m, u_y_m or one of them, or '
                              'velocities v_y_m_per_s; mm and um by the name (u_y_um); or a universal file (.uff, .unv) with '
-                             'records of dataset 58; several of other names one after the other')
+                             'records of dataset 58; several are analysed one after the other')
     add_scene(parser)
     parser.add_argument('--geometry', metavar='POINTS.csv',
                         help='places of the points, columns point, x_m, y_m, if the scan has none; without them its points are '
