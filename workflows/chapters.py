@@ -100,6 +100,7 @@ CHAPTERS = (
     Chapter('matter', 'beyond', 'printed numbers (Bonsall and Maradudin; Zahn et al.; Hamaguchi et al.) and phonopy'),
     Chapter('uncertainty', 'beyond', "the paper's formulas for lattices drawn at random"),
     Chapter('nonlinearity', 'beyond', 'perturbation theory in closed form'),
+    Chapter('noise', 'beyond', 'closed forms of the branches, and a Laplace integral of 36 magnets'),
     Chapter('design', 'beyond', "the paper's prototype, and closed forms of the spacing"),
     Chapter('sites', 'beyond', 'closed forms of chains, the theory written out for small supercells, transfer matrices'),
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),

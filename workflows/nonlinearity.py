@@ -6,12 +6,16 @@ A chain of bonds phi'', phi''' carries u = A cos(k n - w t).  To second order in
     strain under a burst        e_0 = -phi'''/phi'' A(x)^2        (phi''' < 0: the burst pushes the chain apart)
 
 each with free waves that make up for the start from a linear wave.  For f ~ r^-a, -phi'''/phi'' = (a + 1)/L0.
+
+In the triangular lattice without a foundation, a = 4, shear at M softens, dw/w = -285/16 (A/L0)^2, and the waves that rotate at K
+stiffen, +475/36 (A/L0)^2: there each particle is one in the potential of Henon and Heiles.
 """
 
 import numpy as np
 from ase.constraints import FixedLine
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, units
+from magphonon.bands import bloch_modes
 from magphonon.plotting.axes import COLOURS, legend_above, letter_panels, new_axes, panels
 from magphonon.scenes.scene import reference
 from magphonon.stability.amplitude_shifts import frequency_shifts
@@ -33,6 +37,12 @@ RING, RING_K = 8, np.pi / 4            # one wavelength
 LONG, BURST_K, WIDTH = 768, np.pi / 2, 16.0
 FLIGHT = 150.0                         # until the burst has left its free waves behind
 STEP = 0.03                            # w_max dt = 0.12
+
+WAVES_OF_PLANE = {'M, shear, standing': ((0.5, 0, 0), 0, (2, 1), -285 / 16),
+                  'K, rotating': ((2 / 3, 1 / 3, 0), 0, (3, 3), 475 / 36),
+                  'halfway to M, longitudinal, travelling': ((0.25, 0, 0), 1, (4, 1), None)}
+"""Wavevector, branch, supercell, and dw/w over (A/L0)^2 in closed form."""
+SWING, TURNS = 0.01, 60                # amplitude of L0, and periods of a run
 
 
 def main(out):
@@ -63,13 +73,25 @@ def main(out):
     strains = [strain(A) for A in WAVES]
     x, e, forms = strains[-2]
     under = [dilatation(x, e) for x, e, _ in strains]
+    measured_waves = {name: (in_plane(*wave[:3]), wave) for name, wave in WAVES_OF_PLANE.items()}
+    for name, (here, (q, branch, _, closed)) in measured_waves.items():
+        found = frequency_shifts(plane(), q).curvature[branch]
+        if closed is not None:
+            checks.append(Check(f'wave of the plane by perturbation theory, {name}', found, closed, 1e-9))
+        # the start leaves out the second harmonic, 4 % of the wave, which beats with it
+        checks.append(Check(f'wave of the plane in time, {name}: dw/w / (A/L0)^2', here, closed or found, 3e-2,
+                            consistency=not closed))
+    q, branch, cells, closed = WAVES_OF_PLANE['K, rotating']
+    checks.append(Check('control: wave of the plane with D0 alone, K, rotating', in_plane(q, branch, cells, 'conventional'),
+                        closed, 0.1, control=True))
     checks += [
         Check('strain under a burst, sum over bonds / L0', under[-2], RATIO * WAVES[-2] ** 2 * WIDTH * np.sqrt(np.pi), 1e-2),
         Check('strain along the chain - closed form, largest', abs(e - forms).max() / abs(forms).max(), 0, 0.05),
         Check('strain under a burst against amplitude, slope', slope(WAVES, under), 2, 1e-3),
         Check('control: third power for the second', slope(WAVES, np.array(under) * WAVES), 2, 0.1, control=True),
     ]
-    return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_waves(out, (t, h, expected), (x, e, forms))])
+    return Outcome(checks, [draw_backbones(out, angles, measured, theory), draw_waves(out, (t, h, expected), (x, e, forms)),
+                            draw_path(out, measured_waves)])
 
 
 def slope(x, y):
@@ -114,6 +136,42 @@ def stiffness(theta0, model):
     """Vertical stiffness in N/mm."""
     atoms = oscillator(theta0, model)
     return atoms.calc.get_hessian(atoms)[10, 10]
+
+
+def plane():
+    """One cell of the triangular lattice, without a foundation."""
+    cell = lattices.triangular(1.0, 1.0)
+    cell.calc = MagneticRepulsion(cell, LAW)
+    return cell
+
+
+def in_plane(q, branch, cells, model='complete'):
+    """`dw/w` over (A/L0)^2 of a wave in time steps, from the phase of its component over many turns."""
+    cell = plane()
+    w, shapes = bloch_modes(cell, [q], model, vectors=True)
+    w, e = w[0, branch], shapes[0, branch, 0, :2]
+    if abs(np.diff(bloch_modes(cell, [q], model)[0][0])) < 1e-9 * w:
+        e = np.array([1, 1j]) / np.sqrt(2)  # rotates
+    e = e / np.sqrt((1 + abs((e * e).sum())) / 2)  # the longer half-axis of its ellipse is one
+    atoms = cell.repeat((*cells, 1))
+    atoms.calc = cell.calc.on(atoms)
+    atoms.calc.set(model=model)
+    wave = np.exp(2j * np.pi * (atoms.positions @ np.linalg.inv(cell.cell.array)) @ q)[:, None] * e
+    atoms.positions[:, :2] += SWING * wave.real
+    momenta = np.zeros((len(atoms), 3))
+    momenta[:, :2] = SWING * w * wave.imag  # u = Re(wave e^{-i w t})
+    atoms.set_momenta(momenta)
+    dyn = DrivenVerlet(atoms, 2 * np.pi / w / 24, order=6)
+    t, u = [], []
+
+    def look():
+        t.append(dyn.get_time())
+        u.append(((dyn.displacements + 1j * dyn.velocities / w) * wave.conj()).sum())
+
+    dyn.attach(look, interval=6)
+    dyn.run(24 * TURNS)
+    turned = np.unwrap(np.angle(u)) + w * np.array(t)  # the linear wave turns by -w t
+    return -np.polyfit(t, turned, 1, w=np.sqrt(np.hanning(len(t))))[0] / w / SWING**2  # beats average out
 
 
 def evolved(psi, t):
@@ -185,6 +243,31 @@ def draw_backbones(out, angles, measured, theory):
     legend_above(ax, ncols=2)
     return save_picture(ax.figure, out / 'backbone.png',
                         'Backbones of the oscillator: free vibrations in the time domain (marks), perturbation theory (lines).')
+
+
+def draw_path(out, measured):
+    """The shift of both branches along a path, and in time steps where there is a run."""
+    ax, path = new_axes(), plane().cell.bandpath('GMKG', npoints=121, pbc=(1, 1, 0))
+    x, ticks, names = path.get_linear_kpoint_axis()
+    known = [k for k, q in enumerate(path.kpts) if np.linalg.norm(q) > 0.01 and abs(x[k] - ticks[2]) > 1e-9]  # K is a point apart
+    shifts, at = frequency_shifts(plane(), path.kpts[known]), np.repeat(x[known], 2)
+    for branch, name, line in ((0, 'lower branch', '-'), (1, 'upper branch', '--')):
+        ax.plot(at[branch::2], shifts.curvature[branch::2], line, color=COLOURS[branch], label=name)
+    for here, (q, _, _, closed) in measured.values():
+        place = {0.5: ticks[1], 0.25: ticks[1] / 2}.get(q[0], ticks[2])
+        ax.plot(place, here, 'o', color='black', fillstyle='none', label='time steps' if q[0] == 0.5 else None)
+        if place == ticks[2]:
+            ax.plot(place, closed, 'x', color=COLOURS[0], label='rotating at K')
+    for tick in ticks[1:-1]:
+        ax.axvline(tick, color='0.7', linewidth=0.8, zorder=0)
+    ax.axhline(0, color='0.7', linewidth=0.8, zorder=0)
+    ax.set_xticks(ticks, [r'$\Gamma$' if name == 'G' else name for name in names])
+    ax.set(ylabel=r'$(\Delta\omega/\omega)/(A/L_0)^2$', ylim=(-40, 40), xlim=(x[0], x[-1]))
+    legend_above(ax, ncols=2)
+    return save_picture(ax.figure, out / 'amplitude.png',
+                        'How the frequency of waves of the triangular lattice (a = 4, no foundation) shifts with their '
+                        'amplitude: perturbation theory (lines), time steps (circles). At the poles the second harmonic is '
+                        'a wave too.')
 
 
 def draw_waves(out, harmonic, slow):

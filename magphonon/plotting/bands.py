@@ -29,6 +29,7 @@ NEGLIGIBLE = 3e-5
 
 Squared frequencies by phonopy are good to 1e-9 of the highest one, and this is the root of it; growth as slow could not be seen.
 """
+PASSED = 0.01  # distance in reciprocal vectors at which a path passes a wavevector
 ALONG_NORMAL = 0.9  # share of a mode's motion along the normal of the plane above which it is called out of the plane
 MOST_NAMED = 3  # largest number of branches that are named: more leave no room
 CLEAR, BESIDE = 0.035, (0.055, 0.09, 0.13)
@@ -121,10 +122,11 @@ def plot_edge_bands(bands: Bands, weights: NDArray[np.float64], *, ax: Axes | No
 
 
 def plot_thermal(ax: Axes, hot: ThermalBands, path: BandPath) -> None:
-    """Frequencies in thermal motion, with two standard errors, wherever the path passes their wavevectors."""
+    """Frequencies in thermal motion, with two standard errors, where the path passes their wavevectors, or those of -q."""
     x, marks, at = path.get_linear_kpoint_axis()[0], [], []
-    for k, q in enumerate(path.kpts):
-        for row in np.flatnonzero(abs(hot.q - q).max(axis=1) < 1e-9)[:1]:
+    for row, q in enumerate(hot.q):
+        away = np.min([abs(p - np.rint(p)).max(axis=1) for p in (path.kpts - q, path.kpts + q)], axis=0)
+        for k in np.flatnonzero((away < PASSED) & (away < np.roll(away, 1)) & (away <= np.roll(away, -1))):
             at.append(x[k])
             marks.append(row)
     for branch in range(hot.omega.shape[1]):
