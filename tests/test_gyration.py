@@ -15,7 +15,9 @@ from magphonon import (
     MagneticRepulsion,
     analytic_bands,
     chern_numbers,
+    complex_bands,
     edge_flow,
+    finite_displacements,
     frequency_response,
     group_velocities,
     lattices,
@@ -23,15 +25,28 @@ from magphonon import (
     propagate,
     read_scene,
     ready_scene,
+    relaxed,
     restored,
+    sound_speeds,
+    stability,
     verdict,
     write_scene,
 )
-from magphonon.bands import band_gaps, bloch_modes, edge_weights, lattice_density
+from magphonon.bands import band_gaps, bloch_modes, edge_weights, gruneisen_parameters, lattice_density
 from magphonon.cli.main import main
-from magphonon.dynamics import Diverged, Harmonic, highest_frequency
-from magphonon.response import Place, modes_below, natural_frequencies, receptance, replicas
-from magphonon.stiffness import LinearSystem, for_ase_tools
+from magphonon.design import foundation_for
+from magphonon.dynamics import Diverged, Harmonic, highest_frequency, write_lammps_input
+from magphonon.response import (
+    Place,
+    density_of_states,
+    local_modes,
+    modes_below,
+    natural_frequencies,
+    receptance,
+    replicas,
+    series_response,
+)
+from magphonon.stiffness import LinearSystem, elastic_moduli, for_ase_tools
 from magphonon.stiffness.defects import Scatter, scattered, without
 
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -188,19 +203,64 @@ def test_gyration_is_kept_by_files_supercells_and_places(tmp_path):
             cell.calc.set(gyration=bad)
 
 
-def test_who_sees_forces_alone_refuses_particles_that_gyrate():
-    cell = lattices.triangular(1.0, 1.0)
-    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=1.0)
+UP = np.array([0.0, 1.0, 0.0])
+Q = np.array([[0.1, 0.2, 0.0]])
+REFUSED = {
+    'system': LinearSystem.of,
+    'nearest': LinearSystem.nearest,
+    'handed on': lambda atoms: LinearSystem.of(LinearSystem.of(atoms, gyrating=True)),
+    'other tools': for_ase_tools,
+    'phonopy': lambda atoms: finite_displacements(atoms, (3, 3, 1)),
+    'evanescent': lambda atoms: complex_bands(atoms, (1, 0, 0), [2.0]),
+    'sound': sound_speeds,
+    'moduli': elastic_moduli,
+    'Grueneisen': lambda atoms: gruneisen_parameters(atoms, Q),
+    'softest': stability.softest_of,
+    'needed': stability.foundation_needed,
+    'support': stability.support_needed,
+    'amplitude': stability.frequency_shifts,
+    'impacts': stability.escape_speeds,
+    'cut-off': lambda atoms: foundation_for(atoms, 2.0),
+    'supercell': lambda cell: _displaced(cell),
+}
+REFUSED_PATCH = {
+    'LAMMPS': lambda atoms: write_lammps_input('unwritten', atoms, 0.01, 1),
+    'counted': lambda atoms: modes_below(atoms, 3.0),
+    'local': lambda atoms: local_modes(atoms, [3.0, 4.0]),
+    'density': density_of_states,
+    'series': lambda atoms: series_response(LinearSystem.of(atoms, gyrating=True), np.ones(2), np.ones(1), 0.1, [0], 1e-9),
+    'impacts': stability.escape_speeds,
+    'amplitude': stability.frequency_shifts,
+}
+
+
+def _displaced(cell):
+    """A supercell as other tools make it."""
     large = cell.repeat((2, 2, 1))
     large.calc = cell.calc
-    for ask in (lambda: LinearSystem.of(cell), lambda: LinearSystem.nearest(cell), lambda: for_ase_tools(cell),
-                large.get_forces, lambda: LinearSystem.of(LinearSystem.of(cell, gyrating=True))):
-        with pytest.raises(ValueError, match=r'know no gyration.*1000 rad/s'):
-            ask()
+    return large.get_forces()
+
+
+@pytest.mark.parametrize('tool', [*REFUSED, *(f'{name} of a patch' for name in REFUSED_PATCH)])
+def test_what_knows_no_gyration_refuses_it(tool):
+    """The rows of docs/reference/beyond_stiffness.md."""
+    cell = lattices.triangular(1.0, 1.0)
+    ask = REFUSED.get(tool)
+    if ask is None:
+        cell, ask = lattices.hexagon(cell, 3.0), REFUSED_PATCH[tool.removesuffix(' of a patch')]
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=6.0, gyration=1.0)
+    with pytest.raises(ValueError, match=r'know no gyration.*1000 rad/s'):
+        ask(cell)
+
+
+def test_gyration_is_one_of_planar_lists_of_bonds():
+    cell = lattices.triangular(1.0, 1.0)
     with pytest.raises(TypeError, match='gyration'):
         AllNeighbours(cell, InversePower(1.0, 4.0), gyration=1.0)
     with pytest.raises(ValueError, match='in the plane'):
         MagneticRepulsion(cell, InversePower(1.0, 4.0), foundation=[[6.0, 6.0, 9.0]], gyration=1.0)
+    patch = drawn(np.random.default_rng(1), guided=False)
+    assert relaxed(patch).atoms.calc.gyration.tolist() == patch.calc.gyration.tolist()  # statics know nothing of it
 
 
 def honeycomb(g, k=6.0, rows=None):

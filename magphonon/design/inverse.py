@@ -16,7 +16,8 @@ import numpy as np
 from ..bands.bloch import bloch_modes
 from ..errors import PhysicsError, finite, positive
 from ..stability.buckling import common_spring, foundation_needed
-from ..stiffness.repulsion import masses_of
+from ..stiffness.repulsion import Repulsion, masses_of
+from ..stiffness.sites import refuse_gyration
 from .sensitivities import Change, frequency_sensitivities, spacing_change
 
 if TYPE_CHECKING:
@@ -104,6 +105,8 @@ def foundation_for(atoms: Atoms, cut_off: float) -> float:
     >>> round(k / (u.N / u.m), 4)
     19.6757
     """
+    if isinstance(atoms.calc, Repulsion):
+        refuse_gyration(atoms.calc, 'formulas of the cut-off')
     masses = masses_of(atoms)
     if np.ptp(masses) > EQUAL_MASSES * masses.max():
         raise ValueError(f'the masses range from {masses.min():g} to {masses.max():g} g: on a common foundation they swing at '

@@ -145,7 +145,7 @@ def response_slopes(built: Built, functions: Sequence[TransferFunction], names: 
     h : ndarray of complex, shape (points,)
     slopes : ndarray of complex, shape (parameters, points)
     """
-    system, dim = built.system, built.system.dim
+    system, dim = built.system.still('fits of transfer functions'), built.system.dim
     omega, where = _frequencies(functions)
     damping, mass = built.damping + widened, np.repeat(system.masses, dim)
     bent = [name for name in names if name in built.changes]

@@ -384,7 +384,7 @@ def series_response(system: LinearSystem, s: NDArray[Any], omega: NDArray[np.flo
     products : int
         Matrix-vector products taken.
     """
-    K = products_of(system) if K is None else K
+    K = products_of(system.still('series in powers of one matrix')) if K is None else K
     interval, z = _scaled(K, omega, gamma)
     rows, shapes = system.rows(particles)
     w = _inner(z)
