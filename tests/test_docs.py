@@ -63,7 +63,7 @@ def test_drawings_and_tutorials_are_those_of_the_pages():
     pages = ''.join(page.read_text(encoding='utf-8') for page in (ROOT / 'docs/theory').glob('*.md'))
     drawn = set(re.findall(r'plot:: theory/(\w+)\.py', pages))
     assert drawn == {file.stem for file in (ROOT / 'docs/theory').glob('*.py')}
-    assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 7
+    assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 8
 
 
 def test_examples_of_the_gallery_are_short_and_import_what_is_public():

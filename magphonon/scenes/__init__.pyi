@@ -5,6 +5,8 @@ from .band_fits import (
 from .frf_fits import (
     FrfFits as FrfFits,
     fit_frf as fit_frf,
+    in_place as in_place,
+    misread as misread,
 )
 from .keys import (
     Key as Key,

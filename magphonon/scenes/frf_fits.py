@@ -187,12 +187,51 @@ def responses_of(scene: Scene, model: str, functions: Sequence[TransferFunction]
 
 
 def misread(scene: Scene, functions: Sequence[TransferFunction]) -> str | None:
-    """What functions that are `in_place` look like if their file does not say what was measured; else None."""
+    """What transfer functions look like if their file does not say what was measured: a wrong unit, phase or quantity.
+
+    Parameters
+    ----------
+    scene : Scene
+        With [frf], known to some ten percent.
+    functions : sequence of TransferFunction
+        As `in_place` returns them.
+
+    Returns
+    -------
+    str or None
+        In words; None where nothing else fits better than what the file says.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from magphonon import read_scene
+    >>> from magphonon.response import TransferFunction, receptance
+    >>> from magphonon.scenes import in_place, misread
+    >>> scene = read_scene('oscillator')
+    >>> h = receptance(*scene.shaken(), scene.frf.omega, scene.frf.damping)
+    >>> functions = in_place(scene, [TransferFunction('point', h.omega, h.response)])
+    >>> misread(scene, functions)
+    >>> misread(scene, [replace(one, response=one.response.conj()) for one in functions])
+    'phases of the other sign, e^{-i omega t}'
+    """
     return misreading(_built(scene, 'complete', {}), functions)
 
 
 def in_place(scene: Scene, functions: Sequence[TransferFunction]) -> list[TransferFunction]:
-    """The functions with the particles of the scene where they are seen and driven."""
+    """The functions with the particles of the scene where they are seen and driven.
+
+    Parameters
+    ----------
+    scene : Scene
+        With [frf], whose force and response are those of functions that do not name theirs.
+    functions : sequence of TransferFunction
+        As `read_transfer` gives them.
+
+    Raises
+    ------
+    ValueError
+        For a place outside the patch or on its rim, and where one is driven by a force and the other by the bench.
+    """
     atoms, source, answer = scene.shaken(bench=True)
     found = []
     for one in functions:

@@ -1,0 +1,127 @@
+"""
+From a transfer function to a lattice
+=====================================
+
+Tap one magnet, look at three others, and force, exponent, foundation and damping follow, with D* and without.  Here the patch is
+simulated, so that the truth is known; its magnets, feet and pillars scatter, as those of a real one do.
+
+On the command line::
+
+    magphonon frf mine.toml --measured f.csv
+    magphonon fit f.csv --frf mine.toml
+"""
+
+# %%
+# The scene
+# ---------
+# The lattice as we believe it to be.  ``[frf]`` holds the range, a guess of the damping, and where the hammer hits.
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from magphonon import read_scene, relaxed, units as u
+from magphonon.response import Place, read_transfer, receptance
+from magphonon.stiffness import Scatter, scattered
+
+text = """title = "A tapped patch"
+[lattice]
+kind = "triangular"
+spacing_m = 0.01
+mass_kg = 7e-4
+
+[law]
+kind = "inverse_power"
+force_N = {force}
+a = {a}
+shells = 3
+
+[foundation]
+stiffness_N_per_m = {foundation}
+
+[patch]
+kind = "hexagon"
+side_m = 0.04
+
+[frf]
+from_Hz = 15.0
+to_Hz = 170.0
+points = 120
+damping_per_s = {damping}
+[frf.force]
+at_m = [0.0, 0.0]
+direction_deg = 40.0
+[frf.response]
+at_m = [0.01, 0.0]
+direction_deg = 0.0
+"""
+folder = Path(tempfile.mkdtemp())
+
+
+def scene_of(name, **values):
+    (folder / name).write_text(text.format(**values), encoding='utf-8')
+    return read_scene(folder / name)
+
+
+scene = scene_of('mine.toml', force=0.22, a=4.4, foundation=21.0, damping=9.0)
+
+# %%
+# The measurement
+# ---------------
+# The true patch differs from that, and each of its sites from the others.  A vibrometer sees three magnets along x and y, with
+# noise of one percent of the highest peak of all, which the column ``sigma_m_per_N`` states.
+
+truth = {'force': 0.2369, 'a': 4.58, 'foundation': 19.7, 'damping': 7.0}
+built, source, _ = scene_of('truth.toml', **truth).shaken()
+specimen = relaxed(scattered(built, Scatter(position=0.05 * u.mm, strength=0.01, stiffness=0.02), seed=3)).atoms
+rng, omega = np.random.default_rng(0), scene.frf.omega
+rows = ['frequency_Hz,re_m_per_N,im_m_per_N,sigma_m_per_N,x_m,y_m,direction_deg']
+for x, y in (0.01, 0.0), (-0.005, 0.00866), (0.0, -0.01732):
+    particle = np.linalg.norm(built.positions[:, :2] / u.m - (x, y), axis=1).argmin()
+    for axis in (0, 1):
+        h = receptance(specimen, source, Place(particle, np.eye(3)[axis]), omega, truth['damping'] / u.s).response * u.N / u.m
+        h = h + 5e-4 * (rng.normal(size=len(h)) + 1j * rng.normal(size=len(h)))
+        rows += [f'{f:.6g},{z.real:.6g},{z.imag:.6g},5e-4,{x},{y},{90 * axis}' for f, z in zip(u.hertz(omega), h, strict=True)]
+(folder / 'f.csv').write_text('\n'.join(rows), encoding='utf-8')
+print('\n'.join(rows[:3]))
+
+# %%
+# Is it read as it was meant?
+# ---------------------------
+# ``magphonon frf --measured`` and ``magphonon fit --frf`` say so where the numbers look like something else: mm under m, a
+# velocity, the other sign of the phase.  Here a table in which velocities stand under the name of displacements.
+
+from dataclasses import replace
+
+from magphonon.scenes import in_place, misread
+
+functions = in_place(scene, read_transfer(folder / 'f.csv'))
+print('as it is:', misread(scene, functions))
+velocities = [replace(one, response=1j * one.omega * u.s * one.response) for one in functions]
+print('velocities:', misread(scene, velocities))
+
+# %%
+# The fit
+# -------
+# The residual is larger than the noise, as no perfect lattice follows one whose sites scatter.  The fit therefore draws lattices
+# that scatter as much, and its intervals hold what that does.
+
+from magphonon.scenes import fit_frf
+
+fits = fit_frf(scene, functions)
+for name, (value, sigma) in fits.values().items():
+    known = f', truth {truth[name]:g}' if name in truth else ''
+    print(f'{name:15} {value:8.4g}, {value * np.exp(-1.96 * sigma):.4g} to {value * np.exp(1.96 * sigma):.4g}{known}')
+print(f'scatter of the strengths: {100 * fits.better.site_scatter:.2g} %')
+
+# %%
+# Which model?
+# ------------
+# D0 alone has the same number of parameters less one, and cannot follow.
+
+print(f'the residual without D* is {fits.ratio:.3g} times as large; the data speak for: {fits.verdict}')
+
+from magphonon.plotting import plot_transfer
+
+figure = plot_transfer(fits.functions[:2], {model: fits.curves(model)[:2] for model in fits.fits})
