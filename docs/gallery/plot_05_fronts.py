@@ -19,7 +19,7 @@ where = site(cell, patch, 'point')
 burst = where.burst((0, 1), 2.5e-4 * u.N, 2 * np.pi * 40 * u.Hz, 5)
 times = np.linspace(0, 150, 4) * u.ms
 
-figure, axes = panels(2, 1, width=4.5, height=2.6)
+figure, axes = panels(2, 1, width=4.5, height=2.2)
 for ax, model in zip(axes[:, 0], ('conventional', 'complete'), strict=True):
     patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.foundation, model=model)
     motion = propagate(patch, times, [burst], damping=4 / u.s)

@@ -22,8 +22,8 @@ def write(folder):
     parts = [HEAD]
     for table, keys in groupby(scene_keys(), lambda key: key.table):
         parts.append(f'\n## {f"[{table}]" if table else "The scene itself"}\n\n')
-        parts += [ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'), ROW.format(*5 * ['---'])]
-        parts += [row(key) for key in keys]
+        parts += [':::{container} keys\n\n', ROW.format('key', 'meaning and example', 'type', 'default', 'allowed'),
+                  ROW.format(*5 * ['---']), *map(row, keys), ':::\n']
     (folder / 'keys.md').write_text(''.join(parts), encoding='utf-8')
 
 

@@ -3,6 +3,7 @@
 from weakref import WeakSet
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
@@ -13,7 +14,8 @@ def figures(block, block_vars, gallery_conf):
     """Save the figures that are new since the last block, and return the text that shows them."""
     paths = []
     for value in block_vars['example_globals'].values():
-        figure = value if isinstance(value, Figure) else getattr(value, 'figure', None)
+        first = value.flat[0] if isinstance(value, np.ndarray) and value.size else value   # of several axes
+        figure = first if isinstance(first, Figure) else getattr(first, 'figure', None)
         if isinstance(figure, Figure) and figure not in SEEN:
             SEEN.add(figure)
             path = next(block_vars['image_path_iterator'])
