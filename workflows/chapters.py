@@ -106,6 +106,7 @@ CHAPTERS = (
     Chapter('layers', 'beyond', 'lattice sums and closed forms'),
     Chapter('losses', 'beyond', 'closed forms of the prototype and of a chain'),
     Chapter('walls', 'beyond', 'closed forms of the prototype, the solitary wave of Toda'),
+    Chapter('signs', 'beyond', 'the closed form of a chain of springs'),
     Chapter('gyration', 'beyond', 'closed forms, and a program of its own for gaps, Chern numbers and the strip'),
     Chapter('bench', 'beyond', 'a simulated laboratory that shares no code with the package'),
     Chapter('phonopy_comparison', 'tests', 'the analytic stiffness compared with phonopy, which only displaces particles'),

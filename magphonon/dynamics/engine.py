@@ -240,7 +240,8 @@ class Blocks:
         self._increments = Increments(taken(calc.law, layout.example), calc.parameters.model, layout.r0)
         self._splitting = splitting
         rate = damping.max() if splitting.stages > 1 else 0.0  # one for all: it goes with the drifts
-        E, mobility = np.array(half_step(damping - rate, calc.gyration, guided, dt)), mobile / masses
+        E: Any = np.array(half_step(damping - rate, calc.gyration, guided, dt))
+        mobility = mobile / masses
         E[led], mobility[led] = 1.0, INERT
         decay = layout.scatter(np.real(E))
         if np.iscomplexobj(E):

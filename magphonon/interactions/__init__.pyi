@@ -23,6 +23,7 @@ from .magnets import (
     moment as moment,
 )
 from .pair_laws import (
+    Attraction as Attraction,
     GaussianMixture as GaussianMixture,
     Hertz as Hertz,
     InversePower as InversePower,

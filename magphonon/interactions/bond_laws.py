@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import finite, one_of, shown, whole
 from .magnet_pairs import MagnetLaw, SphereLaw
-from .pair_laws import Hertz, InversePower, PairLaw, Tabulated, Yukawa
+from .pair_laws import Attraction, Hertz, InversePower, PairLaw, Tabulated, Yukawa
 from .upright import UprightMagnets
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def groups(law: PairLaw, bonds: int) -> list[tuple[PairLaw, NDArray[np.intp]]]:
     return [(one, np.flatnonzero(law.which == k)) for k, one in enumerate(law.laws)]
 
 
-KNOWN = InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw, UprightMagnets
+KNOWN = Attraction, InversePower, Yukawa, Hertz, Tabulated, MagnetLaw, SphereLaw, UprightMagnets
 LAWS: dict[str, Any] = {law.__name__: law for law in KNOWN}  # laws that can be saved by name
 
 

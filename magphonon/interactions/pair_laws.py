@@ -442,6 +442,37 @@ class Tabulated:
         return -f * slope / r
 
 
+@dataclass(frozen=True)
+class Attraction:
+    """The opposite of a law: particles that attract each other as strongly as others repel.
+
+    Parameters
+    ----------
+    repulsion : PairLaw
+
+    Examples
+    --------
+    >>> from magphonon import InversePower
+    >>> from magphonon.interactions import Attraction, repulsion
+    >>> float(repulsion(Attraction(InversePower(16.0, 4.0)), 2.0))
+    -1.0
+    """
+
+    repulsion: PairLaw
+
+    def phi(self, r: Any) -> Any:
+        """Energy in mJ."""
+        return -self.repulsion.phi(r)
+
+    def dphi(self, r: Any) -> Any:
+        """Slope of the energy in N, positive."""
+        return -self.repulsion.dphi(r)
+
+    def d2phi(self, r: Any) -> Any:
+        """Curvature of the energy in N/mm."""
+        return -self.repulsion.d2phi(r)
+
+
 def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
     """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula.
 

@@ -311,7 +311,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     True
     """
     system, omega = LinearSystem.of(atoms, gyrating=True), np.atleast_1d(omega)
-    if np.ndim(source) == 2:
+    if not isinstance(source, Place) and source.ndim == 2:
         found = frequency_response(system, None, omega, damping, [answer.particle], walls=source)
         return Transmissibility(omega, found.response[:, 0] @ answer.direction)
     if not isinstance(source, Place):

@@ -13,8 +13,8 @@ from ..errors import one_of, positive, shown, whole
 from ..interactions.force_tables import read_forces
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
-from ..interactions.pair_laws import Hertz, InversePower, Tabulated, Yukawa
-from .fields import Allowed, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
+from ..interactions.pair_laws import Attraction, Hertz, InversePower, Tabulated, Yukawa
+from .fields import Allowed, Flag, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
 from .lattices import AUTO, Neighbours, Shells
 
 if TYPE_CHECKING:
@@ -319,6 +319,8 @@ class LawOfKinds(Table):
         description='the two kinds, in either order; a particle has the kind that its file or [[defects.substitutions]] gives, '
         'or 0', examples=[[0, 1]])
     law: Law = Field(description='their law, a table like [law]')
+    attracts: Flag = Field(False, description='whether particles of these two kinds attract each other by this law',
+                           examples=[True])
 
 
 def laws_of_kinds(law: PairLaw, others: tuple[LawOfKinds, ...], kinds: Iterable[int]) -> Laws:
@@ -327,4 +329,5 @@ def laws_of_kinds(law: PairLaw, others: tuple[LawOfKinds, ...], kinds: Iterable[
         return law
     named = sorted({int(kind) for kind in kinds}.union(*(other.kinds for other in others)))
     laws: dict[tuple[int, int], PairLaw] = {(a, b): law for a in named for b in named if a <= b}
-    return laws | {other.kinds: other.law.potential() for other in others}
+    return laws | {other.kinds: Attraction(law) if other.attracts else law
+                   for other in others for law in [other.law.potential()]}

@@ -29,7 +29,7 @@ from ..stiffness.rest import freedom
 from ..stiffness.restart import restored
 from ..stiffness.restartable import Restartable
 from ..tables import LENGTH, MASS, PURE, STIFFNESS, read_table
-from .fields import Allowed, Flag, Length, Mass, NotNegative, Point, Points, Positive, Table, Text, listed, within
+from .fields import Allowed, Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
 
 if TYPE_CHECKING:
     from ase.dft.kpoints import BandPath
@@ -54,6 +54,7 @@ are: a bond that is longer by so much is softer by half a percent."""
 PACKAGE_UNIT_m = 1e-3
 """The unit of length of this package's own Atoms, mm."""
 Factor = Annotated[Positive, within(1e-6, 1e6, 'multiples of that of its neighbours')]
+SignedFactor = Annotated[Number, within(-1e6, 1e6, 'multiples of that of its neighbours')]
 NotNegativeFactor = Annotated[NotNegative, within(0, 1e6, 'multiples of that of its neighbours')]
 Kind = Annotated[int, BeforeValidator(partial(whole, '', least=0)), Allowed('0 or more')]
 Percent = Annotated[NotNegative, within(0, 100 * LARGEST_SCATTER, 'percent')]
@@ -311,7 +312,8 @@ class Guest(Table):
 
     at_m: Point = Field(description='the place [x, y] in m', examples=[[0.0, 0.0]])
     relative_mass: Factor = Field(1.0, description='factor of the mass', examples=[0.5])
-    relative_strength: NotNegativeFactor = Field(1.0, description='factor of the strength, for example of its magnetic moment',
+    relative_strength: SignedFactor = Field(1.0, description='factor of the strength, for example of its magnetic moment; '
+                                            'below zero it is upside down, and attracts its neighbours',
                                                  examples=[0.5])
     relative_stiffness: NotNegativeFactor = Field(1.0, description='factor of the stiffness of its foundation', examples=[0.0])
 

@@ -25,7 +25,7 @@ from ..dynamics.verlet import DrivenVerlet
 from ..lattices.bonds import Bonds
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import LinearSystem, freedom
-from ..stiffness.sites import refuse_gyration, refuse_unlike
+from ..stiffness.sites import refuse_attraction, refuse_gyration, refuse_unlike
 
 YIELDING, WATCHED = 4.0, {2: 3.0, 3: 2.5}
 """Distances in shortest bonds up to which particles around the moving one are free: in the search for the least energy, and (in
@@ -97,6 +97,7 @@ def escape_speeds(atoms: Atoms) -> Escape | None:
         distances reached, or a particle has more than `NEIGHBOURS` bonds.
     """
     refuse_gyration(atoms.calc, 'searches for the speed of an impact that breaks a bond')  # pyright: ignore[reportArgumentType]
+    refuse_attraction(atoms.calc, 'impacts')  # pyright: ignore[reportArgumentType]  of which `LinearSystem` makes sure
     refuse_unlike(atoms.calc, 'the search for the speed of an impact that breaks a bond',  # pyright: ignore[reportArgumentType]
                   'shoot a particle in a run of DrivenVerlet, which stops where it loses its cage')
     try:

@@ -28,6 +28,7 @@ from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, on_mean_springs
 from ..stiffness.site_laws import Travelling
+from ..stiffness.sites import attracting
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
     Softest,
@@ -607,7 +608,7 @@ def impacts(case: Case) -> Finding:
         return Finding()
     if case.large:
         return Finding(unjudged='impacts')
-    unlike = isinstance(case.calc.law, BondLaws) or np.ndim(case.calc.foundation)
+    unlike = isinstance(case.calc.law, BondLaws) or np.ndim(case.calc.foundation) or len(attracting(case.calc))
     found = escape_speeds(case.atoms) if case.held and not unlike and not case.touching else None
     if found is None:
         return Finding()

@@ -114,6 +114,9 @@ class AllNeighbours(Repulsion):
         self.reference.calc = None
         self._laws = law
         self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
+        for k in np.flatnonzero(self._strengths < 0)[:1]:
+            raise ValueError(f'strengths[{k}] = {self._strengths[k]:g}: the sum over all neighbours is one of repulsion alone; '
+                             'choose a number of shells for magnets of both signs')
         self.dim = displacement_components(reference, foundation)
         z = np.append(reference.positions[:, 2] - reference.positions[0, 2], reference.cell.array[reference.pbc, 2])
         if self.dim == 2 and z.any():

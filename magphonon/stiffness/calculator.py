@@ -94,7 +94,8 @@ class MagneticRepulsion(Repulsion):
         direction, or for both.
     strengths : array_like, shape (particles,), optional
         Strength s of each particle, by default 1: two particles repel by the law `s_i s_j phi(r)`.  For magnets s is the
-        magnetic moment divided by that of the magnets with which the law was measured.
+        magnetic moment divided by that of the magnets with which the law was measured; those of opposite signs attract each
+        other, as upside down.
     anchors : array_like, shape (particles, 3), optional
         Where the foundation springs are slack, in mm; the positions of the reference if not given.
     load : array_like, shape (particles, 3), optional

@@ -55,7 +55,7 @@ def substituted(atoms: Atoms, particle: int, *, mass: float = 1.0, strength: flo
     """
     factors = {name: np.ones(len(atoms)) for name in ('mass', 'strength', 'stiffness')}
     factors['mass'][particle] = positive('mass', mass)
-    factors['strength'][particle] = not_negative('strength', strength)
+    factors['strength'][particle] = finite('strength', strength, ())
     factors['stiffness'][particle] = not_negative('stiffness', stiffness)
     return _varied(atoms, **factors, kinds={} if kind is None else {particle: kind})
 

@@ -71,10 +71,8 @@ def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False)
 
 
 def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
-    """The strengths of the particles, read-only; each a finite number, zero or above, or ValueError."""
+    """The strengths of the particles, read-only; finite numbers of either sign, or ValueError."""
     given = finite('strengths', strengths, (particles,)).copy()
-    for k in np.flatnonzero(given < 0)[:1]:
-        not_negative(f'strengths[{k}]', given[k])
     given.flags.writeable = False
     return given
 
@@ -103,6 +101,19 @@ def refuse_gyration(calc: Repulsion, what: str) -> None:
                          'analytic_bands, modes, frequency_response, propagate, DrivenVerlet and verdict do, and the '
                          'commands bands, check and frf. To leave it out: atoms.calc.set(gyration=0), and in a scene take '
                          'gyration_rad_per_s out')
+
+
+def attracting(calc: Repulsion) -> NDArray[np.intp]:
+    """The bonds that pull, by their indices; none where forces are not along the bonds."""
+    law = calc.interaction.central(calc.dim)
+    return np.zeros(0, int) if law is None else np.flatnonzero(law.dphi(calc.bonds.lengths) > 0)
+
+
+def refuse_attraction(calc: Repulsion, what: str) -> None:
+    """Refuse bonds that pull, for `what` (of several things) that suppose that particles repel each other."""
+    for b in attracting(calc)[:1]:
+        raise ValueError(f'{what} suppose that all particles repel each other, but particles {calc.bonds.i[b]} and '
+                         f'{calc.bonds.j[b]} attract each other')
 
 
 def site_damping(damping: ArrayLike, particles: int) -> NDArray[np.float64]:

@@ -78,6 +78,9 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
     'rings': {'is `59` % above': lambda: 100 * (repulsion(read_scene('rings').law.potential(), 10.0) / FORCE - 1),
               'weighs `0.7070` g': lambda: 7.5e-3 * np.pi / 4 * (6.35**2 - 1.5875**2) * 3.175,
               'force_N = `0.2369`': lambda: FORCE},
+    'signs': {'k1 = a f/L0 = `108.6` N/m': lambda: A * FORCE / L, 'times that of neighbours: k2 = -k1/`2`': lambda:
+              2 / (2**-A * (3.88326e-9 / 1.6209e-10)),
+              '4 f/L0 = `94.8` N/m': lambda: 4 * FORCE / L, 'k1/2 = `54.3` N/m': lambda: A * FORCE / L / 2},
     'square': {'= `94.8` N/m': lambda: 4 * FORCE / L, 'provide `157.4` N/m': lambda: 8 * PILLAR, 'cut-off, `75` Hz': lambda:
                hertz(8 * PILLAR / MASS), 'at X, `145.6` Hz': lambda: hertz((8 * PILLAR + 4 * A * FORCE / L) / MASS),
                'force of `0.24` N': lambda: FORCE},

@@ -257,7 +257,7 @@ def test_a_mass_in_another_unit(changes, words, scene_file):
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_mass = 1.2e6}]',
      r'defects.substitutions[0].relative_mass must lie between 1e-06 and 1e+06'),
     ('vacancy', 'vacancies_m = [[0.0, 0.0]]', 'substitutions = [{at_m = [0.0, 0.0], relative_strength = 1.2e6}]',
-     r'defects.substitutions[0].relative_strength must lie between 0 and 1e+06'),
+     r'defects.substitutions[0].relative_strength must lie between -1e+06 and 1e+06'),
     ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.2 ',
      'lattice.spacing_m = 0.019997, law.diameter_m = 0.2, law.shells = 1: spheres of the diameter'),
     ('steel', 'diameter_m = 0.02 ', 'diameter_m = 0.002 ', 'take a smaller one than law.diameter_m = 0.002'),

@@ -1,0 +1,141 @@
+"""Couplings of both signs: strengths and laws that attract, against energies written out, and what refuses them."""
+
+import numpy as np
+import pytest
+from ase.constraints import FixAtoms
+from numpy.testing import assert_allclose
+from oracles import Pairs
+
+from magphonon import (
+    AllNeighbours,
+    DrivenVerlet,
+    InversePower,
+    MagneticRepulsion,
+    foundation_needed,
+    lattices,
+    read_scene,
+    relaxed,
+    verdict,
+)
+from magphonon.bands.bloch import bloch_modes
+from magphonon.dynamics import write_lammps_input
+from magphonon.interactions import Attraction
+from magphonon.interactions.bond_laws import law_from_dict, law_to_dict
+from magphonon.stability.escapes import escape_speeds
+from magphonon.stiffness import substituted
+
+LAW = InversePower(b=0.2 * 10.0**4, a=4.0)
+
+
+class Springs:
+    """Springs of stiffness 1 between neighbours and -1/2 between second neighbours, slack at rest."""
+
+    def phi(self, r):
+        near = np.real(r) < 1.5
+        return np.where(near, 1.0, -0.5) * (r - np.where(near, 1.0, 2.0)) ** 2 / 2
+
+    def dphi(self, r):
+        near = np.real(r) < 1.5
+        return np.where(near, 1.0, -0.5) * (r - np.where(near, 1.0, 2.0))
+
+    def d2phi(self, r):
+        return np.where(np.real(r) < 1.5, 1.0, -0.5) + 0 * r
+
+
+@pytest.mark.parametrize('k', [0.0, 0.3, 0.499, 0.501])
+def test_a_chain_of_both_signs_buckles_at_a_sixth_of_a_turn(k):
+    chain = lattices.chain(1.0, 1.0)
+    chain.calc = MagneticRepulsion(chain, Springs(), shells=2, foundation=k)
+    needed, q = foundation_needed(chain)
+    assert needed == pytest.approx(0.5, rel=1e-9)
+    assert abs(q[0]) == pytest.approx(1 / 6, abs=1e-6)
+    xi = np.linspace(0.05, 3.1, 40)
+    along = bloch_modes(chain, np.stack([xi / (2 * np.pi), 0 * xi, 0 * xi], axis=1))[0]
+    true = k - 2 * np.cos(xi) * (1 - np.cos(xi))
+    expected = np.sort(np.stack([true, k + 0 * xi]), axis=0)  # across the chain nothing is strained
+    assert_allclose((along * abs(along)).T, expected, atol=1e-12)
+    assert ('OK' in str(verdict(chain))) == (k > 0.5)
+
+
+def drawn(seed):
+    """A scattered patch whose magnets point up or down, held at rest, and the energy of its pairs."""
+    rng = np.random.default_rng(seed)
+    cell = getattr(lattices, rng.choice(['square', 'triangular', 'honeycomb']))(10.0, 0.7)
+    perfect = cell.repeat((3, 3, 1))
+    perfect.pbc = (True, rng.random() < 0.5, False)
+    atoms = perfect.copy()
+    atoms.positions[:, :2] += 0.3 * rng.uniform(-1, 1, (len(atoms), 2))
+    strengths = rng.choice([-1.0, 1.0], len(atoms)) * rng.uniform(0.5, 1.2, len(atoms))
+    atoms.calc = MagneticRepulsion(perfect, LAW, foundation=0.5, strengths=strengths, cutoff=12.0).about(atoms).balanced(
+        np.arange(len(atoms)))
+    own = {frozenset([0]): LAW}, np.zeros(len(atoms), int), strengths
+    return atoms, Pairs(perfect, None, 12.0, own=own), rng
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_magnets_of_both_signs_have_the_stiffness_of_their_energy(seed):
+    atoms, pairs, rng = drawn(seed)
+    q = rng.uniform(-0.5, 0.5, (3, 3)) * atoms.pbc
+    found = bloch_modes(atoms, q)[0]
+    K = pairs.bloch(atoms.positions, q) + 0.5 * np.eye(2 * len(atoms))
+    assert_allclose(found * abs(found), np.linalg.eigvalsh(K) / 0.7, atol=1e-10)
+    repelling = atoms.copy()
+    repelling.calc = MagneticRepulsion(atoms, LAW, foundation=0.5, strengths=abs(atoms.calc.strengths),
+                                       cutoff=12.0).balanced(np.arange(len(atoms)))
+    assert abs(bloch_modes(repelling, q)[0] - found).max() > 0.05 * abs(found).max()  # the control
+
+
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_engines_move_magnets_of_both_signs_by_their_energy(engine):
+    atoms, pairs, rng = drawn(7)
+    x0, m, dt = atoms.get_positions(), 0.7, 0.05
+    v = rng.normal(size=(len(atoms), 2)) * 0.05
+    load = -pairs.forces(x0)
+    atoms.set_momenta(np.pad(m * v, ((0, 0), (0, 1))))
+    x = x0.copy()
+    f = pairs.forces(x) + load
+    for _ in range(40):
+        v = v + dt / 2 * f / m
+        x[:, :2] += dt * v
+        f = pairs.forces(x) + load - 0.5 * (x - x0)[:, :2]
+        v = v + dt / 2 * f / m
+    dyn = DrivenVerlet(atoms, dt, engine=engine)
+    dyn.run(40)
+    assert_allclose(dyn.displacements, (x - x0)[:, :2], atol=1e-9)
+
+
+def test_a_magnet_upside_down_comes_to_rest_nearer_to_its_neighbours():
+    patch = lattices.hexagon(lattices.triangular(10.0, 0.7), 30.0)
+    patch.calc = MagneticRepulsion(patch, LAW, foundation=0.5)
+    middle = int(np.linalg.norm(patch.positions - patch.positions.mean(axis=0), axis=1).argmin())
+    rest = relaxed(substituted(patch, middle, strength=-0.5)).atoms
+    beside = np.sort(np.linalg.norm(rest.positions - rest.positions[middle], axis=1))[1:7]
+    weaker = relaxed(substituted(patch, middle, strength=0.5)).atoms
+    assert beside.max() < np.sort(np.linalg.norm(weaker.positions - weaker.positions[middle], axis=1))[1] < 10
+
+
+def test_the_ready_scene_needs_half_the_stiffness_of_its_neighbours():
+    scene = read_scene('signs')
+    k1 = 4.5824 * 1.6209e-10 * 0.01**-5.5824
+    assert verdict(scene.atoms())
+    assert foundation_needed(scene.atoms()).k == pytest.approx(k1 / 2 * 1e-3, rel=1e-5)
+    law = scene.atoms().calc.laws[0, 2]
+    assert law == Attraction(law.repulsion)
+    assert law_from_dict(law_to_dict(law)) == law
+    assert law.dphi(20.0) > 0
+
+
+def test_what_supposes_repulsion_refuses_attraction(tmp_path):
+    pair = lattices.chain(10.0, 1.0).repeat((4, 1, 1))
+    pair.pbc = False
+    pair.set_constraint(FixAtoms([0]))
+    pair.calc = MagneticRepulsion(pair, LAW, foundation=1.0, strengths=[1, -1, 1, 1]).balanced(range(4))
+    for ask in (lambda: escape_speeds(pair), lambda: write_lammps_input(tmp_path, pair, timestep=0.01, steps=1)):
+        with pytest.raises(ValueError, match='suppose that all particles repel each other, but particles 0 and 1 attract'):
+            ask()
+    pulled = lattices.chain(10.0, 1.0)
+    pulled.calc = MagneticRepulsion(pulled, Attraction(LAW), foundation=1.0)  # one law for all, held by the springs
+    assert 'is hit' not in str(verdict(pulled))
+    two = lattices.chain(10.0, 1.0).repeat((2, 1, 1))
+    with pytest.raises(ValueError, match=r'strengths\[1\] = -1: the sum over all neighbours is one of repulsion alone'):
+        AllNeighbours(two, LAW, strengths=[1, -1])
