@@ -66,6 +66,15 @@ def test_drawings_and_tutorials_are_those_of_the_pages():
     assert len(list((ROOT / 'docs/tutorials').glob('plot_*.py'))) == 8
 
 
+def test_pages_show_lines_of_the_code_that_are_there():
+    shown = [(page, *found) for page in (ROOT / 'docs').glob('[rt]*/*.md') for found in re.findall(
+        r'```\{literalinclude\} (\S+)\n(?:(?!```)[^\n]*\n)*?:start-at: (.*)\n:end-at: (.*)\n', page.read_text(encoding='utf-8'))]
+    assert shown
+    for page, file, first, last in shown:
+        text = (page.parent / file).read_text(encoding='utf-8')
+        assert last in text[text.index(first):]
+
+
 def test_examples_of_the_gallery_are_short_and_import_what_is_public():
     scripts = sorted((ROOT / 'docs/gallery').glob('plot_*.py'))
     assert len(scripts) == 20
