@@ -63,7 +63,7 @@ def run_of(tmp_path_factory):
             text = re.sub(old, new, text)
         (folder / 'my.toml').write_text(text + more)
         with mpl.rc_context({'savefig.dpi': 20}), redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
-            assert main(['burst', str(folder / 'my.toml'), '-o', str(folder / 'out')]) == 0
+            assert main(['burst', str(folder / 'my.toml'), '-o', str(folder / 'out'), '--verbose']) == 0
         return folder / 'my.toml', folder / 'out', out.getvalue(), err.getvalue()
     return run
 
@@ -122,7 +122,7 @@ def test_what_burst_writes_spectrum_reads_to_the_same_ridge(more, run_of, tmp_pa
 def test_loud_bursts_are_told_from_quiet_ones(run_of, scene_file, tmp_path, capsys):
     """By second-order perturbation theory a frequency of the lattice is 1 % off at 2.37 % of the spacing."""
     _, out, soft, _ = run_of('')
-    assert main(['burst', str(scene_file(('force_N = 1.0', 'force_N = 300.0'))), '-o', str(tmp_path / 'loud')]) == 0
+    assert main(['burst', str(scene_file(('force_N = 1.0', 'force_N = 300.0'))), '-o', str(tmp_path / 'loud'), '--verbose']) == 0
     told = []
     for shown in (soft, capsys.readouterr().out):
         lines = [line for line in shown.splitlines() if 'largest displacement' in line]

@@ -312,7 +312,7 @@ def test_a_shift_that_all_ridges_of_a_branch_share_is_in_the_intervals(tmp_path)
     kept, missed = [], []
     for _ in range(6):
         exact = measured(rng, TRUTH, (0, 1))
-        step = 0.1 * rng.normal(size=2)[exact.ridge]  # half a bin of a row of 30 points
+        step = 0.04 * rng.normal(size=2)[exact.ridge]  # a fifth of a bin of a row of 30 points
         fits = fit_bands(scene, replace(exact, xi=exact.xi + step, q=exact.q * (1 + step / exact.xi)[:, None],
                                         sources=('point', 'point'), bin_xi=0.2 + 0 * exact.xi))
         kept.append(all(holds(fits, TRUTH).values()))
