@@ -18,7 +18,7 @@ import numpy as np
 from .. import units
 from ..errors import positive
 from ..stiffness.repulsion import repulsion_of
-from ..stiffness.rest import LinearSystem, on_mean_springs
+from ..stiffness.rest import LinearSystem, on_foundation
 from ..stiffness.site_laws import Travelling
 from ..stiffness.sites import each_spring
 from .bloch import wavevectors
@@ -128,7 +128,7 @@ class Hill:
         if not isinstance(law, Travelling):
             raise ValueError(f'Floquet bands are those of a foundation that is modulated, not of foundation={law!r}; give the '
                              'calculator foundation=Travelling(k, eps, W, kap)')
-        mean = on_mean_springs(atoms)
+        mean = on_foundation(atoms, law.k)
         self.system, self.model, self.W = LinearSystem.of(mean, gyrating=True).moving(), model, law.W
         self.modes = self.system.directions
         self.kap = mean.cell.array @ law.kap / (2 * np.pi) * mean.pbc  # in fractions of the reciprocal vectors

@@ -34,6 +34,9 @@ def run(options: Namespace) -> None:
     refuse_cost(scene, bands_cost(scene))
     with results(options, scene) as folder, drawing(options, folder, scene.title) as save:
         atoms, path = scene.perfect_cell(), scene.band_path()
+        if scene.foundation is not None and scene.foundation.modulation is not None:
+            print(_floquet(folder, save, atoms, path, scene.wanted('bands'), options.fmax))
+            return
         gyrating = bool(atoms.calc.gyration)  # forces alone do not show it
         try:
             phonon = None if gyrating else finite_displacements(atoms, scene.supercell())
@@ -54,6 +57,37 @@ def run(options: Namespace) -> None:
                             *(_topology(atoms) if gyrating else _stability(scene, atoms, bands, phonon))])
     print(report)
     print(f'pictures and data are in {options.output}')
+
+
+def _floquet(folder, save, atoms, path, plan, highest_Hz):
+    """Floquet bands along a path and back, and what they say in words."""
+    import numpy as np
+
+    from .. import units
+    from ..bands.floquet import floquet_bands
+    from ..files import write_columns
+    from ..plotting.floquet import plot_floquet
+
+    damping = 0.0 if plan.damping_per_s is None else plan.damping_of(atoms)
+    q, x = np.concatenate([-path.kpts[::-1], path.kpts]), path.get_linear_kpoint_axis()[0]
+    x = np.concatenate([-x[::-1], x])
+    bands = {model: floquet_bands(atoms, q, model, damping) for model in atoms.calc.bloch_models}
+    names, columns = ['path_rad_per_m', 'q1', 'q2', 'q3'], [x * units.m, *q.T]
+    for model, found in bands.items():
+        for k in range(found.omega.shape[1]):
+            names += [f'{model}_{k + 1}_Hz', f'{model}_{k + 1}_growth_per_s', f'{model}_{k + 1}_weight']
+            columns += [found.frequencies_Hz[:, k].real, found.omega[:, k].imag * units.s, found.weight[:, k]]
+    write_columns(folder / 'bands.csv', names, columns)
+    ax = plot_floquet(bands['complete'], x)
+    ax.set_ylim(top=highest_Hz)
+    save(ax.figure, 'bands')
+    lines = [f'Floquet bands, of waves along the path and back, with {bands["complete"].harmonics} harmonics on either side.']
+    for model, found in bands.items():
+        k, rate = found.growth.argmax(), found.growth.max() * units.s
+        grows = found.growth.max() > 1e-9 * abs(found.omega).max()
+        what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
+        lines.append(f'{model}: {what}')
+    return '\n'.join(lines)
 
 
 def _save(folder, bands, phonon):

@@ -55,18 +55,21 @@ def run(options: Namespace) -> int:
         patch = None if scene.finite else relaxation.atoms
         atoms = relaxation.atoms if scene.finite else atoms
         print(f'\nDefects and disorder: {relaxation} There it is stable.')
-    verdicts = {name: verdict(atoms, supercell=supercell)}
+    modulated = scene.foundation is not None and scene.foundation.modulation is not None
+    losses = scene.bands is not None and scene.bands.damping_per_s is not None
+    damping = scene.bands.damping_of(atoms) if losses else 0.0
+    verdicts = {name: verdict(atoms, supercell=None if modulated else supercell, damping=damping)}
     if patch is not None and len(patch) <= JUDGED:
-        verdicts['Patch'] = verdict(patch)
+        verdicts['Patch'] = verdict(patch, damping=damping)
     for name, judged in verdicts.items():
         print(f'\n{name}: {judged}')
     at_rest = atoms.pbc.any() and not verdicts[name].residual
-    if at_rest and (cutoff := cut_off(atoms)) is not None:
+    if at_rest and not modulated and (cutoff := cut_off(atoms)) is not None:
         holds = 'The held particles and the foundation give' if atoms.constraints else 'The foundation gives'
         print(f'\n{holds} a cut-off frequency of {units.hertz(cutoff):.6g} Hz, the lowest frequency at Gamma.')
     if patch is not None and 'Patch' not in verdicts:
         print(_large(patch, relaxation is None))
-    for line in (*neighbours(scene), *_leaning(scene)):
+    for line in () if modulated else (*neighbours(scene), *_leaning(scene)):
         print(f'\n{line}')
     if expected:
         print('\nEstimated cost of each table:', *expected, sep='\n  ')

@@ -20,7 +20,7 @@ from ..interactions.bond_laws import labels, taken
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
 from ..stiffness.matrices import hermitian_eigenvalues
-from ..stiffness.rest import LinearSystem, components, freedom, on_mean_springs, static_forces
+from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
 from ..stiffness.site_laws import SiteLaw, Travelling
 from ..stiffness.sites import out_of_plane, refuse_gyration
 from .bond_increments import RANGES, Increments, Pieces, pieces
@@ -107,9 +107,9 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
 
 
 def _stiffest(atoms):
-    """The atoms on the stiffest springs that a modulation makes of theirs."""
+    """The atoms on the stiffest foundation that time makes of theirs."""
     law = None if isinstance(atoms, LinearSystem) else atoms.calc.parameters.foundation
-    return on_mean_springs(atoms, 1 + law.eps) if isinstance(law, Travelling) else atoms
+    return on_foundation(atoms, law.stiffest) if isinstance(law, SiteLaw) and law.changes else atoms
 
 
 def _particle_bound(system):

@@ -61,6 +61,8 @@ def check(scene: Scene) -> None:
                          f"use '{ALL}', the sum over all neighbours")
     if scene.foundation is not None and scene.foundation.leans:
         _lean(scene)
+    if scene.foundation is not None and scene.foundation.modulation is not None:
+        _modulation(scene)
     if getattr(scene.lattice, 'gyration_rad_per_s', 0.0):
         _gyration(scene)
     calc: Any = scene.perfect_cell().calc
@@ -78,6 +80,19 @@ def check(scene: Scene) -> None:
         except ValueError as error:
             faults.append(fault(scene, error))
     raise_all(faults)
+
+
+def _modulation(scene: Scene) -> None:
+    lattice, foundation = scene.lattice, scene.foundation
+    tables = 'frf', 'burst', 'vibrometer', 'plan', 'uncertainty', 'design', 'defects', 'disorder'
+    beside = [f'[{name}]' for name in tables if getattr(scene, name) is not None]
+    beside += ['[foundation.out_of_plane]'] if foundation.out_of_plane is not None else []
+    beside += ['foundation.pillar.lean'] if foundation.leans else []
+    if beside:
+        raise ValueError(f'foundation.modulation: {", ".join(beside)} suppose springs that stay the same; take them or the '
+                         'modulation out ("magphonon bands", "magphonon check" and DrivenVerlet in Python know it)')
+    if scene.single or scene.finite or isinstance(lattice, FileLattice) or lattice.cell().pbc.all() or scene.law.shells == ALL:
+        raise ValueError('foundation.modulation: it belongs to a chain or a planar lattice with a number of shells; take it out')
 
 
 def _gyration(scene: Scene) -> None:
@@ -309,7 +324,7 @@ def _scale(scene: Scene, calc: Repulsion) -> None:
     if density > DENSEST_kg_per_m3:
         warnings.warn(f'lattice.mass_kg = {_mass_kg(scene)!r} and {scene.lattice.spacing_given} make {density / 1e3:.2g} g/cm3, '
                       'denser than any metal; check their units, which are kg and m', stacklevel=2)
-    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.foundation)
+    repulsion, k = abs(calc.law.d2phi(calc.bonds.lengths)).max(), np.max(calc.site_stiffness)
     f = frequency_scale(calc)
     if not FREQUENCIES_Hz[0] <= f <= FREQUENCIES_Hz[1]:
         raise ValueError(f'law, foundation and lattice.mass_kg give frequencies of about {f:.1g} Hz; '

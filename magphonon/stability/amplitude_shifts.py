@@ -101,6 +101,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     (('rotating', 'rotating'), array([475., 475.]))
     """
     system = LinearSystem.of(atoms)
+    np.max(system.calc.foundation)  # refuses laws of the site, whose higher derivatives are not known
     calc, P, pbc = system.calc, system.free, system.atoms.pbc
     zone = bool(pbc.any()) and P.shape[1] <= DENSE
     if q is not None and not zone:

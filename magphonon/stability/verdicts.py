@@ -26,7 +26,7 @@ from ..interactions.bond_laws import BondLaws, groups, laws_of, taken
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
-from ..stiffness.rest import LinearSystem, freedom, on_mean_springs
+from ..stiffness.rest import LinearSystem, freedom, on_foundation
 from ..stiffness.site_laws import Travelling
 from ..stiffness.sites import attracting
 from .amplitude_shifts import frequency_shifts
@@ -203,7 +203,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
     pumped = atoms if isinstance(atoms.calc, Repulsion) and isinstance(atoms.calc.parameters.foundation, Travelling) else None
-    atoms = atoms if pumped is None else on_mean_springs(pumped)
+    atoms = atoms if pumped is None else on_foundation(pumped, pumped.calc.parameters.foundation.k)
     run: dict[str, Any] = {'layer': layer, 'pumped': pumped, 'damping': damping, 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
@@ -465,7 +465,8 @@ def pumping(case: Case) -> Finding:
         return Finding(unjudged='waves that the modulation of the foundation makes grow')
     what = f'The modulation of the foundation, {law.eps:.4g} of it at {u.hertz(law.W):.4g} Hz,'
     if not case.pumps:
-        return Finding(found, f'{what} makes no wave grow with a damping of {np.max(case.damping) * u.s:.4g} per s.')
+        against = f' against a damping of {np.max(case.damping) * u.s:.4g} per s' if np.any(case.damping) else ''
+        return Finding(found, f'{what} makes no wave grow{against}.')
     where = f' with the wavevector ({", ".join(f"{x:.4f}" for x in found.q)})' if case.pumped.pbc.any() else ''
     needed = np.max(case.damping) + 2 * found.rate
     return Finding(found, f'{what} makes waves grow, fastest{where} by {found.rate * u.s:.4g} per s: linear waves have no bound. '
@@ -503,7 +504,7 @@ def timestep_limit(case: Case) -> Finding:
     """2/omega_max in ms, infinite if no mode vibrates: of the structure, or of all waves of a lattice with a small cell."""
     waves, system = case.atoms.pbc.any() and not case.large, case.system
     if case.pumped is not None:  # on its springs where they are stiffest
-        system = LinearSystem.nearest(on_mean_springs(case.pumped, 1 + case.pumped.calc.parameters.foundation.eps))  # pyright: ignore[reportOptionalMemberAccess]  it has one
+        system = LinearSystem.nearest(on_foundation(case.pumped, case.pumped.calc.parameters.foundation.stiffest))  # pyright: ignore[reportOptionalMemberAccess]  it has one
     highest = np.sqrt(max(highest_squared(system), 0.0)) if waves else highest_frequency(system)
     highest = max(float(highest), case.above[1] if case.above else 0.0)
     if not highest:

@@ -26,7 +26,7 @@ from .calculator import MagneticRepulsion, same_cell
 from .lowest import none_negative
 from .matrices import growth, mass_weighted
 from .repulsion import Repulsion, masses_of, repulsion_of
-from .site_laws import SiteLaw
+from .site_laws import refuse_changes
 from .sites import refuse_gyration
 
 ROUND_OFF = 1e-11  # fraction of the cancelling forces below which their sum is round-off
@@ -92,10 +92,8 @@ class LinearSystem:
         """
         if isinstance(atoms, LinearSystem):
             return atoms if gyrating else atoms.still()
-        law = atoms.calc.parameters.foundation if isinstance(atoms.calc, Repulsion) else None
-        if isinstance(law, SiteLaw) and law.changes:
-            raise ValueError(f'linear theory supposes forces that depend on positions alone, but {law!r} changes with time: '
-                             f'{law.known}')
+        if isinstance(atoms.calc, Repulsion):
+            refuse_changes(atoms.calc, 'linear tools')
         if not getattr(atoms.calc, 'pairwise', True) and isinstance(atoms.calc, Repulsion):  # the latter alone takes 0.1 ms
             freedom(atoms)
             sums: Any = atoms.calc
@@ -137,6 +135,7 @@ class LinearSystem:
         if isinstance(atoms, LinearSystem):
             return atoms if gyrating else atoms.still()
         calc = repulsion_of(atoms)
+        refuse_changes(calc, 'linear tools')
         if not gyrating:
             refuse_gyration(calc, SUCH_TOOLS)
         calc = calc if same_cell(calc, atoms) else calc.about(atoms)
@@ -366,12 +365,11 @@ class LinearSystem:
         return rows, own[:, rows]
 
 
-def on_mean_springs(atoms: Atoms, factor: float = 1.0) -> Atoms:
-    """A copy of atoms on a `Travelling` foundation with its mean springs, times a factor, in its place."""
-    calc, mean = repulsion_of(atoms), atoms.copy()
-    law = calc.parameters.foundation
-    mean.calc = calc.about(calc.reference, foundation=factor * law.k)
-    return mean
+def on_foundation(atoms: Atoms, foundation: Any) -> Atoms:
+    """A copy of the atoms on another foundation, whether or not they are at rest there."""
+    calc, other = repulsion_of(atoms), atoms.copy()
+    other.calc = calc.about(calc.reference, foundation=foundation)
+    return other
 
 
 def static_forces(calc: MagneticRepulsion, push: Any = 0.0) -> NDArray[np.float64]:

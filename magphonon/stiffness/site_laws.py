@@ -50,6 +50,11 @@ class SiteLaw:
         """What the time `t` in ms adds to the force -V' in N, shape (particles, dim); anchors in mm, shape (particles, 3)."""
         raise NotImplementedError
 
+    @property
+    def stiffest(self) -> Any:
+        """A foundation that stays the same and is as stiff as this one ever is, as far as that is known."""
+        return self
+
     def of(self, particles: int, dim: int) -> Self:
         """The same law, checked for so many particles."""
         raise NotImplementedError
@@ -119,7 +124,8 @@ class Travelling(SiteLaw):
         object.__setattr__(self, 'kap', tuple(np.append(kap, np.zeros(3 - len(kap))).tolist()))
 
     def __repr__(self) -> str:
-        return f'Travelling({range_of(self.k)}, eps={self.eps:g}, W={self.W:g}, kap={self.kap})'
+        kap = ', '.join(f'{x:.6g}' for x in np.round(self.kap, 12))
+        return f'Travelling({range_of(self.k)}, eps={self.eps:g}, W={self.W:g}, kap=({kap}))'
 
     def energies(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
         return (self.k * d**2).sum(axis=1) / 2
@@ -129,6 +135,10 @@ class Travelling(SiteLaw):
 
     def stiffness(self, d: NDArray[np.float64]) -> Any:
         return self.k
+
+    @property
+    def stiffest(self) -> Any:
+        return (1 + self.eps) * self.k
 
     def phases(self, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
         """kap.R at each anchor, shape (particles,)."""
@@ -202,6 +212,10 @@ class OnSite(SiteLaw):
     @property
     def changes(self) -> bool:
         return self.g is not None
+
+    @property
+    def stiffest(self) -> Any:
+        return replace(self, g=None)
 
     def __repr__(self) -> str:
         what, when = 'V' if self.K is None else 'tensor', ', changing with time' if self.changes else ''

@@ -144,8 +144,9 @@ def test_who_does_not_know_it_says_so():
     with pytest.raises(ValueError, match=r'OnSite.*bands, modes, responses'):
         verdict(patch)
     changing, _ = drawn(0, lambda t: np.cos(t))
-    with pytest.raises(ValueError, match='changes with time'):
-        modes(changing)
+    for tool in (modes, lambda atoms: propagate(atoms, [1.0])):
+        with pytest.raises(ValueError, match='linear tools know no time'):
+            tool(changing)
     cell = lattices.square(1.0, 1.0)
     cell.calc = MagneticRepulsion(cell, LAW, foundation=Travelling(9.0, 0.1, 1.0, (0, 0)))
     with pytest.raises(ValueError, match='forces alone know no time'):
