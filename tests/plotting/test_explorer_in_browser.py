@@ -296,8 +296,7 @@ def test_keys_choose_modes_and_a_button_leads_back_to_the_scene(opened):
     assert 'at q = (' in page.inner_text('#mode')
 
 
-@pytest.mark.parametrize('name', ['triangular', 'kagome, two shells', 'square by Yukawa'])
-@pytest.mark.parametrize('width', [1280, 390])
+@pytest.mark.parametrize(('name', 'width'), [('triangular', 1280), ('kagome, two shells', 390), ('square by Yukawa', 620)])
 def test_nothing_moves_under_a_finger_on_a_slider(name, width, opened):
     page = opened(MADE[name])
     page.set_viewport_size({'width': width, 'height': 850})
