@@ -123,7 +123,7 @@ def toda_picture(out, times, found, exact):
     """Every third particle of the Toda chain in time."""
     ax = new_axes()
     for k, style in zip((0, 5, 10), ('-', '--', ':'), strict=True):
-        (line,) = ax.plot(times, exact[:, k], style, label=f'particle {k}' if k else 'the end, which is moved')
+        (line,) = ax.plot(times, exact[:, k], style, label=f'particle {k}' if k else 'end, moved')
         ax.plot(times[::5], found[::5, k], 'o', color=line.get_color(), fillstyle='none')
     ax.set(xlabel='time (ms)', ylabel='displacement (mm)')
     ax.legend()
