@@ -17,7 +17,7 @@ from ..errors import one_of
 from ..response.frf import Place
 from ..stability.buckling import foundation_needed
 from ..stiffness.rest import freedom
-from ..waves.ridge_tables import SOURCES
+from ..waves.ridge_tables import DRIVEN
 from .fields import (
     Angle,
     Angles,
@@ -156,8 +156,9 @@ class PlanTable(Table):
 class BurstPlan(Table):
     """Bursts through the patch, one after the other, each from rest."""
 
-    source: Annotated[str, BeforeValidator(partial(one_of, '', choices=SOURCES))] = Field(
-        description="'row' or 'point', which is where it enters at the lower edge of the patch")
+    source: Annotated[str, BeforeValidator(partial(one_of, '', choices=DRIVEN))] = Field(
+        description="'row' or 'point', which is where it enters at the lower edge of the patch; or 'bench', which is shaken: "
+                    'force_N is then the largest mass times its acceleration, and motion is that relative to it')
     carriers_Hz: Frequencies = Field(description='the carrier frequency of each burst in Hz')
     directions_deg: Angles = Field(description='the direction of the force of each burst in degrees from the x axis')
     cycles: Annotated[Positive, within(0.5, 1e6, 'carrier periods')] = Field(

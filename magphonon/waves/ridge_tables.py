@@ -27,6 +27,7 @@ HEADER = ('record', 'motion', 'xi_rad', 'sigma_xi_rad', 'frequency_Hz', 'sigma_f
           'q1', 'q2', 'q3', 'bin_Hz', 'bin_xi_rad', 'source')
 LAYOUT = f'a table of ridge points, as "magphonon spectrum" and "magphonon burst" write it, has {", ".join(HEADER)}'
 SOURCES = 'row', 'point'  # of a wave
+DRIVEN = *SOURCES, 'bench'  # where a burst enters
 FIELD = 'field'  # in place of a source, where all directions of the plane are resolved
 APART = 2.5
 """Distance in frequency lines from which points share no noise: through a Hann window it reaches over two lines, and a centre of

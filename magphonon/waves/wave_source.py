@@ -22,7 +22,7 @@ from ..dynamics.verlet import DrivenVerlet
 from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
-from .ridge_tables import SOURCES
+from .ridge_tables import DRIVEN
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -48,8 +48,8 @@ def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
     Parameters
     ----------
     cell : ase.Atoms
-    source : {'row', 'point'}
-        Fronts along R1, or across R2.
+    source : {'row', 'point', 'bench'}
+        Fronts along R1, or across R2; of a shaken bench they leave the lowest row as those of a row do.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
     ([0.0, 1.0, 0.0], [0.5000000000000001, 1.0, 0.0])
     """
     R1, R2 = cell.cell.array[:2]
-    return np.array([0.0 if one_of('source', source, SOURCES) == 'row' else R1 @ R2 / (R2 @ R2), 1.0, 0.0])
+    return np.array([R1 @ R2 / (R2 @ R2) if one_of('source', source, DRIVEN) == 'point' else 0.0, 1.0, 0.0])
 
 
 def polarisations(cell: Atoms, source: str) -> dict[str, NDArray[np.float64]]:
@@ -121,7 +121,9 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     cell : ase.Atoms
     patch : ase.Atoms
         Cut from that cell, see `magphonon.lattices`.
-    source : {'row', 'point'}
+    source : {'row', 'point', 'bench'}
+        With 'bench' the whole patch is shaken, walls and feet of pillars with it: seen from there, a force acts on every particle
+        in proportion to its mass.
 
     Returns
     -------
@@ -137,7 +139,7 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     >>> len(where.driven), len(where.row)
     (1, 9)
     """
-    one_of('source', source, SOURCES)
+    one_of('source', source, DRIVEN)
     _refuse_turned(cell)
     x, y = patch.positions[:, :2].T
     inside = np.flatnonzero(freedom(patch)[0])  # not by tags, which may be kinds of magnets
@@ -149,7 +151,11 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
         return Site(driven, np.ones(1), _row(patch, inside, driven[0], R2))
     across = (x[row] - middle) / (np.ptp(x[row]) + 2 * cell.cell.lengths()[0])
     below = middle - np.ptp(y[inside]) / 2 * R2[0] / R2[1]
-    return Site(row, np.cos(np.pi * across) ** 2, _row(patch, inside, row[abs(x[row] - below).argmin()], R2))
+    measured = _row(patch, inside, row[abs(x[row] - below).argmin()], R2)
+    if source == 'bench':
+        masses = patch.get_masses()[inside]
+        return Site(inside, masses / masses.max(), measured)
+    return Site(row, np.cos(np.pi * across) ** 2, measured)
 
 
 def _refuse_turned(cell):

@@ -32,7 +32,7 @@ def backbone(lab, centre, axis, force, rng):
 
 @pytest.mark.parametrize('seed', range(3))
 def test_the_measured_curvature_holds_the_computed_one(seed):
-    """One magnet among held ones at drawn places: exponent, springs and force drawn; the interval is that of the straight line."""
+    """One magnet among held ones at drawn places: exponent, springs and force drawn; the interval is of a straight line."""
     rng = np.random.default_rng(seed)
     a, force, springs = rng.uniform(3, 5), rng.uniform(0.1, 0.3), rng.uniform(10, 30, 2)
     law = bench.tabulated(bench.power_law(force, a, 10e-3), 4e-3, 60e-3)

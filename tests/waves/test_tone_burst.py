@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from magphonon import MagneticRepulsion, lattices, units as u
+from magphonon import MagneticRepulsion, lattices, read_scene, units as u
 from magphonon.dynamics.motion import Motion
 from magphonon.lattices.patches import RIM
-from magphonon.waves.ridge_tables import write_ridges
+from magphonon.response import Place, receptance
+from magphonon.waves.ridge_tables import SOURCES, write_ridges
 from magphonon.waves.wave_analysis import MODELS, Wave, report, waves
-from magphonon.waves.wave_source import SOURCES, polarisations, send, site, wavevector
+from magphonon.waves.wave_source import polarisations, send, site, wavevector
 
 CARRIER = 0.12  # rad/ms, the paper's shear burst
 CUTS = {'parallelogram': lambda cell: lattices.parallelogram(cell, 14, 13),
@@ -121,7 +122,7 @@ def test_fronts_run_along_R1_or_across_R2(ideal):
         assert abs(moved['transverse'] @ front[:2]) == pytest.approx(np.linalg.norm(front))
         assert moved['transverse'] @ moved['longitudinal'] == pytest.approx(0, abs=1e-12)
     assert_allclose(wavevector(ideal, 'point'), (1 / 2, 1, 0))
-    with pytest.raises(ValueError, match="source must be one of 'row', 'point', not 'line'"):
+    with pytest.raises(ValueError, match="source must be one of 'row', 'point', 'bench', not 'line'"):
         wavevector(ideal, 'line')
 
 
@@ -297,3 +298,28 @@ def test_in_a_film_crests_move_away_from_the_source(prototype, carrier_Hz):
         shown[film] = advance(field.displacements[before][:, where.row, 1])
     assert shown[True] > 0.3  # the rest is the near field of the source, which stands
     assert shown[False] < 0  # the control
+
+
+def test_a_shaken_bench_against_its_transfer_function():
+    """A burst of the whole bench in time steps, masses drawn, is the sum of its steady responses; with equal forces it is not."""
+    cell = read_scene('prototype').atoms()
+    shaken = lattices.half_hexagon(cell, side=60.0)
+    shaken.set_masses(cell.get_masses()[0] * np.random.default_rng(0).uniform(0.7, 1.3, len(shaken)))
+    shaken.calc = MagneticRepulsion(shaken, cell.calc.laws, foundation=cell.calc.foundation)
+    where, damping, force = site(cell, shaken, 'bench'), 0.06, 1e-5
+    drive = where.burst((0.6, 0.8), force, 2 * np.pi * 45 * u.Hz, 3)
+    seen = send(shaken, where, drive, damping, 300.0).row
+    n = 2**13
+    t = 600.0 * np.arange(n) / n  # all has died down by then: e^-18
+    omega = 2 * np.pi * np.fft.rfftfreq(n, t[1])
+    course = np.where(t < drive.end, force * np.sin(drive.omega * t) * (1 - np.cos(drive.omega * t / drive.cycles)) / 2, 0.0)
+    bench = np.fft.rfft(course)[1:] / (shaken.get_masses()[where.driven].max() * omega[1:] ** 2)  # -a/m over -omega^2
+    answer, direction = Place(int(where.row[2]), (0.0, 1.0, 0.0)), np.array([0.6, 0.8, 0.0])
+    kept = omega[1:] < 3 * drive.omega
+    relative = np.zeros(len(omega), complex)
+    relative[1:][kept] = (receptance(shaken, direction, answer, omega[1:][kept], damping).response - 0.8) * bench[kept]
+    expected = np.interp(seen.times, t, np.fft.irfft(relative, n))
+    here = seen.displacements[:, 2, 1]
+    assert abs(here - expected).max() < 0.02 * abs(here).max()
+    even = send(shaken, replace(where, weights=np.ones(len(where.driven))), replace(drive, amplitude=force), damping, 300.0).row
+    assert abs(even.displacements[:, 2, 1] - expected).max() > 0.1 * abs(here).max()  # the control
