@@ -261,7 +261,7 @@ def propagate(atoms: Atoms, times: ArrayLike, drives: Sequence[Any] = (), dampin
         first_order = None if alike else FirstOrder(system.K, system.B(rates), interval, rates.max(), turning)
         asked = _Asked(K, interval, float(rates[0]), first_order, load, rows, sizes(shapes), tolerance)
         y, error, products = _propagate(asked, state, times)
-        motion = (y.reshape(-1, len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
+        motion = (y.reshape(2 * len(times), len(rows)) @ shapes.T).reshape(len(times), 2, len(particles), system.dim)
         _, seen, led = np.intersect1d(particles, load.walls.particles, return_indices=True)
         motion[:, 0, seen] = components(load.walls.forces(times), system.dim)[:, led]
         return Transient(times, particles, motion[:, 0], motion[:, 1], error, products)
