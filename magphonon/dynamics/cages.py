@@ -195,14 +195,17 @@ class Cages:
 def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:
     """Pairs of particles within `cutoff` (mm) that no bond of the list joins; ValueError if two particles coincide."""
     near = bonds_within(atoms, cutoff)
-    known = [_keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift)]
-    other = ~np.isin(_keys(near, near.i, near.j, near.shift), np.concatenate(known))
+    known = np.sort(np.concatenate([_keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift), [-2]]))
+    keys = _keys(near, near.i, near.j, near.shift)  # nearly in order, so that they are soon found among others in order
+    other = known[np.searchsorted(known, keys, side='right') - 1] != keys
     return replace(near, i=near.i[other], j=near.j[other], shift=near.shift[other], vectors=near.vectors[other])
 
 
 def _keys(near, i, j, shift):
     """A whole number for each pair and cell; only pairs in the cells of `near` can be equal to one of these."""
     most = abs(near.shift).max(initial=0)
+    if not (most or shift.any()):
+        return i * near.particles + j
     inside = (abs(shift) <= most).all(axis=1)
     place = np.where(inside[:, None], shift + most, 0) @ (2 * most + 1) ** np.arange(3)
     return np.where(inside, (i * near.particles + j) * (2 * most + 1) ** 3 + place, -1)
