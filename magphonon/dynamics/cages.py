@@ -195,7 +195,8 @@ class Cages:
 def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:
     """Pairs of particles within `cutoff` (mm) that no bond of the list joins; ValueError if two particles coincide."""
     near = bonds_within(atoms, cutoff)
-    known = np.sort(np.concatenate([_keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift), [-2]]))
+    both = _keys(near, bonds.i, bonds.j, bonds.shift), _keys(near, bonds.j, bonds.i, -bonds.shift)
+    known = np.sort(np.concatenate([*both, [-2]]))
     keys = _keys(near, near.i, near.j, near.shift)  # nearly in order, so that they are soon found among others in order
     other = known[np.searchsorted(known, keys, side='right') - 1] != keys
     return replace(near, i=near.i[other], j=near.j[other], shift=near.shift[other], vectors=near.vectors[other])
