@@ -440,6 +440,36 @@ def test_gyration_holds_a_hill_from_the_root_of_two_on(g, stable):
     assert bool(abs(dyn.displacements).max() < 1e-4) is stable
 
 
+@pytest.mark.parametrize(('share', 'stable'), [(0.995, False), (1.005, True)])
+def test_gyration_holds_a_lattice_that_is_all_hill(share, stable):
+    """A force that falls slower than 1/r, no foundation: both eigenvalues at K are 9 (a - 1)/2, and g^2 = 4 |k| holds them."""
+    cell = lattices.triangular(1.0, 1.0)
+    a, g = 0.2, 2 * np.sqrt(9 * 0.8 / 2) * share
+    cell.calc = MagneticRepulsion(cell, InversePower(1.0, a), gyration=g)
+    judged = verdict(cell)
+    assert judged.stable is stable
+    assert abs(judged.buckling.needed - 2 * (3 - a)) < 1e-9
+    assert abs(judged.timestep_limit - 2 / (g / 2 + np.sqrt(g**2 / 4 + 2 * (3 - a)))) < 1e-9
+
+
+def test_where_gyration_alone_holds_it_limits_the_time_step():
+    atoms = hill(2.0)
+    limit = 2 / highest_frequency(atoms)
+    assert abs(limit - verdict(atoms).timestep_limit) < 1e-12
+    with pytest.raises(ValueError, match='exceeds the stability limit'):
+        DrivenVerlet(atoms, 1.01 * limit)
+    for dt, bounded in (0.99 * limit, True), (2 / np.sqrt(0.5), False):  # the latter by the size of the stiffness alone
+        run = atoms.copy()
+        run.calc = atoms.calc
+        run.positions[4, 0] += 1e-9
+        dyn = DrivenVerlet(run, dt, engine='numpy', allow_unstable=True)
+        try:
+            dyn.run(300)
+            assert bool(abs(dyn.displacements).max() < 1e-7) is bounded
+        except Diverged:
+            assert not bounded
+
+
 def test_gyration_does_not_hold_a_saddle():
     """At X of the square lattice K is a hill along one axis and a valley along the other: det K < 0, a real pole for every g."""
     cell = lattices.square(1.0, 1.0)

@@ -63,7 +63,7 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
     Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.  Gyration
-    is left out, which the limit of the time step does not depend on.
+    is left out, which the limit of the time step does not depend on; but not where it alone holds the structure.
 
     Parameters
     ----------
@@ -79,14 +79,28 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     2.13
     """
     system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
+    if _held_by_gyration(system):
+        return fastest(np.sqrt(abs(system.K).sum(axis=1).max()), system.gyration)
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
+
+
+def fastest(omega: float, gyration: NDArray[np.float64]) -> float:
+    """Bound of |s| of all motion e^{st} whose stiffness is within +-omega^2: `g/2 + sqrt(g^2/4 + omega^2)`."""
+    g = abs(gyration).max() / 2
+    return float(g + np.hypot(g, omega))
+
+
+def _held_by_gyration(system):
+    """Whether particles gyrate and stiffness alone does not hold them: then what a step of Verlet keeps is not positive."""
+    return system.gyration.any() and not system.stable
 
 
 def frequency_bound(atoms: Atoms, dt: float) -> float:
     """Upper bound of the highest frequency, at no higher cost than a verdict on the time step `dt` (ms) needs; in rad/ms.
 
-    Gyration is left out: its rotations keep all that a step of Verlet keeps, and do not change the limit.  Three bounds are
-    tried, the cheapest first, until one is below 2/dt.  If none is, it is the highest frequency itself.
+    Gyration is left out where stiffness alone holds the structure: rotations keep the positive form that a step of Verlet keeps,
+    and do not change the limit.  Three bounds are tried, the cheapest first, until one is below 2/dt.  If none is, it is the
+    highest frequency itself.
 
     Examples
     --------
@@ -97,6 +111,8 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     True
     """
     system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
+    if _held_by_gyration(system):
+        return highest_frequency(system)
     bounds = (lambda: _particle_bound(system),
               lambda: np.sqrt(abs(system.K).sum(axis=1).max()),
               lambda: np.sqrt((1 + ROUGH) * _largest_eigenvalue(system.K, ROUGH)))
@@ -245,7 +261,7 @@ class Blocks:
         E[led], mobility[led] = 1.0, INERT
         decay = layout.scatter(np.real(E))
         if np.iscomplexobj(E):
-            decay = decay + 1j * layout.scatter(E.imag)
+            decay = decay + 1j * layout.scatter(np.imag(E))
         k, site = site_forces(calc, layout)
         self._motion = Motion(dt, splitting, rate, decay, layout.scatter(mobility), k, site,
                               layout.scatter(static) if everywhere else None, layout.slot[driven], layout.slot[guided], barred)

@@ -158,7 +158,8 @@ class Scene(Table):
         atoms = self.cell()
         with _units_told_by_keys():
             nearest = bonds_within(atoms, 1.2 * nearest_distance(atoms))
-            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), bonds=nearest, **self._sites(atoms) | {'gyration': 0.0})
+            still: dict[str, Any] = self._sites(atoms) | {'gyration': 0.0}
+            atoms.calc = MagneticRepulsion(atoms, self._law(atoms), bonds=nearest, **still)
         return enough_shells(atoms, list(self.special_points.values()), tolerance)
 
     def counted(self) -> Scene:

@@ -20,7 +20,7 @@ from .. import units as u
 from ..bands.force_constants import checked_supercell, default_distance
 from ..dynamics.cages import CONTACT
 from ..dynamics.drives import constant_push
-from ..dynamics.engine import highest_frequency
+from ..dynamics.engine import fastest, highest_frequency
 from ..errors import positive
 from ..interactions.bond_laws import BondLaws, groups, laws_of, taken
 from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
@@ -507,6 +507,9 @@ def timestep_limit(case: Case) -> Finding:
         system = LinearSystem.nearest(on_foundation(case.pumped, case.pumped.calc.parameters.foundation.stiffest))  # pyright: ignore[reportOptionalMemberAccess]  it has one
     highest = np.sqrt(max(highest_squared(system), 0.0)) if waves else highest_frequency(system)
     highest = max(float(highest), case.above[1] if case.above else 0.0)
+    if case.gyrating is not None and not case.held:  # then gyration counts, and so do the hills
+        lowest = softest_of(case.system, foundation=case.spring, weighted=True).lowest
+        highest = fastest(max(highest, np.sqrt(-lowest)), case.gyrating.gyration)
     if not highest:
         return Finding(np.inf)
     return Finding(2 / highest, f'Time steps up to {2 / highest / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
