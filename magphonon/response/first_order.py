@@ -29,6 +29,7 @@ NODES = 16  # number of Gauss points on a panel; they integrate polynomials of d
 POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(NODES) + np.array([[1.0], [0.0]])) / 2
 FADED = 5.0
 """Largest exponent to which losses grow within a part, e^5 times round-off."""
+LARGEST = 2**23  # about the largest number of coefficients at a time
 SLENDER = 10.0  # least ratio of R to losses and growth; some 36 terms follow those of a motion, and grow by e^3.6
 EPS = np.finfo(float).eps
 
@@ -74,7 +75,11 @@ class FirstOrder:
         round_off, products : float, int
         """
         R, (edges, courses, patterns) = self.rate, panels
-        n, z = len(state), R * (edges[-1] - edges[0])
+        n, z, wide = len(state), R * (edges[-1] - edges[0]), patterns.shape[1]
+        if wide * len(outputs) * z > LARGEST and wide > 1:  # in two parts, of which the first has the state
+            both = [(own, (edges, courses[..., part], patterns[:, part]))
+                    for own, part in ((state, np.s_[: wide // 2]), (0 * state, np.s_[wide // 2 :]))]
+            return tuple(map(sum, zip(*(self.moved(own, part, outputs, rows) for own, part in both), strict=True)))
         now = np.concatenate([np.column_stack([state[:, 0], 0 * patterns]), np.column_stack([state[:, 1], patterns]) / R])
         c = self._coefficients(edges, courses, outputs, int(z + 6 * np.cbrt(z)) + 30)
         wanted = np.concatenate([rows, n + rows])

@@ -242,6 +242,8 @@ def frequency_response(atoms: Atoms | LinearSystem, force: ArrayLike | None, ome
         pull[:, :dim] = -(system.free @ (system.free.T @ (system.hessian @ walls[:, :dim].ravel()))).reshape(-1, dim)
         found = frequency_response(system, push + pull, omega, damping, particles, tolerance).response + walls[particles]
         return (Transmissibility if force is None else FrequencyResponse)(omega, found)
+    if force is None:
+        raise ValueError('nothing drives the structure; give a force, or the displacements of walls')
     force = _force_on(system, force)
     gamma = float(rates[0])
     if np.ptp(rates) or system.gyration.any():
@@ -311,6 +313,7 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     True
     """
     system, omega = LinearSystem.of(atoms, gyrating=True), np.atleast_1d(omega)
+    source = source if isinstance(source, Place) else np.asarray(source)
     if not isinstance(source, Place) and source.ndim == 2:
         found = frequency_response(system, None, omega, damping, [answer.particle], walls=source)
         return Transmissibility(omega, found.response[:, 0] @ answer.direction)

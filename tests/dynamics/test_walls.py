@@ -111,6 +111,22 @@ def chain(n, k=5.0):
     return row
 
 
+@pytest.mark.parametrize('engine', ['ase', 'numpy'])
+def test_walls_may_be_exchanged_and_runs_restarted(engine):
+    row = chain(8)
+    dyn = DrivenVerlet(row, 0.05, [Wall(Harmonic([0], (1, 0), 0.02, 1.5))], 0.1, engine=engine)
+    dyn.run(41)
+    dyn.drives = [Wall(Harmonic([0], (0, 1), 0.02, 1.2))]  # from where it is back to its line, at once
+    dyn.run(20)
+    assert dyn.displacements[0] == pytest.approx([0, 0.02 * np.sin(1.2 * 61 * 0.05)], abs=1e-12)
+    again = chain_like(row)
+    other = DrivenVerlet(again, 0.05, dyn.drives, 0.1, engine=engine)
+    other.nsteps = dyn.nsteps
+    for one in (dyn, other):
+        one.run(20)
+    np.testing.assert_allclose(other.displacements, dyn.displacements, rtol=0, atol=1e-13)
+
+
 class Toda:
     """phi = e^{-(r - L)}, the lattice of Toda: a chain of it has exact solitary waves."""
 
@@ -242,5 +258,7 @@ def test_walls_are_refused_where_they_mean_nothing(tmp_path):
     free[3, 0] = 1
     with pytest.raises(ValueError, match='particle 3 is free'):
         frequency_response(row, None, [1.0], 0.1, walls=free)
+    with pytest.raises(ValueError, match='nothing drives the structure; give a force'):
+        frequency_response(row, None, [1.0], 0.1)
     with pytest.raises(ValueError, match=r'\(8, 3\)'):
         frequency_response(row, None, [1.0], 0.1, walls=free[:3])

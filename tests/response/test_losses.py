@@ -21,6 +21,7 @@ from magphonon import (
 )
 from magphonon.bands.bloch import bloch_modes, damped_modes
 from magphonon.cli.main import main
+from magphonon.response import first_order
 from magphonon.response.frf import Place, harmonic_response, receptance
 from magphonon.scenes.scene import Scene
 from magphonon.stiffness.rest import LinearSystem
@@ -192,6 +193,21 @@ def test_losses_alike_take_the_fast_road_to_the_same_answer():
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * abs(one).max())
     answers = [receptance(patch, Place(18, (1, 0, 0)), Place(3, (0, 1, 0)), [1.0], c).response for c in (0.2, gamma)]
     assert answers[0] == pytest.approx(answers[1], rel=1e-9)
+
+
+def test_forces_of_many_courses_are_taken_in_parts(monkeypatch):
+    patch = lattices.hexagon(lattices.triangular(1.0, 1.0), 3.0)
+    patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=1.0)
+    rng, n = np.random.default_rng(0), len(patch)
+    w, phase = rng.uniform(0.5, 2, n), rng.uniform(0, 6, n)
+
+    def answer():
+        return propagate(patch, [5.0, 20.0], [lambda t: np.outer(np.sin(w * t + phase), [1e-3, 0, 0])], rng_losses).displacements
+
+    rng_losses = rng.uniform(0.1, 0.2, n)
+    whole = answer()
+    monkeypatch.setattr(first_order, 'LARGEST', 50)
+    assert np.allclose(answer(), whole, rtol=0, atol=1e-12 * abs(whole).max())
 
 
 def test_an_unstable_structure_with_losses_grows_as_its_pole_says():
