@@ -76,7 +76,7 @@ def _floquet(folder, save, atoms, path, plan, highest_Hz):
     for model, found in bands.items():
         for k in range(found.omega.shape[1]):
             names += [f'{model}_{k + 1}_Hz', f'{model}_{k + 1}_growth_per_s', f'{model}_{k + 1}_weight']
-            columns += [found.frequencies_Hz[:, k].real, found.omega[:, k].imag * units.s, found.weight[:, k]]
+            columns += [found.frequencies_Hz[:, k].real, np.imag(found.omega[:, k]) * units.s, found.weight[:, k]]
     write_columns(folder / 'bands.csv', names, columns)
     ax = plot_floquet(bands['complete'], x)
     ax.set_ylim(top=highest_Hz)

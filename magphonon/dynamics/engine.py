@@ -124,7 +124,9 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
 
 def _stiffest(atoms):
     """The atoms on the stiffest foundation that time makes of theirs."""
-    law = None if isinstance(atoms, LinearSystem) else atoms.calc.parameters.foundation
+    if isinstance(atoms, LinearSystem):
+        return atoms
+    law = atoms.calc.parameters.foundation
     return on_foundation(atoms, law.stiffest) if isinstance(law, SiteLaw) and law.changes else atoms
 
 

@@ -42,7 +42,7 @@ def plot_floquet(bands: FloquetBands, along: NDArray[np.float64], *, ax: Axes | 
     """
     ax = new_axes() if ax is None else ax
     x, f = np.broadcast_arrays(along[:, None] * m, bands.frequencies_Hz.real)
-    grows = bands.omega.imag > GROWING * abs(bands.omega).max()
+    grows = np.imag(bands.omega) > GROWING * abs(bands.omega).max()
     for own, colour, name in ((~grows, COLOURS[0], 'waves'), (grows, COLOURS[1], 'waves that grow')):
         if own.any():
             ax.scatter(x[own], f[own], s=4 * bands.weight[own], color=colour, linewidths=0, label=name)

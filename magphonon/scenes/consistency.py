@@ -88,6 +88,7 @@ def _modulation(scene: Scene) -> None:
     beside = [f'[{name}]' for name in tables if getattr(scene, name) is not None]
     beside += ['[foundation.out_of_plane]'] if foundation.out_of_plane is not None else []
     beside += ['foundation.pillar.lean'] if foundation.leans else []
+    beside += ['bands.temperature_J'] if scene.bands is not None and scene.bands.temperature_J is not None else []
     if beside:
         raise ValueError(f'foundation.modulation: {", ".join(beside)} suppose springs that stay the same; take them or the '
                          'modulation out ("magphonon bands", "magphonon check" and DrivenVerlet in Python know it)')

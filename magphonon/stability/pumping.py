@@ -19,7 +19,7 @@ from ..stiffness.matrices import poles
 
 if TYPE_CHECKING:
     from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
 LINES = {1: 400, 2: 24, 3: 8}  # points of the mesh along each period, by the number of periods
 ORDERS = 3  # largest n; growth goes as eps^n, and what is damped at all is damped more than by eps^4
@@ -96,12 +96,12 @@ def _settled(hill, q, harmonics):
     return float(rate)
 
 
-def _resonances(hill, periodic) -> NDArray[np.float64]:
+def _resonances(hill, periodic):
     """Wavevectors at which two waves of the mean lattice meet through the modulation, and the corners of the zone."""
     lines = LINES[len(periodic)]
     grid = np.zeros((*(lines,) * len(periodic), 3))
     grid[..., periodic] = np.stack(np.meshgrid(*[np.arange(lines) / lines - 0.5] * len(periodic), indexing='ij'), axis=-1)
-    found = [[corner * np.isin(range(3), periodic) for corner in product((0, 0.5), repeat=3)]]
+    found = [np.array([*product((0, 0.5), repeat=3)]) * np.isin(range(3), periodic)]
 
     def frequencies(q):
         found = np.sort(poles(hill.B, hill.system.bloch(q.reshape(-1, 3), hill.model)).imag, axis=1)[:, hill.modes :]

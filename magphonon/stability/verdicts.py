@@ -202,9 +202,9 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     if layer is not None:
         atoms = layer.copy()
         atoms.calc = layer.calc.in_plane()  # pyright: ignore[reportOptionalMemberAccess]
-    pumped = atoms if isinstance(atoms.calc, Repulsion) and isinstance(atoms.calc.parameters.foundation, Travelling) else None
-    atoms = atoms if pumped is None else on_foundation(pumped, pumped.calc.parameters.foundation.k)
-    run: dict[str, Any] = {'layer': layer, 'pumped': pumped, 'damping': damping, 'supercell': supercell,
+    law = atoms.calc.parameters.foundation if isinstance(atoms.calc, Repulsion) else None
+    atoms = on_foundation(atoms, law.k) if isinstance(law, Travelling) else atoms
+    run: dict[str, Any] = {'layer': layer, 'damping': damping, 'supercell': supercell,
            'distance': distance if distance is None else positive('distance', distance, 'mm')}
     if isinstance(atoms.calc, Repulsion) and not atoms.calc.pairwise:  # without an edge
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
@@ -215,6 +215,8 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported
     system = LinearSystem.nearest(atoms, constant_push(drives, len(atoms)), gyrating=True)
+    if isinstance(law, Travelling):
+        run['pumped'] = on_foundation(system.atoms, law)
     if system.gyration.any():
         run['gyrating'], system = system, system.without_gyration()
     away = float(np.linalg.norm(system.calc.displacements(atoms), axis=1).max())

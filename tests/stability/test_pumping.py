@@ -50,6 +50,8 @@ def test_a_finite_structure():
     rate = np.log(abs(np.linalg.eigvals(end)).max()) / T
     assert rate > 0.1
     assert pumped_growth(patch).rate == pytest.approx(rate, abs=1e-5)
+    patch.positions[0, 0] += 0.01  # a verdict is one about rest
+    assert verdict(patch).pumping.rate == pytest.approx(rate, abs=1e-5)
 
 
 @pytest.mark.parametrize(('eps', 'stable'), [(0.0816, True), (0.0818, False)])
