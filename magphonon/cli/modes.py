@@ -16,6 +16,7 @@ HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, an
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
+MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 LOWEST = 60  # number of the lowest modes of a larger patch
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
 MOST_BRANCHES = 6  # largest number of branches of a lattice whose modes are drawn at each special point
@@ -151,7 +152,7 @@ def _of_patch(folder, save, lattice, patch, scene, options):
         uncertain = f' +- {spread["std_Hz"][k]:.2g}' if spread else ''
         report.append(f'  mode {k + 1}: {found.frequencies_Hz[k]:.6g}{uncertain} Hz, {extent.participation[k]:.3g} particles '
                       f'take part, {centre}, localisation length {extent.length[k] / 1e3:.3g} m')
-    report += told
+    report += told + _with_others(scene, system, found, drawn)
     if options.compare is not None:
         report += _compared(folder, save, system, found, options.compare)
     if filmed is not None:
@@ -200,6 +201,38 @@ def _spread(scene, system, found):
         return {'std_Hz': first}, told
     about = np.sqrt(np.mean((drawn - found.frequencies_Hz) ** 2, axis=0))  # scatter shifts the mean, too, to second order
     return {'std_Hz': np.fmax(first, about), 'first_order_std_Hz': first, 'drawn_std_Hz': about}, told
+
+
+def _with_others(scene, system, found, shown):
+    """What the neighbours that a patch leaves out would change of the modes that are shown."""
+    import numpy as np
+    from scipy.spatial import KDTree
+
+    from .. import units
+    from ..response.normal_modes import modes
+    from ..scenes.scene import LONG_RANGE, PAIRS
+    from ..stiffness.rest import LinearSystem
+
+    if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
+        return []
+    enough = scene.enough_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
+    if enough is None or enough.error > LONG_RANGE:
+        return ['  what other neighbours would change of these modes was not computed']
+    if enough.shells <= scene.law.asked:
+        return []
+    law = scene.law.with_shells(enough.shells, enough.cutoff / (scene.lattice.spacing_m * units.m))
+    every = LinearSystem.of(scene.model_copy(update={'law': law}).patch_atoms()).moving()
+    there = modes(every)
+    own = np.flatnonzero(system.mobile)
+    same = np.flatnonzero(every.mobile)[KDTree(every.atoms.positions[every.mobile]).query(system.atoms.positions[own])[1]]
+    a, b = (one.reshape(len(one), -1) for one in (found.shapes[list(shown)][:, own], there.shapes[:, same]))
+    mac = (a @ b.T) ** 2 / np.outer((a**2).sum(axis=1), (b**2).sum(axis=1))
+    told = []
+    for k, row in zip(shown, mac, strict=True):
+        f, other = found.frequencies_Hz[k], there.frequencies_Hz[row.argmax()]
+        told.append(f'mode {k + 1} by {100 * (other / f - 1):+.2g} % to {other:.4g} Hz' if row.max() > 0.5 else
+                    f'no mode is like mode {k + 1}')
+    return [f'  with {enough.shells} shells of neighbours, beyond which none counts: {"; ".join(told)}']
 
 
 def _compared(folder, save, system, found, table):
