@@ -22,7 +22,7 @@ from magphonon import (
     units as u,
 )
 from magphonon.dynamics import write_lammps_input
-from magphonon.response.frf import Transmissibility
+from magphonon.response.frf import Transmissibility, receptance
 from magphonon.scenes.scene import Scene
 from magphonon.stiffness.rest import LinearSystem
 
@@ -226,7 +226,12 @@ SHAKEN = {'title': 'shaken', 'lattice': {'kind': 'triangular', 'spacing_m': 0.01
 
 
 def test_a_scene_moves_the_side_that_it_names():
-    atoms, walls, _ = Scene.model_validate(SHAKEN).shaken(wall=True)
+    scene = Scene.model_validate(SHAKEN)
+    atoms, walls, answer = scene.shaken(wall=True)
+    found = receptance(atoms, walls, answer, scene.frf.omega, scene.frf.damping)
+    every = frequency_response(atoms, None, scene.frf.omega, scene.frf.damping, walls=walls).response
+    assert isinstance(found, Transmissibility)
+    assert found.response == pytest.approx(every[:, answer.particle, 0])
     lowest = atoms.positions[:, 1] < atoms.positions[:, 1].min() + 1
     assert walls.any(axis=1).tolist() == lowest.tolist()
     assert walls.sum(axis=0) == pytest.approx([6, 0, 0])
