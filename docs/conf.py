@@ -35,6 +35,22 @@ intersphinx_mapping = {
     'phonopy': ('https://phonopy.github.io/phonopy', None),
 } if tags.has('online') else {}  # noqa: F821  Sphinx gives the tags
 
+NOTEBOOK = '''%matplotlib inline
+# Figures of magphonon belong to no window: show each below the cell that drew it.
+shown = []
+
+def show(result):
+    for name in ('figure', 'axes', 'ax'):
+        drawn = globals().get(name)
+        first = drawn.flat[0] if hasattr(drawn, 'flat') else drawn
+        figure = getattr(first, 'figure', first)
+        if figure is not None and figure not in shown:
+            shown.append(figure)
+            display(figure)
+
+get_ipython().events.register('post_run_cell', show)'''
+"""The first cell of every notebook."""
+
 sphinx_gallery_conf = {
     'examples_dirs': ['tutorials', 'gallery'],
     'gallery_dirs': ['generated/tutorials', 'generated/gallery'],
@@ -43,6 +59,7 @@ sphinx_gallery_conf = {
     'within_subsection_order': 'FileNameSortKey',
     'abort_on_example_error': True,
     'download_all_examples': False,
+    'first_notebook_cell': NOTEBOOK,
     'capture_repr': (),   # what a block prints and draws, not the repr of its last line
     'show_signature': False,
     'write_computation_times': False,

@@ -24,3 +24,4 @@ for ax, model in zip(axes[:, 0], ('conventional', 'complete'), strict=True):
     patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.foundation, model=model)
     motion = propagate(patch, times, [burst], damping=4 / u.s)
     plot_snapshot(patch, motion, 3, where, ax=ax)
+figure.savefig('fronts.png')

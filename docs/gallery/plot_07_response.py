@@ -20,3 +20,4 @@ for model, line in (('complete', '-'), ('conventional', '--')):
     patch.calc = MagneticRepulsion(patch, cell.calc.laws, foundation=cell.calc.foundation, model=model)
     answer = receptance(patch, Place(middle, up), Place(middle + 1, up), omega, damping=12 / u.s)
     axes = plot_response(answer, axes=axes, label=model, linestyle=line)
+axes[0].figure.savefig('response.png')

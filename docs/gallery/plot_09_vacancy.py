@@ -15,3 +15,4 @@ del holed[78]
 holed.calc = MagneticRepulsion(holed, cell.calc.laws, foundation=80 * u.N / u.m)
 rest = relaxed(holed).atoms
 ax = plot_extents(extents(modes(rest), rest))
+ax.figure.savefig('vacancy.png')

@@ -19,3 +19,4 @@ for kind, line in (('kagome', '-'), ('square', '--'), ('triangular', ':')):
     ax.plot(border.at, border.needed, line, label=kind)
 ax.set(xlabel='exponent of the force', ylabel='foundation needed ($f/L$)', ylim=0)
 legend_above(ax)
+ax.figure.savefig('buckling.png')

@@ -22,3 +22,4 @@ for name, q, line in (('shear and longitudinal at M', (0.5, 0, 0), '-'), ('rotat
     ax.plot(exponents, 100 * np.array(far), line, label=name)
 ax.set(xlabel='exponent of the force', ylabel='amplitude (% of the spacing)', ylim=0)
 legend_above(ax, ncols=1)
+ax.figure.savefig('amplitude.png')

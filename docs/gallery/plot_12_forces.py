@@ -13,3 +13,4 @@ from magphonon.plotting import plot_fit
 
 forces = read_forces(files('magphonon.data') / 'synthetic_force.csv')           # your own table: columns r_mm,f_N
 figure = plot_fit(forces, fit_forces(forces, 10 * u.mm, SharedErrors(distance=0.05 * u.mm)))
+figure.savefig('forces.png')

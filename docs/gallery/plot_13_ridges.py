@@ -15,3 +15,4 @@ from magphonon.waves import read_ridges
 ridges = read_ridges(files('magphonon.data') / 'prototype_ridges.csv')
 found = fit_bands(read_scene('prototype'), ridges)
 figure = plot_band_fits(found.points, {model: (found.fitted(model).atoms(), fit) for model, fit in found.fits.items()})
+figure.savefig('ridges.png')

@@ -21,3 +21,4 @@ ax = None
 for model, line in (('complete', '-'), ('conventional', '--')):
     spread = frequency_spread(cell, path.kpts, tolerances, model)
     ax = plot_band_ribbons(analytic_bands(cell, path, model), spread, ax=ax, label=model, linestyle=line)
+ax.figure.savefig('uncertainty.png')

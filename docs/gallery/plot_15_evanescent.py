@@ -19,3 +19,4 @@ for model, line in (('complete', '-'), ('conventional', '--')):
     ax.plot(f, 20 * np.log10(np.e) * loss, line, label=model)
 ax.set(xlabel='frequency (Hz)', ylabel='loss per row (dB)', ylim=0, xlim=(0, 170))
 legend_above(ax)
+ax.figure.savefig('evanescent.png')

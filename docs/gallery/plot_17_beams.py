@@ -18,3 +18,4 @@ for ax, model in zip(axes[0], ('complete', 'conventional'), strict=True):
     ax.clabel(drawn, fmt='%.0f Hz', fontsize=8)
     ax.set(aspect='equal', xlabel='$k_x L$', ylabel='$k_y L$')
 letter_panels(axes, ['with D*', 'without D*'])
+figure.savefig('beams.png')

@@ -13,3 +13,4 @@ law, foundation, ax = cell.calc.law, cell.calc.foundation, None
 for shells, line in ((1, ':'), (2, '--'), (12, '-')):
     cell.calc = MagneticRepulsion(cell, law, shells=shells, foundation=foundation)
     ax = plot_bands(analytic_bands(cell, path), ax=ax, linestyle=line, label=f'{shells} shell{"s" * (shells > 1)}')
+ax.figure.savefig('neighbours.png')

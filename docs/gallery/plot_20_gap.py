@@ -15,3 +15,4 @@ bands = analytic_bands(cell, cell.cell.bandpath('GMKG', npoints=200, pbc=cell.pb
 ax = plot_bands(bands)
 for gap in band_gaps(cell):                            # in rad/ms
     ax.axhspan(*gap / (2 * np.pi * u.Hz), color='0.9')
+ax.figure.savefig('gap.png')
