@@ -344,6 +344,10 @@ def test_the_middle_gap_closes_at_gamma_at_the_g_of_the_formula_and_d0_is_wrong(
         assert gap[0] < 1e-12 < 1e-3 < gap[1]
         numbers = [chern_numbers(honeycomb(x), model).tolist() for x in (0.98 * g, 1.02 * g, -1.02 * g)]
         assert numbers == [[1, 0, 0, -1], [1, -1, 1, -1], [-1, 1, -1, 1]]
+    swapped = honeycomb(1.55)  # vectors in the other order: the zone is seen from behind, the numbers are those of the lattice
+    swapped.set_cell(swapped.cell.array[[1, 0, 2]])
+    swapped.calc = MagneticRepulsion(swapped, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55)
+    assert chern_numbers(swapped).tolist() == [1, -1, 1, -1]
     with pytest.raises(ValueError, match='touch'):
         chern_numbers(honeycomb(9 / np.sqrt(42)))
     with pytest.raises(ValueError, match='stiffness alone'):
@@ -554,6 +558,8 @@ def test_the_command_tells_chern_numbers_and_leaves_phonopy_out(capsys, tmp_path
     assert 'conventional: the Chern numbers of the bands are 1, 0, 0, -1' in words
     assert 'none that runs one way' in words
     assert not list((tmp_path / 'out').glob('*.yaml'))
+    write_scene(honeycomb([1.55, 1.5]), tmp_path / 'own.toml')  # each particle its own
+    assert main(['bands', str(tmp_path / 'own.toml'), '-o', str(tmp_path / 'own')]) == 0
 
 
 @pytest.mark.peer

@@ -24,6 +24,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    import numpy as np
+
     from ..bands.bands import analytic_bands
     from ..bands.force_constants import finite_displacements, phonopy_bands
     from ..scenes.scene import read_scene
@@ -37,7 +39,7 @@ def run(options: Namespace) -> None:
         if scene.foundation is not None and scene.foundation.modulation is not None:
             print(_floquet(folder, save, atoms, path, scene.wanted('bands'), options.fmax))
             return
-        gyrating = bool(atoms.calc.gyration)  # forces alone do not show it
+        gyrating = bool(np.any(atoms.calc.gyration))  # forces alone do not show it
         try:
             phonon = None if gyrating else finite_displacements(atoms, scene.supercell())
         except ValueError as error:
@@ -167,7 +169,7 @@ def _frequencies(scene, atoms, bands):
         lowest = bands['complete'].frequencies_Hz.min()
         but = f'; lowest on the path: {lowest:.7g} Hz' if lowest < (1 - ZERO_FRACTION) * units.hertz(cutoff) else ''
         lines.append(f'cut-off frequency (lowest at Gamma): {units.hertz(cutoff):.7g} Hz{but}')
-    if not (atoms.constraints or atoms.calc.gyration):
+    if not (atoms.constraints or np.any(atoms.calc.gyration)):
         lines += _speeds([sound_speeds(atoms, model=model) for model in atoms.calc.bloch_models], rows) + _moduli(atoms)
 
     if 'conventional' not in bands:
