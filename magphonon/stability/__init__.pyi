@@ -5,6 +5,10 @@ from .amplitude_shifts import (
     frequency_shifts as frequency_shifts,
     vibration as vibration,
 )
+from .backbones import (
+    NonlinearModes as NonlinearModes,
+    nonlinear_modes as nonlinear_modes,
+)
 from .buckling import (
     Border as Border,
     FoundationNeeded as FoundationNeeded,

@@ -312,7 +312,7 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
     for rounds in range(1, ROUNDS + 1):
         c[1, mode] = amplitude(W)
         q = cosines.T @ c
-        N = w * abs(w) * q + np.einsum('tix,mix->tm', _forces(calc, np.einsum('tm,mix->tix', q, linear.shapes)), linear.shapes)
+        N = w * abs(w) * q + np.einsum('tix,mix->tm', forces_at(calc, np.einsum('tm,mix->tix', q, linear.shapes)), linear.shapes)
         if not np.isfinite(N).all():
             raise failed
         harmonics = norm * (cosines @ N)
@@ -329,7 +329,7 @@ def vibration(atoms: Atoms | LinearSystem, linear: Any, mode: int, amplitude: Ca
     raise failed
 
 
-def _forces(calc, u):
+def forces_at(calc: Any, u: NDArray[np.float64]) -> NDArray[np.float64]:
     """Forces in N relative to rest, at many displacements `u` at once; both of the shape (times, particles, dim)."""
     bonds, R = calc.bonds, calc.bond_vectors
     bond = R + u[:, bonds.j] - u[:, bonds.i]
