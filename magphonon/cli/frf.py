@@ -60,7 +60,8 @@ def run(options: Namespace) -> None:
             atoms, source, answer = scene.shaken(model, bench=True, wall=True)
             system = LinearSystem.of(atoms, gyrating=True)
             if plan.wall is not None and model == 'complete':
-                lines.append(f'{np.count_nonzero(source.any(axis=1))} held particles move along {plan.wall.direction_deg:g} degrees, '
+                moved = np.count_nonzero(source.any(axis=1))
+                lines.append(f'{moved} held particles move along {plan.wall.direction_deg:g} degrees, '
                              f'all that lie farther towards {plan.wall.side_deg:g} degrees than those that are free')
             result = receptance(system, source, answer, plan.omega, plan.damping_of(atoms))
             result.save(folder / f'frf_{model}.npz')
