@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from .transfer_fits import Built
 
 STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # of all frequencies, by a lattice that is stiffer or softer than known
-BETTER, NEAR = 0.5, 1.0
-"""A mistake is named where undoing it leaves so much of the distance from the lattice, and less than so much of the response."""
+CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0
+"""No mistake is named within so much of the response of the lattice; else where undoing it leaves such a part of the distance,
+and less than so much of the response."""
 SCALES = {f'numbers {factor:g} times too {word}': factor**sign for factor, unit in ((1e3, 'mm'), (1e6, 'um'))
           for sign, word in ((-1, f'large, {unit} where m is said'), (1, f'small, m where {unit} is said'))}
 WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity that is called a displacement, or an acceleration '
@@ -59,7 +60,7 @@ def misreading(built: Built, functions: Sequence[TransferFunction]) -> str | Non
             size = np.sqrt(np.linalg.norm(wide[words]) * np.linalg.norm(computed))
             off[words] = min(off[words], np.linalg.norm(wide[words] - computed) / size)
     best = min(off, key=lambda words: off[words])
-    return best if off[best] < BETTER * off[None] and off[best] < NEAR else None
+    return best if off[None] > CLOSE and off[best] < min(BETTER * off[None], NEAR) else None
 
 
 def _computed(built, functions, stretch):

@@ -418,3 +418,13 @@ def test_what_a_file_may_say_wrongly(tmp_path, exact):
             else:
                 spoilt = [replace(one, response=spoil(one.omega * 1e3, one.response)) for one in chosen]
             assert str(misread(scene, spoilt)).startswith(words), ((force, a, foundation), words)
+
+
+def test_far_below_all_peaks_a_phase_tells_nothing():
+    """A static response is real: its conjugate is as near as itself, and only its size can be wrong."""
+    scene = read_scene('oscillator')
+    omega = np.linspace(0.01, 0.05, 30)
+    h = receptance(*scene.shaken(), omega, scene.frf.damping).response
+    assert misread(scene, in_place(scene, [TransferFunction('p', omega, 1.05 * h)])) is None
+    assert misread(scene, in_place(scene, [TransferFunction('p', omega, h.conj())])) is None
+    assert misread(scene, in_place(scene, [TransferFunction('p', omega, 1e3 * h)])).startswith('numbers 1000 times')
