@@ -18,6 +18,7 @@ from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.rest import LinearSystem
+from ..stiffness.site_laws import springs_of
 
 ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squared frequency is zero
 HARMONICS = 8
@@ -101,7 +102,7 @@ def frequency_shifts(atoms: Atoms | LinearSystem, q: ArrayLike | None = None) ->
     (('rotating', 'rotating'), array([475., 475.]))
     """
     system = LinearSystem.of(atoms)
-    np.max(system.calc.foundation)  # refuses laws of the site, whose higher derivatives are not known
+    springs_of(system.calc.parameters.foundation, 'a shift with amplitude')  # higher derivatives of others are not known
     calc, P, pbc = system.calc, system.free, system.atoms.pbc
     zone = bool(pbc.any()) and P.shape[1] <= DENSE
     if q is not None and not zone:

@@ -27,7 +27,7 @@ from ..interactions.pair_laws import Hertz, Yukawa, higher_derivatives
 from ..stiffness.lowest import DENSE
 from ..stiffness.repulsion import Repulsion, repulsion_of
 from ..stiffness.rest import LinearSystem, freedom, on_foundation
-from ..stiffness.site_laws import Travelling
+from ..stiffness.site_laws import Travelling, springs_of
 from ..stiffness.sites import attracting
 from .amplitude_shifts import frequency_shifts
 from .buckling import (
@@ -210,7 +210,7 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
         LinearSystem.of(atoms).unheld('with AllNeighbours a verdict is one')
         return Verdict(Case(atoms, atoms, np.zeros(1), **run))
     calc = repulsion_of(atoms)
-    np.max(calc.foundation)  # refuses laws of the site, whose springs several checks vary
+    springs_of(calc.parameters.foundation, 'a verdict')
     now = calc.bond_vectors + calc.bonds.incidence @ calc.displacements(atoms)
     closest = float((np.linalg.norm(now, axis=1) / calc.bonds.lengths).min())
     freedom(atoms)  # refuses constraints that are not supported

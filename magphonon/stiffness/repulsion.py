@@ -11,7 +11,7 @@ from ase.calculators.calculator import all_changes
 from ..errors import positive
 from ..interactions.bond_laws import laws_of
 from .restartable import Restartable
-from .site_laws import SiteLaw
+from .site_laws import SiteLaw, springs_of
 from .supercells import fitted
 
 if TYPE_CHECKING:
@@ -129,11 +129,7 @@ class Repulsion(Restartable):
 
         ValueError where there are other ties than constant springs: what takes these too asks `site_stiffness`.
         """
-        given = self.parameters.foundation
-        if isinstance(given, SiteLaw):
-            raise ValueError(f'this supposes that constant springs tie the particles to their places, but {given!r} does: '
-                             f'{given.known}')
-        return given
+        return springs_of(self.parameters.foundation)
 
     @property
     def site_stiffness(self) -> Any:

@@ -64,6 +64,14 @@ class SiteLaw:
         raise NotImplementedError
 
 
+def springs_of(foundation: Any, what: str = 'this') -> Any:
+    """A foundation of constant springs, or ValueError for another one, of which `what` knows nothing."""
+    if isinstance(foundation, SiteLaw):
+        raise ValueError(f'{what} supposes that constant springs tie the particles to their places, but {foundation!r} does: '
+                         f'{foundation.known}')
+    return foundation
+
+
 def refuse_changes(calc: Any, what: str) -> None:
     """Refuse a foundation that changes with time, of which `what` sees nothing."""
     law = calc.parameters.foundation

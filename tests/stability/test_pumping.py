@@ -63,5 +63,4 @@ def test_the_verdict_on_both_sides_of_the_threshold(eps, stable):
     judged = verdict(cell, damping=4 / u.s)
     assert judged.stable == stable
     assert judged.finding('pumping').fault != stable
-    assert not verdict(cell).stable  # without damping
-    assert judged.timestep_limit < verdict(read_scene('prototype').perfect_cell()).timestep_limit
+    assert judged.timestep_limit < 2.13  # that of the mean springs
