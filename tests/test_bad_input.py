@@ -314,4 +314,4 @@ def test_truncated_bands_are_refused_at_every_length(tmp_path):
 def test_refused_change_changes_nothing():
     calc = repulsion(foundation=0.5)
     refusal(lambda: calc.set(foundation=1.5, model='full'))
-    assert calc.parameters == {'foundation': 0.5, 'model': 'complete'}
+    assert calc.parameters == {'foundation': 0.5, 'model': 'complete', 'gyration': 0.0}
