@@ -49,6 +49,7 @@ LARGEST_CHANGE = 0.2
 the bursts of tests/planning/test_step_plans.py the errors then are between one half and all of what is told."""
 STEP_DOUBT = 0.5
 """Relative uncertainty of the time-step error of a full burst from runs with two steps, as its higher orders are unknown."""
+MOST_SQUEEZED = 0.5  # of a bond, in the motion that the linear equations tell
 HALVINGS = 3
 """Largest number of times that the trial is repeated with half the step, if its result is too close to the tolerance or its
 error is no square of the step: the last run takes eight times as long as the first."""
@@ -106,7 +107,8 @@ def plan_waveform(atoms: Atoms, drive: ToneBurst, row: NDArray[np.int_], damping
                           float(effect.stepping * (dt_run / dt) ** 2), effect.step_doubt,
                           Settings('complete', dt=float(dt_run))))
     if effect.stepping < np.inf:
-        top, frame = LONGEST_STEP / dt, 2 * np.pi / drive.omega / FRAMES
+        squeezed = (1 - min(strain, MOST_SQUEEZED)) ** (-steepness(calc) / 2)  # bonds that are shortened are stiffer
+        top, frame = squeezed * LONGEST_STEP / dt, 2 * np.pi / drive.omega / FRAMES
         longest = {p: _longest_step(p, effect, dt, top, frame, tolerance) for p in (4, 6)}
         order = min(longest, key=lambda p: SPLITTINGS[p].stages / longest[p])
         h, stages = float(longest[order]), SPLITTINGS[order].stages
@@ -128,9 +130,9 @@ def _error_of(order, h, effect, dt, top):
 
 def _longest_step(order, effect, dt, top, frame, tolerance):
     """The longest step h of an order that keeps its share of the tolerance, has frames between steps, and converges."""
-    most = effect.longest / (2 / top) * SPLITTINGS[order].limit / top
-    h = min(frame, most) * np.geomspace(1e-3, 1, 400)
-    good = _error_of(order, h, effect, dt, top) <= STEP_ERROR_FRACTION * tolerance
+    h = min(frame, effect.longest / 2 * SPLITTINGS[order].limit) * np.geomspace(1e-3, 1, 400)
+    with np.errstate(invalid='ignore'):  # no number where a squeezed bond is beyond the limit of stability
+        good = _error_of(order, h, effect, dt, top) <= STEP_ERROR_FRACTION * tolerance
     return h[good.nonzero()[0][-1]] if good.any() else h[0]
 
 
