@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ..errors import finite, whole
 from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
-from ..stiffness.matrices import eigenvalues_of_two, gyrating_modes, hermitian_eigenvalues, hessian, signed_root
+from ..stiffness.matrices import companion, eigenvalues_of_two, gyrating_modes, hermitian_eigenvalues, hessian, signed_root
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import site_damping
 
@@ -131,7 +131,8 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
         return np.where(swings, under, slow.clip(max=0)), np.where(swings, half, slow), modes
     B, n, found = system.B(gamma).toarray(), system.directions, []
     for K in (system.bloch(part, model) for part in in_batches(q, calc)):
-        s, z = _poles_and_shapes(B, K)
+        s, z = np.linalg.eig(companion(B, K))
+        z = z[:, :n] / np.linalg.norm(z[:, :n], axis=1, keepdims=True)
         rate, turn = np.real(s), -np.imag(s)  # of waves e^{i(k.R - omega t)}
         real = abs(turn) < ROUND_OFF * abs(s).max()
         best = np.lexsort((-rate, -np.where(real, 0, turn)), axis=-1)[:, :n]  # one of each pair; of real ones the slow half
@@ -144,16 +145,6 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
     omega, decay, shapes = (np.concatenate(parts) for parts in zip(*found, strict=True))
     modes = (system.free.toarray() @ shapes).swapaxes(1, 2).reshape(*omega.shape, len(system), system.dim)
     return omega, decay, modes if vectors else None
-
-
-def _poles_and_shapes(B: Any, K: Any) -> Any:
-    """All s with `s^2 + s B + K` singular, shape (waves, 2 n), and the shapes that it leaves without force, (waves, n, 2 n)."""
-    n = len(B)
-    companion = np.zeros((len(K), 2 * n, 2 * n), complex)
-    companion[:, :n, n:] = np.eye(n)
-    companion[:, n:, :n], companion[:, n:, n:] = -K, -B
-    s, z = np.linalg.eig(companion)
-    return s, z[:, :n] / np.linalg.norm(z[:, :n], axis=1, keepdims=True)
 
 
 def _by_lapack(system, q, model, vectors):

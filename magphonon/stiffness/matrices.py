@@ -233,7 +233,7 @@ def poles(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
     >>> [bool(poles(-g * J, -0.5 * np.eye(2)).real.max() < 1e-9) for g in (1.41, 1.42)]  # gyration holds a hill from sqrt(2) on
     [False, True]
     """
-    return np.linalg.eigvals(_companion(B, K)).astype(complex)
+    return np.linalg.eigvals(companion(B, K)).astype(complex)
 
 
 def growth(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.float64]:
@@ -243,7 +243,8 @@ def growth(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.float64]:
     return np.where(rate > GROWS * abs(s).max(axis=-1), rate, 0.0)
 
 
-def _companion(B, K):
+def companion(B: NDArray[Any], K: NDArray[Any]) -> NDArray[Any]:
+    """The matrix of (y, y') whose eigenvalues are the `poles`; the upper halves of its eigenvectors are the shapes y."""
     n = K.shape[-1]
     A = np.zeros((*np.broadcast_shapes(B.shape[:-2], K.shape[:-2]), 2 * n, 2 * n), np.result_type(B, K))
     A[..., :n, n:], A[..., n:, :n], A[..., n:, n:] = np.eye(n), -K, -B
@@ -290,7 +291,7 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
             found = [gyrating_modes(B, one) for one in K.reshape(-1, n, n)]
             omega, modes = (np.array(part) for part in zip(*found, strict=True))
             return omega.reshape(K.shape[:-1]), modes.reshape(K.shape)
-        s, z = np.linalg.eig(_companion(B, K))
+        s, z = np.linalg.eig(companion(B, K))
         rate, turn, round_off = np.real(s), np.imag(s), GROWS * abs(s).max()
         first = np.lexsort((-rate, np.rint(turn / round_off)))[:n]  # e^{-iwt}, w > 0; what grows before its mirror, which decays
         omega, modes = np.where(rate > round_off, -rate, abs(turn))[first], z[:n, first]
