@@ -232,12 +232,21 @@ def _thermal_run(plan, scene, atoms, path):
     import numpy as np
 
     from .. import units
+    from ..bands.bloch import bloch_modes
+    from ..dynamics.cages import Diverged
+    from ..errors import PhysicsError
     from ..waves.thermal import fits, thermal_run
 
     repeats = scene.supercell()
     q = np.array([path.special_points[name] for name in sorted(path.special_points) if name in path.path])
-    q = q[fits(q, np.diag(repeats))]
-    return thermal_run(atoms, repeats, plan.temperature_J * units.J, q)
+    linear = bloch_modes(atoms, q)[0]
+    q = q[fits(q, np.diag(repeats)) & (linear.min(axis=1) > ZERO_FRACTION * linear.max())]  # not Gamma without a foundation
+    try:
+        return thermal_run(atoms, repeats, plan.temperature_J * units.J, q)
+    except Diverged as error:
+        raise PhysicsError(f'bands.temperature_J = {plan.temperature_J:g} tears the lattice apart: after '
+                           f'{error.time / units.s:.4g} s particle {error.particle} had left its neighbours; lower it, or give '
+                           'more foundation where "magphonon check" says that the lattice buckles') from None
 
 
 def _thermal(hot, path):

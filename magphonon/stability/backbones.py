@@ -22,7 +22,7 @@ from scipy import sparse
 
 from .. import units
 from ..dynamics.splittings import SPLITTINGS
-from ..errors import PhysicsError, positive
+from ..errors import PhysicsError, positive, whole
 from ..stiffness.rest import LinearSystem
 from .amplitude_shifts import forces_at
 
@@ -99,11 +99,12 @@ def nonlinear_modes(atoms: Atoms | LinearSystem, mode: int, amplitude: float, po
     """
     system = LinearSystem.of(atoms).moving()
     n, amplitude = system.directions, positive('amplitude', amplitude, 'mm')
+    mode, points = whole('mode', mode, 0), whole('points', points)
     if n * (HARMONICS + 1) > MOST:
         raise ValueError(f'{n} free directions are too many for nonlinear modes ({MOST // (HARMONICS + 1)} at most); take a '
                          'smaller patch: local modes do not see its rim')
     squares, vectors = system.spectrum
-    if not (0 <= mode < n and squares[mode] > 0):
+    if not (mode < n and squares[mode] > 0):
         raise ValueError(f'mode must be the number of one that vibrates, from 0 to {n - 1}, not {mode}')
     largest = np.linalg.norm((system.shapes @ vectors[:, mode]).reshape(len(system), -1), axis=1).max()
     balance = _Balance(system, float(np.sqrt(squares[mode])), amplitude / largest)

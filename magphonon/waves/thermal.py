@@ -27,7 +27,7 @@ from ..bands.bloch import bloch_modes, wavevectors
 from ..dynamics.engine import highest_frequency
 from ..dynamics.recorder import Recorder
 from ..dynamics.verlet import DrivenVerlet
-from ..errors import finite, positive
+from ..errors import PhysicsError, finite, positive
 from ..files import Saved
 from ..lattices.bonds import image_of
 from ..stiffness.rest import LinearSystem
@@ -38,6 +38,7 @@ FITS = 1e-6  # periods by which a wave may miss the supercell
 STEPS, STEP, DAMPED, EVERY = 20_000, 0.3, 0.3, 8
 """Of runs: steps of STEP/w_max, with damping of DAMPED w_max, by which slow and fast waves forget soon, and a frame every few."""
 COLD = 1e-8  # temperature, as a share, at which forces are harmonic
+SLACK = 1e-6  # share of the highest frequency below which one is zero
 FEWEST = 5  # frames of a segment
 
 
@@ -77,7 +78,7 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     Parameters
     ----------
     atoms : ase.Atoms or LinearSystem
-        The supercell or the patch that moves, at rest, with its MagneticRepulsion.
+        The supercell or the patch that moved, with its MagneticRepulsion; counted from its rest, wherever it is now.
     displacements : array_like, shape (frames, particles, dim)
         From rest, in mm, in thermal equilibrium from the first frame.
     temperature_mJ : float
@@ -113,7 +114,7 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
     >>> bool((abs(found.omega - found.linear) < 4 * found.error).all())
     True
     """
-    system, q = LinearSystem.of(atoms), wavevectors(q)
+    system, q = LinearSystem.nearest(atoms).balanced(), wavevectors(q)  # a record ends with moved atoms
     particles, u = system.recorded(particles), finite('displacements', displacements)
     if u.shape[1:] != (len(particles), system.dim):
         raise ValueError(f'displacements must have the shape (frames, {len(particles)}, {system.dim}), not {u.shape}')
@@ -121,6 +122,9 @@ def thermal_bands(atoms: Atoms | LinearSystem, displacements: ArrayLike, tempera
         raise ValueError(f'{len(u)} frames are too few for an error; record {FEWEST * SEGMENTS} or more')
     waves, masses = _waves(system, cell, q, particles), np.repeat(cell.get_masses(), system.dim)
     linear, shapes = bloch_modes(cell, q, vectors=True)
+    for k in np.flatnonzero(linear.min(axis=1) <= SLACK * linear.max())[:1]:
+        raise PhysicsError(f'nothing resists a wave at q = ({q[k, 0]:.4g}, {q[k, 1]:.4g}, {q[k, 2]:.4g}), as at Gamma without a '
+                           'foundation; leave this wavevector out')
     shapes = shapes.reshape(*linear.shape, -1) / np.sqrt(masses)  # pyright: ignore[reportOptionalMemberAccess]  asked for
     recorded = (particles[:, None] * system.dim + np.arange(system.dim)).ravel()
     kT = positive('temperature_mJ', temperature_mJ, 'mJ')
