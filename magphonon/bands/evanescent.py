@@ -240,7 +240,7 @@ def _laurent(calc, model, exponents):
     np.subtract.at(D, (P + exponents, i, j), K)
     np.subtract.at(D, (P - exponents, j, i), K)
     D = D.swapaxes(2, 3).reshape(2 * P + 1, n * calc.dim, -1)
-    D[P] += linalg.block_diag(*site_blocks(calc.site_stiffness, n, calc.dim))
+    D[P] += np.asarray(linalg.block_diag(*site_blocks(calc.site_stiffness, n, calc.dim)))
     return D
 
 

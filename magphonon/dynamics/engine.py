@@ -122,7 +122,7 @@ def frequency_bound(atoms: Atoms, dt: float) -> float:
     return highest_frequency(system)
 
 
-def _stiffest(atoms):
+def _stiffest(atoms: Any) -> Any:
     """The atoms on the stiffest foundation that time makes of theirs."""
     if isinstance(atoms, LinearSystem):
         return atoms

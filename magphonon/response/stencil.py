@@ -233,6 +233,6 @@ def advance(x, y, D, A, free, offsets, runs, lag, sums, rows, first, taken):
                 source, target = (x[c], y[c]) if n % 2 == 0 else (y[c], x[c])
                 for k in range(first[r], first[r + 1]):
                     taken[n, c, to[k]] = source[places[k] // len(free), places[k] % len(free)]
-                squared, crossed = row(source, target, D, A, free, offsets, runs[r, 0], runs[r, 1])
+                squared, crossed = row(source, target, D, A, free, offsets, runs[r, 0], runs[r, 1])  # pyright: ignore
                 sums[0, n, c] += squared
                 sums[1, n, c] += crossed

@@ -101,7 +101,7 @@ def _resonances(hill, periodic):
     lines = LINES[len(periodic)]
     grid = np.zeros((*(lines,) * len(periodic), 3))
     grid[..., periodic] = np.stack(np.meshgrid(*[np.arange(lines) / lines - 0.5] * len(periodic), indexing='ij'), axis=-1)
-    found = [np.array([*product((0, 0.5), repeat=3)]) * np.isin(range(3), periodic)]
+    found: list[Any] = [np.array([*product((0, 0.5), repeat=3)]) * np.isin(range(3), periodic)]
 
     def frequencies(q):
         found = np.sort(poles(hill.B, hill.system.bloch(q.reshape(-1, 3), hill.model)).imag, axis=1)[:, hill.modes :]
