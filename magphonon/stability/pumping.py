@@ -18,6 +18,8 @@ from ..bands.floquet import Hill
 from ..stiffness.matrices import poles
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from ase import Atoms
     from numpy.typing import ArrayLike
 
