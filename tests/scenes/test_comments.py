@@ -59,6 +59,8 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
              '`8.6` um': lambda: 1e6 * (6 * 5e-13 / (np.pi * 1510)) ** (1 / 3),  # melamine has 1510 kg/m^3
              'kappa L0 = `1.618`': lambda: (1 + np.sqrt(5)) / 2},
     'fcc': {'phi = `1` J': lambda: 12 / (13 - 1), '`18` neighbours': lambda: 12 + 6, 'all but `1e-3`': far_shells},
+    'gyro': {'so soft that `72` turns a minute': lambda: 7.5 / (2 * np.pi) * 60, 'of the bench, `7.5` rad/s': lambda: 15 / 2,
+             'less `0.040` = m W^2': lambda: MASS * 7.5**2},
     'honeycomb': {"prototype's `20` N/m": lambda: PILLAR},
     'ideal': {'as `120` and': lambda: 19.0985931710274 * 2 * np.pi, '`400` rad/s': lambda: 63.6619772367581 * 2 * np.pi},
     'layer': {'`12 000` elementary': lambda: CHARGE,
@@ -88,6 +90,7 @@ QUOTED = {  # scene -> words with the number in quotes -> what it is
     'steel': {'`3` um less': lambda: 1e6 * (0.02 - 0.019997), 'D* is `1e-4` of D0': lambda: 3e-6 / 1.5 / 0.02,
               '`55` N per contact': lambda: 4 / 3 * 206e9 / (2 * (1 - 0.3**2)) * np.sqrt(0.02 / 4) * 3e-6**1.5,
               '`7800` kg/m^3': lambda: 0.03268 / (np.pi / 6 * 0.02**3)},
+    'thermal': {'temperature_J = `2.369e-5`': lambda: FORCE * L / 100},
     'tolerances': {'chosen: `50` um': lambda: 1e6 * 0.5e-2 * L,
                    'to `0.6` %': lambda: 100 * np.sqrt(np.array([0.095, x := -0.0045 * A * np.log(L)])
                                                      @ [[1, -0.998], [-0.998, 1]] @ [0.095, x])},
