@@ -20,7 +20,7 @@ from ..errors import positive
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, on_foundation
 from ..stiffness.site_laws import Travelling
-from ..stiffness.sites import each_spring
+from ..stiffness.sites import each_spring, site_damping
 from .bloch import wavevectors
 
 if TYPE_CHECKING:
@@ -100,9 +100,9 @@ def floquet_bands(atoms: Atoms, q: ArrayLike, model: str = 'complete', damping: 
     tolerance, harmonics = positive('tolerance', tolerance), 1
     omega, weight = hill.solved(q, harmonics)
     while True:
-        harmonics += 1
+        harmonics += 1 + harmonics // 4  # slow and deep modulations take many
         if 2 * (2 * harmonics + 1) * hill.modes > MOST:
-            raise ValueError(f'{harmonics - 1} harmonics do not tell the frequencies to {tolerance:g} of the largest; the '
+            raise ValueError(f'fewer than {harmonics} harmonics do not tell the frequencies to {tolerance:g} of the largest; the '
                              'modulation is slow and deep: give a larger tolerance')
         before, (omega, weight) = _strongest(omega, weight, hill)[0], hill.solved(q, harmonics)
         away = abs(before[:, :, None] - omega[:, None, :]).min(axis=2)
@@ -135,7 +135,7 @@ class Hill:
         n, dim = len(mean), self.system.dim
         depth = np.repeat(law.eps / 2 * np.exp(-1j * law.phases(calc.anchors)), dim) * each_spring(law.k, n, dim)
         self.A = self.system.reduced(np.diag(depth))
-        self.B = self.system.B(damping).toarray()
+        self.B = self.system.B(site_damping(damping, n)).toarray()
 
     def solved(self, q: NDArray[np.float64], harmonics: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
         """All frequencies with so many harmonics on either side, shape (wavevectors, all), and the weights of harmonics in each.

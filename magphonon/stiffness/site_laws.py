@@ -247,7 +247,7 @@ class OnSite(SiteLaw):
         try:
             for name, shape in (('energy', (particles,)), ('slope', (particles, dim)), ('curvature', (particles, dim, dim))):
                 finite(f'{name} of the law of the sites at their anchors', getattr(self, name)(zero), shape)
-        except IndexError as error:
+        except (IndexError, TypeError) as error:
             raise ValueError(f'the law of the sites does not take displacements of shape {zero.shape}: {error}') from None
         return replace(self, k=site_springs(self.k, particles, dim))
 
