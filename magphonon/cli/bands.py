@@ -54,7 +54,7 @@ def run(options: Namespace) -> None:
         hot = _thermal_run(plan, scene, atoms, path) if plan.temperature_J is not None else None
         if hot is not None:
             hot.save(folder / 'bands_thermal.npz')
-        _draw(save, scene, bands, hot, options.fmax)
+        _draw(save, scene, bands, options.fmax, hot)
         report = '\n'.join([*_frequencies(scene, atoms, bands), *_decays(lossy), *_thermal(hot, path), '',
                             *(_topology(atoms) if gyrating else _stability(scene, atoms, bands, phonon))])
     print(report)
@@ -114,7 +114,7 @@ def _save(folder, bands, phonon):
         write_phonopy_params(phonon, folder / 'phonopy_params.yaml')
 
 
-def _draw(save, scene, bands, hot, highest_Hz):
+def _draw(save, scene, bands, highest_Hz, hot=None):
     from ..bands.zone import PLANAR
     from ..plotting.bands import name_branches, plot_bands, plot_thermal
     from ..plotting.zone import plot_zone
