@@ -22,7 +22,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
+    import re
     import sys
+    from pathlib import Path
     from shutil import get_terminal_size
 
     from ..scenes.keys import scene_keys
@@ -39,7 +41,9 @@ def run(options: Namespace) -> None:
         for name, file in ready_scenes().items():
             print(f'{name:12}{read_scene(str(file)).title}')
     else:
-        print(ready_scene(options.name).read_text(encoding='utf-8'), end='')
+        path = Path(str(ready_scene(options.name)))
+        beside = re.compile('^(file = )"(.*?)"', re.MULTILINE)  # a copy of the scene stands elsewhere
+        print(beside.sub(lambda found: f'{found[1]}"{path.parent / found[2]}"', path.read_text(encoding='utf-8')), end='')
 
 
 def _described(key: Key, width: int) -> str:
