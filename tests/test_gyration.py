@@ -535,6 +535,16 @@ def test_check_judges_a_scene_on_both_sides_of_what_gyration_holds(tmp_path, cap
     assert ('Gyration is too slow' in capsys.readouterr().out) is not stable
 
 
+def test_check_and_frf_judge_a_lattice_that_gyrates_to_the_end(tmp_path, capsys):
+    text = ready_scene('gyro').read_text().replace('cells_1 = 24', 'cells_1 = 6').replace('cells_2 = 12', 'cells_2 = 6')
+    place = 'at_m = [0.0, 0.0]\ndirection_deg = 0.0\n'
+    frf = f'[frf]\nfrom_Hz = 3\nto_Hz = 6\npoints = 3\ndamping_per_s = 1\n[frf.force]\n{place}[frf.response]\n{place}'
+    (tmp_path / 'scene.toml').write_text(f'{text}\n{frf}')
+    for command in (['check'], ['frf', '-o', str(tmp_path / 'out')]):
+        assert main([*command, str(tmp_path / 'scene.toml')]) == 0
+        assert 'is not computed of particles that gyrate' in capsys.readouterr().out
+
+
 def test_scenes_refuse_what_knows_no_gyration(tmp_path):
     scene = ready_scene('gyro').read_text()
     for old, new, words in (('shells = 1', 'shells = "all"', 'knows none'),
