@@ -89,7 +89,7 @@ def _floquet(folder, save, atoms, path, plan, highest_Hz):
         grows = found.growth.max() > 1e-9 * abs(found.omega).max()
         what = f'a wave grows by {rate:.4g} per s at {x[k] * units.m:.4g} rad/m' if grows else 'no wave grows'
         lines.append(f'{model}: {what}')
-    lines.append(f'Of these {len(q)} wavevectors alone: growth is in narrow ranges, which "magphonon check" follows through the zone.')
+    lines.append(f'Of these {len(q)} wavevectors alone: ranges of growth are narrow; "magphonon check" follows them everywhere.')
     return '\n'.join(lines)
 
 
