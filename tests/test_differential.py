@@ -205,16 +205,19 @@ def test_numpy_and_ases_loop_are_velocity_verlet_on_any_patch(part):
 SIMILAR = {'kinds': ('triangular', 'honeycomb'), 'shells': 1, 'models': ('complete',), 'foundation': (20.0, 30.0)}
 
 
+@pytest.mark.slow
 def test_the_compiled_grid_is_velocity_verlet_on_any_patch():
     pytest.importorskip('numba')
     compare(range(100, 240), ['compiled grid'], most=1000, **SIMILAR)
 
 
+@pytest.mark.slow
 def test_the_compiled_table_is_velocity_verlet_on_any_patch():
     pytest.importorskip('numba')
     compare(range(300, 340), ['compiled table'], most=700, **SIMILAR | {'kinds': ('triangular',)})
 
 
+@pytest.mark.slow
 def test_compiled_blocks_are_velocity_verlet_on_patches_whose_particles_are_off_their_places():
     pytest.importorskip('numba')
     for name in ('compiled grid', 'compiled found', 'compiled table'):

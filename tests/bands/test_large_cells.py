@@ -59,6 +59,7 @@ def squared(omega):
     return np.sign(omega) * omega**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(5))
 def test_lowest_branches_of_cells_with_defects(seed):
     """Frequencies and modes; the control is the other model, and one wavevector for another."""

@@ -169,6 +169,7 @@ def largest_difference(seed, engine, changes, way='runs'):
     return max(apart)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('way', ['runs', 'observer', 'body'])
 @pytest.mark.parametrize('engine', ['auto', 'ase', 'numpy', 'compiled'])
 @pytest.mark.parametrize('seed', range(4))

@@ -50,6 +50,7 @@ def integrated(atoms, drives, damping, t):
     return solve_ivp(motion, (0, t), start.ravel(), 'DOP853', rtol=1e-9, atol=1e-11).y[: 2 * n, -1].reshape(n, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('seed', 'slack'), [(0, False), (1, False), (3, True)])
 def test_every_engine_moves_with_the_modulation(seed, slack):
     atoms, drives, damping = drawn(seed, slack)

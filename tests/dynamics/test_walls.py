@@ -86,6 +86,7 @@ def test_engines_take_walls_where_they_are_prescribed(engine):
         assert not dyn.velocities[walls].any()
 
 
+@pytest.mark.slow
 def test_every_engine_and_order_takes_the_walls_along():
     pytest.importorskip('numba')
     row, ends = chain(10), {}

@@ -11,6 +11,7 @@ from magphonon.stiffness.rest import LinearSystem
 stencil_of = pytest.importorskip('magphonon.response.stencil', exc_type=ImportError).stencil_of
 
 
+@pytest.mark.slow
 def test_products_of_drawn_structures():
     rng, on_grids, each = np.random.default_rng(0), 0, 0
     for seed in range(200):

@@ -403,6 +403,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.slow
 def test_what_a_file_may_say_wrongly(tmp_path, exact):
     """Ten mistakes, drawn lattices that are known to ten percent; and right files, of which nothing is said."""
     rng = np.random.default_rng(6)

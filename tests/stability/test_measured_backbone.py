@@ -30,6 +30,7 @@ def backbone(lab, centre, axis, force, rng):
     return amplitude, np.array(frequency)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 def test_the_measured_curvature_holds_the_computed_one(seed):
     """One magnet among held ones at drawn places: exponent, springs and force drawn; the interval is of a straight line."""

@@ -40,6 +40,7 @@ def test_lowest_eigenvalue_of_a_patch_to_round_off(seed):
     assert np.linalg.norm(alike.T @ mode) == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_lanczos_on_the_matrix_itself_stops_short():
     """The control: what was done before, to 1e-4 of the eigenvalue."""
     short = []
@@ -81,6 +82,7 @@ def test_a_shift_above_the_lowest_eigenvalue_is_noticed_by_its_pivots(monkeypatc
     assert lowest_mode(K)[0] == pytest.approx(values[0], abs=1e-13 * values[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 def test_the_lowest_of_a_crowd_in_a_flat_band(seed):
     """Motion out of the plane of a kagome patch with a held rim: a third of all modes lie in or next to the lowest band."""

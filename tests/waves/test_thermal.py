@@ -30,6 +30,7 @@ def states(case, engine, parts, gyration=0.0):
     return record.displacements, dyn.velocities
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [6, 16])
 def test_every_engine_has_the_same_noise(seed):
     """Of drawn structures, with guided and held particles, turning ones, and in runs that are cut elsewhere."""
@@ -171,6 +172,7 @@ def test_what_does_not_serve_is_refused():
         thermal_bands(atoms, u[:, :5], 1e-3, cell, [(0.25, 0, 0)])
 
 
+@pytest.mark.slow
 def test_a_run_shows_what_is_anharmonic():
     """Prototype at kT = f L/100: the shear wave at M is 4.41 % softer (Laplace integral of its 6 x 6 cell, to second order)."""
     cell = read_scene(ready_scene('thermal')).perfect_cell()
