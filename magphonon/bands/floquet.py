@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import units
 from ..errors import positive
+from ..stiffness.matrices import companion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, on_foundation
 from ..stiffness.site_laws import Travelling
@@ -167,6 +168,6 @@ class Hill:
         B = np.zeros((count, size, count, size), complex)
         B[range(count), :, range(count)] = self.B - 2 * nW[:, None, None] * eye
         K, B = (x.reshape(count * size, -1) for x in (K, B))
-        s, y = np.linalg.eig(np.block([[0 * K, np.eye(len(K))], [-K, -B]]))
+        s, y = np.linalg.eig(companion(B, K))
         share = (abs(y[: len(K)].reshape(count, size, -1)) ** 2).sum(axis=1)
         return 1j * s, share / share.sum(axis=0)

@@ -33,7 +33,7 @@ class SiteForces:
     def __init__(self, calc: MagneticRepulsion, layout: Layout) -> None:
         law = calc.parameters.foundation
         self.law, self.layout = law, layout
-        self.slack, self.waves, self.anchors = layout.scatter(calc.slack[:, :2]), None, calc.anchors
+        self.slack, self.waves = layout.scatter(calc.slack[:, :2]), None
         if isinstance(law, Travelling):
             phase, k = law.phases(calc.anchors), np.broadcast_to(law.k, (len(calc.reference), 2))
             self.waves = layout.scatter(law.eps * np.stack([np.cos(phase), np.sin(phase)], axis=1)[..., None] * k[:, None])
@@ -48,8 +48,7 @@ class SiteForces:
         """In N, shape (2, slots), at the displacements u from rest."""
         if self.waves is None:
             d = self.layout.gather(self.slack + u).T
-            pumped = self.law.pumped(d, t, self.anchors) - self.law.slope(d) + self.at_rest
-            return self.layout.scatter(pumped)
+            return self.layout.scatter(self.at_rest - (self.law.factor(t) * self.law.slope(d).T).T)
         return -np.tensordot(self.beats(np.array([t]))[0], self.waves, 1) * (self.slack + u)
 
 

@@ -313,15 +313,17 @@ def receptance(atoms: Atoms | LinearSystem, source: Place | NDArray[np.float64],
     True
     """
     system, omega = LinearSystem.of(atoms, gyrating=True), np.atleast_1d(omega)
-    source = source if isinstance(source, Place) else np.asarray(source)
-    if not isinstance(source, Place) and source.ndim == 2:
-        found = frequency_response(system, None, omega, damping, [answer.particle], walls=source)
-        return Transmissibility(omega, found.response[:, 0] @ answer.direction)
-    if not isinstance(source, Place):
-        found = frequency_response(system, base_force(system, source), omega, damping, np.array([answer.particle]))
-        return Transmissibility(omega, answer.direction @ source + omega**2 * (found.response[:, 0] @ answer.direction))
-    found = frequency_response(system, source.force(len(system)), omega, damping, np.array([answer.particle]))
-    return FrequencyResponse(omega, found.response[:, 0] @ answer.direction)
+
+    def seen(force, walls=None):
+        found = frequency_response(system, force, omega, damping, [answer.particle], walls=walls)
+        return found.response[:, 0] @ answer.direction
+
+    if isinstance(source, Place):
+        return FrequencyResponse(omega, seen(source.force(len(system))))
+    source = np.asarray(source)
+    if source.ndim == 2:
+        return Transmissibility(omega, seen(None, source))
+    return Transmissibility(omega, answer.direction @ source + omega**2 * seen(base_force(system, source)))
 
 
 def base_force(system: LinearSystem, direction: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from ..bands.bloch import wavevectors
 from ..errors import PhysicsError
 from ..interactions.pair_laws import higher_derivatives
 from ..stiffness.lowest import DENSE, lowest_mode
-from ..stiffness.rest import LinearSystem
+from ..stiffness.rest import J, LinearSystem
 from ..stiffness.site_laws import springs_of
 
 ROUND_OFF = 1e-12  # fraction of the highest squared frequency below which a squared frequency is zero
@@ -159,9 +159,7 @@ class _Waves:
         kinds, kind = [], 'standing' if _edge(q) else 'travelling'
         P, dim = self.system.free, self.system.dim
         if e.shape[1] > 1:  # angular momentum about the normal of the plane
-            J = np.zeros((dim, dim))
-            J[:2, :2] = [[0, 1], [-1, 0]]
-            turning = P.T @ sparse.kron(sparse.diags_array(self.system.masses), J) @ P
+            turning = P.T @ sparse.kron(sparse.diags_array(self.system.masses), np.pad(J, (0, dim - 2))) @ P
             L, turns = np.linalg.eigh(1j * e.conj().T @ (turning @ e))
             if abs(L).max() > DEGENERACY:
                 e, kinds = e @ turns, ['rotating' if abs(spin) > DEGENERACY else kind for spin in L]

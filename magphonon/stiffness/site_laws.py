@@ -238,9 +238,12 @@ class OnSite(SiteLaw):
     def stiffness(self, d: NDArray[np.float64]) -> Any:
         return self.curvature(d) + site_blocks(self.k, *d.shape)
 
+    def factor(self, t: float) -> Any:
+        """The number, or one for each particle, by which V is multiplied at the time `t`."""
+        return 1.0 if self.g is None else self.g(t)
+
     def pumped(self, d: NDArray[np.float64], t: float, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
-        g = 1.0 if self.g is None else self.g(t)
-        return ((1 - g) * self.slope(d).T).T
+        return ((1 - self.factor(t)) * self.slope(d).T).T
 
     def of(self, particles: int, dim: int) -> Self:
         zero = np.zeros((particles, dim))
