@@ -262,6 +262,11 @@ def path_of(atoms: Atoms, path: BandPath | str) -> BandPath:
                      'the same lattice: take that one, or name points of your own to bandpath with special_points=')
 
 
+def points_on(path: BandPath) -> dict[str, NDArray[np.float64]]:
+    """The special points that a path goes through, in its order."""
+    return {name: path.special_points[name] for leg in parse_path_string(path.path) for name in leg}
+
+
 def _mean_over_crossings(omega, values):
     """Average `values`, shape (wavevectors, modes, any), over the modes of equal frequency, whose eigenvectors are arbitrary."""
     means, apart = np.empty_like(values), 1e-9 * abs(omega).max()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
+from .. import units
 from .arguments import add_scene
 
 HELP = 'check a scene before it runs: equilibrium, stability, time step, supports, linear range, supercell, cost'
@@ -27,7 +28,6 @@ def run(options: Namespace) -> int:
     """Print the verdicts and return the exit status: 0 if no problem was found, 1 otherwise."""
     from psutil import virtual_memory
 
-    from .. import units
     from ..bands.bands import cut_off
     from ..scenes.lattices import Oscillator
     from ..scenes.scene import read_scene
@@ -80,7 +80,6 @@ def run(options: Namespace) -> int:
 
 def _leaning(scene):
     """What leaning pillars, which the scene leaves out, would do to the lowest branch, if anything."""
-    from .. import units
     from ..bands.bloch import bloch_modes
 
     leant = scene.with_lean(True)
@@ -104,7 +103,6 @@ def _large(patch, perfect):
     the plane, out of it and at every spacing.  Its eigenvalues lie between the lowest and the highest one of the lattice
     (Cauchy).
     """
-    from .. import units
     from ..dynamics.engine import highest_frequency
 
     many = f'\nPatch: it has {len(patch)} particles, more than {JUDGED}, and is not judged separately. '

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
+from .. import units as u
 from .arguments import add_scene
 
 HELP = 'spacing and foundation for a wanted cut-off, band edge or gap'
@@ -17,7 +18,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from .. import units as u
     from ..scenes.plans import HERTZ, tables
     from ..scenes.scene import read_scene
 
@@ -42,7 +42,6 @@ def run(options: Namespace) -> None:
 
 def _left_out(scene, plan, best, k):
     """What neighbours cost in the lattice that was found."""
-    from .. import units as u
     from ..scenes.tolerances import varied
     from .neighbours import neighbours
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from .. import units
 from .arguments import add_output, add_pictures, add_scene, drawing, lattice_and_patch
 
 if TYPE_CHECKING:
@@ -67,13 +70,10 @@ def cost(scene: Scene) -> Cost:
 
 
 def _of_lattice(folder, atoms):
-    import numpy as np
-
-    from .. import units
     from ..bands.density import band_ranges, lattice_density
     from ..files import write_columns
     from ..plotting.density import plot_density
-    from .bands import ZERO_FRACTION
+    from .band_report import ZERO_FRACTION
 
     wide = [lattice_density(atoms, model=model) for model in atoms.calc.bloch_models]
     omega = np.linspace(min(found.omega[0] for found in wide), max(found.omega[-1] for found in wide), FREQUENCIES)
@@ -98,7 +98,6 @@ def _hertz(found, k):
 
 
 def _of_patch(folder, patch, axes):
-    from .. import units
     from ..files import write_columns
     from ..plotting.density import plot_density
     from ..response.spectral_density import density_of_states
@@ -117,7 +116,6 @@ def _of_patch(folder, patch, axes):
 
 
 def _unfolded(folder, save, lattice, patch, path):
-    from .. import units
     from ..bands.bands import analytic_bands
     from ..plotting.axes import legend_of_set
     from ..plotting.bands import plot_bands

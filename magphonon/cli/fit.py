@@ -93,6 +93,7 @@ def run(options: Namespace) -> None:
     from ..errors import not_negative, positive
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
+    from .fit_report import force_report
 
     for name, given in (('--fix', options.fix), ('--prior', options.priors), ('--without', options.without)):
         if given:
@@ -120,7 +121,7 @@ def run(options: Namespace) -> None:
         with results(options, None, options.file) as out, drawing(options, out) as save:
             save(plot_fit(forces, fit), 'fit')
             (out / 'law.toml').write_text(entry, encoding='utf-8')
-    print('\n'.join(_report(options, forces, fit, shared)))
+    print('\n'.join(force_report(options, forces, fit, shared)))
     print(f'\nfor a scene file:\n\n{entry}', end='')
     if options.output is not None:
         print(f'\nthe picture and the entry are in {options.output}')
@@ -135,70 +136,13 @@ def _shape(name):
     return law.potential(), law.magnet().contact
 
 
-def _report(options, forces, fit, shared):
-    from .. import units as u
-    from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, WITH_CARE
-
-    near, far = forces.r.min(), forces.r.max()
-    yield (f'{options.file}: {len(forces.r)} forces from {near / u.m:g} to {far / u.m:g} m, '
-           f'{"without" if forces.sigma is None else "with"} uncertainties')
-    yield f'\nat {fit.spacing / u.m:g} m, intervals of 95 %:'
-    force, slope, exponent = fit.intervals
-    for name, value, ends, unit, symbol in (('force f', fit.force, force, u.N, 'N'),
-                                            ('slope df/dr', fit.slope, -slope[::-1], u.N / u.m, 'N/m'),
-                                            ('exponent', fit.exponent, exponent, 1.0, '')):
-        low, high = ends / unit
-        yield f'  {name:12} {value / unit:.4g} [{low:.4g}, {high:.4g}] {symbol}'.rstrip()
-    zero, distance, hysteresis, backlash = shared.sizes(abs(forces.f).max())
-    yield (f'\nKnown before: the zero of the distances to {distance / u.mm:.2g} mm, that of the force to {zero / u.N:.2g} N,\n'
-           f'hysteresis to {hysteresis / u.N:.2g} N, backlash to {backlash / u.mm:.2g} mm, gain to {100 * shared.gain:.2g} % '
-           '(standard deviations).\n'
-           'If you know them better, say so: --distance-sigma, --zero-sigma, --hysteresis-sigma, --backlash-sigma, --gain-sigma.')
-    shares = sorted(fit.shares.items(), key=lambda item: -item[1])
-    told = ', '.join(f'{name} {100 * share:.0f} %' for name, share in shares if share > 0.005)
-    yield f'What makes the slope uncertain: {told} (of its variance).'
-    if fit.with_care < 0.8 * fit.half_widths[1]:
-        yield (f'Measure the zero of the distances to {WITH_CARE / u.mm:g} mm, and the slope is known to '
-               f'{100 * fit.with_care:.2g} % instead of {100 * fit.half_widths[1]:.2g} %.')
-    if options.magnet is None:
-        yield (f'Forces from {near / u.mm:g} to {far / u.mm:g} mm cannot tell which law it is; the intervals hold for any smooth '
-               'law.')
-    else:
-        lost = '; the data contradict it.' if fit.weight < SHAPE_WEIGHT / 5 else '.'
-        yield f'The shape of {options.magnet} has the weight {fit.weight:.2g} against a free curve{lost}'
-    if fit.scatter > 1:
-        yield (f'The rows scatter {fit.scatter:.2g} times as much as their sigma_N says, and the intervals are widened by '
-               'that: look for an outlier, or leave the column out.')
-    yield _neighbours(fit)
-    for name, value, conflict, unit, symbol in zip(SHARED, fit.zeros, fit.conflicts, (u.N, u.mm, u.N, u.mm), ('N', 'mm') * 2,
-                                                   strict=True):
-        if conflict > CONFLICT:
-            yield (f'The {name} comes out as {value / unit:.2g} {symbol}, {conflict:.1f} standard deviations from what was told: '
-                   'it is larger, or the shape of the magnets is not as named.')
-
-
-def _neighbours(fit):
-    """How many the table knows, and what the nearest alone would cost in the lattice of most magnets."""
-    from .. import lattices
-    from ..bands.neighbours import neighbour_shifts
-    from ..interactions.fits import shells_within
-    from ..stiffness.calculator import MagneticRepulsion
-
-    reach = fit.law.r[-1] / fit.spacing
-    cell = lattices.triangular(fit.spacing, 1.0)
-    cell.calc = MagneticRepulsion(cell, fit.law)
-    shift = neighbour_shifts(cell, [[0.5, 0, 0]]).relative[0, 0]
-    return (f'The table reaches to {reach:.3g} spacings, {shells_within(reach)} shell(s) of neighbours. In a triangular lattice '
-            'without foundation all neighbours, if the force goes on falling as at its end, shift the shear wave at M by '
-            f'{100 * shift:+.2g} % against the nearest alone: measure to three spacings or more, or name the magnet.')
-
-
 def _fit_bands(options):
     from ..plotting.fits import plot_band_fits
     from ..scenes.band_fits import KEYS, fit_bands
     from ..scenes.scene import read_scene
     from ..stiffness.bond import MODELS
     from ..waves.ridge_tables import read_ridges
+    from .fit_report import band_report, neighbours_of
     from .results import results
 
     scene, points = read_scene(options.scene), read_ridges(*options.files)
@@ -211,7 +155,7 @@ def _fit_bands(options):
         found = fit_bands(scene, points, fixed, priors, options.without)
     except ValueError as error:
         raise ValueError(f'{", ".join(options.files)}: {error}') from None
-    text = '\n'.join([band_report(found, len(points), fixed), '', *_beyond(found)])
+    text = '\n'.join([band_report(found, len(points), fixed), '', *neighbours_of(found)])
     if options.output is not None:
         with results(options, scene, *options.files) as folder, drawing(options, folder, scene.title) as save:
             cells = {model: (found.fitted(model).perfect_cell(), fit) for model, fit in found.fits.items()}
@@ -251,216 +195,13 @@ def _prior(text, keys):
     return keys[one_of('the parameter of --prior', key, tuple(keys))], (value, value * sigma / 100 if percent else sigma)
 
 
-def _beyond(found):
-    """What neighbours cost at the points of the ridges; a frequency changes by half as much as the stiffness of the bonds."""
-    from ..design.least_squares import NORMAL
-    from .neighbours import neighbours
-
-    sigma = found.values()['bond stiffness'][1]
-    within = {('the ridges', k + 1): NORMAL * sigma / 2 for k in set(found.fits['complete'].branches)}
-    scene = found.fitted() if found.fits['complete'].follows else found.scene
-    return neighbours(scene, {'the ridges': found.points.q}, within=within)
-
-
-def band_report(found, points: int, fixed: list[str]) -> str:
-    """The parameters in both models with their intervals, what is not determined, and the evidence for D*."""
-    from collections import Counter
-
-    from ..scenes.band_fits import UNITS
-
-    own, fits = found.points, found.fits
-    on = ', '.join(f'{count} ridge{"s" * (count > 1)} on branch {branch + 1}'
-                   for branch, count in sorted(Counter(fits['complete'].branches[k] for k in set(own.ridge.tolist())).items()))
-    lines = [found.scene.title, '', f'{len(own)} of {points} ridge points share no noise and are fitted: {on}, from below.',
-             *_known(found, fixed), '']
-    rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits))]
-    values = {model: found.values(model) for model in fits}
-    rows += [(f'{name} ({UNITS[name]})' if UNITS[name] else name, *(_interval(*values[model][name]) for model in fits))
-             for name in values['complete']]
-    rows += _predicted(found)
-    rows.append(('chi2/freedom', *(f'{fit.chi2:.4g}/{fit.freedom}' for fit in fits.values())))
-    rows.append(('p-value', *(f'{fit.chance:.2g}' for fit in fits.values())))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines += ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-    return '\n'.join([*lines, '', 'Intervals of 95 %; force and bond stiffness -df/dr are those at the spacing.',
-                      *_allowed(found), *_undetermined(found), *_biased(found), *_left_out(found), *_verdict(found),
-                      *_entries(found)])
-
-
-def _known(found, fixed):
-    from ..scenes.band_fits import KEYS
-
-    keys = {name: key for key, name in KEYS.items()}
-    known = [f'fixed: {", ".join(keys[name] for name in fixed)}'] if fixed else []
-    before = ', '.join(f'{keys[name]} = {value:.4g} +- {sigma:.2g}' for name, (value, sigma) in found.priors.items())
-    known += [f'before: {before}'] if before else []
-    shells = found.scene.law.shells
-    return ['; '.join(['Known: spacing and mass', *known]) + '.',
-            f'Neighbours: {shells} shell{"s" * (shells != 1)}.' + (
-                ' Others are left out: a law with one shell is another than that of the particles; shells = "auto" counts as '
-                'many as matter.' if shells == 1 else '')]
-
-
-def _predicted(found):
-    """Rows of the frequencies of both models at the special points."""
-    import numpy as np
-
-    from .. import units as u
-
-    points = found.scene.special_points
-    told = [found.predicted(np.array(list(points.values())), model) for model in found.fits]
-    return [(f'{name}, branch {branch + 1} (Hz)',
-             *(_interval(u.hertz(omega[k, branch]), sigma[k, branch]) for omega, sigma in told))
-            for k, name in enumerate(points) for branch in range(told[0][0].shape[1])]
-
-
-def _allowed(found):
-    """What the intervals contain of shifts that all ridges of a branch share."""
-    from ..waves.ridge_tables import SHIFT_bins
-
-    sources = [found.points.sources[k] if found.points.sources else 'point' for k in found.points.ridge]
-    kinds = [(kind, sources.count(kind)) for kind in SHIFT_bins if kind in sources]
-    told = ' and '.join(f'{SHIFT_bins[kind]:g} bins for the {count} points of waves from a {kind}' for kind, count in kinds)
-    lines = [f'They allow for a shift that all ridges of a branch share: {told}.']
-    strayed = found.fits['complete'].strayed
-    if strayed:
-        lines.append(f'{strayed} of the points of waves from a point source follow the next branch to that of their motion.')
-    return lines
-
-
-def _interval(value, sigma):
-    import numpy as np
-
-    from ..design.least_squares import DETERMINED, NORMAL
-
-    if not sigma <= DETERMINED:  # or no number
-        return 'not determined'
-    low, high = value * np.exp(-NORMAL * sigma), value * np.exp(NORMAL * sigma)
-    return f'{value:.4g}, {low:.4g} to {high:.4g}'
-
-
-def _undetermined(found):
-    from ..design.least_squares import DETERMINED
-    from ..scenes.band_fits import KEYS
-
-    keys = {name: key for key, name in KEYS.items()}
-    open_ = [keys[name] for name, sigma in zip(found.names, found.fits['complete'].sigma, strict=True) if sigma > DETERMINED]
-    if not open_ or not found.fits['complete'].follows:
-        return []
-    more = ('the other branch too (a force along the row drives longitudinal waves, one across it shear)'
-            if len(set(found.fits['complete'].branches)) == 1 else 'more frequencies of both branches')
-    return [f'These ridges do not determine {" and ".join(open_)} of the complete model: several parameters may change together '
-            f'and leave them where they are. Measure {more}, or tell what is known from elsewhere with --prior; --fix '
-            f'{open_[0]} takes its value from the scene as exact.']
-
-
-def _entries(found):
-    """Correlations of the parameters of the complete model, and its entries for a scene file, if all of them are determined."""
-    import json
-
-    import numpy as np
-
-    from .. import units as u
-    from ..design.least_squares import DETERMINED
-
-    fit, scene = found.fits['complete'], found.fitted()
-    if (fit.sigma > DETERMINED).any() or not fit.follows:
-        return []
-    R = fit.covariance / np.outer(fit.sigma, fit.sigma)
-    pairs = [f'{fit.names[i]} and {fit.names[j]} {R[i, j]:.2f}' for i in range(len(R)) for j in range(i)]
-    law = [f'{key} = {value:.8g}' for key, value in scene.law if isinstance(value, float)]
-    law += [f'{key} = {[float(f"{x:.8g}") for x in value]}' for key, value in scene.law if isinstance(value, tuple)]
-    law += [f'{key}.{name} = {x:.8g}' for key, value in scene.law if hasattr(value, 'model_fields_set') for name, x in value]
-    springs = scene.foundation.changes if scene.foundation else {}
-    rows = [f'{name}_N_per_m = {np.max(k) / (u.N / u.m):.8g}' for name, k in springs.items()]
-    return [*([f'Correlations: {", ".join(pairs)}.'] if pairs else []), '', 'for a scene file, complete:', '',
-            '[law]', f'kind = "{scene.law.kind}"', *law, f'shells = {json.dumps(scene.law.asked)}',
-            *(['[foundation]', *rows] if rows else [])]
-
-
-def _biased(found):
-    lines = []
-    if found.biased and found.better.follows:
-        from ..scenes.band_fits import KEYS
-
-        keys = {name: key for key, name in KEYS.items()}
-        more = ' '.join(f'--prior {keys[name]}=...+-...' for name in found.names if name not in (*found.priors, 'force'))
-        lines.append('Biased, wide: the waves are those of a point source, or of a source that the table does not name. Such '
-                     'ridges are shifted, and the values lie to one side within their intervals (docs/coverage.md). Tell what is '
-                     f'known from elsewhere, as {more}, or drive a row of sources.')
-    if not any(found.points.motions):
-        lines.append('The table has no column motion: which branch a ridge follows is told by its distance alone'
-                     + (', and all points are taken for one ridge. Name record and motion (transverse or longitudinal) of each.'
-                        if len(found.points.names) == 1 else '.'))
-    return lines
-
-
-def _left_out(found):
-    fit = found.fits['complete']
-    if not found.left_out:
-        return []
-    return [f'Left out of the fit: {", ".join(found.left_out)}. With them the points scatter about the fit by '
-            f'{fit.scatter:.2g} of their uncertainties, and all intervals are widened by this: a fit that is good because ridges '
-            'were taken out is no surer than one with them.']
-
-
-def _verdict(found):
-    from ..scenes.band_fits import KEYS, TELLS
-
-    if not found.better.follows:
-        return [f'No model follows these ridges: the points scatter about D0 + D* by {found.fits["complete"].scatter:.2g} of '
-                f'their uncertainties, and about D0 alone by {found.fits["conventional"].scatter:.2g}. The parameters above mean '
-                f'nothing, and these data are no evidence for D* or against it. {_causes(found)}']
-    sigmas = found.evidence
-    difference = abs(found.fits['conventional'].chi2 - found.fits['complete'].chi2)
-    if abs(sigmas) < TELLS:
-        law = [key for key, name in KEYS.items() if name in found.names and not name.startswith('foundation')]
-        known = f' A law that is known from measured forces would decide: --prior, or --fix {",".join(law)}.' if law else ''
-        return [f'D*: these data cannot decide between the models. They differ by {difference:.2g} in chi2, {abs(sigmas):.1f} '
-                f'sigma: with other parameters each follows the ridges as well.{known}', *_scattered(found)]
-    better, worse = ('complete', 'conventional')[:: 1 if sigmas > 0 else -1]
-    lines = [f'D*: the {better} model fits better, by {difference:.4g} in chi2, which is evidence of {abs(sigmas):.1f} sigma '
-             f'{"for" if sigmas > 0 else "against"} D*.']
-    if found.fits[worse].scatter == 1:
-        lines.append(f'The {worse} model follows the ridges within their uncertainties, too: the evidence rests on the '
-                     'difference alone.')
-    return [*lines, *_scattered(found)]
-
-
-def _worst(found):
-    import numpy as np
-
-    points = found.points
-    residuals = found.better.residuals[: len(points)]  # those of priors come after
-    return points.names[max(range(len(points.names)), key=lambda k: np.sum(residuals[points.ridge == k] ** 2))]
-
-
-def _scattered(found):
-    """What to think of points that scatter about the better model by more than their uncertainties say."""
-    fit = found.better
-    if fit.scatter == 1:
-        return []
-    return [f'The points scatter about the {fit.model} model by {fit.scatter:.2g} of their uncertainties; its intervals are '
-            f'enlarged, and the evidence is lowered, by this factor. {_causes(found)}']
-
-
-def _causes(found):
-    """Why points may scatter, the likeliest cause first."""
-    one = found.scene.law.shells == 1
-    shells = ('Most likely it is the neighbours beyond the first shell, which this scene leaves out: take shells = "auto". Then '
-              'look' if one else 'Look')
-    priors = 'at what --prior says, ' if found.priors else ''
-    return (f'{shells} {priors}at mass and spacing of the scene, and at the ridge "{_worst(found)}", from which most of it '
-            'comes: is its motion or its source another than the table says? Ridges that are taken out until the rest agrees '
-            'make a confident and wrong answer; --without leaves one out and widens the intervals by what is missed.')
-
-
 def _fit_frf(options):
     from ..plotting.response import plot_transfer
     from ..response.transfer_functions import read_transfer
     from ..scenes.frf_fits import GAIN, KEYS, fit_frf, in_place, misread
     from ..scenes.scene import read_scene
     from ..scenes.sources import source_of
+    from .fit_report import frf_report
     from .results import results
 
     for name in ('scene', 'without', *(name for name in OF_FORCES if name != 'gain_sigma')):
@@ -485,45 +226,3 @@ def _fit_frf(options):
     print(text)
     if options.output is not None:
         print(f'\nthe picture and this text are in {options.output}')
-
-
-def frf_report(found, fixed: list[str]) -> str:
-    """The parameters in both models with their intervals, what the lattice cannot follow, and which model does."""
-    from ..scenes.frf_fits import UNITS
-
-    fits, values = found.fits, {model: found.values(model) for model in found.fits}
-    points = sum(len(one.omega) for one in found.functions)
-    known = ', '.join(['spacing', *(['mass'] if 'mass' not in fits['complete'].names else []), *fixed])
-    rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits))]
-    rows += [(f'{name} ({UNITS[name]})' if UNITS[name] else name, *(
-        f'({values[model][name][0]:.4g})' if not fits[model].follows else _interval(*values[model][name]) for model in fits))
-        for name in values['complete']]
-    stated = any(one.sigma is not None for one in found.functions)
-    rows.append(('residual in the noise' if stated else 'residual (% of the peak)',
-                 *(f'{fit.misfit:.4g}' if stated else f'{100 * fit.noise:.3g}' for fit in fits.values())))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [found.scene.title, '', f'{len(found.functions)} transfer functions, {points} points; known: {known}.', '',
-             *('  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows), '',
-             'Intervals of 95 %, and in brackets values of a model that does not follow the data; force and bond stiffness '
-             '-df/dr are those at the spacing.']
-    better = found.better
-    if not better.follows:
-        lines.append(f'The lattice is not this model: its sites would have to scatter by {100 * better.site_scatter:.0f} %, so '
-                     'that no interval is given. Check mass, spacing, shells, places and directions of points, units.')
-    elif better.site_scatter:
-        share = f'{100 * better.site_scatter:.2g} %'
-        lines.append(f'The residual of the {better.model} model is {better.misfit:.3g} times the noise: the lattice is not quite '
-                     f'this model. Magnets whose strengths scatter by {share} from one to the next, springs by twice and places '
-                     'by half of that, do so; the intervals are widened by what such scatter does.' if stated else
-                     'No uncertainties are stated (a column sigma_...): the whole residual is counted as noise, and once more as '
-                     f'scatter from magnet to magnet, of {share}.')
-        if 'damping' in better.names:
-            bias = 100 * better.bias[better.names.index('damping')]
-            lines.append(f'Scatter broadens peaks: {bias:.2g} % of damping are taken off, half of it is in the interval.')
-    worse = 'conventional' if found.ratio >= 1 else 'complete'
-    lines.append(f'The residual of the {worse} model is {max(found.ratio, 1 / found.ratio):.3g} times as large: ' + {
-        'complete': 'the data speak for D0 + D*.',
-        'conventional': 'D0 alone follows the data and D0 + D* does not; they speak for D0 alone'
-                        + (', and the complete model ends without static forces.' if found.endless else '.'),
-        None: 'this cannot decide between the models.'}[found.verdict])
-    return '\n'.join(lines)

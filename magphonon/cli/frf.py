@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
+import numpy as np
+
+from .. import units
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 HELP = 'frequency response of the oscillator or of a patch'
@@ -28,9 +31,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    import numpy as np
-
-    from .. import units
     from ..files import write_columns
     from ..plotting.response import plot_response, plot_transfer
     from ..response.frf import receptance
@@ -84,8 +84,6 @@ def run(options: Namespace) -> None:
 
 def _compared(functions, curves):
     """How far the computed responses are from each measured one."""
-    import numpy as np
-
     lines = ['root mean square distance from what was measured, in shares of its peak:']
     for k, one in enumerate(functions):
         peak = abs(one.response).max()
@@ -98,9 +96,6 @@ def _compared(functions, curves):
 
 def _natural(system, omega):
     """The natural frequencies to be drawn, and what the terminal shows of all: a large structure's are counted, not computed."""
-    import numpy as np
-
-    from .. import units
     from ..dynamics.engine import highest_frequency
     from ..response.normal_modes import SMALL, local_modes, modes_below, natural_frequencies
     from ..stiffness.lowest import lowest_mode
@@ -127,7 +122,6 @@ def _natural(system, omega):
 
 def _scattered(scene, system, omega):
     """The lowest natural frequencies in the range with what the scatter of each site in [uncertainty] leaves unknown of them."""
-    from .. import units
     from ..design.scatter import mode_scatter
     from ..response.normal_modes import Modes, local_modes
 
@@ -141,10 +135,6 @@ def _scattered(scene, system, omega):
 
 
 def _peaks(result, unit):
-    import numpy as np
-
-    from .. import units
-
     f, amplitude = units.hertz(result.omega), abs(result.response) / unit
     turns = np.flatnonzero(np.diff(amplitude))  # without equal values that follow each other
     rises = np.diff(amplitude)[turns] > 0

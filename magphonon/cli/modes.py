@@ -86,7 +86,7 @@ def _of_lattice(save, scene, atoms):
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.bands import mode_names
     from ..plotting.modes import plot_mode
-    from .bands import ZERO_FRACTION
+    from .band_report import ZERO_FRACTION
 
     path = scene.lattice.path(scene.bands.path if scene.bands is not None else None, 2)
     names = list(dict.fromkeys(name for name in path.path if name in path.special_points))

@@ -4,6 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from .. import units as u
+from ..bands.bands import points_on, sound_speeds
+from ..bands.neighbours import neighbour_shifts, with_all
+from ..scenes.lattices import TOLERANCE
+from ..scenes.scene import MOST_IN_A_CELL
+from ..scenes.structures import FileLattice
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from typing import Any
@@ -38,11 +47,6 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
     speeds : bool
         Tell the shift of the speeds of long waves along x, too: they need many more neighbours than a frequency.
     """
-    import numpy as np
-
-    from ..scenes.scene import MOST_IN_A_CELL
-    from ..scenes.structures import FileLattice
-
     if scene.single or scene.law.kind == 'saved':
         return []
     told = _counted(scene)
@@ -57,7 +61,9 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
         return [f'{told}; what the others would change is not computed of particles that gyrate.']
     if isinstance(scene.lattice, FileLattice) and len(atoms) > MOST_IN_A_CELL:
         return [f'{told}; what the others would change is not computed for so large a cell.']
-    told = _shifts(scene, told, atoms, _points(scene) if points is None else points, within or {}, limit)
+    if points is None:
+        points = points_on(scene.lattice.path(scene.bands.path if scene.bands is not None else None, 0))  # pyright: ignore[reportAttributeAccessIssue]  no oscillator
+    told = _shifts(scene, told, atoms, points, within or {}, limit)
     return told + (_speeds(atoms) if speeds and not atoms.constraints else [])
 
 
@@ -74,19 +80,7 @@ def _counted(scene):
     return f'{number} (shells = {asked})'
 
 
-def _points(scene):
-    path = scene.lattice.path(scene.bands.path if scene.bands is not None else None, 0)
-    named = [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
-    return {name: path.special_points[name] for name in named}
-
-
 def _shifts(scene, told, atoms, points, within, limit):
-    import numpy as np
-
-    from .. import units as u
-    from ..bands.neighbours import neighbour_shifts
-    from ..scenes.lattices import TOLERANCE
-
     q = {name: np.reshape(np.asarray(several, dtype=float), (-1, 3)) for name, several in points.items()}
     found = neighbour_shifts(atoms, np.concatenate(list(q.values())))
     end = '' if found.known else ', if the forces go on falling as at the end of their table'
@@ -118,12 +112,6 @@ def _shifts(scene, told, atoms, points, within, limit):
 
 
 def _speeds(atoms):
-    import numpy as np
-
-    from ..bands.bands import sound_speeds
-    from ..bands.neighbours import with_all
-    from ..scenes.lattices import TOLERANCE
-
     every, known = with_all(atoms) if not atoms.calc.layer else (None, False)
     if every is None or not known:
         return []

@@ -8,7 +8,11 @@ foundation are needed.  Each scan is analysed for itself; `magphonon fit --bands
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 
+import numpy as np
+
+from .. import units
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 HELP = 'map and ridges of measured scans of a row or of the plane, over the bands of a scene'
@@ -35,8 +39,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from pathlib import Path
-
     from ..scenes.scene import read_scene
 
     scene, stems = read_scene(options.scene), [Path(table).stem for table in options.tables]
@@ -57,10 +59,6 @@ def run(options: Namespace) -> None:
 
 def _analysed(options, scene):
     """Write and print what the scan `options.table` shows; whether it has ridges."""
-    from pathlib import Path
-
-    import numpy as np
-
     from ..waves.fields import is_field
     from ..waves.scan_tables import read_places, read_scan
     from .neighbours import neighbours
@@ -87,10 +85,6 @@ def _analysed(options, scene):
 
 def _row(options, scene, cell, scan, folder, save):
     """What a row of points shows, in words, and the wavevectors of its ridges."""
-    from pathlib import Path
-
-    import numpy as np
-
     from ..plotting.waves import plot_wave
     from ..waves.ridge_tables import write_ridges
     from ..waves.rows import row_of
@@ -115,11 +109,6 @@ def _row(options, scene, cell, scan, folder, save):
 
 def _field(options, scene, cell, scan, folder, save):
     """What points of the plane show, in words, and the wavevectors of its ridges."""
-    from pathlib import Path
-
-    import numpy as np
-
-    from .. import units
     from ..bands.bands import band_path
     from ..plotting.fields import plot_field, plot_field_at
     from ..waves.fields import field_at, field_map, field_of, field_report, field_ridges

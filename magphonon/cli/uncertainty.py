@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
+import numpy as np
+
+from .. import units
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 HELP = 'bands and responses with the uncertainty that follows from tolerances'
@@ -54,9 +57,6 @@ def run(options: Namespace) -> None:
 
 
 def _bands(folder, save, scene, tolerances):
-    import numpy as np
-
-    from .. import units
     from ..bands.bands import Bands, path_of
     from ..design.uncertainty import frequency_spread
     from ..files import write_columns
@@ -92,35 +92,27 @@ def _bands(folder, save, scene, tolerances):
 
 
 def _special_points(atoms, path, tolerances):
-    import numpy as np
-
+    from ..bands.bands import points_on
     from ..design.uncertainty import frequency_spread
 
-    points = _points(path)
-    at = frequency_spread(atoms, [path.special_points[name] for name in points], tolerances)
+    points = points_on(path)
+    at = frequency_spread(atoms, list(points.values()), tolerances)
     kept = [(k, mode) for k in range(len(points)) for mode, f in enumerate(at.values[k])
             if f > 0 and (mode == 0 or abs(f - at.values[k, mode - 1]) > 1e-6 * f)]
     k, mode = np.transpose(kept)
     few = type(at)(at.names, at.covariance, at.values[k, mode], at.slopes[:, k, mode])
-    return few, [(points[k], mode + 1) for k, mode in kept]
-
-
-def _points(path):
-    return [name for name in dict.fromkeys(path.path.replace(',', '')) if name in path.special_points]
+    return few, [(list(points)[k], mode + 1) for k, mode in kept]
 
 
 def _monte_carlo(scene, path, tolerances, few, labels):
-    import numpy as np
-
+    from ..bands.bands import points_on
     from ..design.uncertainty import sampled_frequencies
     from ..scenes.tolerances import varied
 
-    points = _points(path)
-    drawn = sampled_frequencies(lambda factors: varied(scene, factors).perfect_cell(),
-                                [path.special_points[name] for name in points],
-                                tolerances, SAMPLES)
+    points = points_on(path)
+    drawn = sampled_frequencies(lambda factors: varied(scene, factors).perfect_cell(), list(points.values()), tolerances, SAMPLES)
     unstable = np.mean((drawn < -1e-6 * abs(drawn).max()).any(axis=(1, 2)))
-    k, mode = np.transpose([(points.index(name), branch - 1) for name, branch in labels])
+    k, mode = np.transpose([(list(points).index(name), branch - 1) for name, branch in labels])
     certain = few.std <= 1e-9 * few.values  # frequencies that depend on no tolerance
     apart = abs(drawn.std(axis=0, ddof=1)[k, mode][~certain] / few.std[~certain] - 1).max(initial=0.0)
     agrees = apart <= SIGNIFICANT_DIFFERENCE and not unstable
@@ -133,9 +125,6 @@ def _monte_carlo(scene, path, tolerances, few, labels):
 
 
 def _response(folder, save, scene, tolerances):
-    import numpy as np
-
-    from .. import units
     from ..design.uncertainty import response_spread
     from ..files import write_columns
     from ..plotting.response import plot_response_ribbon
@@ -165,8 +154,6 @@ def _peaks(f, spread):
 
     It holds for a peak of one resonance that moves by less than its width; between peaks it means nothing.
     """
-    import numpy as np
-
     v, std, second = spread.values, spread.std, spread.second_order
     peaks = 1 + np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] > v[2:]))
     narrow = peaks[second[peaks] > SECOND_ORDER_RATIO * std[peaks]]

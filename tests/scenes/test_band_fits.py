@@ -17,7 +17,7 @@ from scipy.stats import binom
 
 from magphonon import InversePower, read_scene
 from magphonon.bands.bloch import bloch_modes
-from magphonon.cli.fit import band_report
+from magphonon.cli.fit_report import band_report
 from magphonon.cli.main import main
 from magphonon.design.least_squares import DETERMINED
 from magphonon.scenes import fit_bands

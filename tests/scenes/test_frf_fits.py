@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from magphonon import DrivenVerlet, Harmonic, Recorder, modes, read_scene, units as u
-from magphonon.cli.fit import frf_report
+from magphonon.cli.fit_report import frf_report
 from magphonon.cli.main import main
 from magphonon.design.sensitivities import hessian_changes
 from magphonon.response import Place, TransferFunction, estimated, lock_in, read_transfer, receptance
