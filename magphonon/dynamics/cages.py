@@ -204,7 +204,7 @@ def pairs_without_bond(bonds: Bonds, atoms: Atoms, cutoff: float) -> Bonds:
 
 def _keys(near, i, j, shift):
     """A whole number for each pair and cell; only pairs in the cells of `near` can be equal to one of these."""
-    most = abs(near.shift).max(initial=0)
+    most, i = abs(near.shift).max(initial=0), i.astype(int)  # products with particles want more than 32 bits
     if not (most or shift.any()):
         return i * near.particles + j
     inside = (abs(shift) <= most).all(axis=1)

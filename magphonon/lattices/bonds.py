@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     Pairs = tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], NDArray[np.float64]]
     """Particles i and j, the cell of j and the distance of each pair."""
 
+MOST_PARTICLES = 2**31 - 1
 PIECE = 2**16  # number of pairs whose vectors are computed at once
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
@@ -72,8 +73,10 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
         raise ValueError(f'particle {k} is at {atoms.positions[k]} mm; every position must be a finite number')
     periods = atoms.cell.array[atoms.pbc]
     if not len(periods):
-        i, j = cKDTree(atoms.positions).query_pairs(cutoff, output_type='ndarray').T
-        return i, j, np.zeros((len(i), 3), dtype=int), distances_between(atoms.positions, i, j)
+        # particles of a lattice fill space evenly, where balance and close boxes only take time
+        tree = cKDTree(atoms.positions, balanced_tree=False, compact_nodes=False)
+        i, j = np.ascontiguousarray(tree.query_pairs(cutoff, output_type='ndarray').T, np.int32)
+        return i, j, np.zeros((len(i), 3), np.int8), distances_between(atoms.positions, i, j)
     if np.linalg.matrix_rank(periods) < len(periods):  # NumPy before 2.4.5 has no rank of an empty list
         raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
                          'set its cell, or its pbc to False')
@@ -100,11 +103,25 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
 
 def distances_between(points: NDArray[np.float64], i: NDArray[np.int_], j: NDArray[np.int_]) -> NDArray[np.float64]:
     """Distances of the pairs i, j of points, shape (pairs,); in pieces, so that no other array is as long as the pairs."""
-    found = np.empty(len(i))
+    found, columns = np.empty(len(i)), np.ascontiguousarray(points.T)
     for k in range(0, len(i), PIECE):
         some = np.s_[k : k + PIECE]
-        found[some] = lengths_of(points[j[some]] - points[i[some]])
+        found[some] = np.sqrt(sum((x[j[some]] - x[i[some]]) ** 2 for x in columns))
     return found
+
+
+def vectors_between(atoms: Atoms, i: NDArray[np.int_], j: NDArray[np.int_], shift: NDArray[np.int_]) -> NDArray[np.float64]:
+    """Vectors from the particles i to j in the cells `shift`, shape (pairs, 3), with the pairs last in memory.
+
+    Columns of zeros, as of z in a plane, are never written: so they take no memory.
+    """
+    vectors, shifted = np.zeros((3, len(i))), shift.any()
+    for x, (found, place) in enumerate(zip(vectors, np.ascontiguousarray(atoms.positions.T), strict=True)):
+        if shifted:
+            np.subtract(place[j] + shift @ atoms.cell.array[:, x], place[i], out=found)
+        elif np.ptp(place):
+            np.subtract(place[j], place[i], out=found)
+    return vectors.T
 
 
 def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -130,7 +147,8 @@ def _in_shells(held, i, j, shift, lengths):
     if not held.any():
         return i, j, shift, lengths
     both = held[i] & held[j]
-    shortest, longest = lengths[~both].min(initial=np.inf), lengths[~both].max(initial=0.0)
+    free = lengths[~both]
+    shortest, longest = free.min(initial=np.inf), free.max(initial=0.0)
     kept = ~both | ((lengths >= (1 - SHELL_WIDTH) * shortest) & (lengths <= (1 + SHELL_WIDTH) * longest))
     return i[kept], j[kept], shift[kept], lengths[kept]
 
@@ -198,8 +216,9 @@ def _unclear(atoms, distances, gaps, last, shells):
 def _last_decimal(atoms: Atoms) -> float:
     """The unit in mm of the last decimal of rounded positions; zero for positions with all digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
+    pieces = [numbers[k : k + PIECE] for k in range(0, len(numbers), PIECE)]  # of a lattice the first one tells
     for unit in 10.0 ** -np.array(DECIMALS):
-        if (abs(numbers - unit * np.rint(numbers / unit)) <= EXACT * np.maximum(abs(numbers), unit)).all():
+        if all((abs(x - unit * np.rint(x / unit)) <= EXACT * np.maximum(abs(x), unit)).all() for x in pieces):
             return float(unit)
     return 0.0
 
@@ -217,10 +236,11 @@ class Bonds:
 
     Attributes
     ----------
-    i, j : ndarray of int, shape (bonds,)
+    i, j : ndarray of int32, shape (bonds,)
         The particles that each bond joins; equal for a bond between a particle and its own periodic image.
+        Products of them want more bits: `i.astype(int) * particles + j`.
     shift : ndarray of int, shape (bonds, 3)
-        The periodic cell that holds j.
+        The periodic cell that holds j; read-only, and of no size in memory, where it is zero throughout.
     vectors : ndarray, shape (bonds, 3)
         From i to j at rest, in mm.
     particles : int
@@ -235,6 +255,15 @@ class Bonds:
     vectors: np.ndarray
     particles: int
     cutoff: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.particles > MOST_PARTICLES:
+            raise ValueError(f'bonds number their particles by 32 bits, so at most {MOST_PARTICLES}, not {self.particles}')
+        slim = {name: np.asarray(getattr(self, name), np.int32) for name in 'ij'}
+        if not np.any(self.shift):
+            slim['shift'] = np.broadcast_to(np.zeros(3, int), (len(self.i), 3))
+        for name, values in slim.items():
+            object.__setattr__(self, name, values)
 
     def __len__(self) -> int:
         return len(self.i)
@@ -260,7 +289,7 @@ class Bonds:
     @cached_property
     def distinct_pairs(self) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.intp]]:
         """The pairs i, j without repetition, shape (pairs,) each, and which of them belongs to each bond, shape (bonds,)."""
-        pair, own = np.unique(self.i * self.particles + self.j, return_inverse=True)
+        pair, own = np.unique(self.i.astype(int) * self.particles + self.j, return_inverse=True)
         return *divmod(pair, self.particles), own
 
     def among(self, which: NDArray[Any]) -> Bonds:
@@ -269,7 +298,7 @@ class Bonds:
 
     def at(self, atoms: Atoms) -> Bonds:
         """The same pairs of particles with the vectors that they have in `atoms`; the particles may be in any periodic image."""
-        vectors = self._between(atoms, self.shift)
+        vectors = vectors_between(atoms, self.i, self.j, self.shift)
         if np.array_equal(vectors, self.vectors):
             return self
         shift, change = self.shift, vectors - self.vectors
@@ -278,15 +307,9 @@ class Bonds:
 
             jump = change - find_mic(change, atoms.cell, atoms.pbc)[0]  # pyright: ignore[reportArgumentType]  three pbc
             shift = shift - np.round(jump @ np.linalg.pinv(atoms.cell.array)).astype(int)
-            vectors = self._between(atoms, shift)
+            vectors = vectors_between(atoms, self.i, self.j, shift)
         same = np.allclose(vectors, self.vectors, rtol=0, atol=1e-9 * self.lengths.max(initial=0))
         return Bonds(self.i, self.j, shift, vectors, self.particles, self.cutoff if same else None)
-
-    def _between(self, atoms, shift):
-        vectors = atoms.positions[self.j]
-        if atoms.pbc.any() or shift.any():
-            vectors += shift @ atoms.cell.array
-        return vectors - atoms.positions[self.i]
 
     def fitted(self, atoms: Atoms) -> Bonds:
         """The bonds with the vectors that they have in `atoms`, or ValueError if they were made for another structure."""
@@ -397,11 +420,7 @@ def _bonds(atoms, i, j, shift, lengths, cutoff):
     # the order in which the tree finds them is arbitrary
     order = np.lexsort((*shift.T[::-1], j, i) if atoms.pbc.any() else (j, i))
     i, j, shift = i[order], j[order], shift[order]
-    vectors = atoms.positions[j]
-    if atoms.pbc.any():
-        vectors += shift @ atoms.cell.array
-    vectors -= atoms.positions[i]
-    return Bonds(i, j, shift, vectors, len(atoms), cutoff)
+    return Bonds(i, j, shift, vectors_between(atoms, i, j, shift), len(atoms), cutoff)
 
 
 def _refuse_coincident(i, j, lengths, scale):
@@ -449,7 +468,7 @@ def explicit_bonds(atoms: Atoms, pairs: Iterable[Any]) -> Bonds:
     if not listed:
         raise ValueError(f'the list of bonds is empty, {pairs!r}; list at least one pair (i, j)')
     i, j, shift = (np.array(column) for column in zip(*listed, strict=True))
-    vectors = atoms.positions[j] + shift @ atoms.cell.array - atoms.positions[i]
+    vectors = vectors_between(atoms, i, j, shift)
     lengths = lengths_of(vectors)
     _refuse_coincident(i, j, lengths, lengths.max())
     return Bonds(i, j, shift, vectors, n)
@@ -459,15 +478,16 @@ def bonds_of(atoms: Atoms, bonds: Bonds | Iterable[Any] | None, shells: int, cut
     """The bonds of a structure: given, listed as in `explicit_bonds`, or else found as by `find_bonds`."""
     if bonds is None:
         bonds = find_bonds(atoms, shells, cutoff)
-    elif not isinstance(bonds, Bonds):
-        bonds = explicit_bonds(atoms, bonds)
-    if bonds.particles != len(atoms):
-        raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(atoms)}; '
-                         'find them in this structure, or use repeat_bonds')
+    else:
+        bonds = bonds if isinstance(bonds, Bonds) else explicit_bonds(atoms, bonds)
+        if bonds.particles != len(atoms):
+            raise ValueError(f'the bonds join {bonds.particles} particles, but the reference has {len(atoms)}; '
+                             'find them in this structure, or use repeat_bonds')
+        bonds = bonds.fitted(atoms)
     if not len(bonds):
         raise ValueError(f'no two of the {len(atoms)} particles are bonded, so nothing repels; keep at least one pair of '
                          'neighbours')
-    return bonds.fitted(atoms)
+    return bonds
 
 
 def repeat_bonds(bonds: Bonds, atoms: Atoms, supercell: Atoms) -> Bonds:

@@ -84,7 +84,7 @@ def _star(system):
     if np.ndim(calc.site_stiffness) == 3:
         return None
     bonds, stiffness = calc.bonds, calc.rest_stiffness(calc.model)
-    mobile, ends = np.flatnonzero(system.mobile), np.append(bonds.i, bonds.j)
+    mobile, ends = np.flatnonzero(system.mobile), np.append(bonds.i, bonds.j).astype(int)
     own = system.mobile[ends]
     ends, R, K = ends[own], np.concatenate([bonds.vectors, -bonds.vectors])[own], np.concatenate([stiffness, stiffness])[own]
     first = ends == mobile[0]

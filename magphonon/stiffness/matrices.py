@@ -149,7 +149,7 @@ def bloch_series(bonds: Bonds, K: NDArray[np.float64],
 
 def _own(bonds, K):
     """Sum of the stiffness of the bonds of each particle, shape (particles, dim, dim)."""
-    entry = np.concatenate([bonds.i, bonds.j])[:, None] * K[0].size + np.arange(K[0].size)
+    entry = np.concatenate([bonds.i, bonds.j]).astype(int)[:, None] * K[0].size + np.arange(K[0].size)
     return np.bincount(entry.ravel(), np.concatenate([K, K]).ravel(), bonds.particles * K[0].size).reshape(-1, *K.shape[1:])
 
 

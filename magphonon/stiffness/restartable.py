@@ -13,7 +13,7 @@ from ase.constraints import dict2constraint
 
 from ..errors import finite, positive, shown
 from ..interactions.bond_laws import laws_from_dict, laws_to_dict
-from ..lattices.bonds import Bonds
+from ..lattices.bonds import Bonds, vectors_between
 from .site_laws import foundation_from_dict, foundation_to_dict
 
 if TYPE_CHECKING:
@@ -170,5 +170,4 @@ def _bonds_from_dict(given, reference):
     i, j = (_wholes(f'bonds.{end}', parts[end], (n,), 0, last) for end in ('i', 'j'))
     shift = _wholes('bonds.shift', np.reshape(parts['shift'], (0, 3)) if not n else parts['shift'], (n, 3))
     cutoff = None if parts['cutoff'] is None else positive('bonds.cutoff', parts['cutoff'], 'mm')
-    vectors = reference.positions[j] + shift @ reference.cell.array - reference.positions[i]
-    return Bonds(i, j, shift, vectors, len(reference), cutoff)
+    return Bonds(i, j, shift, vectors_between(reference, i, j, shift), len(reference), cutoff)
