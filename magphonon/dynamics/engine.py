@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..interactions.bond_laws import labels, taken
+from ..stiffness.bond import stiffest
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
-from ..stiffness.matrices import hermitian_eigenvalues
 from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
 from ..stiffness.site_laws import SiteLaw, Travelling
 from ..stiffness.sites import out_of_plane, refuse_gyration
@@ -131,15 +131,13 @@ def _stiffest(atoms: Any) -> Any:
 
 
 def _particle_bound(system):
-    """Gershgorin's bound by particle, without the Hessian: `w^2 <= k/m_i + sum_b |K_b| (1/m_i + 1/sqrt(m_i m_j))`."""
+    """Gershgorin's bound by particle, without the Hessian: `w^2 <= k/m_i + sum_b |K_b| (1/m_i + 1/sqrt(m_i min m))`."""
     calc, masses = system.calc, system.masses
-    bonds, K = calc.bonds, calc.rest_stiffness(calc.model)
-    k = calc.site_stiffness
+    bonds, k = calc.bonds, calc.site_stiffness
     k = np.broadcast_to(abs(k).sum(axis=2) if np.ndim(k) == 3 else k, (len(masses), calc.dim)).max(axis=1)
-    norm = abs(hermitian_eigenvalues(K)).max(axis=1)
-    squares = k / masses
-    for i, j in ((bonds.i, bonds.j), (bonds.j, bonds.i)):
-        squares += np.bincount(i, norm * (1 / masses[i] + 1 / np.sqrt(masses[i] * masses[j])), len(masses))
+    norm = stiffest(calc.bond_vectors, calc.interaction, calc.model)
+    norm = np.bincount(bonds.i, norm, len(masses)) + np.bincount(bonds.j, norm, len(masses))
+    squares = (k + norm) / masses + norm / np.sqrt(masses * masses.min())
     return np.sqrt(squares[system.mobile].max(initial=0.0))
 
 

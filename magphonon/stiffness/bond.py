@@ -179,6 +179,16 @@ def sizes(vectors: NDArray[np.float64], law: Law) -> tuple[NDArray[np.float64], 
     return np.linalg.norm(acting.forces(vectors)[1], axis=1), abs(np.einsum('bxx->b', acting.stiffness(vectors)[0]))
 
 
+def stiffest(vectors: NDArray[np.float64], law: Law, model: str = 'complete') -> NDArray[np.float64]:
+    """Largest modulus of the eigenvalues of the stiffness of each bond in N/mm: of a central law that of phi'' or phi'/r."""
+    acting = interaction_of(law, vectors.shape[1])
+    if not isinstance(acting, Central):
+        return abs(np.linalg.eigvalsh(model_stiffness(vectors, acting, model))).max(axis=1)
+    r = _lengths(vectors)
+    along = abs(acting.law.d2phi(r))
+    return along if model == 'conventional' else np.maximum(along, abs(acting.law.dphi(r)) / r)
+
+
 def displaced(bonds: Bonds, rest: tuple[NDArray[np.float64], ...], moved: NDArray[np.float64],
               model: str) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The vectors at which an interaction is asked, and the directions to which a model of the forces confines its gradient.

@@ -230,7 +230,10 @@ class LinearSystem:
             forces = calc.get_forces(self.atoms)[:, : self.dim]
         if not forces.any():
             return np.zeros(len(self))
-        left = np.linalg.norm((self.free @ (self.free.T @ forces.ravel())).reshape(forces.shape), axis=1)
+        mobile, guided, barred = self._freedom
+        left = lengths_of(mobile[:, None] * forces)
+        if len(guided):
+            left[guided] = lengths_of(forces[guided] - np.einsum('gxy,gy->gx', barred, forces[guided]))
         shaken = PLACES * max(abs(calc.reference.positions).max(), calc.bonds.lengths.max(initial=0.0))  # in mm
         force, stiffness = self._largest
         return left * (left > max(BALANCED * force, shaken * stiffness))
@@ -252,10 +255,7 @@ class LinearSystem:
         n, dim = len(self), self.dim
         if not self.atoms.constraints:
             return sparse.csr_array((np.ones(n * dim), np.arange(n * dim), np.arange(n * dim + 1)))
-        try:
-            mobile, guided, barred = freedom(self.atoms)
-        except ValueError:
-            mobile, guided, barred = np.ones(n, bool), [], []
+        mobile, guided, barred = self._freedom
         if not len(guided):
             free = np.repeat(mobile, dim)
             ends = np.append(0, np.cumsum(free))
@@ -269,11 +269,17 @@ class LinearSystem:
         return free[:, np.flatnonzero(abs(free).sum(axis=0))]
 
     @cached_property
+    def _freedom(self):
+        """The `freedom` of the particles; all of it where a constraint is not known."""
+        try:
+            return freedom(self.atoms)
+        except ValueError:
+            return np.ones(len(self), bool), np.zeros(0, int), np.zeros((0, 2, 2))
+
+    @property
     def mobile(self) -> NDArray[np.bool_]:
         """Whether each particle can move in any direction, shape (particles,)."""
-        mobile = np.zeros(len(self), bool)
-        mobile[self.free.nonzero()[0] // self.dim] = True
-        return mobile
+        return self._freedom[0]
 
     @property
     def directions(self) -> int:
