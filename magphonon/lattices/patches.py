@@ -8,7 +8,7 @@ import numpy as np
 from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
-from .bonds import find_bonds, pairs_within
+from .bonds import find_bonds
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -107,9 +107,10 @@ def ribbon(cell: Atoms, rows: int) -> Atoms:
         One cell of the ribbon, pbc (1, 0, 0).
     """
     rows = whole('rows', rows)
-    ribbon = _planar(cell).repeat((1, rows, 1))
+    ribbon, shell = _planar(cell).repeat((1, rows, 1)), find_bonds(cell)
     ribbon.pbc = (True, False, False)
-    return _with_rim(ribbon, find_bonds(cell), np.arange(len(ribbon)) % len(cell))
+    neighbours = _neighbours(np.ones((1, rows, len(cell)), bool), shell, shell.shift * (0, 1, 0))
+    return _with_rim(ribbon, neighbours.ravel() < np.tile(shell.coordination, rows))
 
 
 def _beyond_hexagon(x, y, side):
@@ -127,14 +128,29 @@ def _patch(cell, n1, n2, beyond):
     shell = find_bonds(_planar(cell))
     corner = cell.positions[0] + np.array([n1 - 1, n2 - 1, 0]) @ cell.cell.array / 2
     # as ase.Atoms.repeat, which places the cells one by one and would take most of the time
-    cells = np.stack(np.divmod(np.arange(n1 * n2), n2), axis=1) @ cell.cell.array[:2]
-    places = (cell.positions[None] + cells[:, None]).reshape(-1, 3) - corner
-    inside = np.flatnonzero(beyond(*places[:, :2].T) <= 1e-9 * shell.lengths[0])  # a particle on the border belongs to the patch
-    patch = cell[inside % len(cell)]
+    rows, columns = (np.arange(n)[:, None] * vector for n, vector in zip((n1, n2), cell.cell.array[:2], strict=True))
+    places = (cell.positions + (rows[:, None] + columns)[:, :, None]).reshape(-1, 3)
+    places -= corner
+    there = beyond(*places[:, :2].T) <= 1e-9 * shell.lengths[0]  # a particle on the border belongs to the patch
+    neighbours = _neighbours(there.reshape(n1, n2, -1), shell, shell.shift)
+    inside = np.flatnonzero(there)
+    image = inside % len(cell)
+    patch = cell[image]
     patch.positions = places[inside]
     patch.set_array('site', inside)
     patch.pbc, patch.cell = False, None
-    return _with_rim(patch, shell, patch.arrays['site'] % len(cell))
+    return _with_rim(patch, neighbours.ravel()[inside] < shell.coordination[image])
+
+
+def _neighbours(there, shell, shifts):
+    """How many bonds of each place lead to one that is `there`; shape of both (rows of cells, cells, particles of a cell)."""
+    found = np.zeros(there.shape, np.int16)
+    for i, j, (a, b, _) in zip(shell.i, shell.j, shifts, strict=True):
+        (here1, to1), (here2, to2) = ((slice(max(0, -s), max(0, n - max(0, s))), slice(max(0, s), max(0, n + min(0, s))))
+                                      for s, n in zip((a, b), there.shape, strict=False))
+        found[here1, here2, i] += there[to1, to2, j]
+        found[to1, to2, j] += there[here1, here2, i]
+    return found
 
 
 def surrounded(patch: Atoms, cell: Atoms, bonds: Bonds) -> Atoms:
@@ -182,10 +198,8 @@ def _planar(cell):
     return cell
 
 
-def _with_rim(patch, shell, image):
-    """The patch with its rim tagged and held, where a particle has fewer neighbours than its `image` in the lattice."""
-    ends = np.concatenate(pairs_within(patch, shell.cutoff or 0.0)[:2]) if len(patch) else np.zeros(0, int)
-    rim = np.bincount(ends, minlength=len(patch)) < shell.coordination[image]
+def _with_rim(patch, rim):
+    """The patch with its `rim` tagged and held, where a particle has fewer neighbours than in the lattice."""
     if rim.all():
         raise ValueError(f'the patch holds {len(patch)} particles, none of them inside its rim; make it larger')
     patch.set_tags(np.where(rim, RIM, 0))

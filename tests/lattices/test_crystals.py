@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms
+from hypothesis import given, settings, strategies as st
+from oracles import neighbour_vectors
 
 from magphonon import InversePower, MagneticRepulsion, find_bonds, lattices, modes, units as u
 from magphonon.interactions.pair_laws import repulsion
@@ -75,6 +77,28 @@ def test_patches_hold_their_rim_and_balance_inside(name, cut):
     assert abs(forces[~rim]).max() < 1e-13 * f
     # the control: on the rim it is not so; where two neighbours are left opposite each other they balance (kagome)
     assert np.linalg.norm(forces[rim], axis=1).max() > 0.5 * f
+
+
+@settings(max_examples=50, deadline=None)
+@given(name=st.sampled_from(PLANAR), skew=st.tuples(*[st.integers(-2, 2)] * 2), sizes=st.tuples(*[st.integers(1, 5)] * 2),
+       strip=st.booleans(), seed=st.integers(0, 2**32 - 1))
+def test_rims_in_any_basis_and_size_against_brute_force(name, skew, sizes, strip, seed):
+    """A bond may lead farther than the patch has cells; the particles of the cell may stand in any of its images."""
+    atoms, rng = cell(name), np.random.default_rng(seed)
+    atoms.cell[1] += skew[0] * atoms.cell[0]
+    atoms.cell[0] += skew[1] * atoms.cell[1]
+    atoms.positions += rng.integers(-2, 3, (len(atoms), 3)) * [1, 1, 0] @ atoms.cell.array
+    n1, n2 = (1, sizes[1]) if strip else sizes
+    whole = atoms.repeat((n1, n2, 1))
+    whole.pbc = strip, False, False
+    ends = [i for i, *_ in neighbour_vectors(whole, 1.01 * SPACING, images=10)]
+    rim = np.bincount(ends, minlength=len(whole)) < CELLS[name][1]
+    cut = (lambda: lattices.ribbon(atoms, n2)) if strip else (lambda: lattices.parallelogram(atoms, n1, n2))
+    if rim.all():
+        with pytest.raises(ValueError, match='none of them inside its rim'):
+            cut()
+    else:
+        np.testing.assert_array_equal(cut().get_tags() == RIM, rim)
 
 
 def test_square_and_triangular_rims_are_pushed_everywhere():
