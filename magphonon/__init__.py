@@ -1,4 +1,20 @@
-"""Static forces in repulsive lattices: stiffness D0 + D*, bands, waves; on ASE and phonopy (arXiv:1911.10410)."""
+"""Static forces in repulsive lattices: stiffness D0 + D*, bands, waves; on ASE and phonopy (arXiv:1911.10410).
+
+A lattice is an `ase.Atoms` with the calculator `MagneticRepulsion`; lengths are in mm, masses in g, times in ms,
+so forces are in N, and frequencies are told in Hz:
+
+>>> from magphonon import MagneticRepulsion, InversePower, analytic_bands, lattices, units as u
+>>> cell = lattices.triangular(spacing=10 * u.mm, mass=0.707 * u.g)
+>>> law = InversePower(b=1.6209e-10 * u.N * u.m**4.5824, a=4.5824)
+>>> cell.calc = MagneticRepulsion(cell, law, foundation=19.6757 * u.N / u.m)
+>>> bands = analytic_bands(cell, 'GMKG')
+>>> print(f'{bands.frequencies_Hz.max():.1f} Hz')
+149.5 Hz
+
+`dir(magphonon)` lists the names most used; each room has the others: `lattices` (cells, patches, bonds), `interactions` (laws,
+magnets, fits of forces), `stiffness` (the calculator, D0 + D*), `bands`, `dynamics` (time steps), `response` (modes, transfer
+functions, densities), `waves` (bursts, scans), `stability`, `design`, `planning`, `scenes`, `sweeps`, `plotting`, `units`.
+"""
 
 import lazy_loader
 

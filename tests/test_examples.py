@@ -47,6 +47,12 @@ def test_examples_of_docstrings(room):
     assert failures == ''
 
 
+def test_the_example_of_the_front_door():
+    [test] = FINDER.find(magphonon, 'magphonon', globs={})
+    assert len(test.examples) > 4
+    assert run(test) == ''
+
+
 def test_every_name_of_the_front_door_has_an_example():
     named = callables({name: getattr(magphonon, name) for name in magphonon.__all__})
     assert len(named) > 30
