@@ -36,11 +36,7 @@ from .dynamics import (
     ToneBurst as ToneBurst,
     Wall as Wall,
 )
-from .errors import (
-    NotAtRest as NotAtRest,
-    PhysicsError as PhysicsError,
-    Unstable as Unstable,
-)
+from .errors import NotAtRest as NotAtRest, PhysicsError as PhysicsError, Unstable as Unstable
 from .interactions import (
     Cuboid as Cuboid,
     Hertz as Hertz,
@@ -51,29 +47,11 @@ from .interactions import (
     Yukawa as Yukawa,
     magnet_law as magnet_law,
 )
-from .lattices import (
-    explicit_bonds as explicit_bonds,
-    find_bonds as find_bonds,
-)
-from .plotting import (
-    plot_bands as plot_bands,
-    plot_mode as plot_mode,
-    plot_wave as plot_wave,
-)
-from .response import (
-    frequency_response as frequency_response,
-    modes as modes,
-    propagate as propagate,
-)
-from .scenes import (
-    read_scene as read_scene,
-    ready_scene as ready_scene,
-    write_scene as write_scene,
-)
-from .stability import (
-    foundation_needed as foundation_needed,
-    verdict as verdict,
-)
+from .lattices import explicit_bonds as explicit_bonds, find_bonds as find_bonds
+from .plotting import plot_bands as plot_bands, plot_mode as plot_mode, plot_wave as plot_wave
+from .response import frequency_response as frequency_response, modes as modes, propagate as propagate
+from .scenes import read_scene as read_scene, ready_scene as ready_scene, write_scene as write_scene
+from .stability import foundation_needed as foundation_needed, verdict as verdict
 from .stiffness import (
     AllNeighbours as AllNeighbours,
     MagneticRepulsion as MagneticRepulsion,
@@ -83,8 +61,6 @@ from .stiffness import (
     relaxed as relaxed,
     restored as restored,
 )
-from .sweeps import (
-    sweep as sweep,
-)
+from .sweeps import sweep as sweep
 
 __version__: str

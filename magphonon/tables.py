@@ -47,26 +47,13 @@ BLOCK = 2**16
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a table by the names of their quantities.
-
-    Attributes
-    ----------
-    path : path-like
-    header : dict of str to str
-        The name of each column in the file.
-    units : dict of str to float
-        The unit of each column in mm, g, ms; zero for words.
-    columns : dict of str to ndarray, shape (rows,)
-        Numbers in mm, g, ms, or words.
-    lines : ndarray of int, shape (rows,)
-        The line of each row in the file.
-    """
+    """Columns of a table by the names of their quantities."""
 
     path: Any
-    header: dict[str, str]
-    units: dict[str, float]
-    columns: dict[str, NDArray[Any]]
-    lines: NDArray[np.int_]
+    header: dict[str, str]  # the name of each column in the file
+    units: dict[str, float]  # the unit of each column in mm, g, ms; zero for words
+    columns: dict[str, NDArray[Any]]  # shape (rows,): numbers in mm, g, ms, or words
+    lines: NDArray[np.int_]  # shape (rows,): the line of each row in the file
 
     def __contains__(self, quantity: object) -> bool:
         return quantity in self.columns
@@ -91,7 +78,7 @@ class Table:
 
 def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, float]], needed: Collection[str],
                blank: Collection[str] = (), others: bool = True, layout: str = '', most: int = MOST_BYTES) -> Table:
-    r"""Read a table of text.
+    """Read a table of text.
 
     Its header names the columns; it is the first line, or the comment (#) above the rows.  Columns are separated by commas,
     semicolons, tabs or spaces; beside another separator, or in quotation marks, numbers may have decimal commas.
@@ -111,16 +98,6 @@ def read_table(path: str | PathLike[str], columns: Mapping[str, Mapping[str, flo
         What such a table looks like, for messages.
     most : int
         Largest size in bytes.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from magphonon.tables import FORCE, LENGTH, read_table
-    >>> file = tempfile.mkdtemp() + '/forces.csv'
-    >>> with open(file, 'w') as table:
-    ...     _ = table.write('r_mm;f_mN\n9,0;2174,74\n')
-    >>> read_table(file, {'r': LENGTH, 'f': FORCE}, ['r', 'f']).columns
-    {'r': array([9.]), 'f': array([2.17474])}
     """
     refuse_endless(path, most)
     layout = f'; {layout}' if layout else ''

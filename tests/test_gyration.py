@@ -46,6 +46,7 @@ from magphonon.response import (
     replicas,
     series_response,
 )
+from magphonon.stability.buckling import softest_of
 from magphonon.stiffness import LinearSystem, elastic_moduli, for_ase_tools
 from magphonon.stiffness.defects import Scatter, scattered, without
 
@@ -215,7 +216,7 @@ REFUSED = {
     'sound': sound_speeds,
     'moduli': elastic_moduli,
     'Grueneisen': lambda atoms: gruneisen_parameters(atoms, Q),
-    'softest': stability.softest_of,
+    'softest': softest_of,
     'needed': stability.foundation_needed,
     'support': stability.support_needed,
     'amplitude': stability.frequency_shifts,

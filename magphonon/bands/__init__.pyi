@@ -9,9 +9,7 @@ from .bands import (
     path_of as path_of,
     sound_speeds as sound_speeds,
 )
-from .bloch import (
-    bloch_modes as bloch_modes,
-)
+from .bloch import bloch_modes as bloch_modes
 from .density import (
     DensityOfStates as DensityOfStates,
     band_gaps as band_gaps,
@@ -24,10 +22,7 @@ from .evanescent import (
     complex_bands as complex_bands,
     measured_decay as measured_decay,
 )
-from .floquet import (
-    FloquetBands as FloquetBands,
-    floquet_bands as floquet_bands,
-)
+from .floquet import FloquetBands as FloquetBands, floquet_bands as floquet_bands
 from .force_constants import (
     displacement_errors as displacement_errors,
     extracted_dstar as extracted_dstar,
@@ -35,10 +30,7 @@ from .force_constants import (
     foundation_recovered as foundation_recovered,
     phonopy_bands as phonopy_bands,
 )
-from .gruneisen import (
-    Gruneisen as Gruneisen,
-    gruneisen_parameters as gruneisen_parameters,
-)
+from .gruneisen import Gruneisen as Gruneisen, gruneisen_parameters as gruneisen_parameters
 from .neighbours import (
     Enough as Enough,
     NeighbourShifts as NeighbourShifts,
@@ -50,14 +42,5 @@ from .phonopy_files import (
     write_band_yaml as write_band_yaml,
     write_phonopy_params as write_phonopy_params,
 )
-from .topology import (
-    EdgeFlow as EdgeFlow,
-    chern_numbers as chern_numbers,
-    edge_flow as edge_flow,
-)
-from .zone import (
-    ZoneMap as ZoneMap,
-    first_zone as first_zone,
-    frequency_ratio as frequency_ratio,
-    zone_map as zone_map,
-)
+from .topology import EdgeFlow as EdgeFlow, chern_numbers as chern_numbers, edge_flow as edge_flow
+from .zone import ZoneMap as ZoneMap, first_zone as first_zone, frequency_ratio as frequency_ratio, zone_map as zone_map

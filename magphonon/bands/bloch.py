@@ -94,30 +94,10 @@ def damped_modes(atoms: Atoms, q: ArrayLike, damping: ArrayLike, model: str = 'c
                  vectors: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128] | None]:
     """Frequencies and decays of a periodic structure with losses, whose modes move as `e^{-(decay + i omega) t}`.
 
-    Parameters
-    ----------
-    atoms, q, model, vectors
-        As for `bloch_modes`.
-    damping : float or array_like, shape (particles,)
-        Force per momentum in 1/ms.
-
-    Returns
-    -------
-    omega : ndarray, shape (wavevectors, modes)
-        In rad/ms, ascending; zero for an overdamped mode, and for one that grows its negative rate of growth.
-    decay : ndarray, shape (wavevectors, modes)
-        In 1/ms; of the two of an overdamped mode the slower one, and negative for a mode that grows.
-    vectors : ndarray of complex, shape (wavevectors, modes, particles, dim), or None
-        As of `bloch_modes`.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.bands.bloch import damped_modes
-    >>> cell = read_scene(ready_scene('ideal')).atoms()
-    >>> omega, decay, _ = damped_modes(cell, [[0.5, 0, 0]], damping=0.004)
-    >>> decay.tolist()
-    [[0.002, 0.002]]
+    The arguments are those of `bloch_modes`, and `damping` the force per momentum in 1/ms, of all particles or shape
+    (particles,). It returns omega in rad/ms, ascending, zero for an overdamped mode and minus its rate of growth for one that
+    grows; decay in 1/ms, of the two of an overdamped mode the slower one; both of shape (wavevectors, modes); and the vectors of
+    `bloch_modes`.
     """
     system, q = LinearSystem.of(atoms, gyrating=True).moving(), wavevectors(q)
     calc: Any = system.atoms.calc

@@ -205,14 +205,7 @@ def _supercell_atoms(phonon, pbc):
 def force_constants_of(phonon: Phonopy) -> NDArray[np.float64]:
     """Force constants from the particles of the cell to those of the supercell, in N/mm.
 
-    Parameters
-    ----------
-    phonon : phonopy.Phonopy
-
-    Returns
-    -------
-    ndarray, shape (particles, particles of the supercell, dim, dim)
-        In the plane (dim = 2) where nothing acts along z.
+    Shape (particles, particles of the supercell, dim, dim), in the plane (dim = 2) where nothing acts along z.
     """
     FC = getattr(phonon, 'force_constants', None)
     if FC is None:

@@ -179,15 +179,7 @@ def whole_reach(atoms: Atoms, laws: Laws) -> float:
 
 
 def neighbour_shells(atoms: Atoms, reach: float) -> list[Bonds]:
-    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.bands.neighbours import neighbour_shells
-    >>> [len(shell) for shell in neighbour_shells(read_scene(ready_scene('prototype')).atoms(), reach=2.1)]
-    [3, 3, 3]
-    """
+    """The bonds of each neighbour shell within `reach` spacings and the range of the law, a list of Bonds."""
     calc: Any = atoms.calc
     every = bonds_within(calc.reference, reach * calc.bonds.lengths.min())
     order = np.argsort(every.lengths, kind='stable')

@@ -31,21 +31,11 @@ def neighbours(scene: Scene, points: Mapping[str, ArrayLike] | None = None, *, a
                limit: str = 'the 95 % interval') -> list[str]:
     """A line that says how many neighbours count and what all of them would change; none for a scene without choice.
 
-    Parameters
-    ----------
-    scene : Scene
-    points : dict, optional
-        The wavevectors asked, in fractions of the reciprocal vectors: one for each name, or several for a name of them all, of
-        which the largest shift is told.  By default the special points of the bands.
-    atoms : ase.Atoms, optional
-        The cell, where it is not that of the scene.
-    within : dict, optional
-        Half widths of the 95 % intervals stated beside it, as fractions of the frequencies, by point and branch from 1: shifts
-        that exceed them are named in a second line.
-    limit : str
-        What these widths are, in words that end before "of M, branch 1".
-    speeds : bool
-        Tell the shift of the speeds of long waves along x, too: they need many more neighbours than a frequency.
+    `points` are the wavevectors asked, in fractions of the reciprocal vectors: one for each name, or several for a name of them
+    all, of which the largest shift is told; by default the special points of the bands.  `within` has half widths of 95 %
+    intervals, as fractions of the frequencies, by point and branch from 1: shifts that exceed them are named in a second line,
+    where `limit` says what these widths are.  With `speeds`, the shift of long waves along x is told, too: they need many more
+    neighbours.
     """
     if scene.single or scene.law.kind == 'saved':
         return []

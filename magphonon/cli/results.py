@@ -88,24 +88,12 @@ def results(options: Namespace, scene: Scene | None = None, *tables: str | PathL
     """A directory to write into, whose files appear in the folder `options.output` when all of them are complete.
 
     The folder is made if it does not exist, with its parents.  Files of an earlier run of the same command are replaced, unless
-    they were edited; those that are not written again are left.
+    they were edited; those that are not written again are left.  The `tables` are measured ones that the command reads.  The
+    options get `written`, the folder, and `notes`, sentences about what else is there.
 
-    Parameters
-    ----------
-    options : argparse.Namespace
-        With `output`, the name of the `command`, patterns of the names of its `results`, its `words` and the `scene`, a path or
-        a Source.  It gets `written`, the folder, and `notes`, sentences about what else is there.
-    scene : Scene, optional
-    *tables : path-like
-        The measured tables, if the command reads some.
-
-    Raises
-    ------
-    OSError
-        At once if `output` is no directory, or cannot be made or written.
-    ValueError
-        At once if the folder holds results of another scene or table, or edited ones, or if the scene names a file that is
-        called like a result; at the end if a new file would replace one that no command wrote.  The folder is unchanged.
+    It raises ValueError at once if the folder holds results of another scene or table, or edited ones, or if the scene names a
+    file that is called like a result; at the end if a new file would replace one that no command wrote.  The folder is then
+    unchanged.
     """
     folder, made = Path(options.output), []
     try:

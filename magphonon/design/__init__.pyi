@@ -1,7 +1,4 @@
-from .dispersion_fits import (
-    DispersionFit as DispersionFit,
-    fit_dispersion as fit_dispersion,
-)
+from .dispersion_fits import DispersionFit as DispersionFit, fit_dispersion as fit_dispersion
 from .inverse import (
     BandEdge as BandEdge,
     Design as Design,
@@ -10,13 +7,7 @@ from .inverse import (
     foundation_for as foundation_for,
     spacings_for as spacings_for,
 )
-from .scatter import (
-    ModeScatter as ModeScatter,
-    SiteScatter as SiteScatter,
-    mode_scatter as mode_scatter,
-    response_scatter as response_scatter,
-    sampled_modes as sampled_modes,
-)
+from .scatter import ModeScatter as ModeScatter, SiteScatter as SiteScatter, mode_scatter as mode_scatter
 from .sensitivities import (
     Change as Change,
     LawChange as LawChange,
@@ -39,5 +30,4 @@ from .uncertainty import (
     Tolerances as Tolerances,
     frequency_spread as frequency_spread,
     response_spread as response_spread,
-    sampled_frequencies as sampled_frequencies,
 )

@@ -33,14 +33,9 @@ WORDS = {-2: 'an acceleration that is called a displacement', -1: 'a velocity th
 
 
 def misreading(built: Built, functions: Sequence[TransferFunction]) -> str | None:
-    """What these transfer functions look like if something else was measured than their file says; None where nothing does.
+    """What transfer functions look like if something else was measured than their file says; None where nothing does.
 
-    Parameters
-    ----------
-    built : Built
-        The lattice, known to some ten percent.
-    functions : sequence of TransferFunction
-        In their places (`magphonon.scenes.frf_fits.in_place`), all read in one way.
+    The lattice is `built` of what is known to some ten percent; the functions are in their places, all read in one way.
     """
     slow = [replace(one, omega=one.omega / (2 * np.pi)) for one in functions]
     undone = {'phases of the other sign, e^{-i omega t}': lambda w, h: h.conj(),

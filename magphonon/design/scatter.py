@@ -189,21 +189,10 @@ def mode_scatter(atoms: Atoms | LinearSystem, scatter: SiteScatter, count: int |
 
 
 def sampled_modes(atoms: Atoms, scatter: SiteScatter, count: int, seed: int = 0) -> NDArray[np.float64]:
-    """Natural frequencies of structures whose sites are drawn at random, to check `mode_scatter`.
+    """Natural frequencies in rad/ms of `count` structures whose sites are drawn at random, to check `mode_scatter`.
 
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        At rest, with MagneticRepulsion.
-    scatter : SiteScatter
-    count : int
-        Number of structures; each comes to rest again, or stays where it is if the positions were measured at rest.
-    seed : int
-
-    Returns
-    -------
-    ndarray, shape (count, modes)
-        Ascending, in rad/ms; NaN for a structure that buckles.
+    Each comes to rest again, or stays where it is if the positions were measured at rest.  Shape (count, modes), ascending; NaN
+    for a structure that buckles.
     """
     drawn, sites = [], Scatter(scatter.position, scatter.strength, scatter.mass, scatter.stiffness)
     for k in range(count):
@@ -223,19 +212,8 @@ def response_scatter(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Plac
                      damping: ArrayLike, at_rest: bool = False) -> NDArray[np.complex128]:
     """Derivatives of a frequency response by the logarithms of masses, strengths and springs of all sites, and by their places.
 
-    Parameters
-    ----------
-    atoms, force, omega, damping
-        As for `magphonon.response.frf.harmonic_response`.
-    answer : Place
-        Where the response is seen.
-    at_rest : bool
-        As in SiteScatter.
-
-    Returns
-    -------
-    ndarray of complex, shape (6, particles, frequencies)
-        In mm, those by places in mm per mm.
+    The arguments are those of `magphonon.response.frf.harmonic_response`, the Place where the response is seen, and `at_rest` as
+    in SiteScatter.  Shape (6, particles, frequencies), in mm, those by places in mm per mm.
     """
     system = LinearSystem.of(atoms)
     n, slopes, rate = len(system), SiteSlopes(system, at_rest), np.asarray(damping)

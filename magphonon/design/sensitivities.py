@@ -228,20 +228,10 @@ def response_sensitivities(atoms: Atoms | LinearSystem, force: ArrayLike, omega:
 
 
 def hessian_changes(system: LinearSystem, changes: Collection[Change]) -> list[sparse.csr_array]:
-    """Derivatives of the Hessian by parameters, each with the motion of the rest that the parameter causes.
+    """Derivatives `dH/d ln p` of the Hessian by parameters in N/mm, each with the motion of the rest that the parameter causes.
 
     A parameter that pushes particles by g moves the rest by `H^-1 g`, of the complete model as all statics, and each bond there
     has another stiffness.  What a dead load holds stays where it is, as its load is taken to follow.
-
-    Parameters
-    ----------
-    system : LinearSystem
-    changes : sequence of Change
-
-    Returns
-    -------
-    list of scipy.sparse.csr_array, shape (particles * dim, particles * dim)
-        `dH/d ln p` in N/mm.
     """
     calc, P, found = system.calc, system.free, []
     C, R = calc.bonds.incidence, calc.bond_vectors

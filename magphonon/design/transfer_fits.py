@@ -106,13 +106,8 @@ class TransferFit(ParameterFit):
 def responses(built: Built, functions: Sequence[TransferFunction], widened: float = 0.0) -> NDArray[np.complex128]:
     """Responses of a lattice, of all functions, one after the other: in mm/N, or per displacement of the bench.
 
-    Parameters
-    ----------
-    built : Built
-    functions : sequence of TransferFunction
-        Each with the Place where it is seen, and the Place of its force or the direction in which the bench is shaken.
-    widened : float
-        Damping in 1/ms on top.
+    Each function has the Place where it is seen, and the Place of its force or the direction in which the bench is shaken;
+    `widened` is a damping in 1/ms on top.
     """
     omega, where = _frequencies(functions)
     seen = np.unique([_place(one).particle for one in functions])
@@ -131,19 +126,9 @@ def responses(built: Built, functions: Sequence[TransferFunction], widened: floa
 
 def response_slopes(built: Built, functions: Sequence[TransferFunction], names: Sequence[str],
                     widened: float = 0.0) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """The same with their slopes by the logarithms of parameters.
+    """The same, shape (points,), with their slopes by the logarithms of parameters, shape (parameters, points).
 
-    Parameters
-    ----------
-    built, functions, widened
-        As for `responses`.
-    names : sequence of str
-        'damping', 'mass', 'gain' (of all responses) or names among the `built.changes`.
-
-    Returns
-    -------
-    h : ndarray of complex, shape (points,)
-    slopes : ndarray of complex, shape (parameters, points)
+    The `names` are 'damping', 'mass', 'gain' (of all responses) or among the `built.changes`.
     """
     system, dim = built.system.still('fits of transfer functions'), built.system.dim
     omega, where = _frequencies(functions)

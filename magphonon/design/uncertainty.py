@@ -209,21 +209,10 @@ def response_spread(atoms: Atoms | LinearSystem, force: ArrayLike, answer: Place
 
 def sampled_frequencies(build: Callable[[dict[str, float]], Atoms], q: ArrayLike, tolerances: Tolerances, count: int,
                         seed: int = 0) -> NDArray[np.float64]:
-    """Frequencies of lattices whose parameters are drawn at random, to check the linear propagation.
+    """Frequencies of `count` lattices whose parameters are drawn at random, to check the linear propagation.
 
-    Parameters
-    ----------
-    build : callable
-        Takes a dict of parameter name to factor and returns the cell with its MagneticRepulsion.
-    q : array_like, shape (wavevectors, 3)
-    tolerances : Tolerances
-    count : int
-    seed : int
-
-    Returns
-    -------
-    ndarray, shape (count, wavevectors, modes)
-        In rad/ms.
+    `build` takes a dict of parameter name to factor and returns the cell with its MagneticRepulsion.  Shape (count, wavevectors,
+    modes), in rad/ms.
     """
     from tqdm import tqdm
 

@@ -1,13 +1,5 @@
-from .fits import (
-    Fit as Fit,
-    SharedErrors as SharedErrors,
-    fit_forces as fit_forces,
-    scene_entry as scene_entry,
-)
-from .force_tables import (
-    Forces as Forces,
-    read_forces as read_forces,
-)
+from .fits import Fit as Fit, SharedErrors as SharedErrors, fit_forces as fit_forces, scene_entry as scene_entry
+from .force_tables import Forces as Forces, read_forces as read_forces
 from .magnet_pairs import (
     MagnetLaw as MagnetLaw,
     SphereLaw as SphereLaw,
@@ -15,13 +7,7 @@ from .magnet_pairs import (
     magnet_law as magnet_law,
     pair_force as pair_force,
 )
-from .magnets import (
-    Cuboid as Cuboid,
-    Ring as Ring,
-    Sphere as Sphere,
-    grade_remanence as grade_remanence,
-    moment as moment,
-)
+from .magnets import Cuboid as Cuboid, Ring as Ring, Sphere as Sphere, grade_remanence as grade_remanence, moment as moment
 from .pair_laws import (
     Attraction as Attraction,
     GaussianMixture as GaussianMixture,
@@ -33,6 +19,4 @@ from .pair_laws import (
     Yukawa as Yukawa,
     repulsion as repulsion,
 )
-from .upright import (
-    UprightMagnets as UprightMagnets,
-)
+from .upright import UprightMagnets as UprightMagnets

@@ -87,20 +87,11 @@ class BondLaws:
     """The pair laws of bonds that differ: `strength * law(r)` for each bond.
 
     Its methods take distances whose first axis is that of the bonds.
-
-    Attributes
-    ----------
-    laws : tuple of PairLaw
-        The different laws.
-    which : ndarray of int, shape (bonds,)
-        Index of the law of each bond in `laws`.
-    strength : ndarray, shape (bonds,)
-        Factor of the law of each bond.
     """
 
-    laws: tuple[PairLaw, ...]
-    which: NDArray[np.intp]
-    strength: NDArray[np.float64]
+    laws: tuple[PairLaw, ...]  # the different laws
+    which: NDArray[np.intp]  # shape (bonds,): index of the law of each bond in `laws`
+    strength: NDArray[np.float64]  # shape (bonds,): factor of the law of each bond
 
     def phi(self, r: Any) -> Any:
         """Energy of each bond in mJ at the distances `r` in mm, shape (bonds, ...)."""

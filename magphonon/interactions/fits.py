@@ -380,14 +380,7 @@ def scene_entry(fit: Fit) -> str:
 
 
 def shells_within(reach: float) -> int:
-    """Number of shells within `reach` spacings in the square or triangular lattice, whichever has fewer; at least one.
-
-    Examples
-    --------
-    >>> from magphonon.interactions.fits import shells_within
-    >>> shells_within(1.5), shells_within(2.08)
-    (1, 3)
-    """
+    """Number of shells within `reach` spacings in the square or triangular lattice, whichever has fewer; at least one."""
     i, j = np.meshgrid(np.arange(9), np.arange(9))
     return max(min(len(np.unique(squares[(squares > 0) & (squares <= reach**2 * (1 + 1e-9))]))
                    for squares in (i**2 + j**2, i**2 + i * j + j**2)), 1)

@@ -146,15 +146,6 @@ def _fault(table, name, unit, spelled, least, most, mend):
 
 
 def synthetic_forces(law: PairLaw, r: Any, sigma: float | NDArray[np.float64], seed: int) -> Forces:
-    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): a synthetic measurement, to test a fit.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon import InversePower
-    >>> from magphonon.interactions.force_tables import synthetic_forces
-    >>> synthetic_forces(InversePower(2000.0, 4.0), np.linspace(8, 15, 8), sigma=1e-3, seed=0).f.shape
-    (8,)
-    """
+    """Forces of a `law` at distances `r` with Gaussian noise `sigma` (N): a synthetic measurement, to test a fit."""
     noise = np.random.default_rng(seed).normal(scale=sigma, size=np.shape(r))
     return Forces(r, repulsion(law, r) + noise, np.broadcast_to(sigma, np.shape(r)))

@@ -77,15 +77,6 @@ class LeaningMixture(LeaningMagnets):
 
 
 def leaning_law(upright: PairLaw, spacing: float, height: float) -> LeaningMagnets:
-    """The law of magnets at `spacing` (mm) from their nearest neighbours on pillars of the `height` (mm).
-
-    Examples
-    --------
-    >>> from magphonon import InversePower
-    >>> from magphonon.interactions.leaning import leaning_law
-    >>> law = leaning_law(InversePower.dipoles(1e4), 10.0, 150.0)
-    >>> float(law.charges.dphi(10.0) / law.upright.dphi(10.0)).__round__(9)  # (3/300)^2 10^2/3
-    0.003333333
-    """
+    """The law of magnets at `spacing` (mm) from their nearest neighbours on pillars of the `height` (mm)."""
     charges = InversePower((1.5 / height) ** 2 * -float(upright.dphi(spacing)) * spacing**4 / 3, 2.0)
     return (LeaningMixture if isinstance(upright, GaussianMixture) else LeaningMagnets)(upright, charges)

@@ -33,16 +33,7 @@ LONG_SERIES_TOLERANCE = 1e-10  # that of a long series, of which more terms cost
 
 
 def pair_energy(magnet: Cuboid | Ring, r: Any) -> float:
-    """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity.
-
-    Examples
-    --------
-    >>> from magphonon import Ring, units as u
-    >>> from magphonon.interactions.magnet_pairs import pair_energy
-    >>> magnet = Ring(6.35, 1.5875, 3.175, remanence=1.3 * u.T)
-    >>> bool(pair_energy(magnet, 10.0) > pair_energy(magnet, 12.0) > 0)  # mJ
-    True
-    """
+    """Energy in mJ of two equal prisms side by side, their centres `r` > contact (mm) apart, zero at infinity."""
     if not r > magnet.contact:
         raise ValueError(f'two of {magnet!r} {r:g} mm apart touch or overlap; keep them more than {magnet.contact:g} mm apart')
     h, gap = magnet.height, (r - magnet.contact) / magnet.width

@@ -474,17 +474,7 @@ class Attraction:
 
 
 def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
-    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon import InversePower
-    >>> from magphonon.interactions.pair_laws import higher_derivatives
-    >>> third, fourth = higher_derivatives(InversePower(1.0, 2.0), np.array([1.0]))  # of phi = 1/r
-    >>> third.round(6), fourth.round(6)
-    (array([-6.]), array([24.]))
-    """
+    """Third and fourth derivative of phi at `r` (mm), from phi'' on a circle in the complex plane, by Cauchy's formula."""
     f, slope = abs(law.dphi(r)), abs(law.d2phi(r))
     radius = RADIUS * r * np.minimum(1, STEEPEST * f / np.maximum(r * slope, np.finfo(float).tiny)) if f.all() else RADIUS * r
     around = law.d2phi((r + radius * CIRCLE).T).T.copy()  # the first axis of a law along bonds is that of the bonds
@@ -492,13 +482,5 @@ def higher_derivatives(law: PairLaw, r: Any) -> tuple[Any, Any]:
 
 
 def local_exponent(law: PairLaw, r: Any) -> Any:
-    """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, Yukawa
-    >>> from magphonon.interactions.pair_laws import local_exponent
-    >>> float(local_exponent(InversePower(1.0, 4.0), 2.0)), round(float(local_exponent(Yukawa(1.0, 1.0), 1.0)), 6)
-    (4.0, 2.5)
-    """
+    """Exponent `-d ln f/d ln r` of the inverse power that touches the law at `r`."""
     return -r * law.d2phi(r) / law.dphi(r)

@@ -50,24 +50,12 @@ more than 2."""
 
 @dataclass(frozen=True)
 class Peak:
-    """The highest resonance of a response in its range.
+    """The highest resonance of a response in its range."""
 
-    Attributes
-    ----------
-    linear : Modes
-        All modes of a small structure; for a large structure, only the displacement pattern at the peak.
-    mode : int
-        The mode that resonates.
-    rivals : ndarray of int
-        Modes whose peaks may be as high, including the mode itself.
-    force : float
-        The force on the mode for a unit force, g^-1/2.
-    """
-
-    linear: Modes
-    mode: int
-    rivals: np.ndarray
-    force: float
+    linear: Modes  # all modes of a small structure; for a large structure, only the displacement pattern at the peak
+    mode: int  # the mode that resonates
+    rivals: np.ndarray  # modes whose peaks may be as high, including the mode itself
+    force: float  # the force on the mode for a unit force, g^-1/2
 
     @property
     def omega(self) -> float:
@@ -76,18 +64,7 @@ class Peak:
 
 
 def highest_peak(atoms: Atoms | LinearSystem, source: Place, answer: Place, omega: NDArray[np.float64], damping: float) -> Peak:
-    """The resonance that dominates the response in the range of frequencies, in the complete linear model.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms or LinearSystem
-    source, answer : Place
-        Where the force acts, and where the displacement is measured.
-    omega : array_like
-        Angular frequencies in rad/ms, ascending.
-    damping : float
-        gamma in 1/ms.
-    """
+    """The resonance that dominates the response at `omega` (rad/ms, ascending), in the complete linear model."""
     system, damping = LinearSystem.of(atoms), positive('damping', damping, '1/ms')
     if system.free.shape[1] > MOST_DIRECTIONS:
         return _peak_of_field(system, source, answer, omega, damping)

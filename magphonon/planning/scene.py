@@ -24,23 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wanted:
-    """One quantity that a scene asks for, with its plan and the function that computes it.
+    """One quantity that a scene asks for, with its plan and the function that computes it."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its files.
-    plan : Plan
-    answer : function
-        Takes a file and the Settings of a method, and writes the data to the file.
-    notes : tuple of str
-        Effects that the plan leaves out.
-    """
-
-    name: str
+    name: str  # name of its files
     plan: Plan
-    answer: Callable[[Path, Settings], None]
-    notes: tuple[str, ...] = ()
+    answer: Callable[[Path, Settings], None]  # takes a file and the Settings of a method, and writes the data to the file
+    notes: tuple[str, ...] = ()  # effects that the plan leaves out
 
     def report(self) -> str:
         """The plan in words."""
@@ -52,21 +41,7 @@ class Wanted:
 
 
 def scene_plans(scene: Scene, tolerance: float) -> Iterator[Wanted]:
-    """Plans for all quantities that a scene asks for, one after the other, as Wanted.
-
-    Parameters
-    ----------
-    scene : Scene
-    tolerance : float
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.planning import scene_plans
-    >>> wanted = next(scene_plans(read_scene(ready_scene('chain')), tolerance=0.01))
-    >>> wanted.name
-    'bands'
-    """
+    """Plans for all quantities that a scene asks for, one after the other."""
     scene = scene.with_lean(False)  # which hardly changes what a method costs and how far it is off
     if scene.bands is None and scene.frf is None and scene.burst is None:
         raise ValueError(f'the scene {scene.title!r} has nothing to plan; add a table [bands], [frf] or [burst]')

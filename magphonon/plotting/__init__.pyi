@@ -1,7 +1,4 @@
-from .animation import (
-    animate as animate,
-    period as period,
-)
+from .animation import animate as animate, period as period
 from .axes import (
     legend_above as legend_above,
     legend_of_set as legend_of_set,
@@ -9,7 +6,6 @@ from .axes import (
     new_axes as new_axes,
     new_figure as new_figure,
     panels as panels,
-    point_name as point_name,
     print_style as print_style,
 )
 from .bands import (
@@ -18,17 +14,9 @@ from .bands import (
     plot_bands as plot_bands,
     plot_edge_bands as plot_edge_bands,
 )
-from .density import (
-    plot_density as plot_density,
-    plot_spectral_function as plot_spectral_function,
-)
-from .fits import (
-    plot_band_fits as plot_band_fits,
-    plot_fit as plot_fit,
-)
-from .floquet import (
-    plot_floquet as plot_floquet,
-)
+from .density import plot_density as plot_density, plot_spectral_function as plot_spectral_function
+from .fits import plot_band_fits as plot_band_fits, plot_fit as plot_fit
+from .floquet import plot_floquet as plot_floquet
 from .modes import (
     plot_comparison as plot_comparison,
     plot_extents as plot_extents,
@@ -41,15 +29,9 @@ from .response import (
     plot_response as plot_response,
     plot_response_ribbon as plot_response_ribbon,
     plot_transfer as plot_transfer,
-    response_axes as response_axes,
 )
-from .structures import (
-    plot_lattice as plot_lattice,
-    plot_patch as plot_patch,
-)
-from .sweeps import (
-    plot_sweep as plot_sweep,
-)
+from .structures import plot_lattice as plot_lattice, plot_patch as plot_patch
+from .sweeps import plot_sweep as plot_sweep
 from .waves import (
     crossing as crossing,
     plot_crossing as plot_crossing,
@@ -57,7 +39,4 @@ from .waves import (
     plot_wave as plot_wave,
     plot_waves as plot_waves,
 )
-from .zone import (
-    plot_ratio as plot_ratio,
-    plot_zone as plot_zone,
-)
+from .zone import plot_ratio as plot_ratio, plot_zone as plot_zone

@@ -275,13 +275,6 @@ def entitle(figure: FigureBase, title: str) -> None:
 
 
 def point_name(name: str) -> str:
-    """Name of a special point as it is printed: Γ for G, an index lowered.
-
-    Examples
-    --------
-    >>> from magphonon.plotting import point_name
-    >>> point_name('G'), point_name('M')
-    ('Γ', 'M')
-    """
+    """Name of a special point as it is printed: Γ for G, an index lowered."""
     name = 'Γ' if name == 'G' else name
     return name if len(name) == 1 else f'{name[0]}$_{{{name[1:].lstrip("_")}}}$'

@@ -60,17 +60,6 @@ class Explorer:
         One cell of a planar lattice or a chain, in balance by its symmetry, with its MagneticRepulsion.
     path : ase.dft.kpoints.BandPath
         The wavevectors of the bands, about `POINTS` of them.
-
-    Examples
-    --------
-    >>> from magphonon import read_scene, ready_scene
-    >>> from magphonon.bands import band_path
-    >>> from magphonon.plotting.explorer import Explorer
-    >>> cell = read_scene(ready_scene('prototype')).atoms()
-    >>> page = Explorer(cell, band_path(cell, 'GMKG', 201))
-    >>> exponents = page.exponents.values
-    >>> float(exponents[0]), float(exponents[page.exponents.scene]), float(exponents[-1])
-    (1.0, 4.5824, 12.0)
     """
 
     atoms: Atoms

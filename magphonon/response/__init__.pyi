@@ -7,10 +7,7 @@ from .frf import (
     receptance as receptance,
     series_response as series_response,
 )
-from .measured_shapes import (
-    Comparison as Comparison,
-    compared as compared,
-)
+from .measured_shapes import Comparison as Comparison, compared as compared
 from .normal_modes import (
     Extent as Extent,
     Modes as Modes,
@@ -20,10 +17,7 @@ from .normal_modes import (
     modes_below as modes_below,
     natural_frequencies as natural_frequencies,
 )
-from .propagation import (
-    Transient as Transient,
-    propagate as propagate,
-)
+from .propagation import Transient as Transient, propagate as propagate
 from .spectral_density import (
     SpectralFunction as SpectralFunction,
     density_of_states as density_of_states,
@@ -37,8 +31,4 @@ from .stepped import (
     steady_amplitudes as steady_amplitudes,
     stepped_response as stepped_response,
 )
-from .transfer_functions import (
-    TransferFunction as TransferFunction,
-    estimated as estimated,
-    read_transfer as read_transfer,
-)
+from .transfer_functions import TransferFunction as TransferFunction, estimated as estimated, read_transfer as read_transfer

@@ -5,10 +5,7 @@ from .amplitude_shifts import (
     frequency_shifts as frequency_shifts,
     vibration as vibration,
 )
-from .backbones import (
-    NonlinearModes as NonlinearModes,
-    nonlinear_modes as nonlinear_modes,
-)
+from .backbones import NonlinearModes as NonlinearModes, nonlinear_modes as nonlinear_modes
 from .buckling import (
     Border as Border,
     FoundationNeeded as FoundationNeeded,
@@ -16,24 +13,10 @@ from .buckling import (
     SupportNeeded as SupportNeeded,
     border_over_exponents as border_over_exponents,
     border_over_spacings as border_over_spacings,
-    common_spring as common_spring,
     foundation_needed as foundation_needed,
-    softest_of as softest_of,
-    softest_out_of_plane as softest_out_of_plane,
     spacing_held as spacing_held,
     support_needed as support_needed,
 )
-from .escapes import (
-    Escape as Escape,
-    escape_speeds as escape_speeds,
-)
-from .pumping import (
-    Growth as Growth,
-    pumped_growth as pumped_growth,
-)
-from .verdicts import (
-    Buckling as Buckling,
-    Finding as Finding,
-    Verdict as Verdict,
-    verdict as verdict,
-)
+from .escapes import Escape as Escape, escape_speeds as escape_speeds
+from .pumping import Growth as Growth, pumped_growth as pumped_growth
+from .verdicts import Buckling as Buckling, Finding as Finding, Verdict as Verdict, verdict as verdict

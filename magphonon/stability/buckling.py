@@ -70,25 +70,10 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
     """Softest mode over the zone of a periodic cell, or of a finite structure.
 
     For a periodic cell of more than 200 degrees of freedom only waves with q = 0 or 1/2 along each vector are examined; another
-    wave may be softer.
-
-    Parameters
-    ----------
-    bonds : Bonds
-    K : ndarray, shape (bonds, components, components)
-        Stiffness of each bond, N/mm.
-    free : sparse array, shape (particles * components, free)
-        Directions that the constraints leave free, `LinearSystem.free`.
-    structure : ase.Atoms
-        Structure, of which only the cell and its periodicity are used.
-    foundation : float or ndarray, shape (particles, components)
-        N/mm.
-    masses : ndarray, shape (particles,), optional
-        In g; with them eigenvalues are squared frequencies.
-    steps : int, optional
-        Wavevectors along each reciprocal vector; a multiple of 6 meets M and K of the hexagonal lattices.  By default 48
-        for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  Minima between them
-        are found too, see `softest_wave`.
+    wave may be softer.  `K`, shape (bonds, components, components), is the stiffness of each bond and `free` the directions that
+    the constraints leave free (`LinearSystem.free`).  With `masses` eigenvalues are squared frequencies.  `steps` along each
+    reciprocal vector that are multiples of 6 meet M and K of the hexagonal lattices; by default 48 for one particle per cell, 24
+    in space, and fewer for larger cells, whose zone is smaller.  Minima between them are found too, see `softest_wave`.
     """
     if masses is not None:
         root: Any = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1])))
@@ -111,33 +96,10 @@ def _over_zone(matrix, cell, pbc, particles, steps):
 
 def softest_of(atoms: Atoms | LinearSystem, model: str = 'complete', scale: float = 1.0, foundation: float = 0.0,
                weighted: bool = False, steps: int | None = None) -> Softest:
-    """`softest` of `atoms` about the reference of their calculator.
+    """`softest` of `atoms` about the reference of their calculator, with all bonds stretched by the factor `scale`.
 
-    The part of the calculator's foundation that is common to all particles, `common_spring`, is not included; the additional
-    stiffness of stiffer springs is.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms or LinearSystem
-    model : {'complete', 'conventional'}
-    scale : float
-        Factor by which all bonds are stretched.
-    foundation : float
-        Stiffness common to all particles, N/mm.
-    weighted : bool
-        With the masses: eigenvalues are squared frequencies.
-    steps : int, optional
-        As for `softest`.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stability import softest_of
-    >>> cell = lattices.square(1.0, 1.0)
-    >>> cell.calc = MagneticRepulsion(cell, InversePower(1.0, 4.0))
-    >>> found = softest_of(cell)
-    >>> round(found.lowest, 9), abs(found.q).round(3)
-    (-4.0, array([0. , 0.5, 0. ]))
+    The part of the calculator's foundation that is common to all particles, `common_spring`, is not included, but replaced by
+    `foundation` in N/mm; the additional stiffness of stiffer springs is.  If `weighted`, eigenvalues are squared frequencies.
     """
     refuse_gyration(atoms.calc, 'softest waves')  # pyright: ignore[reportArgumentType]  of either it is a Repulsion
     if isinstance(atoms, Atoms):
@@ -184,15 +146,8 @@ def _softest_of_sums(atoms, model, foundation, weighted, steps):
 def softest_out_of_plane(atoms: Atoms | LinearSystem, foundation: float = 0.0, weighted: bool = False) -> Softest:
     """Softest wave out of the plane of a flat layer; there the motions along z and in the plane are independent.
 
-    Parameters
-    ----------
-    atoms : ase.Atoms or LinearSystem
-        With a foundation of three components; particles at one z.
-    foundation : float
-        Stiffness that the supports of all particles have in common, N/mm, in place of the calculator's own
-        `common_support`.
-    weighted : bool
-        With the masses: eigenvalues are squared frequencies.
+    `foundation` in N/mm is what the supports of all particles have in common, in place of the calculator's own `common_support`.
+    If `weighted`, eigenvalues are squared frequencies.
     """
     calc, other = atoms.calc, foundation - common_support(atoms)
     if isinstance(atoms, LinearSystem):
@@ -262,7 +217,7 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete', step
 
     A flat layer is judged by its motion in the plane alone, whatever its supports along z; `softest_out_of_plane` is for these.
 
-    If springs differ, the result is the stiffness needed for the softest one, `magphonon.stability.common_spring`, while the
+    If springs differ, the result is the stiffness needed for the softest one, `common_spring`, while the
     differences between the springs are kept.
 
     For a periodic cell of more than 200 degrees of freedom only waves that fit into one or two cells are examined, see `softest`.

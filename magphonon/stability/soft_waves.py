@@ -36,25 +36,11 @@ FLAT = 1e-13  # expected gain, as a fraction of the largest eigenvalue, at which
 
 def softest_wave(matrix: Callable[[Any], NDArray[Any]], cell: NDArray[np.float64], pbc: Sequence[bool] | NDArray[np.bool_],
                  steps: int) -> tuple[float, float, NDArray[np.float64]]:
-    """Lowest eigenvalue of `matrix(q)` over the zone.
+    """Lowest and highest eigenvalue of `matrix(q)` over the zone, and the wavevector of the lowest.
 
-    Parameters
-    ----------
-    matrix : callable
-        From wavevectors in fractions of the reciprocal vectors, shape (wavevectors, 3), to Hermitian matrices.
-    cell : ndarray, shape (3, 3)
-        Lattice vectors in rows, mm.
-    pbc : three bools
-        Periodic directions, at least one.
-    steps : int
-        Wavevectors of the mesh along each reciprocal vector.
-
-    Returns
-    -------
-    lowest, highest : float
-        Eigenvalues; `highest` is that of the mesh.
-    q : ndarray, shape (3,)
-        Wavevector of the lowest one: a mesh point, unless a lower value was found near it.
+    The matrices are Hermitian, of wavevectors of the shape (wavevectors, 3) in fractions of the reciprocal vectors.  `steps` is
+    the number of wavevectors along each of them on a mesh, of which the highest eigenvalue is; the lowest is that of a mesh
+    point, unless a lower one was found near it.
     """
     axes = np.eye(3)[np.asarray(pbc)]
     x, lowest, highest = _mesh(lambda x: np.linalg.eigvalsh(matrix(x @ axes)), len(axes), steps)

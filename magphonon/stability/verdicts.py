@@ -225,39 +225,19 @@ def verdict(atoms: Atoms, drives: Sequence[Any] = (), supercell: Sequence[int] |
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A structure at its rest, or where the forces are nearest to balance, and what several checks ask of it.
+    """A structure at its rest, or where the forces are nearest to balance, and what several checks ask of it."""
 
-    Attributes
-    ----------
-    atoms : ase.Atoms
-        The structure at this rest; of a flat layer its motion in the plane.
-    system : LinearSystem or ase.Atoms
-        Argument of the linear tools.
-    pushes : ndarray, shape (particles,)
-        Unbalanced static force on each particle, N.
-    away, closest : float
-        As `Verdict.away` and `Verdict.contact`.
-    layer : ase.Atoms or None
-        The flat layer with its motion out of the plane.
-    gyrating : LinearSystem or None
-        With the gyration that `system` leaves out.
-    pumped : ase.Atoms or None
-        The structure on its Travelling foundation, where `atoms` stands on the mean of that.
-    damping, supercell, distance
-        As for `verdict`.
-    """
-
-    atoms: Atoms
-    system: Any
-    pushes: NDArray[np.float64]
-    away: float = 0.0
-    closest: float = 1.0
-    layer: Atoms | None = None
-    gyrating: LinearSystem | None = None
-    pumped: Atoms | None = None
-    damping: ArrayLike = 0.0
-    supercell: Sequence[int] | None = None
-    distance: float | None = None
+    atoms: Atoms  # the structure at this rest; of a flat layer its motion in the plane
+    system: Any  # argument of the linear tools
+    pushes: NDArray[np.float64]  # shape (particles,): unbalanced static force on each particle, N
+    away: float = 0.0  # in mm, as `Verdict.away`
+    closest: float = 1.0  # as `Verdict.contact`
+    layer: Atoms | None = None  # the flat layer with its motion out of the plane
+    gyrating: LinearSystem | None = None  # with the gyration that `system` leaves out
+    pumped: Atoms | None = None  # the structure on its Travelling foundation, where `atoms` stands on the mean of that
+    damping: ArrayLike = 0.0  # as for `verdict`
+    supercell: Sequence[int] | None = None  # as for `verdict`
+    distance: float | None = None  # as for `verdict`
 
     @property
     def calc(self) -> Any:
@@ -379,19 +359,11 @@ class Buckling:
 
 
 class Supports(NamedTuple):
-    """Stiffness in N/mm that supports must have out of the plane.
+    """Stiffness in N/mm that supports must have out of the plane."""
 
-    Attributes
-    ----------
-    wave, alone : float or None
-        For magnets normal to the plane, of every wave and of one magnet that moves alone; None for other particles.
-    central : float
-        If the force is central, of every wave.
-    """
-
-    wave: float | None
-    alone: float | None
-    central: float
+    wave: float | None  # of every wave, for magnets normal to the plane; None for other particles
+    alone: float | None  # of one such magnet that moves alone
+    central: float  # of every wave, if the force is central
 
 
 # --- the checks ----------------------------------------------------------------------------------------------------------------

@@ -1,14 +1,6 @@
-from .all_neighbours import (
-    AllNeighbours as AllNeighbours,
-    reach as reach,
-)
-from .bond import (
-    bond_stiffness as bond_stiffness,
-    model_stiffness as model_stiffness,
-)
-from .calculator import (
-    MagneticRepulsion as MagneticRepulsion,
-)
+from .all_neighbours import AllNeighbours as AllNeighbours, reach as reach
+from .bond import bond_stiffness as bond_stiffness, model_stiffness as model_stiffness
+from .calculator import MagneticRepulsion as MagneticRepulsion
 from .defects import (
     Scatter as Scatter,
     scattered as scattered,
@@ -16,34 +8,12 @@ from .defects import (
     with_interstitial as with_interstitial,
     without as without,
 )
-from .elastic import (
-    Moduli as Moduli,
-    cauchy_stress as cauchy_stress,
-    elastic_moduli as elastic_moduli,
-)
-from .ewald import (
-    lattice_sum as lattice_sum,
-)
-from .matrices import (
-    bloch_matrix as bloch_matrix,
-)
-from .other_tools import (
-    for_ase_tools as for_ase_tools,
-)
-from .relaxation import (
-    Relaxation as Relaxation,
-    relaxed as relaxed,
-)
-from .repulsion import (
-    Repulsion as Repulsion,
-)
-from .rest import (
-    LinearSystem as LinearSystem,
-)
-from .restart import (
-    restored as restored,
-)
-from .site_laws import (
-    OnSite as OnSite,
-    Travelling as Travelling,
-)
+from .elastic import Moduli as Moduli, cauchy_stress as cauchy_stress, elastic_moduli as elastic_moduli
+from .ewald import lattice_sum as lattice_sum
+from .matrices import bloch_matrix as bloch_matrix
+from .other_tools import for_ase_tools as for_ase_tools
+from .relaxation import Relaxation as Relaxation, relaxed as relaxed
+from .repulsion import Repulsion as Repulsion
+from .rest import LinearSystem as LinearSystem
+from .restart import restored as restored
+from .site_laws import OnSite as OnSite, Travelling as Travelling

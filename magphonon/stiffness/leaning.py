@@ -36,15 +36,6 @@ def leaning(calc: Any, height: float) -> Repulsion:
     ValueError
         If the sites differ in what leaning takes from their springs, or it is not the same along x and y (kagome), or more than
         they have.
-
-    Examples
-    --------
-    >>> from magphonon import InversePower, MagneticRepulsion, lattices
-    >>> from magphonon.stiffness.leaning import leaning
-    >>> cell = lattices.triangular(10.0, 0.7)
-    >>> calc = MagneticRepulsion(cell, InversePower.dipoles(2e4), foundation=0.02)
-    >>> round(calc.foundation - leaning(calc, 150.0).foundation, 6)  # 9 c: three times c for each of six bonds, half along x
-    0.001885
     """
     law = leaning_law(calc.laws, calc.bonds.lengths.min(), height)
     springs = each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) - _taken(calc, law.charges)

@@ -1,6 +1,2 @@
-from .dataset import (
-    sweep as sweep,
-)
-from .questions import (
-    known_questions as known_questions,
-)
+from .dataset import sweep as sweep
+from .questions import known_questions as known_questions

@@ -138,24 +138,14 @@ def _branch(scene, text, above):
 
 
 class Question(NamedTuple):
-    """A question of the list.
-
-    Attributes
-    ----------
-    unit : str
-    meaning : str
-    answer : callable
-        From a Situation, and the words that stand for the capitals in its name, to a number in that unit.
-    label : str
-        For the axis of a picture, with {} for each of these words.
-    check : callable, optional
-        From a Scene and these words; ValueError if no values of its numbers could give an answer.
-    """
+    """A question of the list."""
 
     unit: str
     meaning: str
+    # from a Situation, and the words that stand for the capitals in its name, to a number in that unit
     answer: Callable[..., float]
-    label: str
+    label: str  # for the axis of a picture, with {} for each of these words
+    # from a Scene and these words; ValueError if no values of its numbers could give an answer
     check: Callable[..., None] = lambda scene, *words: None
 
 

@@ -11,27 +11,11 @@ from .ridge_tables import (
     write_points as write_points,
     write_ridges as write_ridges,
 )
-from .scan_tables import (
-    read_places as read_places,
-    read_scan as read_scan,
-    write_scan as write_scan,
-)
-from .scans import (
-    Scan as Scan,
-)
-from .spectrum import (
-    Spectrum as Spectrum,
-    ridge as ridge,
-    wavenumber_frequency as wavenumber_frequency,
-)
-from .thermal import (
-    ThermalBands as ThermalBands,
-    thermal_bands as thermal_bands,
-    thermal_run as thermal_run,
-)
-from .vibrometer import (
-    sampled as sampled,
-)
+from .scan_tables import read_places as read_places, read_scan as read_scan, write_scan as write_scan
+from .scans import Scan as Scan
+from .spectrum import Spectrum as Spectrum, ridge as ridge, wavenumber_frequency as wavenumber_frequency
+from .thermal import ThermalBands as ThermalBands, thermal_bands as thermal_bands, thermal_run as thermal_run
+from .vibrometer import sampled as sampled
 from .wave_analysis import (
     Branch as Branch,
     branch as branch,
@@ -40,10 +24,4 @@ from .wave_analysis import (
     scan_waves as scan_waves,
     waves as waves,
 )
-from .wave_source import (
-    Burst as Burst,
-    polarisations as polarisations,
-    send as send,
-    site as site,
-    wavevector as wavevector,
-)
+from .wave_source import Burst as Burst, polarisations as polarisations, send as send, site as site, wavevector as wavevector

@@ -29,21 +29,11 @@ MOST_APART = 50  # number of steps between neighbouring points from which their 
 
 @dataclass(frozen=True)
 class Row:
-    """Points on a row of a lattice.
+    """Points on a row of a lattice."""
 
-    Attributes
-    ----------
-    order : ndarray of int, shape (points,)
-        The points, one after the other along the row.
-    steps : ndarray of int, shape (points,)
-        Place of each of them in steps from the first; what is missing is skipped.
-    vector : ndarray, shape (3,)
-        One step, a lattice vector in mm.
-    """
-
-    order: np.ndarray
-    steps: np.ndarray
-    vector: np.ndarray
+    order: np.ndarray  # shape (points,): the points, one after the other along the row
+    steps: np.ndarray  # shape (points,): place of each of them in steps from the first; what is missing is skipped
+    vector: np.ndarray  # shape (3,): one step, a lattice vector in mm
 
     @property
     def reversed(self) -> Row:
@@ -70,28 +60,7 @@ class Row:
 
 
 def row_of(places: ArrayLike, cell: Atoms) -> Row:
-    """The row of a lattice on which measured points stand.
-
-    Parameters
-    ----------
-    places : array_like, shape (points, 2)
-        Positions in mm, in the frame of the cell, from any origin and in any order.
-    cell : ase.Atoms
-
-    Returns
-    -------
-    Row
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon import lattices
-    >>> from magphonon.waves.rows import row_of
-    >>> cell = lattices.triangular(10.0, 0.7)
-    >>> row = row_of([[3, 4], [23, 4], [33, 4]], cell)  # one is missing
-    >>> row.steps.tolist(), row.vector.tolist()
-    ([0, 2, 3], [10.0, 0.0, 0.0])
-    """
+    """The row of a lattice on which measured points stand, shape (points, 2) in mm, from any origin and in any order."""
     places = finite('places', places)
     if places.ndim != 2 or places.shape[1] != 2 or len(places) < 2:
         raise ValueError(f'a row needs the positions of at least two points, shape (points, 2), not {places.shape}')

@@ -37,21 +37,13 @@ NOISES = 32  # number of records of white noise by which it is seen how much of 
 
 @dataclass(frozen=True)
 class Samples:
-    """What one point of a scan measured.
+    """What one point of a scan measured."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (samples,)
-        In ms.
-    motions : dict of str to ndarray, shape (samples,)
-        By component, 'x', 'y', 'z' or '' for an unknown direction: displacements in mm or velocities in mm/ms; NaN where blank.
-    place : tuple of float, optional
-        x and y in mm.
-    """
-
-    times: np.ndarray
+    times: np.ndarray  # shape (samples,): in ms
+    # shape (samples,): by component, 'x', 'y', 'z' or '' for an unknown direction: displacements in mm or velocities in mm/ms;
+    # NaN where blank
     motions: dict[str, np.ndarray]
-    place: tuple[float, float] | None = None
+    place: tuple[float, float] | None = None  # x and y in mm
 
 
 @dataclass(frozen=True)
@@ -99,18 +91,7 @@ class Scan:
 def assembled(path: object, points: Mapping[str, Samples], velocities: bool) -> Scan:
     """One record of all points that moved: at equal times, as displacements.
 
-    Parameters
-    ----------
-    path : path-like
-        For messages.
-    points : dict of str to Samples
-        By the name of the point; all have the same components.
-    velocities : bool
-        Whether the motions are velocities; they are integrated.
-
-    Returns
-    -------
-    Scan
+    All `points`, by their names, have the same components; velocities are integrated.  The path is for messages.
     """
     notes = []
     points = {name: _without_blanks(path, name, point) for name, point in points.items()}

@@ -357,20 +357,12 @@ def _analysed(motions, dt, steps, cell, q, source):
 
 @dataclass(frozen=True)
 class Stationary:
-    """Waves on a grid of the zone of which the energy runs along a row: their phases per step, frequencies and slopes.
+    """Waves on a grid of the zone of which the energy runs along a row: their phases per step, frequencies and slopes."""
 
-    Attributes
-    ----------
-    xi, omega, slope : ndarray, shape (waves,)
-        In rad, rad/ms, and d omega/d xi along the row.
-    step : float
-        Distance of the grid in xi.
-    """
-
-    xi: np.ndarray
-    omega: np.ndarray
-    slope: np.ndarray
-    step: float
+    xi: np.ndarray  # in rad, shape (waves,), as the others
+    omega: np.ndarray  # in rad/ms
+    slope: np.ndarray  # d omega/d xi along the row
+    step: float  # distance of the grid in xi
 
     def phases(self, omega: ArrayLike) -> NDArray[np.float64]:
         """Phases per step in rad at these frequencies of those that run away from the source, shape (frequencies, waves).
@@ -385,13 +377,7 @@ class Stationary:
 def stationary_waves(cell: Atoms, q: ArrayLike, model: str = 'complete') -> tuple[Stationary, Stationary]:
     """The waves of a point source of which the energy runs along a row: those along it, and the oblique ones.
 
-    Parameters
-    ----------
-    cell : ase.Atoms
-        With its MagneticRepulsion.
-    q : array_like, shape (3,)
-        Wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
-    model : {'complete', 'conventional'}
+    `q` is the wavevector of xi = 2 pi along the row, in fractions of the reciprocal vectors, as `wavevector(cell, 'point')`.
     """
     q = np.asarray(q, float)
     samples = int(np.ceil(SAMPLES / np.sqrt(len(cell))))

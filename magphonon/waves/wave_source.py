@@ -178,39 +178,20 @@ def _row(patch, inside, start, R2):
 
 @dataclass(frozen=True)
 class Burst:
-    """A tone burst, the damping of the patch that it crosses, and how long it is recorded.
-
-    Attributes
-    ----------
-    drive : ToneBurst
-    damping : float
-        gamma in 1/ms.
-    duration : float
-        In ms, from the start of the burst.
-    """
+    """A tone burst, the damping of the patch that it crosses, and how long it is recorded."""
 
     drive: ToneBurst
-    damping: float
-    duration: float
+    damping: float  # gamma in 1/ms
+    duration: float  # in ms, from the start of the burst
 
 
 @dataclass(frozen=True)
 class Passage:
-    """Recorded motion of a burst.
+    """Recorded motion of a burst."""
 
-    Attributes
-    ----------
-    row : Motion
-        That of the measured row.
-    field : Motion
-        That of all particles at a few moments.
-    largest : float
-        Displacement in mm that no particle exceeds where it is driven, along the row and at these moments.
-    """
-
-    row: Motion
-    field: Motion
-    largest: float
+    row: Motion  # that of the measured row
+    field: Motion  # that of all particles at a few moments
+    largest: float  # displacement in mm that no particle exceeds where it is driven, along the row and at these moments
 
 
 def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: float, engine: str = 'auto', ranks: int = 1,

@@ -6,8 +6,7 @@ from ase.constraints import FixAtoms
 from oracles import lattice
 
 from magphonon import InversePower, MagneticRepulsion, lattices, modes, relaxed
-from magphonon.design import SiteScatter, mode_scatter, response_scatter
-from magphonon.design.scatter import SITES, SiteSlopes
+from magphonon.design.scatter import SITES, SiteScatter, SiteSlopes, mode_scatter, response_scatter
 from magphonon.response import Place, harmonic_response
 from magphonon.stiffness import LinearSystem
 

@@ -5,7 +5,8 @@ import pytest
 from ase import Atoms
 
 from magphonon import InversePower, MagneticRepulsion, Yukawa, read_scene, ready_scene
-from magphonon.planning import bands as planner, plan_bands, scene_plans
+from magphonon.planning import bands as planner, plan_bands
+from magphonon.planning.scene import scene_plans
 from workflows.situations import EDGES, Bands
 
 LAWS = {'2': InversePower(1.0, 2.0), '3': InversePower(1.0, 3.0), '4.58': InversePower(1.0, 4.58), 'Yukawa': Yukawa(1.0, 1.0)}

@@ -7,7 +7,8 @@ import pytest
 
 from magphonon import modes, read_scene, units as u
 from magphonon.cli.main import main
-from magphonon.design import mode_scatter, sampled_modes
+from magphonon.design import mode_scatter
+from magphonon.design.scatter import sampled_modes
 from magphonon.scenes.structures import MOVED
 from workflows import bench_lattice as bench
 

@@ -9,7 +9,8 @@ from oracles import Pairs, lattice
 from scipy.optimize import minimize_scalar
 
 from magphonon import Constant, InversePower, MagneticRepulsion, Yukawa, analytic_bands, foundation_needed, lattices, verdict
-from magphonon.stability import softest_of, spacing_held, support_needed, verdicts
+from magphonon.stability import spacing_held, support_needed, verdicts
+from magphonon.stability.buckling import softest_of
 from magphonon.stiffness.matrices import hessian
 
 pytestmark = pytest.mark.usefixtures('no_impacts')
