@@ -119,14 +119,8 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
                 missing: Collection[str] = ()) -> None:
     """Write arrays to a .npz file, whole or not at all.
 
-    Parameters
-    ----------
-    path : path-like
-    arrays : dict of str to array_like
-    units : dict of str to tuple of str
-        For each array its unit and the names of its axes; saved as JSON in the entry `units`.
-    missing : collection of str
-        Names of arrays in which NaN means that there is no value.
+    `units` has for each its unit and the names of its axes, saved as JSON in the entry `units`; in those `missing` NaN means that
+    there is no value.
     """
     refuse_overflow(path, arrays, missing)
     told = json.dumps({name: {'unit': units[name][0], 'axes': units[name][1:]} for name in arrays})
@@ -136,18 +130,7 @@ def save_arrays(path: str | PathLike[str], arrays: Mapping[str, Any], units: Map
 
 def saved_arrays(path: str | PathLike[str], kind: str, units: Mapping[str, tuple[str, ...]], missing: Collection[str] = (),
                  optional: Collection[str] = ()) -> dict[str, Any]:
-    """The arrays of a .npz file that `save_arrays` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-    kind : str
-        What the file holds, such as 'bands'.
-    units, missing
-        As for `save_arrays`.
-    optional : collection of str
-        Names of arrays that the file need not hold.
-    """
+    """The arrays of a .npz file of this kind, such as 'bands', that `save_arrays` wrote; it need not hold `optional` ones."""
     try:
         with open(path, 'rb') as file, np.load(file) as data:  # numpy leaves a truncated file that it opened itself open
             if any(member.compress_type for member in data.zip.infolist()):  # a small file might fill the memory

@@ -74,19 +74,11 @@ class Increments:
     """The increment law of bonds whose rest lengths and laws fall into a few kinds.
 
     Its methods take increments whose last axis is that of the kinds.
-
-    Attributes
-    ----------
-    potential : PairLaw
-        The law of all bonds, or the laws of the kinds of bonds.
-    model : {'complete', 'conventional'}
-    r0 : ndarray, shape (kinds,)
-        Rest length of each kind of bond, mm.
     """
 
-    potential: PairLaw
+    potential: PairLaw  # the law of all bonds, or the laws of the kinds of bonds
     model: str
-    r0: np.ndarray
+    r0: np.ndarray  # shape (kinds,): rest length of each kind of bond, mm
 
     @property
     def q(self) -> float:

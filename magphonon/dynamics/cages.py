@@ -75,13 +75,7 @@ class Diverged(PhysicsError):
 
 
 class Cages:
-    """Looks whether the bonds of a structure still hold; what it has seen makes the next look cheap.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        With its MagneticRepulsion.
-    """
+    """Looks whether the bonds of a structure still hold; what it has seen makes the next look cheap."""
 
     def __init__(self, atoms: Atoms) -> None:
         self.calc, bonds = atoms.calc, atoms.calc.bonds

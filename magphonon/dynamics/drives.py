@@ -248,20 +248,9 @@ def forces_and_walls(drives: Sequence[Any], count: int) -> tuple[Drives, Drives]
 
 
 class Drives:
-    """Sum of several drives on a structure.
+    """Sum of several drives on a structure of `count` particles; of `walls` it is one of displacements in mm.
 
-    Parameters
-    ----------
-    drives : sequence of drives or functions of the time
-    count : int
-        Number of particles in the structure.
-    walls : bool
-        Whether they are walls, and the sum is one of displacements in mm; otherwise a wall is refused.
-
-    Attributes
-    ----------
-    particles : ndarray of int
-        All particles that are driven.
+    Its `particles` are all that are driven.
     """
 
     def __init__(self, drives: Sequence[Any], count: int, walls: bool = False) -> None:

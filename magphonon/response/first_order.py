@@ -37,13 +37,8 @@ EPS = np.finfo(float).eps
 class FirstOrder:
     """Motion of a structure with any matrix B, part by part.
 
-    Parameters
-    ----------
-    K, B : sparse array, shape (free, free)
-    interval : Interval
-        That of K, from its lowest eigenvalue, if negative, to a bound of the highest.
-    loss, gyration : float
-        The largest of any site, 1/ms and rad/ms.
+    The interval is that of K, from its lowest eigenvalue, if negative, to a bound of the highest; loss (1/ms) and gyration
+    (rad/ms) are the largest of any site.
     """
 
     def __init__(self, K: sparse.csr_array, B: sparse.csr_array, interval: Interval, loss: float, gyration: float) -> None:

@@ -123,18 +123,9 @@ def sampled(force: Callable[..., Any], edges: NDArray[np.float64], rate: float,
 
 
 def separated(values: NDArray[np.float64], tolerance: float = 1e-15) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Forces as a sum of products of a time course and a pattern, `values = sum_r course_r pattern_r`.
+    """Forces, shape (times, components), as a sum of a time course times a pattern, `values = sum_r course_r pattern_r`.
 
     Cross approximation with full pivots: exact after as many terms as there are independent time courses.
-
-    Parameters
-    ----------
-    values : ndarray, shape (times, components)
-
-    Returns
-    -------
-    courses : ndarray, shape (times, terms)
-    patterns : ndarray, shape (terms, components)
     """
     rest, courses, patterns = values.copy(), [], []
     largest = abs(values).max(initial=0.0)
@@ -150,21 +141,9 @@ def separated(values: NDArray[np.float64], tolerance: float = 1e-15) -> tuple[ND
 
 def forced_response(w2: NDArray[np.float64], gamma: float, edges: NDArray[np.float64], courses: NDArray[np.float64],
                     outputs: NDArray[np.int_]) -> NDArray[np.float64]:
-    """Motion from rest at the first edge under forces given at the points of the panels.
+    """Motion from rest at the first edge under forces given at the points of the panels: y and y' at the `outputs`.
 
-    Parameters
-    ----------
-    w2 : ndarray, shape (oscillators,)
-    gamma : float
-    edges : ndarray, shape (panels + 1,)
-    courses : ndarray, shape (panels, NODES, terms)
-    outputs : ndarray of int
-        Increasing indices of the edges at which the motion is wanted.
-
-    Returns
-    -------
-    ndarray, shape (outputs, 2, terms, oscillators)
-        y and y'.
+    Shapes: w2 (oscillators,), edges (panels + 1,), courses (panels, NODES, terms); the answer (outputs, 2, terms, oscillators).
     """
     lengths = np.diff(edges)
     kind = np.unique(np.round(lengths / (64 * np.finfo(float).eps * edges[-1])), return_inverse=True)[1]

@@ -176,18 +176,7 @@ class _Waves:
 
 
 def sites_of(places: NDArray[np.float64], cell: Atoms) -> NDArray[np.int_]:
-    """The particle of the primitive cell to which each particle of a patch belongs, wherever the patch lies.
-
-    Parameters
-    ----------
-    places : ndarray, shape (particles, 3)
-        In mm, on or near sites of the lattice.
-    cell : ase.Atoms
-
-    Returns
-    -------
-    ndarray of int, shape (particles,)
-    """
+    """The particle of the primitive cell to which each particle of a patch belongs, by its place on or near a site."""
     def away(first):
         """Distances of the particles from the sites of each sort, shape (sorts, particles), if that of the first is `first`."""
         from_site = places - places[0] + cell.positions[first] - cell.positions[:, None]

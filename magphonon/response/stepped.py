@@ -198,21 +198,9 @@ def lock_in(signal: ArrayLike, dt: float, omega: ArrayLike, start: float = 0.0) 
 def remaining_transient(amplitudes: ArrayLike, decay: float) -> NDArray[np.float64]:
     """The change that the transient will still make to the last of several successive lock-in amplitudes, as a share of it.
 
-    From window to window a free vibration changes by a complex factor z of modulus `decay`, so the way left is the last
-    step times z/(1 - z), at most |step| decay/(1 - decay); at resonance, where it takes longest, exactly that.  A mere
-    comparison of two amplitudes would take slow change for none.
-
-    Parameters
-    ----------
-    amplitudes : array_like of complex, shape (windows, ...)
-        Amplitudes in windows of equal length, at least three.
-    decay : float
-        Free vibration left after the length T of one window, e^{-gamma T/2}.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Steady state is reached where this is below the tolerance.
+    From window to window a free vibration changes by a complex factor z of modulus `decay`, e^{-gamma T/2}, so the way left is
+    the last step times z/(1 - z), at most |step| decay/(1 - decay); at resonance, where it takes longest, exactly that.  A mere
+    comparison of two amplitudes would take slow change for none.  The windows, at least three, are of equal length.
     """
     amplitudes = np.asarray(amplitudes)
     if len(amplitudes) < 3:

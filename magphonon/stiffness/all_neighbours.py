@@ -299,26 +299,10 @@ def tail_of(law: PairLaw, atoms: Atoms, spacings: float = TAIL) -> GaussianMixtu
 
 
 def missing_stiffness(atoms: Atoms, law: PairLaw, cutoff: float) -> float:
-    """Bound on the stiffness that neighbours beyond `cutoff` add to a particle.
+    """Bound in N/mm on the stiffness, of D0 and of D* in each direction, that neighbours beyond `cutoff` (mm) add to a particle.
 
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        One periodic cell.
-    law : PairLaw
-        A law whose slope and curvature fall with the distance; it may be zero beyond a finite range.
-    cutoff : float
-        In mm.
-
-    Returns
-    -------
-    float
-        In N/mm; the bound holds for D0 and D* and in each direction.
-
-    Raises
-    ------
-    ValueError
-        If the law is not known that far (a table), or its range is so long that the sum diverges.
+    Slope and curvature of the law fall with the distance, and may be zero beyond a finite range.  It raises ValueError if the law
+    is not known that far (a table), or its range is so long that the sum diverges.
     """
     from scipy.integrate import quad
 

@@ -41,14 +41,8 @@ def proves_stable(system: LinearSystem) -> bool:
 def no_wave_grows(springs: NDArray[np.float64], c: NDArray[np.float64], K: NDArray[np.float64], error: float) -> bool:
     """Whether `springs + sum_b (2 - 2 cos theta.c_b) K_b` has no eigenvalue below zero at any theta, apart from round-off.
 
-    Parameters
-    ----------
-    springs : ndarray, shape (dim, dim)
-    c : ndarray, shape (bonds, axes)
-        Whole numbers.
-    K : ndarray, shape (bonds, dim, dim)
-    error : float
-        By how much the eigenvalues of what this stands for may be lower.
+    Shapes: springs (dim, dim), whole numbers c (bonds, axes), K (bonds, dim, dim).  By `error` the eigenvalues of what this
+    stands for may be lower.
     """
     size = 2 * np.linalg.norm(K, axis=(1, 2))  # each bond stands for itself and for the one backward
     allowed = -ROUND_OFF * float(np.linalg.norm(springs) + 2 * size.sum()) + error

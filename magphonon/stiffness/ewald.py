@@ -88,20 +88,11 @@ def lattice_sum(lattice: ArrayLike | Atoms, law: float | GaussianMixture, offset
 
 @dataclass(frozen=True)
 class EwaldSums:
-    """The sums of one law over one Bravais lattice.
+    """The sums of one law over one Bravais lattice."""
 
-    Attributes
-    ----------
-    periods : ndarray, shape (d, dim)
-        Lattice vectors in rows, mm.
-    law : GaussianMixture
-    split : float
-        eta in units of sqrt(pi)/V^(1/d).
-    """
-
-    periods: np.ndarray
+    periods: np.ndarray  # shape (d, dim): lattice vectors in rows, mm
     law: GaussianMixture
-    split: float = 1.0
+    split: float = 1.0  # eta in units of sqrt(pi)/V^(1/d)
 
     def __post_init__(self) -> None:
         periods = finite('lattice', self.periods)

@@ -22,20 +22,10 @@ EQUAL = 1e-9  # relative difference of what leaning takes from the springs of tw
 
 
 def leaning(calc: Any, height: float) -> Repulsion:
-    """The calculator of a perfect planar lattice of upright magnets, if they lean with pillars of this height.
+    """The calculator of a perfect planar lattice of upright magnets, if they lean with pillars of this height (mm).
 
-    Parameters
-    ----------
-    calc : MagneticRepulsion or AllNeighbours
-        With one law for all bonds, and in the plane.
-    height : float
-        Of the pillars, from their feet to the magnets, in mm.
-
-    Raises
-    ------
-    ValueError
-        If the sites differ in what leaning takes from their springs, or it is not the same along x and y (kagome), or more than
-        they have.
+    It raises ValueError if the sites differ in what leaning takes from their springs, or it is not the same along x and y
+    (kagome), or more than they have.
     """
     law = leaning_law(calc.laws, calc.bonds.lengths.min(), height)
     springs = each_spring(calc.foundation, len(calc.reference), calc.dim).reshape(-1, calc.dim) - _taken(calc, law.charges)

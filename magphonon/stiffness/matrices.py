@@ -32,20 +32,9 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
             q: ArrayLike = (0.0, 0.0, 0.0)) -> sparse.csr_array:
     """Hessian `C^T K C + k` of a structure, or the Bloch matrix `C(q)^+ K C(q) + k` of one wavevector, as a sparse matrix.
 
-    Parameters
-    ----------
-    bonds : Bonds
-    K : ndarray, shape (bonds, dim, dim)
-        Stiffness of each bond in N/mm.
-    foundation : float or ndarray, shape (particles, dim) or (particles, dim, dim)
-        Stiffness k of the spring that ties each particle to its anchor, in N/mm.
-    q : three numbers
-        Wavevector in fractions of the reciprocal vectors, for a periodic structure.
-
-    Returns
-    -------
-    scipy.sparse.csr_array, shape (particles * dim, particles * dim)
-        In N/mm.  It is real where all components of q are multiples of 1/2, and complex elsewhere.
+    Of K, shape (bonds, dim, dim), and of the springs k that tie the particles to their anchors, a number or shape (particles,
+    dim) or (particles, dim, dim), in N/mm; of q in fractions of the reciprocal vectors.  It is real where all components of q are
+    multiples of 1/2, and complex elsewhere.
     """
     b, dim, _ = K.shape
     incidence = bonds.incidence_at(q) if np.any(q) else bonds.incidence
@@ -62,13 +51,7 @@ def hessian(bonds: Bonds, K: NDArray[np.float64], foundation: Foundation = 0.0,
 
 
 def condense(H: sparse.csr_array, free: NDArray[np.bool_]) -> sparse.csr_array:
-    """Hessian of the free particles, with the others held at rest.
-
-    Parameters
-    ----------
-    H : sparse array, shape (particles * dim, particles * dim)
-    free : ndarray of bool, shape (particles,)
-    """
+    """Hessian of the `free` particles, with the others held at rest."""
     keep = np.flatnonzero(np.repeat(free, H.shape[0] // len(free)))
     return H[keep][:, keep]
 
@@ -107,19 +90,9 @@ def bloch_matrix(bonds: Bonds, K: NDArray[np.float64], q: NDArray[np.float64],
 
 
 def bloch_gradient(bonds: Bonds, K: NDArray[np.float64], q: ArrayLike, cell: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Derivative of the Bloch matrix by the Cartesian wavevector, `dD/dk`.
+    """Derivative of the `bloch_matrix` by the Cartesian wavevector, `dD/dk` in N.
 
-    Parameters
-    ----------
-    bonds, K, q
-        As for `bloch_matrix`.
-    cell : ndarray, shape (3, 3)
-        Lattice vectors in rows, mm.
-
-    Returns
-    -------
-    ndarray of complex, shape (dim, wavevectors, particles * dim, particles * dim)
-        In N.
+    Shape (dim, wavevectors, particles * dim, particles * dim).
     """
     shifts, shift = bonds.distinct_shifts
     phase, R = np.exp(2j * np.pi * (shifts @ np.transpose(q))), shifts @ cell
@@ -128,19 +101,9 @@ def bloch_gradient(bonds: Bonds, K: NDArray[np.float64], q: ArrayLike, cell: NDA
 
 def bloch_series(bonds: Bonds, K: NDArray[np.float64],
                  R: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Bloch matrix to second order in the wavevector, `D(k) = A + k B + k^2 C`.
+    """Bloch matrix to second order in the wavevector, `D(k) = A + k B + k^2 C`: A, B, C in N/mm, N and N mm.
 
-    Parameters
-    ----------
-    bonds, K
-        As for `bloch_matrix`.
-    R : ndarray, shape (bonds,)
-        Component along k of the lattice vector to the cell of j, mm.
-
-    Returns
-    -------
-    A, B, C : ndarray of complex, shape (particles * dim, particles * dim)
-        In N/mm, N and N mm.
+    R, shape (bonds,), is the component along k of the lattice vector to the cell of j in mm.
     """
     powers = np.stack([np.ones_like(R), 1j * R, -(R**2) / 2], axis=1)  # e^{ikR} = 1 + ikR - (kR)^2/2
     A, B, C = _bloch_sum(bonds, K, _own(bonds, K)[..., None] * [1, 0, 0], powers, np.arange(len(R)))
@@ -183,21 +146,6 @@ def hermitian_eigenvalues(D: NDArray[Any]) -> NDArray[np.float64]:
     Those of 2 x 2 in closed form, for all matrices at once, which takes a quarter of LAPACK's time.  It is the form of LAPACK's
     own DLAE2: the eigenvalue of lesser modulus is the determinant over the other one, so that a soft mode beside a stiff one
     keeps its figures, which the mean minus half of the distance loses.
-
-    Parameters
-    ----------
-    D : ndarray, shape (..., n, n)
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon.stiffness.matrices import hermitian_eigenvalues
-    >>> hermitian_eigenvalues(np.array([[[1.0, 0.0], [0.0, 1e-30]]])).tolist()
-    [[1e-30, 1.0]]
     """
     if D.shape[-1] != 2:
         return np.linalg.eigvalsh(D)
@@ -218,20 +166,8 @@ def eigenvalues_of_two(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDA
 def poles(B: NDArray[Any], K: NDArray[Any]) -> NDArray[np.complex128]:
     """All s of det(s^2 + s B + K) = 0, the rates of motion e^{st} of `y'' + B y' + K y = 0`; shape (..., 2 n), in no order.
 
-    From the companion matrix, whose size is twice that of K; B and K are dense and broadcast.
-
-    Parameters
-    ----------
-    B, K : ndarray, shape (..., n, n)
-        In 1/ms and rad^2/ms^2, in coordinates that absorb the masses.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon.stiffness.matrices import poles
-    >>> J = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    >>> [bool(poles(-g * J, -0.5 * np.eye(2)).real.max() < 1e-9) for g in (1.41, 1.42)]  # gyration holds a hill from sqrt(2) on
-    [False, True]
+    From the companion matrix, whose size is twice that of K; B and K are dense, broadcast, and in coordinates that absorb the
+    masses.
     """
     return np.linalg.eigvals(companion(B, K)).astype(complex)
 
@@ -267,21 +203,7 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
 
     They are the lower halves, the velocities, of the eigenvectors of `first_order`.  Where K is not positive, so that only
     gyration can hold the particles, they are those of the `poles`, and a mode that grows has minus its rate as frequency.
-
-    Returns
-    -------
-    omega : ndarray, shape (..., n)
-        Ascending, in rad/ms: one of each pair of opposite ones.
-    modes : ndarray of complex, shape (..., n, n)
-        In columns, each of norm one; they are not orthogonal.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon.stiffness.matrices import gyrating_modes
-    >>> omega, modes = gyrating_modes(np.array([[0.0, -3.0], [3.0, 0.0]]), 4.0 * np.eye(2))
-    >>> omega.round(12)  # w^2 -+ g w = k, g = 3
-    array([1., 4.])
+    Frequencies ascend, one of each pair of opposite ones; modes, in columns of norm one, are not orthogonal.
     """
     n = K.shape[-1]
     try:
@@ -302,13 +224,5 @@ def gyrating_modes(B: NDArray[Any], K: NDArray[Any]) -> tuple[NDArray[np.float64
 
 
 def signed_root(squares: NDArray[Any]) -> NDArray[np.float64]:
-    """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from magphonon.stiffness.matrices import signed_root
-    >>> signed_root(np.array([4.0, -9.0])).tolist()
-    [2.0, -3.0]
-    """
+    """Frequencies from their squares; an unstable mode, with a negative square, appears as a negative frequency."""
     return np.sign(squares) * np.sqrt(np.abs(squares))

@@ -98,19 +98,7 @@ class Repulsion(Restartable):
         return self.central('tools that ask for calc.law') if found is None else found
 
     def central(self, what: str) -> PairLaw:
-        """The law of every bond for `what` supposes that forces are along the bonds, or ValueError where they are not.
-
-        Examples
-        --------
-        >>> from magphonon import InversePower, MagneticRepulsion, lattices
-        >>> from magphonon.interactions import UprightMagnets
-        >>> cell = lattices.square(1.0, 1.0)
-        >>> calc = MagneticRepulsion(cell, UprightMagnets(InversePower(1.0, 4.0)), foundation=[[5.0, 5.0, 9.0]])
-        >>> calc.central('moduli')
-        Traceback (most recent call last):
-        ...
-        ValueError: moduli suppose forces along the line between two particles, which those of UprightMagnets are not; ...
-        """
+        """The law of every bond for `what` supposes that forces are along the bonds, or ValueError where they are not."""
         law = self.interaction.central(self.dim)
         if law is None:
             names = ', '.join(sorted({type(law).__name__ for law in laws_of(self.laws)}))

@@ -25,10 +25,7 @@ if TYPE_CHECKING:
 class SiteLaw:
     """Base of `Travelling` and `OnSite`: the energy V of each particle by its displacement d from its anchor.
 
-    Attributes
-    ----------
-    changes : bool
-        Whether the law depends on time.
+    A law that `changes` depends on time.
     """
 
     changes: bool | ClassVar[bool]

@@ -45,14 +45,9 @@ def displacement_components(reference: Atoms, foundation: Any) -> int:
 
 
 def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False) -> Foundation:
-    """The foundation as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
+    """The foundation in N/mm as one number if it is uniform, otherwise as an array, shape (particles, dim), read-only.
 
     For a `layer` it is always an array: its foundation has three components, so that the particles move out of their plane.
-
-    Parameters
-    ----------
-    foundation : float or array_like, shape (particles,), (particles, 1), (1, dim) or (particles, dim)
-        Stiffness in N/mm; in one dimension one number per particle.
     """
     if np.ndim(foundation) == 0 and not layer:
         return not_negative('foundation', foundation, 'N/mm')
