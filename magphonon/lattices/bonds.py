@@ -321,6 +321,15 @@ class Bonds:
                              'bonds in this one, or give the pairs as (i, j)')
         return found
 
+    def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
+        return (u.T[:, self.j] - u.T[:, self.i]).T  # the bonds last in memory, as of their vectors
+
+    def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sums `C^T pull` of what pulls at the far ends of the bonds, shape (bonds, dim), and pushes at the near ones."""
+        far, near = (np.array([np.bincount(end, x, self.particles) for x in pull.T]) for end in (self.j, self.i))
+        return (far - near).T
+
     @cached_property
     def incidence(self) -> sparse.csr_array:
         """Incidence matrix C at q = 0, sparse, shape (bonds, particles); a self-image bond has an empty row."""

@@ -155,7 +155,7 @@ class MagneticRepulsion(Repulsion):
         self._reach = reach if bonds is None else f'bonds={len(bonds)}'
         self.bonds = bonds = bonds_of(self.reference, bonds, shells, cutoff)
         shape = (len(reference), 3)
-        self._anchors = self.reference.get_positions() if anchors is None else finite('anchors', anchors, shape).copy()
+        self._anchors = self.reference.positions if anchors is None else finite('anchors', anchors, shape).copy()
         self._load = np.zeros(shape) if load is None else finite('load', load, shape).copy()
         for fixed in self._anchors, self._load, self.reference.positions:  # constant forces are computed from them once
             fixed.flags.writeable = False
@@ -263,7 +263,7 @@ class MagneticRepulsion(Repulsion):
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, atoms)
         energy, gradient = here._repulsion(u)
-        forces, gained = np.zeros((len(u), 3)), energy - self._rest[3]
+        forces, gained = np.zeros((len(u), 3)), energy - self._energy_at_rest
         forces[:, : self.dim] = here._forces(u, gradient)
         # half of the energy that each bond has gained since rest belongs to either end
         energies = 0.5 * (np.bincount(here.bonds.i, gained, len(u)) + np.bincount(here.bonds.j, gained, len(u)))
@@ -288,16 +288,15 @@ class MagneticRepulsion(Repulsion):
         return np.linalg.norm(np.asarray(reduced)[periodic], axis=1).min(initial=np.inf)
 
     @cached_property
-    def _rest(self):
-        """Bond vectors R, lengths r0 and directions n at rest, and the energy of each bond."""
-        R = np.ascontiguousarray(self.bond_vectors)  # sums over other strides are rounded otherwise
-        r0 = np.linalg.norm(R, axis=1)
-        return R, r0, R / r0[:, None], self.interaction.forces(R)[0]
+    def _energy_at_rest(self):
+        """Of each bond."""
+        return self.interaction.forces(self.bond_vectors)[0]
 
     @cached_property
     def slack(self) -> NDArray[np.float64]:
         """Extension of the foundation springs at rest: vectors from anchor to rest in mm, shape (particles, 3)."""
-        return self._minimum_image(self.reference.positions - self.anchors)
+        rest = self.reference.positions
+        return np.zeros(rest.shape) if self.anchors is rest else self._minimum_image(rest - self.anchors)
 
     @property
     def spring_forces(self) -> NDArray[np.float64]:
@@ -311,13 +310,13 @@ class MagneticRepulsion(Repulsion):
         return self.load[:, : self.dim] + self.spring_forces
 
     def _displaced(self, u):
-        return displaced(self.bonds, self._rest[:3], self.bonds.incidence @ u, self.model)
+        return displaced(self.bonds, self.bond_vectors, self.bonds.relative(u), self.model)
 
     def _repulsion(self, u):
         """Energy of each bond in mJ and its gradient by the bond vector in N, shapes (bonds,) and (bonds, dim)."""
         vectors, n = self._displaced(u)
         energy, gradient = self.interaction.forces(vectors)
-        return energy, gradient if n is None else np.einsum('bx,bx->b', gradient, n)[:, None] * n
+        return energy, gradient if n is None else (gradient * n).sum(axis=1)[:, None] * n
 
     def _site_energies(self, u):
         given, slack = self.parameters.foundation, self.slack[:, : self.dim]
@@ -326,7 +325,7 @@ class MagneticRepulsion(Repulsion):
         return given.energies(slack + u) - given.energies(slack) - (self.load[:, : self.dim] * u).sum(axis=1)
 
     def _forces(self, u, gradient):
-        given, bonds = self.parameters.foundation, self.bonds.incidence.T @ gradient
+        given, bonds = self.parameters.foundation, self.bonds.net(gradient)
         if not isinstance(given, SiteLaw):
             return self.offset - bonds - given * u
         return self.load[:, : self.dim] - bonds - given.gradient(self.slack[:, : self.dim] + u)

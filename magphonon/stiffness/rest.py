@@ -387,11 +387,10 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0) -> NDArray[np.float6
     bonds, springs = calc.bonds, calc.spring_forces
     total, size = springs.copy(), 2 * abs(springs).max(axis=1)[:, None]
     if (bonds.i != bonds.j).any():  # its own images push a particle from both sides alike
-        push_on_j = -calc.interaction.forces(calc.bond_vectors)[1]
-        strength = lengths_of(push_on_j)
-        for end, sign in ((bonds.j, 1), (bonds.i, -1)):
-            total += sign * np.array([np.bincount(end, x, bonds.particles) for x in push_on_j.T]).T
-            size += np.bincount(end, strength, bonds.particles)[:, None]
+        gradient = calc.interaction.forces(calc.bond_vectors)[1]
+        total -= bonds.net(gradient)
+        for end in (bonds.i, bonds.j):
+            size += np.bincount(end, lengths_of(gradient), bonds.particles)[:, None]
     total[abs(total) <= ROUND_OFF * size] = 0
     for given in (calc.load, push) if np.ndim(push) else (calc.load,):
         if not given.any():
