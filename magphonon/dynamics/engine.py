@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..interactions.bond_laws import labels, taken
+from ..lattices.bonds import PIECE
 from ..stiffness.bond import stiffest
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
@@ -441,8 +442,8 @@ class Blocks:
     def _take(self, u, v, anchors):
         v = self._mobile * v
         v[self._guided] -= np.einsum('gxy,gy->gx', self._motion.barred, v[self._guided])
-        self._state = self.layout.scatter(np.stack([u, v, 0 * v], axis=1))
-        self._spare = aligned_zeros(self._state.shape)
+        self._state, self._spare = (aligned_zeros((3, 2, self.layout.length)) for _ in range(2))
+        self._state[0][:, self.layout.slot], self._state[1][:, self.layout.slot] = u.T, v.T
         self._anchors, self._stale = anchors, True
         self._measure()
         level = int(np.searchsorted(RANGES, self._strain()))  # no kernel is made for less, as compiling takes its time
@@ -457,10 +458,12 @@ class Blocks:
 
     def _strain(self):
         """The largest increment |e| of the present state."""
-        layout, u = self.layout, self._state[0]
-        du, R = u[:, layout.j] - u[:, layout.i], layout.R.T
-        e = ((2 * R + self._increments.q * du) * du).sum(axis=0) / (R**2).sum(axis=0)
-        return abs(e).max(initial=0.0)
+        layout, u, found = self.layout, self._state[0], 0.0
+        for some in (np.s_[k : k + PIECE] for k in range(0, len(layout.i), PIECE)):
+            du, R = u[:, layout.j[some]] - u[:, layout.i[some]], layout.vectors(some).T
+            e = ((2 * R + self._increments.q * du) * du).sum(axis=0) / (R**2).sum(axis=0)
+            found = np.maximum(found, abs(e).max())
+        return found
 
     def adopt(self, old: Blocks) -> None:
         """Take over the state of other blocks on the same particles, to more digits than the positions have.

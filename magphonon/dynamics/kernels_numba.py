@@ -675,7 +675,7 @@ def _grid(layout):
     stride = pad + layout.length + 3 * LINE  # rows of powers of two would fall onto the same lines of a cache
     return Order(runs, segments, groups * np.arange(len(runs) + 1), runs[:, 1] + highest, None, None,
                  tuple(layout.offset.astype(np.uint64)), pad, (2, groups, stride), layout.on_grid,
-                 layout.on_grid(layout.R.T) if layout.each else np.ascontiguousarray(layout.kind_R.T))
+                 layout.on_grid(layout.R.T) if layout.each else np.ascontiguousarray(layout.R.T))
 
 
 def _table(layout):

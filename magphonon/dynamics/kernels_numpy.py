@@ -260,7 +260,7 @@ class GridForces(BondForces):
 
     def __init__(self, layout: Layout, increments: Increments, coefficients: NDArray[np.float64] | None) -> None:
         kinds = np.arange(len(layout.offset))[:, None]  # pyright: ignore[reportArgumentType]  a grid has offsets
-        super().__init__(increments, coefficients, layout.kind_R.T[..., None], layout.r0[:, None], kinds)
+        super().__init__(increments, coefficients, layout.R.T[..., None], layout.r0[:, None], kinds)
         self.whole = False
         self.offsets, self.strength = layout.offset.tolist(), layout.strength
         self.runs = layout.runs(gap=RUN // 8, longest=RUN).tolist()

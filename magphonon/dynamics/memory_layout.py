@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,8 @@ import numpy as np
 from ..lattices.bonds import lengths_of
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from ase import Atoms
     from numpy.typing import NDArray
 
@@ -62,7 +65,7 @@ class Layout:
         Number of slots, including the empty ones behind the last particle that shifted slices reach.
     i, j : ndarray of int, shape (bonds,)
         Slots that each bond joins.
-    R : ndarray, shape (bonds, 2)
+    R : ndarray, shape (bonds, 2), or (kinds, 2) on a grid whose bonds of a kind are alike
         Rest vectors in mm.
     kind : ndarray of int, shape (bonds,)
         The increment law of each bond.
@@ -72,7 +75,7 @@ class Layout:
         A bond of each kind, by its number in the list of bonds.
     offset : ndarray of int, shape (groups,), or None
         On a grid, j - i of each group; None for a table.
-    strength : ndarray, shape (groups, length), or None
+    strength : ndarray of bool, shape (groups, length), or None
         On a grid, 1 where slot i starts a bond and 0 elsewhere; None if this never matters because both its ends
         are held, as at a fixed rim.
     group : ndarray of int, shape (bonds,), or None
@@ -107,10 +110,9 @@ class Layout:
         grid[..., self.group, self.i] = values
         return grid
 
-    @property
-    def kind_R(self) -> NDArray[np.float64]:
-        """Rest vector of each kind on a grid, shape (kinds, 2)."""
-        return self.R[np.unique(self.kind, return_index=True)[1]]
+    def vectors(self, some: Any = np.s_[:]) -> NDArray[np.float64]:
+        """Rest vectors of all or some bonds, shape (bonds, 2)."""
+        return self.R[some] if self.offset is None or self.each else self.R[self.kind[some]]
 
     def runs(self, gap: int, longest: int) -> NDArray[np.int_]:
         """First and last + 1 slot of stretches of particles, shape (runs, 2); none overlaps another.
@@ -153,7 +155,7 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     labels : ndarray of int, shape (bonds,)
         The same for bonds of the same law, `magphonon.interactions.bond_laws.labels`; by default all have the same.
     """
-    other = np.flatnonzero(bonds.i != bonds.j)  # a bond to one's own image never changes
+    other: Any = np.s_[:] if (bonds.i != bonds.j).all() else bonds.i != bonds.j  # a bond to one's own image never changes
     i, j, R, labels = bonds.i[other], bonds.j[other], bonds.vectors[other, :2], np.broadcast_to(labels, len(bonds))[other]
     layout, slot = None, atoms.arrays.get('site', np.arange(len(atoms)))
     if len(i) and np.bincount(slot - slot.min()).max() == 1:  # it is not after joining two patches
@@ -161,7 +163,7 @@ def arrange(atoms: Atoms, bonds: Bonds, mobile: NDArray[np.bool_], labels: NDArr
     if len(i) and layout is None and (slot := _sites_found(atoms, i, j, R)) is not None:
         layout = _grid(slot - slot.min(), i, j, R, mobile, labels)
     layout = layout or _table(len(atoms), i, j, R, labels)
-    return replace(layout, example=other[layout.example])
+    return replace(layout, example=np.arange(len(bonds))[other][layout.example])
 
 
 def _sites_found(atoms, i, j, R):
@@ -201,13 +203,13 @@ def _numbered(places, steps):
 
 
 def _grid(slot, i, j, R, mobile, labels):
-    i, j = slot[i], slot[j]
-    backward = j < i
-    i, j = np.where(backward, j, i), np.where(backward, i, j)
-    R = np.where(backward[:, None], -R, R)
+    i, j = (slot.astype(np.int32)[end] for end in (i, j))
+    if (backward := j < i).any():
+        i, j, R = np.where(backward, j, i), np.where(backward, i, j), np.where(backward[:, None], -R, R)
     r0 = lengths_of(R)
-    first, kind = _alike(j - i, *np.round(R / (SAME_VECTOR * r0.min())).T, labels)
-    group, offset, R_of = kind, (j - i)[first], R[first][kind]
+    unit = SAME_VECTOR * r0.min()
+    first, kind = _alike(len(i), chain([j - i], (np.round(x / unit) for x in R.T), [labels]))
+    group, offset, R_of = kind, (j - i)[first], R[first]
     offsets, by_offset = np.unique(offset, return_inverse=True)
     dear = len(first) * len(slot) > GRID_COST * len(i)
     if dear or len(first) > KINDS_OF_OFFSET * len(offsets):
@@ -222,26 +224,26 @@ def _grid(slot, i, j, R, mobile, labels):
     length += -length % LINE
     free = np.zeros(length, bool)
     free[slot] = mobile
-    bonded = np.zeros((len(offset), length))
-    bonded[group, i] = 1
-    matters = [(free[:slots] | free[o : o + slots]) & (b[:slots] == 0) for o, b in zip(offset, bonded, strict=True)]
+    bonded = np.zeros((len(offset), length), bool)
+    bonded[group, i] = True
+    matters = [(free[:slots] | free[o : o + slots]) & ~b[:slots] for o, b in zip(offset, bonded, strict=True)]
     return Layout(slot, length, i, j, R_of, kind, r0[first], first, offset, bonded if np.any(matters) else None, group)
 
 
 def _kinds(r0, labels):
     """A bond for each of the kinds that differ in length or law, and the kind of each bond."""
-    return _alike(np.round(np.log(r0) / SAME_VECTOR), labels)
+    return _alike(len(r0), [np.round(np.log(r0) / SAME_VECTOR), labels])
 
 
-def _alike(*columns):
+def _alike(count, columns):
     """The first row of each kind of rows, in their order, and the kind of each row: `np.unique(axis=0)` without its sorting."""
-    kind, first = np.zeros(len(columns[0]), int), np.zeros(1, int)
+    kind, first = np.zeros(count, np.int32), np.zeros(1, int)
     for column in columns:
-        if not len(column) or (column == column[first][kind]).all():
+        if not count or (column == column[first][kind]).all():
             continue
         values = _distinct(column)
-        kind = len(values) * kind + np.searchsorted(values, column)
-        kind = np.searchsorted(_distinct(kind), kind)
+        kind = len(values) * kind.astype(int) + np.searchsorted(values, column)
+        kind = np.searchsorted(_distinct(kind), kind).astype(np.int32)
         first = np.empty(kind.max() + 1, int)
         first[kind[::-1]] = np.arange(len(kind))[::-1]  # the last one that is written is the first row
     return first[: len(kind)], kind

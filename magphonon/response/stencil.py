@@ -158,7 +158,7 @@ def stencil_of(system: LinearSystem) -> Stencil | None:
     runs = margin + layout.runs(GAP, RUN)
     above = np.searchsorted(runs[:, 0], runs[:, 1] + offsets.max()) - 1  # the last run that a bond of each one reaches
     lag = int((above - np.arange(len(runs))).max(initial=1))
-    R = np.array([layout.R[(layout.group == g).argmax()] for g in range(len(offsets))])
+    R = layout.vectors([(layout.group == g).argmax() for g in range(len(offsets))])
     return Stencil(places, free, runs.astype(np.uint64), lag, tuple(map(int, offsets)), float(row_sum), R,
                    *(shared or (D, K, np.inf)))
 

@@ -120,7 +120,7 @@ def test_one_bond_beyond_all_pieces_is_noticed_among_bonds_at_rest(seed):
     def out(times):
         """Whether one so many times as long is; the others of its particle are between, in a model of full lengths."""
         u[:] = 0.0
-        u[:, layout.j[b]] = (times - 1) * layout.R[b]
+        u[:, layout.j[b]] = (times - 1) * layout.vectors(b)
         return blocks._kernel.accelerate(blocks._state, np.zeros((len(blocks._motion.driven), 2)))
 
     assert [out(times) for times in (3.1, 0.08, np.nan)] == [True] * 3
