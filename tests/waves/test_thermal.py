@@ -172,6 +172,52 @@ def test_what_does_not_serve_is_refused():
         thermal_bands(atoms, u[:, :5], 1e-3, cell, [(0.25, 0, 0)])
 
 
+def weighed(a, k, kT, squares, rng, parts=20, draws=5000):
+    """kT/<|u_q|^2> of the waves of a row without any time step: draws of the harmonic distribution, weighed by e^{-V/kT}.
+
+    Over that of the same draws without weights, which is known, so that most of their chance goes; and how many the weights leave.
+    """
+    n = 2 * (len(squares) - 1)
+    waves = np.exp(2j * np.pi * np.outer(np.arange(n), np.arange(n)) / n) / np.sqrt(n)
+    every = squares[[*range(n // 2 + 1), *range(n // 2 - 1, 0, -1)]]
+    roots = [(waves * x**-0.5 @ waves.conj().T).real for x in every.T]
+    sums, left = np.zeros((4, n // 2, 2)), np.zeros(2)
+    for _ in range(parts):
+        y = rng.normal(size=(2, draws, n))
+        u = np.sqrt(kT) * np.stack([y[0] @ roots[0], y[1] @ roots[1]], axis=-1)
+        r = np.linalg.norm(np.roll(u, -1, axis=1) - u + [1, 0], axis=2)
+        V = (r ** (1 - a) - 1).sum(axis=1) / (a - 1) + (u**2 @ k).sum(axis=1) / 2
+        w = np.exp((y**2).sum(axis=(0, 2)) / 2 - V / kT)
+        uu = abs(waves[:, 1 : n // 2 + 1].conj().T @ u) ** 2
+        sums += np.array([np.tensordot(w, uu, 1), np.full(uu.shape[1:], w.sum()), uu.sum(axis=0), np.full(uu.shape[1:], draws)])
+        left += w.sum(), (w**2).sum()
+    return squares[1:] * sums[2] / sums[3] * sums[1] / sums[0], left[0] ** 2 / left[1]
+
+
+@pytest.mark.slow
+def test_runs_of_drawn_rows_have_boltzmanns_distribution():
+    z, control = [], []
+    for seed in range(3):
+        rng, n = np.random.default_rng([seed, 24]), 16
+        a, k, kT = rng.uniform(2.5, 4), rng.uniform([0.5, 6], [2, 9]), rng.uniform(0.03, 0.035)
+        row = lattices.chain(1.0, 1.0)
+        row.calc = MagneticRepulsion(row, InversePower(1.0, a), foundation=[k])
+        c = 2 - 2 * np.cos(2 * np.pi * np.arange(n // 2 + 1) / n)
+        squares = np.array([k[0] + a * c, k[1] - c]).T
+        exact, draws = weighed(a, k, kT, squares, rng)
+        assert draws > 10_000
+        found = thermal_run(row, (n, 1, 1), kT, np.outer(np.arange(1, n // 2 + 1) / n, [1, 0, 0]), steps=5000, seed=seed)
+        order = squares[1:].argsort(axis=1)
+        exact, linear = (np.sqrt(np.take_along_axis(x, order, 1)) for x in (exact, squares[1:]))
+        np.testing.assert_allclose(found.linear, linear)
+        z.append((found.omega - exact) / found.error)
+        control.append((found.omega - linear) / found.error)
+    # 48 numbers of 19 degrees of freedom each; the control is that nothing is anharmonic
+    assert abs(np.mean(z)) < 0.7
+    assert 0.75 < np.std(z) < 1.5
+    assert np.mean(control) < -1.2  # -1.55 of these three
+
+
 @pytest.mark.slow
 def test_a_run_shows_what_is_anharmonic():
     """Prototype at kT = f L/100: the shear wave at M is 4.41 % softer (Laplace integral of its 6 x 6 cell, to second order)."""
