@@ -15,12 +15,14 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import expm
 
 from ..interactions.bond_laws import labels, taken
 from ..lattices.bonds import PIECE
 from ..stiffness.bond import stiffest
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
+from ..stiffness.matrices import GROWS
 from ..stiffness.rest import LinearSystem, components, freedom, on_foundation, static_forces
 from ..stiffness.site_laws import SiteLaw, Travelling
 from ..stiffness.sites import out_of_plane, refuse_gyration
@@ -36,6 +38,7 @@ from .thermostat import Bath
 ROUGH, FINE = 1e-3, 1e-7
 """Relative errors of the largest eigenvalue.  It lies close to others, so the fine accuracy takes long and is used only near the
 stability limit."""
+STEPS_TRIED = 24  # time steps by which motion that gyration alone holds is tried
 MANY_LOADED = 1 / 8
 """Share of the particles with a static force left on them above which that force is stored for every particle, as in a patch
 whose particles are displaced at random; below it, for these particles only."""
@@ -64,7 +67,8 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
     Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.  Gyration
-    is left out, which the limit of the time step does not depend on; but not where it alone holds the structure.
+    is left out, which the limit of the time step does not depend on; where it alone holds the structure, this is 2 over the longest
+    stable step.
 
     Parameters
     ----------
@@ -81,14 +85,40 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """
     system = LinearSystem.nearest(_stiffest(atoms), gyrating=True)
     if _held_by_gyration(system):
-        return fastest(np.sqrt(abs(system.K).sum(axis=1).max()), system.gyration)
+        bound = fastest(max(_largest_eigenvalue(sign * system.K, FINE) for sign in (1, -1)), system.gyration)
+        if system.directions > DENSE or system.growth():
+            return bound
+        return 2 / _longest_step(system.K.toarray(), system.B().toarray(), 2 / bound)
     return np.sqrt(max(_largest_eigenvalue(system.K, FINE), 0.0)) if _particle_bound(system) else 0.0
 
 
-def fastest(omega: float, gyration: NDArray[np.float64]) -> float:
-    """Bound of |s| of all motion e^{st} whose stiffness is within +-omega^2: `g/2 + sqrt(g^2/4 + omega^2)`."""
+def fastest(square: float, gyration: NDArray[np.float64]) -> float:
+    """Bound of |s| of all motion e^{st} whose squared frequencies are within +-square: `g/2 + sqrt(g^2/4 + square)`."""
     g = abs(gyration).max() / 2
-    return float(g + np.hypot(g, omega))
+    return float(g + np.sqrt(g**2 + square))
+
+
+def _longest_step(K, B, bound):
+    """The shortest time step, up to a bound in ms, by which motion grows that gyration alone holds; the bound if there is none.
+
+    Steps of dt act as exact motion would with the masses m - dt^2 K/4, gyrating at (2/dt) tan(g dt/2).  Where K is positive that
+    stays bounded as long as these masses are.  Elsewhere frequencies of either sign of energy may meet at any dt.
+    """
+    one, none = np.eye(len(K)), np.zeros(K.shape)
+
+    def grows(dt):
+        turn = np.block([[one, none], [none, expm(-B * dt / 2)]])
+        kick, drift = np.block([[one, none], [-K * dt / 2, one]]), np.block([[one, dt * one], [none, one]])
+        return abs(np.linalg.eigvals(turn @ kick @ drift @ kick @ turn)).max() > 1 + GROWS
+
+    high = next((dt for dt in bound * np.arange(1, STEPS_TRIED + 1) / STEPS_TRIED if grows(dt)), None)
+    if high is None:
+        return bound
+    low = high - bound / STEPS_TRIED
+    while high - low > ROUGH * high:
+        middle = (low + high) / 2
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    return low
 
 
 def _held_by_gyration(system):

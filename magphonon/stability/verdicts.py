@@ -479,11 +479,14 @@ def timestep_limit(case: Case) -> Finding:
     waves, system = case.atoms.pbc.any() and not case.large, case.system
     if case.pumped is not None:  # on its springs where they are stiffest
         system = LinearSystem.nearest(on_foundation(case.pumped, case.pumped.calc.parameters.foundation.stiffest))  # pyright: ignore[reportOptionalMemberAccess]  it has one
-    highest = np.sqrt(max(highest_squared(system), 0.0)) if waves else highest_frequency(system)
-    highest = max(float(highest), case.above[1] if case.above else 0.0)
-    if case.gyrating is not None and not case.held:  # then gyration counts, and so do the hills
+    if not waves:
+        highest = highest_frequency(system if case.gyrating is None else case.gyrating)
+    elif case.gyrating is not None and not case.held:  # then gyration counts, and so do the hills
         lowest = softest_of(case.system, foundation=case.spring, weighted=True).lowest
-        highest = fastest(max(highest, np.sqrt(-lowest)), case.gyrating.gyration)
+        highest = fastest(max(highest_squared(system), -lowest), case.gyrating.gyration)
+    else:
+        highest = np.sqrt(max(highest_squared(system), 0.0))
+    highest = max(float(highest), case.above[1] if case.above else 0.0)
     if not highest:
         return Finding(np.inf)
     return Finding(2 / highest, f'Time steps up to {2 / highest / u.s:.4g} s are stable (2/omega_max, with the highest frequency '
