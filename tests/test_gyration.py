@@ -484,7 +484,7 @@ def test_a_step_loses_a_hill_where_theory_says():
 
 @pytest.mark.slow
 def test_where_gyration_alone_holds_it_limits_the_time_step():
-    """One limit, of verdict and driver: no step up to it loses a drawn structure.  Some are lost far below what rates alone bound."""
+    """One limit, of verdict and driver: no step up to it loses a drawn structure.  Rates alone would allow some that do."""
     held, lost = 0, []
     for seed in range(70):
         rng, atoms = np.random.default_rng(seed), lattices.square(1.0, 1.0).repeat((5, 3, 1))

@@ -67,8 +67,8 @@ def highest_frequency(atoms: Atoms | LinearSystem) -> float:
     """Highest angular frequency of what the constraints leave free, in rad/ms, about rest; zero if nothing vibrates.
 
     Of a structure that is at rest nowhere, about the reference or where the atoms are, whichever is nearer to balance.  Gyration
-    is left out, which the limit of the time step does not depend on; where it alone holds the structure, this is 2 over the longest
-    stable step.
+    is left out, which the limit of the time step does not depend on; where it alone holds the structure, this is 2 over the
+    longest stable step.
 
     Parameters
     ----------

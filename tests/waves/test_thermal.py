@@ -175,7 +175,7 @@ def test_what_does_not_serve_is_refused():
 def weighed(a, k, kT, squares, rng, parts=20, draws=5000):
     """kT/<|u_q|^2> of the waves of a row without any time step: draws of the harmonic distribution, weighed by e^{-V/kT}.
 
-    Over that of the same draws without weights, which is known, so that most of their chance goes; and how many the weights leave.
+    Over that of the same draws without weights, which is known: most of their chance goes.  And how many the weights leave.
     """
     n = 2 * (len(squares) - 1)
     waves = np.exp(2j * np.pi * np.outer(np.arange(n), np.arange(n)) / n) / np.sqrt(n)
