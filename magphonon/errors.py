@@ -5,18 +5,14 @@ Suggestions for misspelt keys, kinds and commands: the entry of a list that was 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from math import inf, isfinite, nan
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-    from typing import Any
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 MOST = 2**53
 """Largest whole number accepted as a count; floating-point numbers do not distinguish larger ones."""

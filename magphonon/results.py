@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from html import escape
-from typing import TYPE_CHECKING
+from typing import Any, ClassVar
 
 import numpy as np
 
 from .errors import shown
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Any, ClassVar
 
 
 class Result:

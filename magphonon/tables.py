@@ -8,21 +8,17 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from os import PathLike
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import units as u
 from .errors import did_you_mean, shown
 from .files import MEGABYTE, refuse_endless
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-    from os import PathLike
-    from typing import Any
-
-    from numpy.typing import NDArray
 
 LENGTH = {'m': u.m, 'mm': u.mm, 'um': 1e-3 * u.mm, 'nm': 1e-6 * u.mm}
 TIME = {'s': u.s, 'ms': u.ms, 'us': 1e-3 * u.ms}

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from os import PathLike
-    from typing import Any
+from os import PathLike
+from typing import Any
 
 
 def universal_sets(path: str | PathLike[str]) -> list[dict[str, Any]]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 from tqdm import tqdm
@@ -12,16 +14,9 @@ from tqdm import tqdm
 from ..errors import finite, whole
 from ..stiffness.lowest import inverse_pays, lowest_eigenpairs
 from ..stiffness.matrices import companion, eigenvalues_of_two, gyrating_modes, hermitian_eigenvalues, hessian, signed_root
+from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import LinearSystem
 from ..stiffness.sites import site_damping
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..stiffness.repulsion import Repulsion
 
 BATCH_BYTES = 2**22
 """Size in bytes of the largest array of the wavevectors that are treated at a time.  A large zone then need not fit in memory,

@@ -11,9 +11,10 @@ is Hill's method: the eigenvalues of a finite number of harmonics, to which more
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import positive
@@ -23,10 +24,6 @@ from ..stiffness.rest import LinearSystem, on_foundation
 from ..stiffness.site_laws import Travelling
 from ..stiffness.sites import each_spring, site_damping
 from .bloch import wavevectors
-
-if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 MOST = 3000  # largest size of Hill's matrix, whose eigenvalues take half a minute at each wavevector
 NEAR = 0.75  # distance in harmonics of the middle of a wave from its wavevector; the middle of two that share it is at 1/2

@@ -8,22 +8,18 @@ matrix D, whose foundation does not change, `gamma = -d ln w/d ln V = -v^+ dD v/
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import one_of
 from ..stiffness.bond import MODELS, stiffness_change
+from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.matrices import bloch_matrix, mass_weighted
 from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes, wavevectors
-
-if TYPE_CHECKING:
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..stiffness.calculator import MagneticRepulsion
 
 FLOPPY = 1e-12  # fraction of the largest stiffness below which a motion counts as one without stiffness, as a translation is
 CROSSING = 1e-9  # difference of two branches, as a fraction of the highest frequency, below which they count as crossing

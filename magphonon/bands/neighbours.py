@@ -10,28 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
-from ..interactions.bond_laws import laws_of
-from ..interactions.pair_laws import InversePower, local_exponent
-from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, bonds_within, clear_shells, distances_within
+from ..interactions.bond_laws import Laws, laws_of
+from ..interactions.pair_laws import InversePower, PairLaw, local_exponent
+from ..lattices.bonds import ON_SHELL, SHELL_WIDTH, Bonds, bonds_within, clear_shells, distances_within
 from ..stiffness.all_neighbours import MOST_BONDS, TAIL, AllNeighbours, nearest_distance, tail_of
 from ..stiffness.bond import interaction_along
 from ..stiffness.matrices import bloch_matrix, hermitian_eigenvalues, mass_weighted, signed_root
 from ..stiffness.rest import LinearSystem
 from .bloch import bloch_modes
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..interactions.bond_laws import Laws
-    from ..interactions.pair_laws import PairLaw
-    from ..lattices.bonds import Bonds
 
 REACHES = {1: (19.3, 75.3), 2: (12.3, 24.3), 3: (3.3, 6.3)}
 """Distances in spacings up to which neighbours are counted one by one, by the number of periods; the second one if the first is

@@ -7,21 +7,17 @@ Rev. Lett. 71, 3697 (1993); gyroscopes: Nash et al., PNAS 112, 14495 (2015)).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from ..errors import positive
 from ..stiffness.matrices import bloch_gradient, first_order, mass_weighted
 from ..stiffness.rest import LinearSystem
 from .bloch import in_batches
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import NDArray
 
 COARSE, FINE = 24, 192
 """Wavevectors along each reciprocal vector at first, and at most, as they are doubled."""

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike
 
 from .. import units as u
 from ..bands.bands import points_on, sound_speeds
 from ..bands.neighbours import neighbour_shifts, with_all
 from ..scenes.lattices import TOLERANCE
-from ..scenes.scene import MOST_IN_A_CELL
+from ..scenes.scene import MOST_IN_A_CELL, Scene
 from ..scenes.structures import FileLattice
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike
-
-    from ..scenes.scene import Scene
 
 MOST_SHOWN = 6
 """Number of shifts that are listed one by one, the largest ones."""

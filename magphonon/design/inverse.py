@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
 
 from ..bands.bloch import bloch_modes
 from ..errors import PhysicsError, finite, positive
@@ -19,9 +19,6 @@ from ..stability.buckling import common_spring, foundation_needed
 from ..stiffness.repulsion import Repulsion, masses_of
 from ..stiffness.sites import refuse_gyration
 from .sensitivities import Change, frequency_sensitivities, spacing_change
-
-if TYPE_CHECKING:
-    from ase import Atoms
 
 SCAN_POINTS = 49
 """Number of spacings tried in the range; between two of them the wanted value is crossed at most once."""

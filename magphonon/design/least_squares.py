@@ -8,12 +8,9 @@ where they are.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 NORMAL = 1.96
 """Half width of a 95 % interval in standard deviations of a normal distribution."""

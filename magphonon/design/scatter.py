@@ -17,27 +17,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..errors import PhysicsError, not_negative
-from ..response.frf import resolvents
+from ..response.frf import Place, resolvents
 from ..response.normal_modes import Modes, modes, natural_frequencies
 from ..stiffness.bond import stiffness_change
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.matrices import hessian
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem, freedom
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..response.frf import Place
 
 SITES = ('mass', 'strength', 'stiffness')  # the quantities whose logarithm scatters from site to site
 ROWS = {'mass': slice(1), 'strength': slice(1, 2), 'stiffness': slice(2, 3), 'position': slice(3, 6)}

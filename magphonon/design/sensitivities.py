@@ -14,29 +14,23 @@ G = (H - w^2 M + i w gamma M)^-1, `dG = -G (dH - w^2 dM + i w gamma dM) G`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from .. import units
 from ..bands.bloch import bloch_modes
+from ..interactions.pair_laws import InversePower, PairLaw, Yukawa
 from ..response.frf import resolvents
 from ..stiffness.bond import model_stiffness, stiffness_change
 from ..stiffness.matrices import bloch_matrix, hessian, mass_weighted
 from ..stiffness.rest import BALANCED, LinearSystem
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..interactions.pair_laws import InversePower, PairLaw, Yukawa
-    from ..stiffness.sites import Foundation
+from ..stiffness.sites import Foundation
 
 CROSSING = 1e-9
 """Difference of two branches, as a fraction of the highest frequency, below which they cross."""

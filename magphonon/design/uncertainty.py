@@ -7,25 +7,20 @@ deviates by itself is `magphonon.design.scatter`; to the response of a structure
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from ..bands.bloch import bloch_modes
 from ..errors import finite, whole
 from ..files import Saved
+from ..response.frf import Place
+from ..stiffness.rest import LinearSystem
 from .scatter import NO_SCATTER, ROWS, SiteScatter, response_scatter
 from .sensitivities import Change, frequency_sensitivities, response_sensitivities
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..response.frf import Place
-    from ..stiffness.rest import LinearSystem
 
 ROUND_OFF = 1e-12
 

@@ -24,19 +24,14 @@ searched for.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
 
 from ..interactions.bond_laws import BondLaws, laid, taken
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..interactions.pair_laws import PairLaw
+from ..interactions.pair_laws import PairLaw
 
 TOLERANCE = 1e-13  # largest error of a fitted slope dH/de, as a fraction of the slope at rest
 RANGES = (1 / 1024, 1 / 64, 1 / 16, 1 / 4, 1 / 2)

@@ -13,27 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import finite, one_of, shown, whole
 from .magnet_pairs import MagnetLaw, SphereLaw
-from .pair_laws import Attraction, Hertz, InversePower, PairLaw, Tabulated, Yukawa
+from .pair_laws import Attraction, Hertz, InversePower, PairInteraction, PairLaw, Tabulated, Yukawa
 from .upright import UprightMagnets
 
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import NDArray
-
-    from .pair_laws import PairInteraction
-
-    Law = PairLaw | PairInteraction
-    """A law of the distance, or an interaction that answers for vectors."""
-    Laws = Law | Mapping[tuple[int, int], Law]
-    """One law, or one for each pair of kinds of particles."""
-
+Law = PairLaw | PairInteraction
+"""A law of the distance, or an interaction that answers for vectors."""
+Laws = Law | Mapping[tuple[int, int], Law]
+"""One law, or one for each pair of kinds of particles."""
 NEEDED = {'central': ('forces', 'stiffness', 'central'), 'phi': ('phi', 'dphi', 'd2phi')}
 """The methods of an interaction, which is known by its `central`, and those of a law of the distance."""
 

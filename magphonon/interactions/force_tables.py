@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from os import PathLike
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units as u
 from ..errors import finite
 from ..tables import FORCE, LENGTH, TEXT, read_table
-from .pair_laws import repulsion
-
-if TYPE_CHECKING:
-    from os import PathLike
-    from typing import Any
-
-    from numpy.typing import NDArray
-
-    from .pair_laws import PairLaw
+from .pair_laws import PairLaw, repulsion
 
 COLUMNS = {'r': LENGTH, 'f': FORCE, 'sigma': FORCE, 'direction': TEXT}
 LAYOUT = 'a table of forces has the columns r_m,f_N (or in mm, um, mN, uN), and perhaps sigma_N and direction'

@@ -17,12 +17,9 @@ are taken for point dipoles that repel with the force of the law at the distance
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 from .pair_laws import GaussianMixture, InversePower, PairLaw
-
-if TYPE_CHECKING:
-    from typing import Any
 
 
 @dataclass(frozen=True)

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Chebyshev
 from numpy.polynomial.chebyshev import chebinterpolate
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, positive
-from .magnets import Sphere, _side_by_side, moment
+from .magnets import Cuboid, Ring, Sphere, _side_by_side, moment
 from .pair_laws import InversePower, repulsion
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from .magnets import Cuboid, Ring
 
 CLEARANCE = 0.1
 """Smallest gap between two prisms, as a fraction of their width, for which the law is computed; closer to contact the

@@ -22,17 +22,12 @@ Gauss's points on an edge.  Outside a sphere its field is exactly that of a poin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from ..errors import not_negative, one_of, positive
-
-if TYPE_CHECKING:
-
-    from numpy.typing import NDArray
-
 
 GRADES_T = {'N30': (1.08, 1.13), 'N33': (1.13, 1.18), 'N35': (1.17, 1.22), 'N38': (1.21, 1.25), 'N40': (1.25, 1.28),
             'N42': (1.28, 1.32), 'N45': (1.32, 1.38), 'N48': (1.37, 1.42), 'N50': (1.39, 1.45), 'N52': (1.42, 1.48)}

@@ -9,17 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import lgamma
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from ..errors import finite, positive
-
-if TYPE_CHECKING:
-    from typing import Any, Self
-
-    from numpy.typing import NDArray
 
 DEEPEST = 0.5
 """Largest overlap of two spheres as a fraction of their diameter.  Hertz' law is for contacts small beside the sphere, and some

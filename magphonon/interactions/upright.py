@@ -16,18 +16,12 @@ for dipoles (a = 4) three times as strongly as a force along the line that joins
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .pair_laws import higher_derivatives
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import NDArray
-
-    from .pair_laws import PairLaw
+from .pair_laws import PairLaw, higher_derivatives
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from ase import Atoms
 from ase.constraints import FixAtoms
 
 from ..errors import positive, whole
-from .bonds import find_bonds
-
-if TYPE_CHECKING:
-    from ase import Atoms
-
-    from .bonds import Bonds
+from .bonds import Bonds, find_bonds
 
 RIM = 1
 """Tag of the particles on the rim of a patch; those inside have the tag 0."""

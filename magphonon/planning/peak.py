@@ -11,27 +11,22 @@ A force F cos(W t) drives a mode to the amplitude e.F/(gamma W), which moves the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from .. import units
 from ..dynamics.engine import highest_frequency
 from ..errors import positive
-from ..response.frf import frequency_response, harmonic_response
+from ..response.frf import Place, frequency_response, harmonic_response
 from ..response.normal_modes import SMALL, Modes, modes, refuse_growing
 from ..response.stepped import HEADSTART, TRANSIENT_FRACTION
 from ..stability.amplitude_shifts import DEGENERACY, FarFromLinear, vibration
 from ..stiffness.bond import bond_stiffness
+from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.rest import LinearSystem
 from .plan import EIGENSOLVE, LONGEST_STEP, STEP_ERROR_FRACTION, Method, Plan, Settings, force_cost, percent
-
-if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import NDArray
-
-    from ..response.frf import Place
-    from ..stiffness.calculator import MagneticRepulsion
 
 RIVAL_RATIO = 0.9
 """Ratio to the highest peak above which another peak may be the highest too, because D* and overlap can change the order."""

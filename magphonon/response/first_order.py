@@ -13,17 +13,13 @@ on the panels of `propagation`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from .chebyshev import BLOCK, Interval, coefficients
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import NDArray
 
 NODES = 16  # number of Gauss points on a panel; they integrate polynomials of degree 31 exactly
 POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(NODES) + np.array([[1.0], [0.0]])) / 2

@@ -5,10 +5,11 @@ gap of the lattice, which are local modes of defects, walls and edges; and how f
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
 from ase.cell import Cell
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import Unstable, finite, whole
@@ -16,10 +17,6 @@ from ..files import Saved
 from ..stiffness.lowest import ROUND_OFF, count_below, eigenpairs_between, lowest_eigenpairs, lowest_mode
 from ..stiffness.matrices import gyrating_modes, signed_root
 from ..stiffness.rest import LinearSystem
-
-if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 SMALL = 300
 """Largest number of degrees of freedom of a structure that is diagonalised; above it, products with its matrix are cheaper."""

@@ -17,10 +17,13 @@ is Gauss's, on panels short enough for the fastest oscillator and for the force.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from ..dynamics.drives import Constant, ToneBurst, Wall, constant_push, forces_and_walls, refuse_held_drives
@@ -30,13 +33,6 @@ from ..stiffness.rest import LinearSystem, components, static_forces
 from ..stiffness.sites import site_damping
 from .chebyshev import BLOCK, Outside, chebyshev_blocks, coefficients, products_of, sizes, stable_interval, whole_interval
 from .first_order import NODES, POINTS, WEIGHTS, FirstOrder
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 TURN = 8.0  # longest panel in rad of the fastest oscillation, whose motion there is a polynomial of degree 16 up to round-off
 PANELS = 20_000  # largest number of panels; a force that needs more is not a smooth function of time

@@ -7,9 +7,10 @@ memory, and its time is proportional to the number of particles.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from .. import units
@@ -18,11 +19,6 @@ from ..errors import finite, whole
 from ..files import Saved
 from ..stiffness.rest import LinearSystem
 from .chebyshev import COLUMNS, spectrum_of
-
-if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
 
 ASTRAY = 0.3
 """Distance from the nearest lattice site, in shortest distances between sites, beyond which a particle belongs to no site."""

@@ -5,12 +5,14 @@ Many small structures stand in one Atoms, each at a frequency of its own, so tha
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
 from ase.io.jsonio import encode
+from numpy.typing import ArrayLike, NDArray
 
 from ..dynamics.drives import Harmonic
 from ..dynamics.recorder import Recorder
@@ -22,15 +24,7 @@ from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import LinearSystem, freedom
 from ..stiffness.sites import each_spring
-from .frf import FrequencyResponse
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from .frf import Place
+from .frf import FrequencyResponse, Place
 
 TRANSIENT_FRACTION = 1e-3
 """Largest remainder of the transient, as a fraction of the steady-state amplitude; harmonics of a nonlinear motion disturb the

@@ -7,18 +7,21 @@ front.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import Annotated, Any, Self, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
-from pydantic_core import InitErrorDetails
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, InitErrorDetails
 
 from ..errors import did_you_mean, nearest, not_negative, number, positive, shown, whole
-
-if TYPE_CHECKING:
-    from typing import Any, Self
-
-    from pydantic import ModelWrapValidatorHandler
-    from pydantic_core import ErrorDetails
 
 LONGEST_TEXT = 200
 """Largest number of characters of a text; a title is printed above a picture."""

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from .. import units as u
 from ..errors import one_of, positive, shown, whole
+from ..interactions.bond_laws import Laws
 from ..interactions.force_tables import read_forces
 from ..interactions.magnet_pairs import calibrated, magnet_law
 from ..interactions.magnets import GRADES_T, Cuboid, Ring, Sphere, grade_remanence
-from ..interactions.pair_laws import Attraction, Hertz, InversePower, Tabulated, Yukawa
+from ..interactions.pair_laws import Attraction, Hertz, InversePower, PairLaw, Tabulated, Yukawa
 from .fields import Allowed, Flag, Force, Length, Positive, Pressure, Table, Text, listed, of_known_kind, within
 from .lattices import AUTO, Neighbours, Shells
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from ..interactions.bond_laws import Laws
-    from ..interactions.pair_laws import PairLaw
 
 Grade = Annotated[str, BeforeValidator(partial(one_of, '', choices=tuple(GRADES_T)))]
 

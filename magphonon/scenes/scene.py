@@ -14,16 +14,20 @@ import tomllib
 import warnings
 from contextlib import contextmanager
 from importlib.resources import files
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import ase.io
 import numpy as np
+from ase import Atoms
+from ase.dft.kpoints import BandPath
+from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from .. import units as u
 from ..bands.force_constants import enough_cells
-from ..bands.neighbours import enough_shells, whole_reach
+from ..bands.neighbours import Enough, enough_shells, whole_reach
 from ..errors import PhysicsError
 from ..files import whole_file
 from ..lattices.bonds import bonds_within
@@ -43,15 +47,6 @@ from .plans import BandPlan, BurstPlan, DesignPlan, FrfPlan, PlanTable, Vibromet
 from .sources import Source, checked_atoms, ready_scene as ready_scene, ready_scenes, source_of, tables_of
 from .structures import Defects, Disorder, FileLattice
 from .tolerances import Uncertainty
-
-if TYPE_CHECKING:
-    from os import PathLike
-
-    from ase import Atoms
-    from ase.dft.kpoints import BandPath
-    from numpy.typing import NDArray
-
-    from ..bands.neighbours import Enough
 
 PAIRS = 3e-4
 """Largest relative change of a frequency by the neighbours that are left out where shells = 'all' has to be a number."""

@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from io import StringIO
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, BinaryIO
+
+from ase import Atoms
 
 from ..bands.bands import band_path
 from ..bands.force_constants import enough_cells
@@ -15,13 +19,6 @@ from ..errors import nearest, one_of
 from ..files import MEGABYTE, refuse_endless
 from ..interactions.bond_laws import laws_from_dict, laws_to_dict
 from ..stiffness.repulsion import Repulsion
-
-if TYPE_CHECKING:
-    from importlib.resources.abc import Traversable
-    from os import PathLike
-    from typing import Any, BinaryIO
-
-    from ase import Atoms
 
 MOST_BYTES = 10 * MEGABYTE
 """Largest size of a scene in bytes; the ready scenes have 3 kB."""

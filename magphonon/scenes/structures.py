@@ -9,12 +9,14 @@ from copy import deepcopy
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from ase import Atoms
 from ase.constraints import FixAtoms
+from ase.dft.kpoints import BandPath
 from ase.io.jsonio import encode
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, computed_field, model_validator
 
 from .. import units as u
@@ -30,10 +32,6 @@ from ..stiffness.restart import restored
 from ..stiffness.restartable import Restartable
 from ..tables import LENGTH, MASS, PURE, STIFFNESS, read_table
 from .fields import Allowed, Flag, Length, Mass, NotNegative, Number, Point, Points, Positive, Table, Text, listed, within
-
-if TYPE_CHECKING:
-    from ase.dft.kpoints import BandPath
-    from numpy.typing import NDArray
 
 PIXEL = {'px': 1.0}  # of an image, whose y runs downwards
 COLUMNS = {'x': LENGTH | PIXEL, 'y': LENGTH | PIXEL, 'z': LENGTH, 'kind': PURE, 'held': PURE, 'mass': MASS, 'strength': PURE,

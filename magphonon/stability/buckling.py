@@ -9,31 +9,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from tqdm import tqdm
 
 from ..errors import whole
 from ..interactions.pair_laws import InversePower
+from ..lattices.bonds import Bonds
 from ..stiffness.bond import model_stiffness
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE, lowest_mode
 from ..stiffness.matrices import bloch_matrix, growth, hessian
 from ..stiffness.repulsion import Repulsion
 from ..stiffness.rest import BALANCED, LinearSystem, freedom
-from ..stiffness.sites import refuse_gyration
+from ..stiffness.sites import Foundation, refuse_gyration
 from .soft_waves import softest_wave
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..lattices.bonds import Bonds
-    from ..stiffness.sites import Foundation
 
 ROUND_OFF = 1e-12  # fraction of the largest eigenvalue below which an eigenvalue is zero
 FLAT = 1e-9  # largest difference of heights, as a fraction of the shortest bond, up to which a layer is flat

@@ -9,19 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from ..bands.floquet import Hill
 from ..stiffness.matrices import poles
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike
 
 LINES = {1: 400, 2: 24, 3: 8}  # points of the mesh along each period, by the number of periods
 ORDERS = 3  # largest n; growth goes as eps^n, and what is damped at all is damped more than by eps^4

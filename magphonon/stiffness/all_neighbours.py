@@ -16,20 +16,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from ase import Atoms
 from ase.geometry import find_mic
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import one_of, positive
 from ..interactions.bond_laws import laid
-from ..interactions.pair_laws import GaussianMixture, InversePower, local_exponent
+from ..interactions.pair_laws import GaussianMixture, InversePower, PairLaw, local_exponent
 from ..lattices.bonds import ON_SHELL, bonds_within, distances_within, image_of
 from .bond import MODELS, Central, bond_stiffness
 from .ewald import EwaldSums
 from .matrices import bloch_matrix, bloch_series
 from .repulsion import Repulsion
 from .sites import (
+    Foundation,
     displacement_components,
     from_reference,
     of_sites,
@@ -39,15 +42,6 @@ from .sites import (
     site_strengths,
     warn_of_units,
 )
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..interactions.pair_laws import PairLaw
-    from .sites import Foundation
 
 TAIL = 12.3
 """Distance in spacings from which a law counts as an inverse power: the bands of discs, whose law approaches that of dipoles,

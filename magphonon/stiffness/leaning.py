@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..interactions.leaning import leaning_law
 from .all_neighbours import AllNeighbours
@@ -12,11 +13,6 @@ from .calculator import MagneticRepulsion
 from .ewald import lattice_sum
 from .repulsion import Repulsion
 from .sites import each_spring
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import NDArray
 
 EQUAL = 1e-9  # relative difference of what leaning takes from the springs of two sites that is round-off
 

@@ -12,9 +12,10 @@ eV/Angstrom.  At 10 Hz and 1e4 N the one would pass lattices that buckle, the ot
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from ase import Atoms
 from ase.calculators.calculator import Calculator, PropertyNotImplementedError, all_changes
 from ase.data import atomic_masses
 
@@ -24,11 +25,6 @@ from .rest import freedom
 from .site_laws import refuse_changes
 from .sites import refuse_gyration
 from .supercells import fitted, sites_of, strayed
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
 
 GRAM = 9.64853082147604e-3
 """Mass of 1 g in a tool whose THz are Hz and whose eV are mJ: (2 pi 15.633302 / 1000)^2, with phonopy's constants, those of 1986.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from threading import RLock
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from ase import Atoms
@@ -12,14 +12,9 @@ from ase.calculators.calculator import Calculator, all_changes
 from ase.constraints import dict2constraint
 
 from ..errors import finite, positive, shown
-from ..interactions.bond_laws import laws_from_dict, laws_to_dict
+from ..interactions.bond_laws import Laws, laws_from_dict, laws_to_dict
 from ..lattices.bonds import Bonds, vectors_between
 from .site_laws import foundation_from_dict, foundation_to_dict
-
-if TYPE_CHECKING:
-    from typing import Any, Self
-
-    from ..interactions.bond_laws import Laws
 
 UNITS = 'mm, g, ms'  # the units of all numbers of a saved calculator
 REFERENCE = 'numbers', 'positions', 'cell', 'pbc', 'masses', 'constraints'  # of a reference, and its tags

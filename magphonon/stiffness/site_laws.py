@@ -7,19 +7,15 @@ refuses here in words; what takes any site asks `calc.site_stiffness`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import finite, positive
 from .sites import of_sites, range_of, site_blocks, site_springs
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Any, Self
-
-    from numpy.typing import ArrayLike, NDArray
 
 
 class SiteLaw:

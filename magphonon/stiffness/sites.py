@@ -10,6 +10,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from ..errors import finite, not_negative, shown
@@ -20,15 +21,14 @@ if TYPE_CHECKING:
     from typing import Any
 
     from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..lattices.bonds import Bonds
     from .calculator import MagneticRepulsion
     from .repulsion import Repulsion
 
-    Foundation = float | NDArray[np.float64]
-    """Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
-
+Foundation = float | NDArray[np.float64]
+"""Stiffness of the springs in N/mm: one number, or shape (particles, dim)."""
 FREQUENCIES_Hz = 1e-4, 1e13
 """Range of frequencies, from a period of three hours to the atoms of a solid; outside it a unit or an exponent is wrong."""
 DENSITY = 50.0

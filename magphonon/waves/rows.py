@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 from math import gcd
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite, one_of
 from .ridge_tables import SOURCES
 from .wave_source import NEAR
-
-if TYPE_CHECKING:
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 FARTHEST = 3  # largest multiple of a lattice vector in a step of a row; rows along others have few particles
 TURNED = np.radians(2.0)

@@ -7,18 +7,14 @@ wave of the highest frequency in the record and to white noise, of which every v
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units
 from .spectrum import ROUND_OFF, without_drift
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from numpy.typing import NDArray
 
 JITTER = 0.01
 """Largest deviation from equal time steps, as a fraction of a step; with ten samples per period it adds a background of -44

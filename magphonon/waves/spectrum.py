@@ -23,17 +23,14 @@ curve is the other part of the uncertainty.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from .. import units
 from ..errors import finite, positive
 from ..files import Saved
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 FEWEST = 8  # smallest number of frames, and of points, for a map
 PAD = 4

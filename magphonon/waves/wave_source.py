@@ -8,9 +8,11 @@ and along a direction of symmetry those seen run along the measured row.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from os import PathLike
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..dynamics.drives import ToneBurst
@@ -23,12 +25,6 @@ from ..errors import not_negative, one_of, positive
 from ..stiffness.repulsion import repulsion_of
 from ..stiffness.rest import freedom
 from .ridge_tables import DRIVEN
-
-if TYPE_CHECKING:
-    from os import PathLike
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
 
 NEAR = 0.1
 """Distance, in lattice constants, up to which a particle belongs to a site, also in a patch that a burst has left in motion."""
