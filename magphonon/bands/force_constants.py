@@ -297,10 +297,6 @@ def extracted_dstar(phonon: Phonopy, atoms: Atoms) -> NDArray[np.float64]:
 def foundation_recovered(phonon: Phonopy) -> NDArray[np.float64]:
     """Stiffness that resists moving the whole lattice: the row sums of the force constants.
 
-    Parameters
-    ----------
-    phonon : phonopy.Phonopy
-
     Returns
     -------
     ndarray, shape (particles, dim, dim)

@@ -116,20 +116,16 @@ def zone_map(atoms: Atoms, steps: int = 96, model: str = 'complete') -> ZoneMap:
 
 
 def frequency_ratio(complete: ZoneMap, conventional: ZoneMap) -> NDArray[np.float64]:
-    """`omega_complete/omega_conventional` of each branch over the zone: how much the static forces shift each mode.
+    """`omega_complete/omega_conventional` of each branch over the zone, shape (n1, n2, branches).
 
-    As D* of repelling particles only softens, the ratio is at most 1.  It is negative where the complete
-    model is unstable.  Where the conventional frequency vanishes it is NaN: at Gamma without a foundation both
-    vanish, and the limit is the ratio of the sound speeds, which may depend on the direction of approach.
+    It is how much the static forces shift each mode.  As D* of repelling particles only softens, the ratio is at most 1.  It is
+    negative where the complete model is unstable.  Where the conventional frequency vanishes it is NaN: at Gamma without a
+    foundation both vanish, and the limit is the ratio of the sound speeds, which may depend on the direction of approach.
 
     Parameters
     ----------
     complete, conventional : ZoneMap
         Maps of both models, for the same lattice on the same mesh.
-
-    Returns
-    -------
-    ndarray, shape (n1, n2, branches)
 
     Examples
     --------

@@ -99,7 +99,7 @@ def _special_points(atoms, path, tolerances):
     at = frequency_spread(atoms, list(points.values()), tolerances)
     kept = [(k, mode) for k in range(len(points)) for mode, f in enumerate(at.values[k])
             if f > 0 and (mode == 0 or abs(f - at.values[k, mode - 1]) > 1e-6 * f)]
-    k, mode = np.transpose(kept)
+    k, mode = np.array(kept).T
     few = type(at)(at.names, at.covariance, at.values[k, mode], at.slopes[:, k, mode])
     return few, [(list(points)[k], mode + 1) for k, mode in kept]
 
@@ -112,7 +112,7 @@ def _monte_carlo(scene, path, tolerances, few, labels):
     points = points_on(path)
     drawn = sampled_frequencies(lambda factors: varied(scene, factors).perfect_cell(), list(points.values()), tolerances, SAMPLES)
     unstable = np.mean((drawn < -1e-6 * abs(drawn).max()).any(axis=(1, 2)))
-    k, mode = np.transpose([(list(points).index(name), branch - 1) for name, branch in labels])
+    k, mode = np.array([(list(points).index(name), branch - 1) for name, branch in labels]).T
     certain = few.std <= 1e-9 * few.values  # frequencies that depend on no tolerance
     apart = abs(drawn.std(axis=0, ddof=1)[k, mode][~certain] / few.std[~certain] - 1).max(initial=0.0)
     agrees = apart <= SIGNIFICANT_DIFFERENCE and not unstable

@@ -183,14 +183,6 @@ def _apart(r, nearest):
 def magnet_law(magnet: Ring | Cuboid | Sphere) -> MagnetLaw | SphereLaw:
     """Law of repulsion of two equal magnets side by side, magnetised normal to the plane.
 
-    Parameters
-    ----------
-    magnet : Ring, Cuboid or Sphere
-
-    Returns
-    -------
-    MagnetLaw or, for spheres, SphereLaw
-
     Raises
     ------
     ValueError

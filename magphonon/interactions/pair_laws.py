@@ -442,10 +442,6 @@ class Tabulated:
 class Attraction:
     """The opposite of a law: particles that attract each other as strongly as others repel.
 
-    Parameters
-    ----------
-    repulsion : PairLaw
-
     Examples
     --------
     >>> from magphonon import InversePower

@@ -31,7 +31,7 @@ FRAMES = 24  # frames of one period of a mode
 
 
 def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:
-    """One period of a mode, as `animate` takes it: the displacements `shape cos(2 pi t/T)`.
+    """One period of a mode, as `animate` takes it: the displacements `shape cos(2 pi t/T)`, shape (frames, particles, dim).
 
     Parameters
     ----------
@@ -40,10 +40,6 @@ def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> ND
     amplitude : float
         Largest displacement of a particle in mm.
     frames : int
-
-    Returns
-    -------
-    ndarray, shape (frames, particles, dim)
     """
     shape = finite('shape', shape)
     largest = np.linalg.norm(shape, axis=-1).max()

@@ -151,14 +151,7 @@ def plot_extents(extent: Extent, *, ax: Axes | None = None, bands: Sequence[tupl
 
 @in_house_style
 def plot_comparison(found: Comparison, computed: Modes, *, ax: Axes | None = None) -> Axes:
-    """MAC of measured shapes, in rows, with the computed ones most like them, in columns; matches are framed.
-
-    Parameters
-    ----------
-    found : Comparison
-    computed : Modes
-    ax : matplotlib.axes.Axes, optional
-    """
+    """MAC of measured shapes, in rows, with the computed ones most like them, in columns; matches are framed."""
     ax = new_axes() if ax is None else ax
     best = np.argsort(found.mac, axis=1)[:, -2:]
     shown = np.unique(best)

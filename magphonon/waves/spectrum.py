@@ -122,10 +122,6 @@ def wavenumber_frequency(displacements: ArrayLike, dt: float, steps: ArrayLike |
     steps : array_like of int, shape (points,), optional
         Place of each point along the row, ascending from 0, where some are missing; by default 0, 1, 2 and so on.
 
-    Returns
-    -------
-    Spectrum
-
     Examples
     --------
     >>> import numpy as np
@@ -271,14 +267,6 @@ def ridge(spectrum: Spectrum) -> Ridge:
 
     A wave that runs one way and disperses is surer than that: in a long row its halves hear it at other times, at which other
     parts of its branch are strong.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-
-    Returns
-    -------
-    Ridge
 
     Examples
     --------

@@ -144,15 +144,6 @@ def compare(ridge: Ridge, branch: Branch) -> Misfit:
     A branch that nowhere reaches a frequency is met where it comes nearest: there the wave is evanescent, and the
     real part of its wavenumber stays at that of the band edge.
 
-    Parameters
-    ----------
-    ridge : Ridge
-    branch : Branch
-
-    Returns
-    -------
-    Misfit
-
     Examples
     --------
     >>> import numpy as np
@@ -263,10 +254,6 @@ def waves(row: Motion, cell: Atoms, source: str) -> list[Wave]:
     cell : ase.Atoms
         With its MagneticRepulsion.
     source : {'row', 'point'}
-
-    Returns
-    -------
-    list of Wave
     """
     motions = {name: row.along(direction) for name, direction in polarisations(cell, source).items()}
     return _analysed(motions, row.dt, None, cell, wavevector(cell, source), source)
@@ -286,10 +273,6 @@ def scan_waves(scan: Scan, cell: Atoms, source: str = 'point', row: Row | None =
     row : Row, optional
         By default the row of the lattice on which the points stand, begun at the end from which the phases of the stronger waves
         come; for backward waves that is the far end, and their ridge is found.
-
-    Returns
-    -------
-    list of Wave
 
     Examples
     --------

@@ -47,10 +47,6 @@ def wavevector(cell: Atoms, source: str) -> NDArray[np.float64]:
     source : {'row', 'point', 'bench'}
         Fronts along R1, or across R2; of a shaken bench they leave the lowest row as those of a row do.
 
-    Returns
-    -------
-    ndarray, shape (3,)
-
     Examples
     --------
     >>> from magphonon import read_scene, ready_scene
@@ -120,10 +116,6 @@ def site(cell: Atoms, patch: Atoms, source: str) -> Site:
     source : {'row', 'point', 'bench'}
         With 'bench' the whole patch is shaken, walls and feet of pillars with it: seen from there, a force acts on every particle
         in proportion to its mass.
-
-    Returns
-    -------
-    Site
 
     Examples
     --------
@@ -215,10 +207,6 @@ def send(patch: Atoms, site: Site, drive: ToneBurst, damping: float, duration: f
         Number of threads, as for DrivenVerlet.
     film : bool
         Record the whole patch 12 times a period of the carrier, as a film needs it, instead of 24 times in all.
-
-    Returns
-    -------
-    Passage
 
     Examples
     --------
