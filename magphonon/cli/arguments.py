@@ -92,8 +92,11 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
             except ValueError as error:
                 raise ValueError(f'--fmax {highest:g}: {error}') from None
         try:
-            for ending in ('png', *(['pdf'] if options.pdf else [])):
-                figure.savefig(folder / f'{name}.{ending}')
+            figure.get_layout_engine().execute(figure)
+            figure.set_layout_engine(None)  # `savefig` would lay it out for each file, in a drawing of its own
+            figure.savefig(folder / f'{name}.png', pil_kwargs={'compress_level': 3})  # twice as fast as 6, a tenth larger
+            if options.pdf:
+                figure.savefig(folder / f'{name}.pdf')
         except ValueError as error:
             why = str(error).strip().splitlines()[-1]
             raise ValueError(f'the picture {name} cannot be drawn ({why}); check its title, where a formula must be between two '

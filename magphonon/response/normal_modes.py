@@ -191,10 +191,11 @@ def extents(found: Modes, atoms: Atoms | LinearSystem) -> Extent:
     centre, spread = np.empty((len(share), dim)), np.empty(len(share))
     # a vector along which nothing repeats may be missing, or lean over the periodic ones
     cell = Cell(np.where(rest.pbc[:, None], rest.cell.array, 0)).complete()
+    reciprocal = np.linalg.inv(cell.array)  # once, for all modes
     for mode, weight in enumerate(share):
         at = rest.positions[weight.argmax()]
-        cells = cell.scaled_positions(rest.positions - at)
-        away = ((cells - np.where(rest.pbc, cells.round(), 0)) @ cell.array)[:, :dim]
+        cells = (rest.positions - at) @ reciprocal
+        away = ((cells - cells.round() * rest.pbc) @ cell.array)[:, :dim]
         middle = weight @ away
         centre[mode] = at[:dim] + middle
         spread[mode] = weight @ ((away - middle) ** 2).sum(axis=1)

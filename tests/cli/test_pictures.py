@@ -26,7 +26,7 @@ def test_every_command_that_draws_lists_the_options_of_pictures(command, capsys)
 
 def picture():
     """A figure over frequencies from 10 to 100 Hz, with a second axis that has none."""
-    figure = Figure()
+    figure = Figure(layout='compressed')
     for ax in figure.subplots(1, 2):
         ax.plot([10, 100], [1, 2])
         ax.set(xlim=(10, 100), ylim=(0, 3))
