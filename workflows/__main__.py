@@ -18,7 +18,7 @@ from .accuracy import machine
 from .chapters import NAMES, SHORTENED, run
 from .report import counted, text_table, write_html, write_summary
 
-LONGEST = ('speed_accuracy', 'planning', 'vibrometer', 'frf', 'bursts', 'stability')
+LONGEST = ('bench', 'speed_accuracy', 'vibrometer', 'nonlinearity', 'bursts', 'frf', 'planning', 'noise', 'stability')
 """Those that take longest, in order: they start first, so that no core waits for them in the end."""
 
 
