@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -214,3 +214,9 @@ def _numbers(path, rows, name, cells, blank, signs):
                          'sign; write all with a point, or all with a comma')
     values[missing] = np.nan
     return values
+
+
+def in_columns(rows: Sequence[Sequence[str]], left: int) -> list[str]:
+    """Lines of a table to be read, the first `left` of its columns flush left, the others flush right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ['  '.join(f'{cell:{"<" if k < left else ">"}{widths[k]}}' for k, cell in enumerate(row)).rstrip() for row in rows]

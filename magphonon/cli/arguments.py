@@ -5,6 +5,8 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from ..errors import positive
+
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from collections.abc import Callable, Iterator
@@ -77,7 +79,6 @@ def drawing(options: Namespace, folder: Path, title: str = '') -> Iterator[Calla
 
     The title stands above all pictures, unless the options set one.
     """
-    from ..errors import positive
     from ..plotting.axes import end_frequencies, entitle, print_style
 
     highest = getattr(options, 'fmax', None)

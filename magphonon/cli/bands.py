@@ -10,6 +10,8 @@ from argparse import ArgumentParser, Namespace
 import numpy as np
 
 from .. import units
+from ..errors import PhysicsError
+from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 HELP = 'bands of a scene, by the Bloch matrix and by phonopy'
@@ -61,7 +63,6 @@ def run(options: Namespace) -> None:
 def _floquet(folder, save, atoms, path, plan, highest_Hz):
     """Floquet bands along a path and back, and what they say in words."""
     from ..bands.floquet import floquet_bands
-    from ..files import write_columns
     from ..plotting.floquet import plot_floquet
     from .band_report import floquet_report
 
@@ -83,7 +84,6 @@ def _floquet(folder, save, atoms, path, plan, highest_Hz):
 
 def _save(folder, bands, phonon):
     from ..bands.phonopy_files import write_band_yaml, write_phonopy_params
-    from ..files import write_columns
     from .band_report import LEAST_WRITTEN_N_per_mm
 
     path = bands['complete'].path
@@ -129,7 +129,6 @@ def _thermal_run(plan, scene, atoms, path):
     from ..bands.bands import points_on
     from ..bands.bloch import bloch_modes
     from ..dynamics.cages import Diverged
-    from ..errors import PhysicsError
     from ..waves.thermal import fits, thermal_run
     from .band_report import ZERO_FRACTION
 

@@ -37,7 +37,8 @@ def run(options: Namespace) -> None:
     from ..files import write_columns
     from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
-    from ..waves.wave_analysis import MODELS, report
+    from ..waves.wave_analysis import MODELS
+    from ..waves.wave_report import report
     from .costs import refuse_costly
     from .neighbours import neighbours
     from .results import results

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
+from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, drawing, lattice_and_patch
 
 if TYPE_CHECKING:
@@ -71,7 +72,6 @@ def cost(scene: Scene) -> Cost:
 
 def _of_lattice(folder, atoms):
     from ..bands.density import band_ranges, lattice_density
-    from ..files import write_columns
     from ..plotting.density import plot_density
     from .band_report import ZERO_FRACTION
 
@@ -98,7 +98,6 @@ def _hertz(found, k):
 
 
 def _of_patch(folder, patch, axes):
-    from ..files import write_columns
     from ..plotting.density import plot_density
     from ..response.spectral_density import density_of_states
 

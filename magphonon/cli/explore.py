@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import units as u
+from ..files import whole_file
 from .arguments import add_scene, default_folder
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..files import whole_file
     from ..plotting.explorer import POINTS, Explorer
     from ..scenes.scene import read_scene
     from ..stability.buckling import border_over_exponents, border_over_spacings

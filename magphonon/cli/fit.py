@@ -16,6 +16,8 @@ from __future__ import annotations
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 
+from ..errors import not_negative, one_of, positive
+from ..tables import FORCE, LENGTH
 from .arguments import add_pictures, drawing
 
 HELP = 'the force between two particles from a measured table, or the lattice from measured ridges'
@@ -25,15 +27,11 @@ OF_FORCES = 'spacing', 'contact', 'magnet', 'distance_sigma', 'zero_sigma', 'hys
 
 def length(text: str) -> float:
     """A length in mm from words such as '10mm', or '0.01' in m."""
-    from ..tables import LENGTH
-
     return _quantity(text, LENGTH)
 
 
 def force(text: str) -> float:
     """A force in N from words such as '5mN', or '0.005' in N."""
-    from ..tables import FORCE
-
     return _quantity(text, FORCE)
 
 
@@ -90,7 +88,6 @@ def run(options: Namespace) -> None:
                 raise ValueError(f'--{name.replace("_", "-")} belongs to a fit of forces; leave it or --bands out')
         _fit_bands(options)
         return
-    from ..errors import not_negative, positive
     from ..interactions.fits import SharedErrors, fit_forces, scene_entry
     from ..interactions.force_tables import read_forces
     from .fit_report import force_report
@@ -182,8 +179,6 @@ def _priors(options, keys):
 
 def _prior(text, keys):
     """Name, value and standard uncertainty of a parameter from words such as 'force_N=0.288+-0.01' or 'a=3.8+-10%'."""
-    from ..errors import one_of
-
     match = re.fullmatch(r'\s*(\w+)\s*=\s*([-+.\deE]*[\d.])\s*(?:\+-|\+/-|±)\s*([-+.\deE]*[\d.])\s*(%?)\s*', text)
     try:
         key, value, sigma, percent = match.groups()

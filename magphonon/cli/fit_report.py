@@ -14,6 +14,7 @@ from ..interactions.fits import CONFLICT, SHAPE_WEIGHT, SHARED, WITH_CARE, shell
 from ..scenes.band_fits import KEYS, TELLS
 from ..scenes.frf_fits import UNITS
 from ..stiffness.calculator import MagneticRepulsion
+from ..tables import in_columns
 from ..waves.ridge_tables import SHIFT_bins
 from .neighbours import neighbours
 
@@ -131,8 +132,7 @@ def _allowed(found):
 def _table(fits, rows):
     """Lines of rows with one column for each model."""
     rows = [('', *(f'{model} ({"D0 + D*" if model == "complete" else "D0 alone"})' for model in fits)), *rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ['  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return in_columns(rows, left=1 + len(fits))
 
 
 def _with_unit(name):

@@ -7,6 +7,7 @@ from argparse import ArgumentParser, Namespace
 import numpy as np
 
 from .. import units
+from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 HELP = 'frequency response of the oscillator or of a patch'
@@ -31,7 +32,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..files import write_columns
     from ..plotting.response import plot_response, plot_transfer
     from ..response.frf import receptance
     from ..scenes.scene import read_scene

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
+from ..errors import positive
 from .arguments import add_output, add_scene, default_folder
 
 HELP = 'the cheapest method that answers a scene within a tolerance; with --run, its answer'
@@ -21,7 +22,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> None:
-    from ..errors import positive
     from ..planning.scene import scene_plans
     from ..scenes.scene import read_scene
     from .costs import refuse_costly

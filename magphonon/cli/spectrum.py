@@ -88,7 +88,8 @@ def _row(options, scene, cell, scan, folder, save):
     from ..plotting.waves import plot_wave
     from ..waves.ridge_tables import write_ridges
     from ..waves.rows import row_of
-    from ..waves.wave_analysis import report, scan_waves
+    from ..waves.wave_analysis import scan_waves
+    from ..waves.wave_report import report
 
     row, name = None, Path(options.table).stem
     source = options.source or (scene.burst.source if scene.burst else 'point')
@@ -111,8 +112,9 @@ def _field(options, scene, cell, scan, folder, save):
     """What points of the plane show, in words, and the wavevectors of its ridges."""
     from ..bands.bands import band_path
     from ..plotting.fields import plot_field, plot_field_at
-    from ..waves.fields import field_at, field_map, field_of, field_report, field_ridges
+    from ..waves.fields import field_at, field_map, field_of, field_ridges
     from ..waves.ridge_tables import write_points
+    from ..waves.wave_report import field_report
 
     name, path = Path(options.table).stem, scene.band_path() if scene.bands else band_path(cell)
     field = field_of(scan, cell)

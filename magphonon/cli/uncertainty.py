@@ -7,6 +7,7 @@ from argparse import ArgumentParser, Namespace
 import numpy as np
 
 from .. import units
+from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 HELP = 'bands and responses with the uncertainty that follows from tolerances'
@@ -59,7 +60,6 @@ def run(options: Namespace) -> None:
 def _bands(folder, save, scene, tolerances):
     from ..bands.bands import Bands, path_of
     from ..design.uncertainty import frequency_spread
-    from ..files import write_columns
     from ..plotting.axes import point_name
     from ..plotting.response import plot_band_ribbons, plot_contributions
     from .neighbours import neighbours
@@ -126,7 +126,6 @@ def _monte_carlo(scene, path, tolerances, few, labels):
 
 def _response(folder, save, scene, tolerances):
     from ..design.uncertainty import response_spread
-    from ..files import write_columns
     from ..plotting.response import plot_response_ribbon
 
     atoms, source, answer = scene.shaken()

@@ -162,7 +162,7 @@ def fit_dispersion(build: Build, names: tuple[str, ...], points: RidgePoints, mo
 
 def residuals_of(build: Build, fit: DispersionFit, points: RidgePoints) -> tuple[float, ...]:
     """Residuals of other points from the nearest branches of a fitted lattice."""
-    atoms, _ = build(dict(zip(fit.names, fit.factors.tolist(), strict=True)))
+    atoms, _ = build(fit.by_name)
     points = replace(points, sigma_xi=np.maximum(points.sigma_xi, _oblique(atoms, points, fit.model)))
     modes = _off_branches(atoms, points, fit.model, points.sigma_omega).argmin(axis=1)[points.ridge]
     sigma, slope = _uncertainty(atoms, points, modes, fit.model)

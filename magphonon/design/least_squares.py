@@ -51,6 +51,11 @@ class ParameterFit:
     residuals: np.ndarray
 
     @property
+    def by_name(self) -> dict[str, float]:
+        """The factors by the names of their parameters."""
+        return dict(zip(self.names, self.factors.tolist(), strict=True))
+
+    @property
     def chi2(self) -> float:
         """Sum of the squared residuals."""
         return float(self.residuals @ self.residuals)

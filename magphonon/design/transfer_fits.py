@@ -287,8 +287,7 @@ def with_site_scatter(fit: TransferFit, build: Callable[[dict[str, float]], Buil
     known = all(one.sigma is not None for one in functions)
     if known and fit.chance >= FITS:
         return fit
-    factors = dict(zip(fit.names, fit.factors.tolist(), strict=True))
-    built, gain = build(factors), factors.get('gain', 1.0)
+    built, gain = build(fit.by_name), fit.by_name.get('gain', 1.0)
     h, slopes = response_slopes(built, functions, fit.names)
     weight, rows = gain * _weights(functions) / fit.noise, 2 * len(h)
     J = -_split(weight * slopes).T

@@ -104,8 +104,7 @@ class BandFits:
 
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit."""
-        fit = self.fits[one_of('model', model, MODELS)]
-        return with_factors(self.scene, dict(zip(fit.names, fit.factors, strict=True)))
+        return with_factors(self.scene, self.fits[one_of('model', model, MODELS)].by_name)
 
     def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr at the spacing.

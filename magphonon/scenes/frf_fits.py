@@ -89,15 +89,13 @@ class FrfFits:
 
     def fitted(self, model: str = 'complete') -> Scene:
         """The scene with the parameters of the fit; the gain is that of the instrument and stays out."""
-        fit = self.fits[one_of('model', model, band_fits.MODELS)]
-        return _with(self.scene, dict(zip(fit.names, fit.factors.tolist(), strict=True)))
+        return _with(self.scene, self.fits[one_of('model', model, band_fits.MODELS)].by_name)
 
     def values(self, model: str = 'complete') -> dict[str, tuple[float, float]]:
         """Value in SI and relative standard uncertainty of each parameter, and of the stiffness of a bond, -df/dr."""
         fit, scene = self.fits[one_of('model', model, band_fits.MODELS)], self.fitted(model)
         L, law, changes = scene.lattice.spacing_m * u.m, scene.law.potential(), band_fits.changes_of(scene)
-        gain = dict(zip(fit.names, fit.factors.tolist(), strict=True)).get('gain', 1.0)
-        found = {name: (gain if name == 'gain' else _value(scene, name), sigma)
+        found = {name: (fit.by_name['gain'] if name == 'gain' else _value(scene, name), sigma)
                  for name, sigma in zip(fit.names, fit.sigma.tolist(), strict=True)}
         shapes = {name: change.law for name, change in changes.items() if change.law is not None}
         slopes = [shapes[name].d2phi(L) / law.d2phi(L) if name in shapes else 0.0 for name in fit.names]
@@ -107,9 +105,7 @@ class FrfFits:
 
     def curves(self, model: str = 'complete') -> list[NDArray[np.complex128]]:
         """The fitted response of each function, with the gain."""
-        fit = self.fits[one_of('model', model, band_fits.MODELS)]
-        factors = dict(zip(fit.names, fit.factors.tolist(), strict=True))
-        return responses_of(self.scene, model, self.functions, factors)
+        return responses_of(self.scene, model, self.functions, self.fits[one_of('model', model, band_fits.MODELS)].by_name)
 
 
 def fit_frf(scene: Scene, functions: Sequence[TransferFunction], fixed: Sequence[str] = (),

@@ -227,11 +227,6 @@ def foundation_needed(atoms: Atoms | LinearSystem, model: str = 'complete', step
     steps : int, optional
         Wavevectors along each reciprocal vector, see `softest`.
 
-    Returns
-    -------
-    FoundationNeeded
-        A tuple of the stiffness `k` in N/mm and the wavevector `q` of the softest mode.
-
     Examples
     --------
     >>> from magphonon import InversePower, MagneticRepulsion, foundation_needed, lattices

@@ -16,12 +16,6 @@ from .scans import Scan as Scan
 from .spectrum import Spectrum as Spectrum, ridge as ridge, wavenumber_frequency as wavenumber_frequency
 from .thermal import ThermalBands as ThermalBands, thermal_bands as thermal_bands, thermal_run as thermal_run
 from .vibrometer import sampled as sampled
-from .wave_analysis import (
-    Branch as Branch,
-    branch as branch,
-    compare as compare,
-    report as report,
-    scan_waves as scan_waves,
-    waves as waves,
-)
+from .wave_analysis import Branch as Branch, branch as branch, compare as compare, scan_waves as scan_waves, waves as waves
+from .wave_report import report as report
 from .wave_source import Burst as Burst, polarisations as polarisations, send as send, site as site, wavevector as wavevector

@@ -445,26 +445,6 @@ def _scatter(off, variance, branch, leg, at):
     return np.maximum(common, own)
 
 
-def field_report(points: RidgePoints, cell: Atoms) -> str:
-    """Distances of the ridge points of a field from the bands of both models, as a table in words."""
-    branch = np.array([MOTIONS.index(motion) for motion in points.motions])
-    off = {model: units.hertz(points.omega - bloch_modes(cell, points.q, model)[0][np.arange(len(points)), branch[points.ridge]])
-           for model in ('complete', 'conventional')}
-    sigma = units.hertz(points.sigma_omega)
-    waves = {'row': 'a row', 'point': 'a point (if it was a row, say --source row: the uncertainty of a fit is then less)',
-             FIELD: 'noise'}[points.sources[0]]
-    rows: list[tuple[str, ...]] = [('ridge', 'points', 'D0 + D*', 'D0 only', 'sigma')]
-    for k, name in enumerate(points.names):
-        own = points.ridge == k
-        rows.append((name, str(own.sum()), *(f'{np.sqrt(np.mean(one[own] ** 2)):.2f}' for one in off.values()),
-                     f'{np.median(sigma[own]):.2f}'))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return '\n'.join([f'Waves of {waves}.',
-                      'RMS distance of the ridge points from the bands of the scene, and their standard uncertainty, in Hz.',
-                      'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much.', '', *(
-                          '  '.join(f'{cell:{"<" if k < 1 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows)])
-
-
 def field_at(field: Field, cell: Atoms, omega: float,
              steps: int = 61) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
     """The motion at one frequency: over wavevectors (isofrequency contour) and over the points (operational shape).

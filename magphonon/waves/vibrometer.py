@@ -9,7 +9,7 @@ from ..errors import finite, not_negative, positive
 
 
 def sampled(motion: Motion, rate: float, noise: float = 0.0, seed: int = 0) -> Motion:
-    """A simulated motion as a vibrometer sees it: at its own sampling rate, with its noise.
+    """A simulated motion as a vibrometer sees it: at its own sampling rate, with its noise; displacements alone.
 
     Parameters
     ----------
@@ -21,11 +21,6 @@ def sampled(motion: Motion, rate: float, noise: float = 0.0, seed: int = 0) -> M
         Standard deviation of each sample, mm; white.
     seed : int
         Seed of the noise.
-
-    Returns
-    -------
-    Motion
-        Displacements alone.
 
     Examples
     --------

@@ -29,7 +29,6 @@ from .spectrum import LEAST_POWER, NORMAL, RESOLVED, Ridge, Spectrum, ridge, wav
 from .wave_source import across_and_along, polarisations, wavevector
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
     from ase import Atoms
     from numpy.typing import ArrayLike, NDArray
@@ -43,10 +42,7 @@ BRANCH_POINTS = 2001
 MODELS = ('complete', 'conventional')
 BRANCHES = {'shear': 0, 'longitudinal': 1}
 """Index of each branch, counted from the lowest: repulsion makes shear the softer of the two acoustic branches."""
-FAR_bins = 3
-"""Distance in wavenumber bins: if no ridge is nearer to a branch, the record comes from another lattice or has other units."""
 REST_FRACTION = 1e-6  # a motion weaker than this fraction of the other polarisation is round-off
-SLOW_RATIO = 100  # ratio of the highest branch frequency to that of a record above which its waves are longer than any row
 SAME = 0.99
 """Cosine from which a measured component is the motion across or along the wavevector: less than -17 dB of the other is in it."""
 SAMPLES = 96
@@ -71,7 +67,7 @@ class Branch(units.InHertz):
 
 
 def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete') -> Branch:
-    """Branch of the analytic bands for the waves that a row of particles sees.
+    """Branch of the analytic bands for the waves that a row of particles sees, from xi = 0 to pi.
 
     Parameters
     ----------
@@ -84,11 +80,6 @@ def branch(atoms: Atoms, direction: ArrayLike, mode: int, model: str = 'complete
     mode : int
         Number of the branch from below, from 0; in the triangular lattice shear is 0 and longitudinal 1.
     model : {'complete', 'conventional'}
-
-    Returns
-    -------
-    Branch
-        From xi = 0 to pi.
 
     Examples
     --------
@@ -398,79 +389,3 @@ def blur(along: Stationary, oblique: Stationary, ridge: Ridge) -> NDArray[np.flo
     own = np.take_along_axis(own, np.where(np.isnan(own), np.inf, abs(own - xi)).argmin(axis=1)[:, None], axis=1)
     beside = (abs(others - xi) < lobe) & (abs(others - own) < lobe)
     return np.nanmax(np.where(beside, abs(others - own), 0), axis=1, initial=0)
-
-
-def report(records: Mapping[str, Sequence[Wave]]) -> str:
-    """Distances of the ridges from the branches, as a table in words; `records` are the waves by the name of their record."""
-    names = [f'{name}{mark}' for mark in ('', "'") for name in BRANCHES]
-    rows: list[tuple[str, ...]] = [('record', 'motion', 'power', 'points', *names, 'sigma')]
-    for record, found in records.items():
-        strongest = found[0].spectrum.peak
-        for wave in found:
-            dB = 10 * np.log10(wave.spectrum.peak / strongest)
-            bins = [misfit.bins for misfit in wave.misfits.values()]
-            if wave.ridge:
-                bins.append(np.median(wave.sigma_xi) / wave.ridge.bin_xi)
-            cells = [f'{distance:.2f}' for distance in bins] or 5 * ['-']
-            rows.append((record, wave.motion, f'{dB:.1f} dB', str(len(wave.ridge.xi) if wave.ridge else 0), *cells))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ['  '.join(f'{cell:{"<" if k < 2 else ">"}{widths[k]}}' for k, cell in enumerate(row)) for row in rows]
-    resolution = next(iter(records.values()))[0].spectrum.bin_xi
-    row = round(2 * np.pi / resolution)
-    return '\n'.join(['RMS distance of the measured ridge from each branch, in wavenumber bins',
-                      f'(1 bin = 2 pi/{row} = {resolution:.4g} rad per step; the row has {row} places).',
-                      'Plain columns: D0 + D*; primed: D0 only; sigma: standard uncertainty of a ridge point.',
-                      '', *lines, *_verdicts(records), *_doubts(records)])
-
-
-def _verdicts(records):
-    """For each ridge, the branches that it agrees with, in words."""
-    lines, astray, longitudinal = [], False, False
-    for record, found in records.items():
-        for wave in found:
-            misfits, on = wave.misfits, wave.agrees_with
-            if on:
-                both = ': it does not tell the models apart' if {model for model, _ in on} == {*MODELS} else ''
-                off = {name: [f'{misfits[model, name].bins:.2f}' for model in MODELS if (model, name) in on] for _, name in on}
-                branches = ', '.join(dict.fromkeys(
-                    f'{name} of both models ({" and ".join(off[name])} bins)' if len(off[name]) == len(MODELS)
-                    else f'{model} {name} ({off[name][0]} bins)' for model, name in on))
-                lines.append(f'{record}, {wave.motion} motion: agrees with {branches}{both}')
-                longitudinal |= any(name == 'longitudinal' for _, name in on)
-            elif misfits:
-                astray = True
-                model, name = min(misfits, key=lambda name: misfits[name].bins)
-                lines.append(f'{record}, {wave.motion} motion: agrees with no branch; the nearest is {model} {name} '
-                             f'({misfits[model, name].bins:.2f} bins)')
-    if longitudinal:
-        lines += ['', 'Longitudinal waves hardly feel D*: a law that is some percent off moves their branch by as much. Which of',
-                  'the models a longitudinal ridge agrees with is no evidence for D* or against it.']
-    if astray:
-        lines += ['', 'A ridge that agrees with no branch may come from several waves, from an oblique wave of which only the',
-                  'energy runs along the row (a point source in an anisotropic lattice), from the ends of a beam, or from',
-                  'another lattice.']
-    return ['', *lines] if lines else []
-
-
-def _doubts(records):
-    """Possible reasons why a record has no ridge, or none near a branch."""
-    waves, lines = [wave for found in records.values() for wave in found], []
-    if any(wave.ridge is None for wave in waves):
-        lines += ['', 'No ridge found (0 points): the wave is evanescent, below the noise, or a backward wave.']
-    beside = [f'{wave.blurred} of {len(wave.sigma_xi)} points of {record}, {wave.motion} motion'
-              for record, found in records.items() for wave in found if wave.blurred]
-    if beside:
-        lines += ['', 'A point source also sends oblique waves, of which only the energy runs along the row. Such a wave',
-                  'within two bins of a ridge merges with it into one peak. Their distance is then part of the uncertainty,',
-                  f'and the largest part for {"; ".join(beside)}.',
-                  'A row of sources sends a single wave and leads to a smaller uncertainty.']
-    far = [misfit.bins > FAR_bins for wave in waves for misfit in wave.misfits.values()]
-    if far and all(far):
-        lines += ['', f'No ridge comes within {FAR_bins} bins of a branch: are times in seconds, and row and lattice those of '
-                      'the scene?']
-    for record, found in records.items():
-        top = max(branch.omega.max() for branch in found[0].branches.values())
-        if found[0].spectrum.loudest < top / SLOW_RATIO:
-            lines += ['', f'{record} moves at {units.hertz(found[0].spectrum.loudest):.3g} Hz and the branches reach up to '
-                          f'{units.hertz(top):.3g} Hz: are its times in milliseconds? time_s is in seconds.']
-    return lines

@@ -13,7 +13,8 @@ from magphonon.dynamics.motion import Motion
 from magphonon.lattices.patches import RIM
 from magphonon.response import Place, receptance
 from magphonon.waves.ridge_tables import SOURCES, write_ridges
-from magphonon.waves.wave_analysis import MODELS, Wave, report, waves
+from magphonon.waves.wave_analysis import MODELS, Wave, waves
+from magphonon.waves.wave_report import report
 from magphonon.waves.wave_source import polarisations, send, site, wavevector
 
 CARRIER = 0.12  # rad/ms, the paper's shear burst
