@@ -478,14 +478,18 @@ def advance(state, work, b, now, runs, segments, within, lag, bonds, law, wider,
 
 
 @kept
-def written(slot, u, v, anchors, masses, positions, momenta, s, e):
-    """Whether positions and momenta of the particles s to e, shape (particles, 3), are anchors + u and m v."""
-    other = False
-    for i in range(s, e):
+def follow(slot, u, v, anchors, masses, positions, momenta, moved):
+    """Set positions and momenta, shape (particles, 3), to anchors + u and m v if `moved`, else tell whether they are these."""
+    same = True
+    for i in range(np.uint64(len(masses))):
         n = i if slot is None else slot[i]
         for x in range(2):
-            other |= (positions[i, x] != anchors[x, i] + u[x, n]) | (momenta[i, x] != masses[i] * v[x, n])
-    return not other
+            r, p = anchors[x, i] + u[x, n], masses[i] * v[x, n]
+            if moved:
+                positions[i, x], momenta[i, x] = r, p
+            else:
+                same &= (positions[i, x] == r) & (momenta[i, x] == p)
+    return same
 
 
 class Order(NamedTuple):
@@ -643,15 +647,16 @@ class CompiledKernel(Kernel):
         others = [self._pool.submit(function, *task) for task in tasks[1:]]
         return [function(*tasks[0]), *(other.result() for other in others)]
 
+    def write(self, *arrays: NDArray[np.float64]) -> None:
+        follow(self._slot, *arrays, True) if _as_ase_makes_them(*arrays) else super().write(*arrays)
+
     def written(self, *arrays: NDArray[np.float64]) -> bool:
-        if not _as_ase_makes_them(*arrays):
-            return super().written(*arrays)
-        return written(self._slot, *arrays, np.uint64(0), np.uint64(len(self.layout.slot)))
+        return follow(self._slot, *arrays, False) if _as_ase_makes_them(*arrays) else super().written(*arrays)
 
 
 def _as_ase_makes_them(u, v, anchors, masses, positions, momenta):
     """Whether the atoms hold such arrays: a user may have put others in their place."""
-    return all(x.flags.c_contiguous and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
+    return all(x.flags.carray and x.dtype == float and len(x) == len(masses) for x in (positions, momenta))
 
 
 def _flat(x):

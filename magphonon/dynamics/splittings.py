@@ -9,6 +9,7 @@ the drift, whose flow is then exact: `u <- u + (1 - e^{-gamma a h})/gamma v`, `v
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class Splitting:
         """Evaluations of the forces in a step: the last kick of a step and the first of the next share theirs."""
         return len(self.drifts)
 
-    @property
+    @cached_property
     def times(self) -> np.ndarray:
         """When the kicks after the first are, in steps, shape (stages,)."""
         return np.append(np.cumsum(self.drifts)[:-1], 1.0)
