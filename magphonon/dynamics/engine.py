@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.linalg import expm
 
 from ..interactions.bond_laws import labels, taken
-from ..lattices.bonds import PIECE
+from ..lattices.bonds import stretches
 from ..stiffness.bond import stiffest
 from ..stiffness.calculator import MagneticRepulsion
 from ..stiffness.lowest import DENSE
@@ -489,7 +489,7 @@ class Blocks:
     def _strain(self):
         """The largest increment |e| of the present state."""
         layout, u, found = self.layout, self._state[0], 0.0
-        for some in (np.s_[k : k + PIECE] for k in range(0, len(layout.i), PIECE)):
+        for some in stretches(len(layout.i)):
             du, R = u[:, layout.j[some]] - u[:, layout.i[some]], layout.vectors(some).T
             e = ((2 * R + self._increments.q * du) * du).sum(axis=0) / (R**2).sum(axis=0)
             found = np.maximum(found, abs(e).max())

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     """Particles i and j, the cell of j and the distance of each pair."""
 
 MOST_PARTICLES = 2**31 - 1
-PIECE = 2**16  # number of pairs whose vectors are computed at once
+PIECE = 2**16  # number of pairs that are looked at together: their numbers stay in the second cache
 SHELL_WIDTH = 1e-4
 """Largest relative difference of successive distances that belong to one shell of neighbours.
 
@@ -75,7 +75,7 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
     if not len(periods):
         # particles of a lattice fill space evenly, where balance and close boxes only take time
         tree = cKDTree(atoms.positions, balanced_tree=False, compact_nodes=False)
-        i, j = np.ascontiguousarray(tree.query_pairs(cutoff, output_type='ndarray').T, np.int32)
+        i, j = tree.query_pairs(cutoff, output_type='ndarray').T
         return i, j, np.zeros((len(i), 3), np.int8), distances_between(atoms.positions, i, j)
     if np.linalg.matrix_rank(periods) < len(periods):  # NumPy before 2.4.5 has no rank of an empty list
         raise ValueError(f'the structure is periodic along vectors that span no lattice, {periods.tolist()} mm; '
@@ -101,11 +101,15 @@ def pairs_within(atoms: Atoms, cutoff: float) -> tuple[NDArray[np.int_], NDArray
     return i, j, shift, found['v']
 
 
+def stretches(count: int) -> list[slice]:
+    """Slices of at most PIECE entries that follow each other."""
+    return [np.s_[k : k + PIECE] for k in range(0, count, PIECE)]
+
+
 def distances_between(points: NDArray[np.float64], i: NDArray[np.int_], j: NDArray[np.int_]) -> NDArray[np.float64]:
-    """Distances of the pairs i, j of points, shape (pairs,); in pieces, so that no other array is as long as the pairs."""
+    """Distances of the pairs i, j of points, shape (pairs,)."""
     found, columns = np.empty(len(i)), np.ascontiguousarray(points.T)
-    for k in range(0, len(i), PIECE):
-        some = np.s_[k : k + PIECE]
+    for some in stretches(len(i)):
         found[some] = np.sqrt(sum((x[j[some]] - x[i[some]]) ** 2 for x in columns))
     return found
 
@@ -142,14 +146,16 @@ def distances_within(atoms: Atoms, cutoff: float) -> NDArray[np.float64]:
     return np.unique(pairs_within(atoms, cutoff)[3])
 
 
-def _in_shells(held, i, j, shift, lengths):
-    """The pairs, except those of two held particles at distances shorter or longer than any pair with a free particle."""
-    if not held.any():
-        return i, j, shift, lengths
-    both = held[i] & held[j]
-    free = lengths[~both]
-    shortest, longest = free.min(initial=np.inf), free.max(initial=0.0)
-    kept = ~both | ((lengths >= (1 - SHELL_WIDTH) * shortest) & (lengths <= (1 + SHELL_WIDTH) * longest))
+def _in_shells(pairs, both, end):
+    """The pairs up to `end`, except those of `both` held particles that are shorter or longer than any with a free particle."""
+    i, j, shift, lengths = pairs
+    kept = lengths <= end
+    if (held := kept & both).any():
+        free = lengths[kept & ~both]
+        shortest, longest = free.min(initial=np.inf), free.max(initial=0.0)
+        between = lengths[held]
+        kept[held] = (between >= (1 - SHELL_WIDTH) * shortest) & (between <= (1 + SHELL_WIDTH) * longest)
+    kept = np.flatnonzero(kept)
     return i[kept], j[kept], shift[kept], lengths[kept]
 
 
@@ -167,7 +173,10 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
     held &= ~held.all()
     while True:
         i, j, shift, lengths = pairs = pairs_within(atoms, reach)
-        distances = np.unique(lengths[~(held[i] & held[j])] if held.any() else lengths)
+        both = held[i]
+        both[both] = held[j[both]]
+        # most lengths are alike: few are left of each stretch
+        distances = np.unique(np.concatenate([np.unique(lengths[some][~both[some]]) for some in stretches(len(i))] or [lengths]))
         gaps = np.diff(distances) / distances[1:]
         last = np.flatnonzero(gaps > SHELL_WIDTH)  # last distance of each shell before another one
         complete = reach >= extent and not atoms.pbc.any()
@@ -179,11 +188,10 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
                     'one shell, write them with more digits (5*np.sqrt(3), not 8.66), or say how far to go with cutoff= '
                     f'({_widest_gap(atoms, distances[split]):.4g} mm lies in the widest gap)')
             end = distances[last[shells - 1] : last[shells - 1] + 2].mean()
-            near = lengths <= end
-            return _in_shells(held, i[near], j[near], shift[near], lengths[near]), end
+            return _in_shells(pairs, both, end), end
         if complete:
             if len(last) + 1 == shells:
-                return _in_shells(held, *pairs), reach
+                return _in_shells(pairs, both, reach), reach
             raise ValueError(f'the structure has {len(last) + 1} shells of neighbours, not the {shells} wanted; lower the number')
         reach = 1.5 * reach + 1e-6 * extent  # the second term: if particle 0 coincides with another one, the reach starts at zero
 
@@ -216,9 +224,9 @@ def _unclear(atoms, distances, gaps, last, shells):
 def _last_decimal(atoms: Atoms) -> float:
     """The unit in mm of the last decimal of rounded positions; zero for positions with all digits."""
     numbers = np.concatenate([atoms.positions - atoms.positions[0], atoms.cell.array[atoms.pbc]]).ravel()
-    pieces = [numbers[k : k + PIECE] for k in range(0, len(numbers), PIECE)]  # of a lattice the first one tells
     for unit in 10.0 ** -np.array(DECIMALS):
-        if all((abs(x - unit * np.rint(x / unit)) <= EXACT * np.maximum(abs(x), unit)).all() for x in pieces):
+        parts = (numbers[some] for some in stretches(len(numbers)))  # of most lattices the first one tells
+        if all((abs(x - unit * np.rint(x / unit)) <= EXACT * np.maximum(abs(x), unit)).all() for x in parts):
             return float(unit)
     return 0.0
 
