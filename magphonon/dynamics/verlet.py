@@ -355,9 +355,9 @@ class DrivenVerlet(VelocityVerlet):
         atoms, calc = self.atoms, self.atoms.calc
         of_sites = (calc.parameters.foundation, calc.gyration) if isinstance(calc, MagneticRepulsion) else ()
         changeable = getattr(calc, 'model', None), *(
-            values if isinstance(values, SiteLaw) else np.asarray(values).tobytes() for values in of_sites)
+            values if isinstance(values, SiteLaw) else hash(np.asarray(values).tobytes()) for values in of_sites)
         return (calc, self.dt, self._sum_of_drives, changeable, [constraint.todict() for constraint in atoms.constraints],
-                *(array.tobytes() for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
+                *(hash(array.tobytes()) for array in (atoms.get_masses(), atoms.cell.array, atoms.pbc, self.damping)))
 
     def _time_to_look(self):
         """Whether the fastest particle may have gone far since the last look, or many steps have passed."""

@@ -172,7 +172,7 @@ def pairs_in_shells(atoms: Atoms, shells: int) -> tuple[Pairs, float]:
             held[constraint.index] = True
     held &= ~held.all()
     while True:
-        i, j, shift, lengths = pairs = pairs_within(atoms, reach)
+        i, j, _, lengths = pairs = pairs_within(atoms, reach)
         both = held[i]
         both[both] = held[j[both]]
         # most lengths are alike: few are left of each stretch
@@ -331,7 +331,7 @@ class Bonds:
 
     def relative(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacements of the far ends of the bonds relative to the near ones, `C u`, from u of shape (particles, dim)."""
-        return (u.T[:, self.j] - u.T[:, self.i]).T  # the bonds last in memory, as of their vectors
+        return np.array([x[self.j] - x[self.i] for x in u.T]).T  # the bonds last in memory, as of their vectors
 
     def net(self, pull: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums `C^T pull` of what pulls at the far ends of the bonds, shape (bonds, dim), and pushes at the near ones."""

@@ -107,7 +107,7 @@ class AllNeighbours(Repulsion):
         self.reference = reference.copy()
         self.reference.calc = None
         self._laws = law
-        self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
+        self._strengths = site_strengths(strengths, len(reference))
         for k in np.flatnonzero(self._strengths < 0)[:1]:
             raise ValueError(f'strengths[{k}] = {self._strengths[k]:g}: the sum over all neighbours is one of repulsion alone; '
                              'choose a number of shells for magnets of both signs')

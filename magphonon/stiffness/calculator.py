@@ -148,7 +148,7 @@ class MagneticRepulsion(Repulsion):
         masses_of(reference)
         self.reference = reference.copy()
         self.reference.calc = None
-        self._strengths = site_strengths(np.ones(len(reference)) if strengths is None else strengths, len(reference))
+        self._strengths = site_strengths(strengths, len(reference))
         self.dim = displacement_components(reference, foundation)
         first = not isinstance(bonds, Bonds)  # a calculator made from another one receives its Bonds
         reach = f'shells={shells}' if cutoff is None else f'cutoff={cutoff:g}'
@@ -156,7 +156,7 @@ class MagneticRepulsion(Repulsion):
         self.bonds = bonds = bonds_of(self.reference, bonds, shells, cutoff)
         shape = (len(reference), 3)
         self._anchors = self.reference.positions if anchors is None else finite('anchors', anchors, shape).copy()
-        self._load = np.zeros(shape) if load is None else finite('load', load, shape).copy()
+        self._load = np.broadcast_to(0.0, shape) if load is None else finite('load', load, shape).copy()
         for fixed in self._anchors, self._load, self.reference.positions:  # constant forces are computed from them once
             fixed.flags.writeable = False
         if self.dim == 2:
@@ -262,8 +262,9 @@ class MagneticRepulsion(Repulsion):
         u = here.displacements(atoms)
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, atoms)
+        forces, gained = np.zeros((len(u), 3)), -self._energy_at_rest
         energy, gradient = here._repulsion(u)
-        forces, gained = np.zeros((len(u), 3)), energy - self._energy_at_rest
+        gained += energy
         forces[:, : self.dim] = here._forces(u, gradient)
         # half of the energy that each bond has gained since rest belongs to either end
         energies = 0.5 * (np.bincount(here.bonds.i, gained, len(u)) + np.bincount(here.bonds.j, gained, len(u)))
@@ -296,7 +297,7 @@ class MagneticRepulsion(Repulsion):
     def slack(self) -> NDArray[np.float64]:
         """Extension of the foundation springs at rest: vectors from anchor to rest in mm, shape (particles, 3)."""
         rest = self.reference.positions
-        return np.zeros(rest.shape) if self.anchors is rest else self._minimum_image(rest - self.anchors)
+        return np.broadcast_to(0.0, rest.shape) if self.anchors is rest else self._minimum_image(rest - self.anchors)
 
     @property
     def spring_forces(self) -> NDArray[np.float64]:

@@ -65,8 +65,10 @@ def site_springs(foundation: Any, particles: int, dim: int, layer: bool = False)
     return springs
 
 
-def site_strengths(strengths: ArrayLike, particles: int) -> NDArray[np.float64]:
-    """The strengths of the particles, read-only; finite numbers of either sign, or ValueError."""
+def site_strengths(strengths: ArrayLike | None, particles: int) -> NDArray[np.float64]:
+    """The strengths of the particles, read-only, 1 by default; finite numbers of either sign, or ValueError."""
+    if strengths is None:
+        return np.broadcast_to(1.0, particles)
     given = finite('strengths', strengths, (particles,)).copy()
     given.flags.writeable = False
     return given
