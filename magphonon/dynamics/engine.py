@@ -466,8 +466,9 @@ class Blocks:
         self._kernel.write(*self._arrays())
 
     def _read(self):
-        u, v = self.calc.displacements(self.atoms), self.atoms.get_momenta()[:, :2] / self._masses[:, None]
-        self._take(u, v, (self.atoms.positions[:, :2] - u).T.copy())
+        u = self.calc.displacements(self.atoms)
+        anchors = np.subtract(self.atoms.positions.T[:2], u.T, order='C')
+        self._take(u, self.atoms.get_momenta()[:, :2] / self._masses[:, None], anchors)
 
     def _take(self, u, v, anchors):
         v = self._mobile * v

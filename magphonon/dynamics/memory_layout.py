@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..lattices.bonds import lengths_of
+from ..lattices.bonds import lengths_of, stretches
 
 if TYPE_CHECKING:
     from typing import Any
@@ -203,20 +203,20 @@ def _numbered(places, steps):
 
 
 def _grid(slot, i, j, R, mobile, labels):
-    i, j = (slot.astype(np.int32)[end] for end in (i, j))
+    if not np.array_equal(slot, np.arange(len(slot))):
+        i, j = (slot.astype(np.int32)[end] for end in (i, j))
     if (backward := j < i).any():
         i, j, R = np.where(backward, j, i), np.where(backward, i, j), np.where(backward[:, None], -R, R)
-    r0 = lengths_of(R)
-    unit = SAME_VECTOR * r0.min()
+    unit = SAME_VECTOR * lengths_of(R).min()
     first, kind = _alike(len(i), chain([j - i], (np.round(x / unit) for x in R.T), [labels]))
-    group, offset, R_of = kind, (j - i)[first], R[first]
+    group, offset, R_of = kind, j[first].astype(int) - i[first], R[first]
     offsets, by_offset = np.unique(offset, return_inverse=True)
     dear = len(first) * len(slot) > GRID_COST * len(i)
     if dear or len(first) > KINDS_OF_OFFSET * len(offsets):
         pairs = by_offset[kind] * (slot.max() + 1) + i
         if len(offsets) * len(slot) <= GRID_COST_EACH * len(i) and len(np.unique(pairs)) == len(pairs):
             offset, group, R_of = offsets, by_offset[kind], R
-            first, kind = _kinds(r0, labels)
+            first, kind = _kinds(lengths_of(R), labels)
         elif dear:
             return None
     slots = slot.max() + 1
@@ -227,7 +227,7 @@ def _grid(slot, i, j, R, mobile, labels):
     bonded = np.zeros((len(offset), length), bool)
     bonded[group, i] = True
     matters = [(free[:slots] | free[o : o + slots]) & ~b[:slots] for o, b in zip(offset, bonded, strict=True)]
-    return Layout(slot, length, i, j, R_of, kind, r0[first], first, offset, bonded if np.any(matters) else None, group)
+    return Layout(slot, length, i, j, R_of, kind, lengths_of(R[first]), first, offset, bonded if np.any(matters) else None, group)
 
 
 def _kinds(r0, labels):
@@ -242,17 +242,20 @@ def _alike(count, columns):
         if not count or (column == column[first][kind]).all():
             continue
         values = _distinct(column)
-        kind = len(values) * kind.astype(int) + np.searchsorted(values, column)
-        kind = np.searchsorted(_distinct(kind), kind).astype(np.int32)
+        code = np.searchsorted(values, column)
+        code += np.multiply(kind, len(values), dtype=int)
+        kind = np.searchsorted(_distinct(code), code).astype(np.int32)
         first = np.empty(kind.max() + 1, int)
-        first[kind[::-1]] = np.arange(len(kind))[::-1]  # the last one that is written is the first row
+        for some in reversed(stretches(count)):  # the last one that is written is the first row
+            first[kind[some][::-1]] = some.start + np.arange(len(kind[some]))[::-1]
     return first[: len(kind)], kind
 
 
 def _distinct(values):
     """`np.unique` of many values of which most are alike: a few are sorted first, then those that are none of them."""
     found = np.unique(values[:: 1 + len(values) // MANY])
-    return np.union1d(found, values[found[np.searchsorted(found[:-1], values)] != values]) if len(values) else found
+    others = (x[found[np.searchsorted(found[:-1], x)] != x] for x in (values[some] for some in stretches(len(values))))
+    return np.unique(np.concatenate([found, *others]))
 
 
 def _table(count, i, j, R, labels):

@@ -259,16 +259,16 @@ class MagneticRepulsion(Repulsion):
 
     def answers(self, atoms: Atoms, properties: Any) -> dict[str, Any]:
         here = self if same_cell(self, atoms) else self.about(atoms)
+        # what stays is allocated before what goes, so that no holes are left in memory
+        forces, energies, at_rest = np.zeros((len(atoms), 3)), np.zeros(len(atoms)), self._energy_at_rest
         u = here.displacements(atoms)
         if self.dim == 2:
             refuse_motion_out_of_the_plane(here, atoms)
-        forces, gained = np.zeros((len(u), 3)), -self._energy_at_rest
         energy, gradient = here._repulsion(u)
-        gained += energy
         forces[:, : self.dim] = here._forces(u, gradient)
-        # half of the energy that each bond has gained since rest belongs to either end
-        energies = 0.5 * (np.bincount(here.bonds.i, gained, len(u)) + np.bincount(here.bonds.j, gained, len(u)))
         energies += here._site_energies(u)
+        for end in (here.bonds.i, here.bonds.j):  # half of the energy that each bond has gained since rest belongs to either end
+            energies += np.bincount(end, 0.5 * (energy - at_rest), len(u))
         found = {'forces': forces, 'energies': energies, 'energy': energies.sum(), 'free_energy': energies.sum()}
         return found | {'stress': stress_per_volume(self, atoms)} if 'stress' in properties else found
 

@@ -389,8 +389,9 @@ def static_forces(calc: MagneticRepulsion, push: Any = 0.0) -> NDArray[np.float6
     if (bonds.i != bonds.j).any():  # its own images push a particle from both sides alike
         gradient = calc.interaction.forces(calc.bond_vectors)[1]
         total -= bonds.net(gradient)
+        strength = lengths_of(gradient)
         for end in (bonds.i, bonds.j):
-            size += np.bincount(end, lengths_of(gradient), bonds.particles)[:, None]
+            size += np.bincount(end, strength, bonds.particles)[:, None]
     total[abs(total) <= ROUND_OFF * size] = 0
     for given in (calc.load, push) if np.ndim(push) else (calc.load,):
         if not given.any():
