@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
 from ase.io import read, write
+from matplotlib.collections import LineCollection
 from scipy.linalg import eigvals, expm, sqrtm
 from scipy.optimize import brentq
+from scipy.spatial import KDTree
 
 from magphonon import (
     AllNeighbours,
@@ -37,8 +39,10 @@ from magphonon.bands import band_gaps, bloch_modes, edge_weights, gruneisen_para
 from magphonon.cli.main import main
 from magphonon.design import foundation_for
 from magphonon.dynamics import Diverged, Harmonic, highest_frequency, write_lammps_input
+from magphonon.plotting import period, plot_shape
 from magphonon.response import (
     Place,
+    compared,
     density_of_states,
     local_modes,
     modes_below,
@@ -604,6 +608,63 @@ def test_the_ready_scene_has_an_edge_wave_by_d0_alone():
     cell = read_scene(ready_scene('gyro')).atoms()
     assert chern_numbers(cell).tolist() == [1, -1, 1, -1]
     assert chern_numbers(cell, 'conventional').tolist() == [1, 0, 0, -1]
+
+
+def test_shapes_are_filmed_drawn_and_compared_with_their_phases(tmp_path):
+    rng = np.random.default_rng(14)
+    patch = drawn(rng, guided=False)
+    found = modes(patch)
+    shape, largest = found.shapes[5], np.linalg.norm(found.shapes[5], axis=1).max()
+    film = period(shape, 1e-3, frames=40)
+    M, C, K, P = oracle(patch)
+    start = 1e-3 / largest * np.concatenate([P.T @ shape.real.ravel(), P.T @ (-1j * found.omega[5] * shape).real.ravel()])
+    moved = P @ (expm(2 * np.pi * 7 / 40 / found.omega[5] * flow(M, C, K, P)) @ start)[: P.shape[1]]
+    np.testing.assert_allclose(film[7].ravel(), moved, atol=1e-14)  # 7/40 of a period later, by the equations of motion
+    ax = plot_shape(patch, shape)
+    orbits = [c for c in ax.collections if isinstance(c, LineCollection)][-1].get_segments()
+    arrows = next(drawn for drawn in ax.collections if hasattr(drawn, 'U'))
+    for (x, y), u, v, orbit in zip(arrows.XY, arrows.U, arrows.V, orbits, strict=True):
+        np.testing.assert_allclose(orbit[0], [x + u, y + v])
+        np.testing.assert_allclose(orbit.mean(axis=0), [x, y], atol=0.05 * np.ptp(orbit))  # one of 49 points is there twice
+    for measured, alike in (shape * np.exp(0.7j), True), (shape.conj(), False):  # the latter turns the other way
+        rows = [f'one,{x},{y},{ux.real},{ux.imag},{uy.real},{uy.imag}' for (x, y, _), (ux, uy) in zip(
+            patch.positions, measured, strict=True)]
+        (tmp_path / 'shape.csv').write_text('\n'.join(['mode,x_mm,y_mm,u_x,u_x_im,u_y,u_y_im', *rows]))
+        mac = compared(tmp_path / 'shape.csv', patch, found).mac[0, 5]
+        assert abs(mac - 1) < 1e-12 if alike else mac < 0.9
+
+
+def test_modes_of_a_patch_fill_the_middle_gap_by_d0_alone():
+    """Below the middle gap the Chern numbers add up to 0; by D0 alone to 1, and modes near the rim are in it."""
+    for model, between in ('complete', 0), ('conventional', 1):
+        patch = lattices.parallelogram(lattices.honeycomb(1.0, 1.0), 10, 8)
+        patch.calc = MagneticRepulsion(patch, InversePower(1.0, 4.0), foundation=6.0, gyration=1.55, model=model)
+        low, high = band_gaps(honeycomb(1.55), 60, model)[1]
+        found = modes(patch)
+        inside = (low < found.omega) & (found.omega < high)
+        assert bool(inside.any()) is bool(between)
+        if between:
+            free = LinearSystem.of(patch, gyrating=True).mobile
+            near = free & (KDTree(patch.positions[~free]).query(patch.positions)[0] < 2.1)
+            shares = (abs(found.shapes) ** 2).sum(axis=2)[:, near].sum(axis=1)
+            assert shares[inside].mean() > 1.15 * np.median(shares)
+
+
+@pytest.mark.slow
+def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monkeypatch):
+    text = ready_scene('gyro').read_text().replace('cells_1 = 24', 'cells_1 = 8').replace('cells_2 = 12', 'cells_2 = 7')
+    (tmp_path / 'scene.toml').write_text(text)
+    asked = ['modes', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / 'out'), '--animate', '5']
+    assert main(asked) == 0
+    patch = read_scene(tmp_path / 'scene.toml').patch_atoms()
+    table = np.genfromtxt(tmp_path / 'out' / 'modes.csv', delimiter=',', names=True)
+    expected = np.sort(eigvals(flow(*oracle(patch))).imag)[len(table) :]
+    np.testing.assert_allclose(table['frequency_Hz'], expected * 1e3 / (2 * np.pi), rtol=1e-9)
+    assert 'lie outside the bands of the lattice' in capsys.readouterr().out
+    assert (tmp_path / 'out' / 'mode_5.gif').exists()
+    monkeypatch.setattr('magphonon.cli.modes.MOST_TURNING', 10)
+    assert main(asked) == 2
+    assert 'take a smaller patch' in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ HELP = 'mode shapes of the lattice and of a patch: how far each mode reaches, an
 RESULTS = 'modes.*', 'modes_lattice.*', 'mode_*.gif', 'mac.*'
 MOST_DIRECTIONS = 3000
 """Largest number of free directions for which all modes are computed; above it, the lowest ones and those between the bands."""
+MOST_TURNING = 1500  # the same where they gyrate: matrices are complex and of twice the size
 MOST_REPEATED = 1000  # free directions of a patch whose modes are computed a second time, with all neighbours: a second
 LOWEST = 60  # number of the lowest modes of a larger patch
 SHOWN = 3  # largest number of modes of a patch that are drawn: the most local ones, or the lowest if none is local
@@ -123,7 +124,7 @@ def _of_patch(folder, save, lattice, patch, scene, options):
     from ..response.normal_modes import extents
     from ..stiffness.rest import LinearSystem
 
-    system, defects = LinearSystem.of(patch).moving(), scene.defect_places()
+    system, defects = LinearSystem.of(patch, gyrating=True).moving(), scene.defect_places()
     ranges = band_ranges(lattice) if lattice is not None else np.empty((0, 2))
     (found, every), filmed = _modes(system, ranges), options.animate
     if filmed is not None and not 1 <= filmed <= len(found.omega):
@@ -166,7 +167,11 @@ def _modes(system, ranges):
     from ..response.chebyshev import stable_interval
     from ..response.normal_modes import Modes, local_modes, modes
 
-    if system.K.shape[0] <= MOST_DIRECTIONS:
+    size, turns = system.K.shape[0], system.gyration.any()
+    if turns and size > MOST_TURNING:
+        raise ValueError(f'the patch has {size} free directions; modes of particles that gyrate take dense matrices, of up to '
+                         f'{MOST_TURNING}: take a smaller patch, or "magphonon frf"')
+    if size <= MOST_DIRECTIONS:
         return modes(system), True
     lowest = modes(system, LOWEST)
     top = np.sqrt(stable_interval(system.K).highest)
@@ -213,7 +218,7 @@ def _with_others(scene, system, found, shown):
     from ..scenes.scene import LONG_RANGE, PAIRS
     from ..stiffness.rest import LinearSystem
 
-    if scene.finite or not isinstance(getattr(scene.law, 'asked', None), int):
+    if scene.finite or system.gyration.any() or not isinstance(getattr(scene.law, 'asked', None), int):
         return []
     enough = scene.enough_shells(PAIRS) if scene.disorder is None and system.directions <= MOST_REPEATED else None
     if enough is None or enough.error > LONG_RANGE:

@@ -31,7 +31,7 @@ FRAMES = 24  # frames of one period of a mode
 
 
 def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> NDArray[np.float64]:
-    """One period of a mode, as `animate` takes it: the displacements `shape cos(2 pi t/T)`, shape (frames, particles, dim).
+    """One period of a mode, as `animate` takes it: the displacements `Re shape e^{-2 pi i t/T}`, shape (frames, particles, dim).
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> ND
         Largest displacement of a particle in mm.
     frames : int
     """
-    shape = finite('shape', shape)
+    shape = np.asarray(shape) if np.iscomplexobj(shape) else finite('shape', shape)
     largest = np.linalg.norm(shape, axis=-1).max()
     if not largest:
         raise ValueError('the shape moves nothing; choose a mode')
-    return np.multiply.outer(np.cos(2 * np.pi * np.arange(frames) / frames), shape * amplitude / largest)
+    return np.multiply.outer(np.exp(-2j * np.pi * np.arange(frames) / frames), shape * amplitude / largest).real
 
 
 def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, times: ArrayLike | None = None, *,

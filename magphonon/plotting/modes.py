@@ -93,12 +93,14 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
                centre: ArrayLike | None = None, defects: ArrayLike = ()) -> Axes:
     """Shape of a mode of a patch: an arrow on every particle, and darker the more of the kinetic energy it has.
 
+    Where particles gyrate, with its orbit, and the arrows at the time of the largest displacement.
+
     Parameters
     ----------
     atoms : ase.Atoms
         A planar structure with its MagneticRepulsion, at rest.
     shape : ndarray, shape (particles, dim)
-        A row of `Modes.shapes`.
+        A row of `Modes.shapes`; complex where particles gyrate.
     ax : matplotlib.axes.Axes, optional
     title : str
     centre : array_like, shape (2,), optional
@@ -106,8 +108,10 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     defects : array_like, shape (defects, 2), optional
         Places in mm to be marked by a cross.
     """
+    from matplotlib.collections import LineCollection
+
     ax = new_axes(height=3.4) if ax is None else ax
-    share = atoms.get_masses() * (shape**2).sum(axis=1)
+    share = atoms.get_masses() * (abs(shape) ** 2).sum(axis=1)
     # a local mode at the border of a periodic patch would be drawn in pieces
     seen = seen_about(atoms, atoms.positions[share.argmax(), :2] if centre is None else centre)
     rest = seen.positions[:, :2] / units.m
@@ -117,6 +121,11 @@ def plot_shape(atoms: Atoms, shape: NDArray[np.float64], *, ax: Axes | None = No
     dots = draw_particles(ax, rest, 0.8 * spacing(atoms), cmap='Greys', edgecolors='0.55', linewidths=0.4)
     dots.set_array(share / share.sum())
     dots.set_clim(0, (share / share.sum()).max())
+    if np.iscomplexobj(arrows):
+        largest = arrows.flat[abs(arrows).argmax()]  # drawn in the phase where it is real
+        orbits = (arrows[:, None] * np.exp(-1j * np.linspace(0, 2 * np.pi, 49))[:, None] * abs(largest) / largest).real
+        ax.add_collection(LineCollection(list(rest[moving][:, None] + orbits), colors='0.35', linewidths=0.6, zorder=2.5))
+        arrows = orbits[:, 0]
     ax.quiver(*rest[moving].T, *arrows.T, color=COLOURS[1], angles='xy', scale_units='xy', scale=1, width=0.006, zorder=3)
     ax.set_title(title, loc='left')
     mark_defects(ax, seen, defects)

@@ -30,7 +30,7 @@ ANY = PURE | LENGTH | SPEED  # of amplitudes, whose unit does not matter
 COLUMNS = {'mode': TEXT, 'frequency': FREQUENCY, 'x': LENGTH, 'y': LENGTH} | {
     f'{name}{part}': ANY for name in ('u_x', 'u_y') for part in ('', '_im')}
 LAYOUT = ('a table of measured shapes has the columns mode,x_m,y_m and u_x or u_y or both, a row for each mode and magnet, and '
-          'where known frequency_Hz and the imaginary parts u_x_im, u_y_im')
+          'where known frequency_Hz and the imaginary parts u_x_im, u_y_im, of motion Re u e^{-i omega t}')
 NEAR = 0.25  # of the spacing: the farthest that a measured point may be from its magnet
 ALIKE = 0.5
 """MAC above which no other of the computed shapes can be as much like a measured one, if all of it was measured."""
@@ -112,8 +112,8 @@ def compared(path: str | PathLike[str], atoms: Atoms, found: Modes) -> Compariso
         if not a.any():
             raise ValueError(f'{path}: nothing moves in the mode {name}; leave it out')
         b = found.shapes[:, at][..., axes].reshape(len(found.omega), -1)
-        square = (b**2).sum(axis=1)
-        mac[k] = np.minimum(abs(b @ a) ** 2 / np.where(square > 0, square, np.inf) / (abs(a) ** 2).sum(), 1)  # of round-off
+        square = (abs(b) ** 2).sum(axis=1)
+        mac[k] = np.minimum(abs(b.conj() @ a) ** 2 / np.where(square > 0, square, np.inf) / (abs(a) ** 2).sum(), 1)  # round-off
         omega[k] = table['frequency'][rows[0]] if 'frequency' in table else np.nan
         if len(a) > 1:
             by_chance = betaincinv(0.5, (len(a) - 1) / 2, (1 - CHANCE) ** (1 / len(found.omega)))
