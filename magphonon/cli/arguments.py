@@ -56,11 +56,16 @@ def lattice_and_patch(scene: Scene) -> tuple[Atoms | None, Atoms | None, list[st
     """The lattice of a scene, its patch or finite structure, and lines that say what is left out."""
     if scene.single:
         raise ValueError('the oscillator is one particle, with neither bands nor modes to count; "magphonon frf" is for it')
+    left = left_out(scene)
     if scene.finite:
-        return None, scene.patch_atoms(), []
-    if scene.patch is None:
-        return scene.perfect_cell(), None, []
-    return scene.perfect_cell(), scene.patch_atoms(), []
+        return None, scene.patch_atoms(), left
+    return scene.perfect_cell(), None if scene.patch is None else scene.patch_atoms(), left
+
+
+def left_out(scene: Scene) -> list[str]:
+    """A line that says which keys of [bands] are for the command `bands` alone, if any are given."""
+    given = '' if scene.bands is None else scene.bands.beyond
+    return [f'{given} left out: this is linear motion without losses or heat; "magphonon bands" has it'] if given else []
 
 
 def add_pictures(parser: ArgumentParser, frequencies: bool = True) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from .. import units as u
 from ..files import whole_file
-from .arguments import add_scene, default_folder
+from .arguments import add_scene, default_folder, left_out
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -55,7 +55,7 @@ def run(options: Namespace) -> None:
     with whole_file(file, 'wb') as out:
         out.write(page + _signature(page))
     options.written = file
-    print('\n'.join([f'{file} is written; open it in a browser', *filter(None, [perfect]), *neighbours(scene)]))
+    print('\n'.join([f'{file} is written; open it in a browser', *filter(None, [perfect]), *left_out(scene), *neighbours(scene)]))
 
 
 def _template(text, scene, atoms):

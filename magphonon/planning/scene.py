@@ -72,8 +72,8 @@ def _cell(scene, shells):
 def _bands(scene, tolerance):
     from .bands import Edge, plan_bands
 
-    if scene.bands.damping_per_s is not None:
-        raise ValueError('bands.damping_per_s: bands are planned without damping; take it out')
+    if scene.bands.beyond:
+        raise ValueError(f'{scene.bands.beyond}: bands are planned without losses or heat; take it out')
     atoms, path, edge = scene.perfect_cell(), scene.band_path(), None
     if scene.plan is not None and scene.plan.edge is not None:
         point, branch = scene.plan.edge, scene.plan.branch

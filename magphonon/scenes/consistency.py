@@ -264,8 +264,9 @@ def _bands(scene: Scene) -> None:
     kind, wanted, periodic = scene.lattice.kind, scene.bands.supercell, int(scene.lattice.cell().pbc.sum())
     if wanted is not None and len(wanted) != periodic:
         raise ValueError(f'bands.supercell of the {kind} lattice must hold {periodic} whole numbers, not {list(wanted)}')
-    if scene.bands.damping_per_s is not None:
-        _refuse(scene, ('uncertainty', 'design'), 'it knows bands without damping; take [{0}] or bands.damping_per_s out')
+    if scene.bands.beyond:
+        _refuse(scene, ('uncertainty', 'design'), 'it knows bands without losses or heat; take [{0}] or '
+                + scene.bands.beyond + ' out')
     if scene.bands.temperature_J is not None:
         cell = scene.perfect_cell()
         leaves = cell.calc is not None and cell.calc.dim != 2  # pyright: ignore[reportAttributeAccessIssue]  ours

@@ -78,6 +78,11 @@ class BandPlan(Damped):
     temperature_J: Energy | None = Field(None, description='kT in J of a bath, in which time steps of the supercell show the '
                                          'stiffness of waves in thermal motion', examples=[2.4e-5])
 
+    @property
+    def beyond(self) -> str:
+        """Those keys that are given of which linear bands without losses know nothing, in words; empty if none is."""
+        return ' and '.join(f'bands.{key}' for key in ('damping_per_s', 'temperature_J') if getattr(self, key) is not None)
+
 
 class Pick(Table):
     """A particle of a patch, given by its position, and a direction in the plane."""

@@ -62,8 +62,8 @@ class Situation:
     @cached_property
     def along_path(self) -> NDArray[np.float64]:
         """Frequencies along the path of [bands] in Hz, shape (wavevectors, branches)."""
-        if self.scene.wanted('bands').damping_per_s is not None:
-            raise ValueError('bands.damping_per_s: a sweep asks for bands without damping; take it out')
+        if beyond := self.scene.wanted('bands').beyond:
+            raise ValueError(f'{beyond}: a sweep asks for bands without losses or heat; take it out')
         self.refuse_buckling()
         return u.hertz(bloch_modes(self.atoms, self.scene.band_path().kpts)[0])
 

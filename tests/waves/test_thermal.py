@@ -10,6 +10,7 @@ from structures import structure
 
 from magphonon import DrivenVerlet, InversePower, MagneticRepulsion, Recorder, lattices, read_scene, ready_scene
 from magphonon.bands import bloch_modes
+from magphonon.cli.arguments import lattice_and_patch
 from magphonon.cli.main import main
 from magphonon.stiffness import LinearSystem
 from magphonon.waves import thermal_bands, thermal_run
@@ -242,3 +243,16 @@ def test_the_command_tells_it_and_refuses_what_it_cannot(tmp_path, monkeypatch, 
     (tmp_path / 'all.toml').write_text(scene)
     with pytest.raises(ValueError, match='temperature_J takes time steps of a planar lattice'):
         read_scene(tmp_path / 'all.toml')
+
+
+def test_commands_without_heat_or_losses_refuse_them_or_say_so(tmp_path, capsys):
+    text = ready_scene('thermal').read_text() + 'damping_per_s = 4.0\n'
+    (tmp_path / 'hot.toml').write_text(text)
+    said = lattice_and_patch(read_scene(tmp_path / 'hot.toml'))[2]  # of modes and dos
+    assert said[0].startswith('bands.damping_per_s and bands.temperature_J left out')
+    assert lattice_and_patch(read_scene(ready_scene('prototype')))[2] == []
+    assert main(['plan', str(tmp_path / 'hot.toml')]) == 2
+    assert 'planned without losses or heat' in capsys.readouterr().err
+    (tmp_path / 'hot.toml').write_text(ready_scene('thermal').read_text() + '\n[design]\ncut_off_Hz = 30.0\n')
+    with pytest.raises(ValueError, match=r'take \[design\] or bands.temperature_J out'):
+        read_scene(tmp_path / 'hot.toml')
