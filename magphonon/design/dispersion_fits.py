@@ -14,27 +14,21 @@ and residuals and derivatives are multiplied by C^(-1/2), the symmetric root, wh
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from ase import Atoms
 
 from ..bands.bloch import bloch_modes
+from ..waves.ridge_tables import RidgePoints
 from ..waves.wave_analysis import LOBE_bins, stationary_waves
 from .least_squares import FITS, MOST_FACTOR, ParameterFit
-from .sensitivities import frequency_sensitivities
+from .sensitivities import Change, frequency_sensitivities
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from ase import Atoms
-
-    from ..waves.ridge_tables import RidgePoints
-    from .sensitivities import Change
-
-    Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, Change]]]
-
+Build = Callable[[dict[str, float]], tuple[Atoms, Mapping[str, Change]]]
 FOLLOWS = 1.5
 """Scatter up to which a model follows the points: their uncertainties are estimates, and the simulated ridges of the prototype
 have 1.4.  Of drawn scans whose ridges were those of other waves, those that spoke for the wrong model had 1.9 and more."""

@@ -7,19 +7,14 @@ than a lattice that is known to ten percent.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import units as u
-from .transfer_fits import WIDEST, responses, with_wide_peaks
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ..response.transfer_functions import TransferFunction
-    from .transfer_fits import Built
+from ..response.transfer_functions import TransferFunction
+from .transfer_fits import WIDEST, Built, responses, with_wide_peaks
 
 STRETCHES = 0.88, 0.94, 1.0, 1.06, 1.13  # of all frequencies, by a lattice that is stiffer or softer than known
 CLOSE, BETTER, NEAR = 0.1, 0.5, 1.0

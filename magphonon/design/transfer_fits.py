@@ -13,28 +13,23 @@ covariance, and the bias, that the scatter gives to the parameters.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from ..response.frf import Place, base_force, frequency_response, resolvents
 from ..response.normal_modes import refuse_unstable
+from ..response.transfer_functions import TransferFunction
 from ..stiffness.defects import Scatter, scattered
 from ..stiffness.relaxation import relaxed
 from ..stiffness.rest import LinearSystem
 from .least_squares import BLIND, FITS, MOST_FACTOR, ParameterFit
-from .sensitivities import hessian_changes
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..response.transfer_functions import TransferFunction
-    from .sensitivities import Change
+from .sensitivities import Change, hessian_changes
 
 WIDEST = 9.0
 """Part of the measured range, one over this, by which a fit from afar first widens the peaks of data and lattice, since they must

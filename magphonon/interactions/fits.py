@@ -20,23 +20,17 @@ apart, and an average over such a list is as narrow as it is wrong.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import factorial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import units as u
 from ..errors import not_negative, positive
-from .pair_laws import Tabulated, local_exponent, repulsion
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from .force_tables import Forces
-    from .pair_laws import PairLaw
+from .force_tables import Forces
+from .pair_laws import PairLaw, Tabulated, local_exponent, repulsion
 
 COVERED, NORMAL = 0.95, 1.959964
 """Probability with which an interval contains the true value, and its half width in standard deviations where these are known."""

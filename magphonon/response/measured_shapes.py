@@ -10,21 +10,16 @@ Beta(1/2, (n - 1)/2).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from os import PathLike
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from .. import units as u
 from ..tables import FREQUENCY, LENGTH, PURE, SPEED, TEXT, read_table
-
-if TYPE_CHECKING:
-    from os import PathLike
-
-    from ase import Atoms
-    from numpy.typing import NDArray
-
-    from .normal_modes import Modes
+from .normal_modes import Modes
 
 ANY = PURE | LENGTH | SPEED  # of amplitudes, whose unit does not matter
 COLUMNS = {'mode': TEXT, 'frequency': FREQUENCY, 'x': LENGTH, 'y': LENGTH} | {

@@ -7,21 +7,17 @@ of a shaken bench: H of a velocity is divided by i w, H of an acceleration by -w
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..errors import one_of
 from ..tables import FREQUENCY, LENGTH, PURE, TIME, read_table
 from ..universal import universal_sets
-
-if TYPE_CHECKING:
-    from os import PathLike
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from .frf import Place
+from .frf import Place
 
 MOTIONS = {f'{length}{per}': (factor * u.s**-order, order) for length, factor in LENGTH.items()
            for order, per in enumerate(('', '_per_s', '_per_s2'))}

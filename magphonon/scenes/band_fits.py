@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
@@ -21,16 +22,10 @@ from ..errors import one_of
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion
 from ..stiffness.calculator import MagneticRepulsion
+from ..waves.ridge_tables import RidgePoints
+from .scene import Scene
 from .structures import FileLattice
 from .tolerances import LARGEST_TOLERANCE, PLACES, varied
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..waves.ridge_tables import RidgePoints
-    from .scene import Scene
 
 MODELS = ('complete', 'conventional')
 STRENGTHS = {'inverse_power': ('b', 1), 'dipoles': ('moment', 2), 'coulomb': ('charge', 2), 'yukawa': ('strength', 1),

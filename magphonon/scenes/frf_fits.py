@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
 
 from .. import units as u
 from ..design.least_squares import MOST_FACTOR
@@ -14,18 +16,11 @@ from ..design.misreadings import misreading
 from ..design.transfer_fits import Built, TransferFit, fit_transfer, responses, with_site_scatter
 from ..errors import not_negative, one_of
 from ..response.frf import Place
+from ..response.transfer_functions import TransferFunction
 from ..stiffness.rest import LinearSystem
 from . import band_fits
 from .plans import Pick
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from ase import Atoms
-    from numpy.typing import NDArray
-
-    from ..response.transfer_functions import TransferFunction
-    from .scene import Scene
+from .scene import Scene
 
 UNITS = band_fits.UNITS | {'damping': '1/s', 'mass': 'kg', 'gain': ''}
 KEYS = band_fits.KEYS | {'damping_per_s': 'damping', 'mass_kg': 'mass'}

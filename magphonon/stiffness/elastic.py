@@ -20,27 +20,21 @@ Under hydrostatic pressure A_ik is also B_ijkl n_j n_l.  D. C. Wallace, Thermody
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from ase import Atoms
+from numpy.typing import ArrayLike, NDArray
 
 from .. import units
 from ..errors import finite
 from ..files import Saved
-from .calculator import bond_virial, measure, same_cell
+from ..interactions.pair_laws import PairLaw
+from .all_neighbours import AllNeighbours
+from .calculator import MagneticRepulsion, bond_virial, measure, same_cell
 from .matrices import signed_root
 from .repulsion import masses_of, repulsion_of
 from .rest import LinearSystem
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from ase import Atoms
-    from numpy.typing import ArrayLike, NDArray
-
-    from ..interactions.pair_laws import PairLaw
-    from .all_neighbours import AllNeighbours
-    from .calculator import MagneticRepulsion
 
 FLOPPY = 1e-12  # fraction of the largest stiffness below which an internal motion is taken as independent of strain
 ISOTROPIC = 1e-6

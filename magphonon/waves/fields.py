@@ -18,12 +18,15 @@ the bands of the scene, and subtracted; half of that is part of the uncertainty.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from ase.dft.kpoints import parse_path_string
+from ase import Atoms
+from ase.dft.kpoints import BandPath, parse_path_string
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree  # pyright: ignore[reportAttributeAccessIssue]  its stub hides the name
 from scipy.special import stdtrit
 
@@ -32,16 +35,8 @@ from ..bands.bloch import bloch_modes
 from ..bands.zone import first_zone
 from ..files import Saved
 from .ridge_tables import FIELD, RidgePoints
+from .scans import Scan
 from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, LEAST_POWER, NORMAL, hann, without_drift
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ase import Atoms
-    from ase.dft.kpoints import BandPath
-    from numpy.typing import NDArray
-
-    from .scans import Scan
 
 PAD = 2  # zero padding in time
 MARGIN = 1.3  # highest frequency of a map, in those of the bands

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from typing import Any
 
 import numpy as np
 
 from .. import units as u
+from ..dynamics.motion import Motion
 from ..files import MEGABYTE, refuse_endless, refuse_overflow, whole_file
 from ..tables import LENGTH, SPEED, TEXT, TIME, Table, read_table
 from ..universal import universal_sets
 from .scans import Samples, Scan, assembled
-
-if TYPE_CHECKING:
-    from os import PathLike
-
-    from ..dynamics.motion import Motion
 
 MOST_BYTES = 1000 * MEGABYTE  # largest size of a scan in bytes; a row of 100 particles over 10 000 frames has 50 MB
 NAMES = dict.fromkeys(('particle', 'point', 'node'), TEXT)  # allowed names of the column that numbers the points
