@@ -22,6 +22,7 @@ from tqdm import tqdm
 from .. import units
 from ..errors import positive, whole
 from ..interactions.bond_laws import groups
+from ..interactions.pair_laws import STEEPEST
 from ..stiffness.matrices import signed_root
 from ..stiffness.rest import LinearSystem, freedom
 from .bands import Bands, analytic_bands, path_of
@@ -50,9 +51,6 @@ of the order of one."""
 SAME_PLACE = 1e-6
 """Distance, as a fraction of the shortest bond, below which phonopy is told that two particles are one; its own default is 1e-5
 of any unit of length."""
-STEEPEST = 20.0
-"""Largest f'/f times the bond length for which the bond is the length scale of a law; a steeper law, such as that of spheres in
-contact, has the scale 20 f/f'."""
 
 
 def finite_displacements(atoms: Atoms, supercell: Sequence[int] | None = None, distance: float | None = None) -> Phonopy:

@@ -7,6 +7,11 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
+import numpy as np
+
+from .. import units
+from ..errors import whole
+from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, drawing
 
 FILM = 120  # largest number of frames of a film: ten periods of the carrier, in which the front of a burst crosses a patch
@@ -33,8 +38,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> None:
     from tqdm import tqdm
 
-    from .. import units
-    from ..files import write_columns
     from ..scenes.scene import read_scene
     from ..waves.ridge_tables import write_ridges
     from ..waves.wave_analysis import MODELS
@@ -74,8 +77,6 @@ def run(options: Namespace) -> None:
 def _engine(options):
     """The engine of a burst in a model: a function of the name of the burst and the model that returns keywords for `send`."""
     from pathlib import Path
-
-    from ..errors import whole
 
     if options.engine != 'lammps' and (options.ranks is not None or options.files is not None):
         raise ValueError('--ranks and --files apply to LAMMPS only; add --engine lammps')
@@ -167,7 +168,6 @@ def _conclusion(records):
 
 
 def _amplitudes(cell, largest, loud):
-    from .. import units
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR
 
@@ -182,9 +182,6 @@ def _amplitudes(cell, largest, loud):
 
 
 def _decays(plan, cell, records):
-    import numpy as np
-
-    from .. import units
     from ..bands.evanescent import complex_bands
     from ..waves.wave_analysis import MODELS
     from ..waves.wave_source import wavevector
@@ -203,7 +200,6 @@ def _decays(plan, cell, records):
 
 def _unstable(cell):
     """A warning if the infinite lattice buckles; a patch with its rim held may still be stable."""
-    from .. import units
     from ..stability.buckling import common_spring, foundation_needed
 
     needed, given = foundation_needed(cell)[0], common_spring(cell)

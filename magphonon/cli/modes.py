@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from .. import units
+from ..files import write_columns
 from .arguments import add_output, add_pictures, add_scene, drawing, lattice_and_patch
 
 if TYPE_CHECKING:
@@ -80,8 +84,6 @@ def cost(scene: Scene) -> Cost:
 
 
 def _of_lattice(save, scene, atoms):
-    import numpy as np
-
     from ..bands.bands import analytic_bands
     from ..bands.zone import PLANAR
     from ..plotting.axes import legend_of_set, letter_panels, panels
@@ -118,8 +120,6 @@ def _of_lattice(save, scene, atoms):
 
 
 def _of_patch(folder, save, lattice, patch, scene, options):
-    import numpy as np
-
     from ..bands.density import band_ranges
     from ..response.normal_modes import extents
     from ..stiffness.rest import LinearSystem
@@ -162,8 +162,6 @@ def _of_patch(folder, save, lattice, patch, scene, options):
 
 
 def _modes(system, ranges):
-    import numpy as np
-
     from ..response.chebyshev import stable_interval
     from ..response.normal_modes import Modes, local_modes, modes
 
@@ -184,9 +182,6 @@ def _modes(system, ranges):
 
 def _spread(scene, system, found):
     """Columns of modes.csv with the scatter that [uncertainty] names for each site, and what the terminal says of it."""
-    import numpy as np
-
-    from .. import units
     from ..design.scatter import mode_scatter, sampled_modes
 
     scatter = scene.uncertainty.tolerances(scene).scatter if scene.uncertainty is not None else None
@@ -210,10 +205,8 @@ def _spread(scene, system, found):
 
 def _with_others(scene, system, found, shown):
     """What the neighbours that a patch leaves out would change of the modes that are shown."""
-    import numpy as np
     from scipy.spatial import KDTree
 
-    from .. import units
     from ..response.normal_modes import modes
     from ..scenes.scene import LONG_RANGE, PAIRS
     from ..stiffness.rest import LinearSystem
@@ -242,9 +235,6 @@ def _with_others(scene, system, found, shown):
 
 def _compared(folder, save, system, found, table):
     """Table, picture and lines of the report of measured shapes beside the computed ones."""
-    import numpy as np
-
-    from ..files import write_columns
     from ..plotting.modes import plot_comparison
     from ..response.measured_shapes import compared
 
@@ -258,10 +248,6 @@ def _compared(folder, save, system, found, table):
 
 def matches(comparison, found) -> list[str]:
     """A line for each measured shape: the computed mode that is most like it."""
-    import numpy as np
-
-    from .. import units
-
     f = found.frequencies_Hz
     lines = ['measured shapes (MAC of 1 is the same shape; columns of mac.csv in this order):']
     for name, omega, mac, least in zip(comparison.names, comparison.omega, comparison.mac, comparison.least, strict=True):
@@ -280,11 +266,6 @@ def matches(comparison, found) -> list[str]:
 
 
 def _write_table(file, extent, spread):
-    import numpy as np
-
-    from .. import units
-    from ..files import write_columns
-
     axes = 'xyz'[: extent.along.shape[1]]
     names = ['mode', 'frequency_Hz', 'participating_particles', 'localisation_length_m', *(f'centre_{x}_m' for x in axes),
              *(f'share_along_{x}' for x in axes)]
@@ -294,12 +275,11 @@ def _write_table(file, extent, spread):
 
 
 def _place(atoms, centre, defects):
-    import numpy as np
     from ase.geometry import find_mic
 
     if not len(defects):
         return 'centre at ({:.4g}, {:.4g}) m'.format(*centre / 1e3)
-    away = find_mic(np.pad(centre - defects, ((0, 0), (0, 1))), atoms.cell, atoms.pbc)[1].min()
+    away = find_mic(np.c_[centre - defects, np.zeros(len(defects))], atoms.cell, atoms.pbc)[1].min()
     return f'centre {away / 1e3:.2g} m from the defect' if len(defects) == 1 else f'centre {away / 1e3:.2g} m from a defect'
 
 

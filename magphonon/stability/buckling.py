@@ -64,10 +64,11 @@ def softest(bonds: Bonds, K: NDArray[np.float64], free: sparse.csr_array, struct
     """Softest mode over the zone of a periodic cell, or of a finite structure.
 
     For a periodic cell of more than 200 degrees of freedom only waves with q = 0 or 1/2 along each vector are examined; another
-    wave may be softer.  `K`, shape (bonds, components, components), is the stiffness of each bond and `free` the directions that
-    the constraints leave free (`LinearSystem.free`).  With `masses` eigenvalues are squared frequencies.  `steps` along each
-    reciprocal vector that are multiples of 6 meet M and K of the hexagonal lattices; by default 48 for one particle per cell, 24
-    in space, and fewer for larger cells, whose zone is smaller.  Minima between them are found too, see `softest_wave`.
+    wave may be softer.  `K`, shape (bonds, components, components), is the stiffness of each bond and `foundation` that of the
+    springs in N/mm; `free` are the directions that the constraints leave free (`LinearSystem.free`).  With `masses` eigenvalues
+    are squared frequencies.  `steps` along each reciprocal vector that are multiples of 6 meet M and K of the hexagonal lattices;
+    by default 48 for one particle per cell, 24 in space, and fewer for larger cells, whose zone is smaller.  Minima between them
+    are found too, see `softest_wave`.
     """
     if masses is not None:
         root: Any = sparse.diags_array(1 / np.sqrt(np.repeat(masses, K.shape[1])))
