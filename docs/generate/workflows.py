@@ -7,11 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
-from workflows.chapters import (  # noqa: E402
-    CHAPTERS,
-    NAMES,
-    run,
-)
+from workflows.chapters import CHAPTERS, NAMES, run  # noqa: E402
 
 QUICK = ('oscillator', 'chain', 'ideal_bands', 'prototype_bands', 'phonopy_comparison', 'matter', 'uncertainty')
 """Those that take a second or two each."""

@@ -10,14 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import units as u
 from ..design.dispersion_fits import DispersionFit, fit_dispersion, residuals_of
-from ..design.sensitivities import (
-    Change,
-    LawChange,
-    exponent_change,
-    force_change,
-    frequency_sensitivities,
-    screening_change,
-)
+from ..design.sensitivities import Change, LawChange, exponent_change, force_change, frequency_sensitivities, screening_change
 from ..errors import one_of
 from ..interactions.magnets import grade_remanence
 from ..interactions.pair_laws import repulsion

@@ -4,17 +4,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 
-from magphonon import (
-    Hertz,
-    InversePower,
-    MagneticRepulsion,
-    Ring,
-    Tabulated,
-    Yukawa,
-    lattices,
-    magnet_law,
-    read_scene,
-)
+from magphonon import Hertz, InversePower, MagneticRepulsion, Ring, Tabulated, Yukawa, lattices, magnet_law, read_scene
 from magphonon.bands import enough_shells, neighbour_shifts
 from magphonon.bands.neighbours import whole_reach
 from magphonon.interactions import UprightMagnets

@@ -9,15 +9,7 @@ from PIL import Image
 
 from magphonon import InversePower, MagneticRepulsion, analytic_bands, lattices, modes, units as u
 from magphonon.bands import DensityOfStates, band_path, band_ranges, lattice_density
-from magphonon.plotting import (
-    animate,
-    period,
-    plot_bands,
-    plot_density,
-    plot_extents,
-    plot_shape,
-    plot_spectral_function,
-)
+from magphonon.plotting import animate, period, plot_bands, plot_density, plot_extents, plot_shape, plot_spectral_function
 from magphonon.response import density_of_states, extents, spectral_function
 
 

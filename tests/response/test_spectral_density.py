@@ -8,11 +8,7 @@ from numpy.testing import assert_allclose
 
 from magphonon import MagneticRepulsion, lattices, modes, relaxed, units as u
 from magphonon.bands import band_path, bloch_modes, lattice_density
-from magphonon.response import (
-    density_of_states,
-    natural_frequencies,
-    spectral_function,
-)
+from magphonon.response import density_of_states, natural_frequencies, spectral_function
 from magphonon.response.chebyshev import Interval, SpectralMoments, stable_interval, whole_interval
 from magphonon.response.spectral_density import sites_of
 from magphonon.stiffness import LinearSystem

@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 from oracles import neighbour_vectors, second_derivatives
 
-from magphonon import (
-    InversePower,
-    MagneticRepulsion,
-    Yukawa,
-    finite_displacements,
-    lattices,
-    phonopy_bands,
-    units as u,
-)
+from magphonon import InversePower, MagneticRepulsion, Yukawa, finite_displacements, lattices, phonopy_bands, units as u
 from magphonon.bands import band_path, bloch_modes, gruneisen_parameters, sound_speeds
 from magphonon.interactions import UprightMagnets
 from magphonon.interactions.magnet_pairs import magnet_law, pair_force

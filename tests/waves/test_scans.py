@@ -11,17 +11,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from magphonon import read_scene, ready_scene
 from magphonon.bands.bloch import bloch_modes
 from magphonon.cli.main import main
-from magphonon.waves import (
-    Branch,
-    Scan,
-    compare,
-    read_places,
-    read_scan,
-    ridge,
-    scan_waves,
-    wavenumber_frequency,
-    wavevector,
-)
+from magphonon.waves import Branch, Scan, compare, read_places, read_scan, ridge, scan_waves, wavenumber_frequency, wavevector
 from magphonon.waves.rows import row_of
 from magphonon.waves.scans import DEGREES, RESAMPLED, integrated
 

@@ -5,12 +5,7 @@ import numpy as np
 import pytest
 from measurements import point
 
-from workflows.accuracy import (
-    Candidate,
-    cheapest,
-    measure,
-    pareto_front,
-)
+from workflows.accuracy import Candidate, cheapest, measure, pareto_front
 
 
 def trapezoid(n, cost):
