@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from ase.constraints import FixAtoms, FixedLine
@@ -665,6 +667,31 @@ def test_the_command_draws_modes_of_particles_that_gyrate(tmp_path, capsys, monk
     monkeypatch.setattr('magphonon.cli.modes.MOST_TURNING', 10)
     assert main(asked) == 2
     assert 'take a smaller patch' in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_bursts_of_particles_that_gyrate_follow_their_branches(tmp_path, capsys):
+    text = ready_scene('prototype').read_text().replace('mass_kg = 7.07e-4 ', 'gyration_rad_per_s = 300.0\nmass_kg = 7.07e-4 ')
+    for key, value in (('side_m', '0.24'), ('carriers_Hz', '[36]'), ('directions_deg', '[90]'), ('noise_m', '1e-9')):
+        text = re.sub(rf'^{key} = .*', f'{key} = {value}', text, flags=re.MULTILINE)
+    (tmp_path / 'scene.toml').write_text(text)
+    assert main(['burst', str(tmp_path / 'scene.toml'), '-o', str(tmp_path / 'out'), '--verbose']) == 0
+    said = capsys.readouterr().out
+    assert '36Hz_90deg_complete, transverse motion: agrees with complete shear' in said
+    assert '36Hz_90deg_conventional, transverse motion: agrees with conventional shear' in said
+    cell = read_scene(tmp_path / 'scene.toml').perfect_cell()
+    table = np.genfromtxt(tmp_path / 'out' / 'ridges.csv', delimiter=',', names=True, dtype=None, encoding='utf-8')
+    table = table[(table['record'] == '36Hz_90deg_complete') & (table['motion'] == 'transverse')]
+    q = np.stack([table['q1'], table['q2'], table['q3']], axis=1)
+
+    def away(model='complete'):
+        off = bloch_modes(cell, q, model)[0][:, 0] * 1e3 / (2 * np.pi) - table['frequency_Hz']
+        return np.sqrt(np.mean(off**2)) / table['bin_Hz'][0]
+
+    here, by_d0 = away(), away('conventional')
+    cell.calc.set(gyration=0.0)
+    assert here < 0.5
+    assert min(by_d0, away()) > 2  # the controls: D0 alone, and nothing gyrates
 
 
 @pytest.mark.slow

@@ -171,7 +171,8 @@ def _amplitudes(cell, largest, loud):
     from ..stability.amplitude_shifts import frequency_shifts
     from ..stability.verdicts import LINEAR_ERROR
 
-    spacing, bound = cell.calc.bonds.lengths.min(), frequency_shifts(cell).amplitude(LINEAR_ERROR)
+    spacing, gyrates = cell.calc.bonds.lengths.min(), np.any(cell.calc.gyration)  # shifts of such waves are not known
+    bound = np.inf if gyrates else frequency_shifts(cell).amplitude(LINEAR_ERROR)
     lines = ['']
     for record, u in largest.items():
         lines.append(f'{record}: largest displacement {u / units.m:.3g} m, {u / spacing:.2%} of the spacing')
@@ -189,7 +190,7 @@ def _decays(plan, cell, records):
     lines = []
     for name, carrier in zip(plan.names, plan.carriers_Hz, strict=True):
         for model in MODELS:
-            if not any(wave.ridge for wave in records[f'{name}_{model}']):
+            if not any(wave.ridge for wave in records[f'{name}_{model}']) and not np.any(cell.calc.gyration):
                 omega = 2 * np.pi * carrier * units.Hz
                 reach = complex_bands(cell, wavevector(cell, plan.source), [omega], model).decay_steps[0, 0]
                 if np.isfinite(reach):
@@ -201,7 +202,11 @@ def _decays(plan, cell, records):
 def _unstable(cell):
     """A warning if the infinite lattice buckles; a patch with its rim held may still be stable."""
     from ..stability.buckling import common_spring, foundation_needed
+    from ..stability.verdicts import verdict
 
+    if np.any(cell.calc.gyration):
+        judged = verdict(cell)
+        return [] if judged.stable else ['', f'UNSTABLE: {judged.finding("buckling").words}']
     needed, given = foundation_needed(cell)[0], common_spring(cell)
     if given >= needed:
         return []

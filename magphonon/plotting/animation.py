@@ -45,7 +45,7 @@ def period(shape: ArrayLike, amplitude: float = 1.0, frames: int = FRAMES) -> ND
     largest = np.linalg.norm(shape, axis=-1).max()
     if not largest:
         raise ValueError('the shape moves nothing; choose a mode')
-    return np.multiply.outer(np.exp(-2j * np.pi * np.arange(frames) / frames), shape * amplitude / largest).real
+    return np.real(np.multiply.outer(np.exp(-2j * np.pi * np.arange(frames) / frames), shape * amplitude / largest))
 
 
 def animate(path: str | PathLike[str], atoms: Atoms, displacements: ArrayLike, times: ArrayLike | None = None, *,

@@ -96,8 +96,8 @@ def refuse_gyration(calc: Repulsion, what: str) -> None:
     if largest:
         raise ValueError(f'{what} know no gyration, but these particles have up to {1e3 * largest:.4g} rad/s of it; '
                          'analytic_bands, modes, frequency_response, propagate, DrivenVerlet and verdict do, and the '
-                         'commands bands, check, frf and modes. To leave it out: atoms.calc.set(gyration=0), and in a scene take '
-                         'gyration_rad_per_s out')
+                         'commands bands, burst, check, frf and modes. To leave it out: atoms.calc.set(gyration=0), and in a '
+                         'scene take gyration_rad_per_s out')
 
 
 def attracting(calc: Repulsion) -> NDArray[np.intp]:
