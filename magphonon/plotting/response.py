@@ -53,14 +53,14 @@ def plot_band_ribbons(bands: Bands, spread: Spread, *, ax: Axes | None = None, l
 
 
 @in_house_style
-def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, force: float = 1.0, *, ax: Axes | None = None,
-                         label: str | None = None, **line: Any) -> Axes:
-    """Amplitude of a response per `force` (N) over the angular frequencies `omega`, with a ribbon of two standard deviations."""
+def plot_response_ribbon(omega: NDArray[np.float64], spread: Spread, *, ax: Axes | None = None, label: str | None = None,
+                         **line: Any) -> Axes:
+    """Amplitude of a response over the angular frequencies `omega`, with a ribbon of two standard deviations."""
     if ax is None:
         ax = new_axes()
         ax.set_prop_cycle(color=COLOURS)
         ax.set(ylabel='displacement per force (m/N)', yscale='log')
-    f, unit = units.hertz(omega), force * units.m / units.N
+    f, unit = units.hertz(omega), units.m / units.N
     (curve,) = ax.plot(f, spread.values / unit, label=label, **line)
     low, high = spread.values - HALF_WIDTH * spread.std, spread.values + HALF_WIDTH * spread.std
     floor = spread.values.min() / 2  # a ribbon wider than the value it surrounds has no lower edge on a logarithmic axis

@@ -39,6 +39,7 @@ from .scans import Scan
 from .spectrum import FEWEST, FIRST, GHOST, LEAST_CONTRAST, LEAST_POWER, NORMAL, hann, without_drift
 
 PAD = 2  # zero padding in time
+MAPPED = 61  # wavevectors along each axis at which the motion at one frequency is taken
 MARGIN = 1.3  # highest frequency of a map, in those of the bands
 ROWS = 3  # width in spacings from which points are no row
 TURNED, STRETCHED = np.radians(2.0), 0.03  # of the measured lattice against that of the scene; as for rows
@@ -440,8 +441,8 @@ def _scatter(off, variance, branch, leg, at):
     return np.maximum(common, own)
 
 
-def field_at(field: Field, cell: Atoms, omega: float,
-             steps: int = 61) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
+def field_at(field: Field, cell: Atoms,
+             omega: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
     """The motion at one frequency: over wavevectors (isofrequency contour) and over the points (operational shape).
 
     Parameters
@@ -450,14 +451,12 @@ def field_at(field: Field, cell: Atoms, omega: float,
     cell : ase.Atoms
     omega : float
         In rad/ms.
-    steps : int
-        Of the map along each axis.
 
     Returns
     -------
-    k : ndarray, shape (steps,)
+    k : ndarray, shape (wavevectors,)
         Both components of the wavevectors, in rad/mm, over the first zone.
-    power : ndarray, shape (steps, steps)
+    power : ndarray, shape (wavevectors, wavevectors)
         At (k_y, k_x), of both components of the motion, in mm^2.
     shape : ndarray of complex, shape (points, 2)
         In mm: the motion that most of the power of all segments has in common, of zero phase where it is largest.
@@ -465,7 +464,7 @@ def field_at(field: Field, cell: Atoms, omega: float,
     half = np.pi / field.dt
     if not 0 < omega < half:
         raise ValueError(f'{units.hertz(omega):.4g} Hz is not between 0 and half the sampling rate, {units.hertz(half):.4g} Hz')
-    k = np.linspace(-1, 1, steps) * np.linalg.norm(first_zone(cell.cell.array), axis=1).max()
+    k = np.linspace(-1, 1, MAPPED) * np.linalg.norm(first_zone(cell.cell.array), axis=1).max()
     h, _ = field.window()
     to_k = np.exp(1j * np.stack(np.meshgrid(k, k), axis=-1).reshape(-1, 2) @ field.sites.T) * (h / h.sum())
     frames = len(field.motions) // 2  # longer than segments: one frequency is wanted as sharply as the record has it
@@ -476,4 +475,4 @@ def field_at(field: Field, cell: Atoms, omega: float,
     _, sizes, shapes = np.linalg.svd(motions.reshape(len(motions), -1), full_matrices=False)
     shape = sizes[0] / np.sqrt(len(motions)) * shapes[0].reshape(-1, 2)
     largest = shape.ravel()[abs(shape).argmax()]
-    return k, power.reshape(steps, steps), shape * abs(largest) / largest
+    return k, power.reshape(MAPPED, MAPPED), shape * abs(largest) / largest

@@ -72,8 +72,8 @@ def test_the_legend_names_natural_frequencies_only_if_some_are_drawn():
 
 
 def test_the_ribbon_of_a_response_has_the_units_of_its_line():
-    spread = SimpleNamespace(values=np.array([6.0, 8.0, 6.0]), std=np.array([0.5, 1.0, 0.5]))  # mm, under 2 N
-    ax = plot_response_ribbon(np.array([0.1, 0.2, 0.3]), spread, force=2.0)
+    spread = SimpleNamespace(values=np.array([3.0, 4.0, 3.0]), std=np.array([0.25, 0.5, 0.25]))  # mm, under 1 N
+    ax = plot_response_ribbon(np.array([0.1, 0.2, 0.3]), spread)
     np.testing.assert_allclose(ax.lines[0].get_ydata(), [3e-3, 4e-3, 3e-3])
     x, y = ax.collections[0].get_paths()[0].vertices.T
     np.testing.assert_allclose([x.min(), x.max()], np.array([0.1, 0.3]) * 1e3 / (2 * np.pi))
