@@ -22,7 +22,7 @@ from magphonon import (
     sound_speeds,
 )
 from magphonon.bands import band_path
-from magphonon.bands.bands import path_of
+from magphonon.bands.bands import path_of, points_on
 from magphonon.bands.bloch import bloch_modes
 from magphonon.interactions.pair_laws import repulsion
 
@@ -358,3 +358,10 @@ def test_a_path_that_ase_does_not_know_is_refused():
         band_path(lattice('triangular'), 'GQ')
     with pytest.raises(ValueError, match='not periodic'):
         band_path(lattices.parallelogram(lattice('triangular'), 4, 4))
+
+
+def test_special_points_of_longer_names_are_on_the_path():
+    """ASE's path of an oblique lattice goes through H and H1, which are two."""
+    path = band_path(Atoms('Nd', cell=[[1, 0, 0], [0.2, 1.3, 0], [0, 0, 5]], pbc=(1, 1, 0)))
+    assert list(points_on(path)) == ['G', 'Y', 'H', 'C', 'H1', 'X']
+    assert_allclose(points_on(path)['H1'], path.special_points['H1'])
