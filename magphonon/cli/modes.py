@@ -84,15 +84,14 @@ def cost(scene: Scene) -> Cost:
 
 
 def _of_lattice(save, scene, atoms):
-    from ..bands.bands import analytic_bands
+    from ..bands.bands import analytic_bands, points_on
     from ..bands.zone import PLANAR
     from ..plotting.axes import legend_of_set, letter_panels, panels
     from ..plotting.bands import mode_names
     from ..plotting.modes import plot_mode
     from .band_report import ZERO_FRACTION
 
-    path = scene.lattice.path(scene.bands.path if scene.bands is not None else None, 2)
-    names = list(dict.fromkeys(name for name in path.path if name in path.special_points))
+    names = list(points_on(scene.lattice.path(scene.bands.path if scene.bands is not None else None, 0)))
     path = scene.lattice.path(''.join(names), 2)
     bands = analytic_bands(atoms, path, vectors=True)
     at = [int(abs(path.kpts - path.special_points[name]).max(axis=1).argmin()) for name in names]
